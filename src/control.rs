@@ -8,7 +8,7 @@ use crate::{
     CounterWidth,
     actuator::Actuator,
     encoder::{Encoder, Width},
-    units::{Demand, Force, Offset, Position, Velocity},
+    units::{Demand, Force, Position, Velocity},
     velocity::{self, Running, Senses, Tuned},
     wall::Wall,
 };
@@ -36,8 +36,6 @@ pub struct Motion {
     pub position: Position,
     /// Velocity.
     pub velocity: Velocity,
-    /// What the wall's spring adds to the position; only where an output is due.
-    pub offset: Offset,
 }
 
 /// What a [`Sampler`] says to one sample.
@@ -189,14 +187,12 @@ impl<W: Width> Sampler<W> {
         self.sample = number.wrapping_add(1);
         let due = number.wrapping_sub(self.due).cast_signed() >= 0;
         let sample = self.near(number);
-        let mut offset = Offset::NONE;
         if due {
             cold_path();
-            offset = control.estimator.offset_after(&self.velocity);
             let next = sample.wrapping_add(u64::from(control.period.get()));
             (self.due, self.high) = (low(next), low(next >> 32));
         }
-        Sampled { motion: Motion { sample, position, velocity, offset }, due }
+        Sampled { motion: Motion { sample, position, velocity }, due }
     }
 }
 
@@ -228,7 +224,7 @@ impl LoopParameters {
     /// Both share the actuator's range.
     #[inline]
     pub fn render(&self, motion: Motion, push: Force) -> Drive {
-        let wall = self.wall.demand(motion.position, motion.offset, motion.velocity);
+        let wall = self.wall.demand(motion.position, motion.velocity);
         let (force, saturated) = wall.against(push).saturate();
         Drive { wall, force, contact: self.wall.penetration(motion.position) > 0, saturated }
     }
@@ -332,8 +328,7 @@ mod tests {
         let control = control(VelocitySettings::Difference {});
         for (counts, contact) in [(999, false), (1000, false), (1001, true)] {
             let position = Position::from_counts(counts);
-            let motion =
-                Motion { sample: 0, position, velocity: Velocity::ZERO, offset: Offset::NONE };
+            let motion = Motion { sample: 0, position, velocity: Velocity::ZERO };
             assert_eq!(control.render(motion, Force::ZERO).contact, contact, "{counts}");
         }
     }

@@ -40,15 +40,11 @@ pub const fn cycles_allowed(period: u32) -> u32 {
 
 /// Estimators whose longest update takes more than is allowed at some of the periods, and its cycles, as measured
 /// (docs/estimators.md). All others take less.
-pub const SLOW: [(&str, u32); 10] = [
+pub const SLOW: [(&str, u32); 6] = [
     ("least-squares-1", 1593),
     ("least-squares-2", 1593),
-    ("algebraic-1", 1593),
-    ("algebraic-2", 1593),
-    ("levant-kalman", 1087),
     ("foaw-end", 2368),
     ("foaw-best", 3473),
-    ("foaw-best-position", 3595),
     ("time-stamps", 1584),
     ("window-difference", 2963),
 ];

@@ -3,7 +3,6 @@
 //! | quantity     | unit                     | format  | LSB          | range                 | made by |
 //! |--------------|--------------------------|---------|--------------|-----------------------|---------|
 //! | [`Position`] | counts                   | `i32`   | 1 count      | +-2^30, then a fault  | [`Encoder::track`](crate::encoder::Encoder::track) |
-//! | [`Offset`]   | counts                   | `Q16`   | 2^-16        | +-32767, saturating   | [`Estimator::offset`](crate::velocity::Estimator::offset) |
 //! | [`Velocity`] | counts per sample        | `Q16`   | 2^-16        | +-32767, saturating   | [`Estimator::update`](crate::velocity::Estimator::update) |
 //! | [`Acceleration`] | counts per sample^2  | `Q24`   | 2^-24        | +-127, saturating     | an accelerometer |
 //! | [`Demand`]   | fraction of full scale   | `Q30` in `i64` | 2^-30 | +-2^32                | [`Wall::demand`](crate::wall::Wall::demand) |
@@ -65,53 +64,6 @@ impl Position {
     #[inline]
     pub(crate) const fn saturating_since(self, origin: Self) -> i32 {
         self.0.saturating_sub(origin.0)
-    }
-}
-
-/// An estimated position less the count, in counts, 16 fractional bits, saturating at +-32767. Without the feature
-/// `estimators` no estimator has one, and it takes no space.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Offset {
-    #[cfg(feature = "estimators")]
-    bits: i32,
-}
-
-impl Offset {
-    /// The position is the count.
-    pub const NONE: Self = Self {
-        #[cfg(feature = "estimators")]
-        bits: 0,
-    };
-    /// Fractional bits.
-    pub const FRACTION_BITS: u32 = 16;
-    /// Largest magnitude, in counts.
-    pub const LIMIT: i32 = 32_767;
-
-    /// The nearest offset to that many LSB of 2^-16 counts.
-    #[cfg(feature = "estimators")]
-    #[inline]
-    pub fn saturating_from_bits(bits: i64) -> Self {
-        let limit = i64::from(Self::LIMIT) << Self::FRACTION_BITS;
-        #[expect(clippy::cast_possible_truncation, reason = "clamped to 31 bits")]
-        let bits = bits.max(-limit).min(limit) as i32;
-        Self { bits }
-    }
-
-    /// None, whatever the bits.
-    #[cfg(not(feature = "estimators"))]
-    #[inline]
-    pub fn saturating_from_bits(_: i64) -> Self {
-        Self::NONE
-    }
-
-    /// LSB of 2^-16 counts.
-    #[inline(always)]
-    pub const fn bits(self) -> i32 {
-        #[cfg(feature = "estimators")]
-        let bits = self.bits;
-        #[cfg(not(feature = "estimators"))]
-        let bits = 0;
-        bits
     }
 }
 
@@ -305,10 +257,6 @@ mod tests {
         assert!(velocity.contains(&format!("2^-{}", Velocity::FRACTION_BITS)));
         assert!(velocity.contains(&format!("+-{}", Velocity::LIMIT)));
         assert_eq!(f64::from(Q32::<16>::DELTA), 2f64.powi(-16));
-        let offset = row("[`Offset`]");
-        assert!(offset.contains(&format!("`Q{}`", Offset::FRACTION_BITS)));
-        assert!(offset.contains(&format!("+-{}", Offset::LIMIT)));
-        assert_eq!(Offset::saturating_from_bits(i64::MIN).bits(), -(32_767 << 16));
         let acceleration = row("[`Acceleration`]");
         assert!(acceleration.contains(&format!("`Q{}`", Acceleration::FRACTION_BITS)));
         assert!(acceleration.contains(&format!("2^-{}", Acceleration::FRACTION_BITS)));

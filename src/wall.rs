@@ -2,11 +2,9 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use core::hint::cold_path;
-
 use crate::{
     Gain,
-    units::{Demand, Offset, Position, Velocity},
+    units::{Demand, Position, Velocity},
 };
 
 /// A spring-damper wall in integer units; made by [`Settings::build`](crate::Settings::build).
@@ -49,11 +47,10 @@ impl Wall {
         position.saturating_since(self.surface)
     }
 
-    /// `K * (penetration + offset) + B * velocity` while in contact, else zero; with `push_only` never
-    /// negative. Each term saturates at +-2^31 full scales ([`Gain::PRODUCT_LIMIT`]), K times the offset at +-2^15; what is
-    /// clipped is said. The count alone says whether there is contact.
+    /// `K * penetration + B * velocity` while in contact, else zero; with `push_only` never
+    /// negative. Each term saturates at +-2^31 full scales ([`Gain::PRODUCT_LIMIT`]).
     #[inline]
-    pub fn demand(&self, position: Position, offset: Offset, velocity: Velocity) -> Demand {
+    pub fn demand(&self, position: Position, velocity: Velocity) -> Demand {
         let penetration = self.penetration(position);
         if penetration <= 0 {
             return Demand::ZERO;
@@ -61,21 +58,12 @@ impl Wall {
         let spring = self.stiffness.apply(penetration);
         let damper = self.damping.apply(velocity.bits());
         let limit = Gain::PRODUCT_LIMIT.unsigned_abs();
-        let mut clipped = spring.unsigned_abs() >= limit || damper.unsigned_abs() >= limit;
-        let mut total = spring + damper; // each within +-2^61
-        if offset != Offset::NONE {
-            cold_path();
-            let fine = self.stiffness.apply(offset.bits());
-            clipped |= fine.unsigned_abs() >= limit;
-            total += (fine + HALF) >> Offset::FRACTION_BITS; // within +-2^45
-        }
+        let clipped = spring.unsigned_abs() >= limit || damper.unsigned_abs() >= limit;
+        let total = spring + damper; // each within +-2^61
         let one_sided = if self.push_only { total.max(0) } else { total };
         Demand::from_bits(one_sided).clipped_if(clipped)
     }
 }
-
-/// Half an LSB of what an offset makes.
-const HALF: i64 = 1 << (Offset::FRACTION_BITS - 1);
 
 #[cfg(test)]
 mod tests {
@@ -97,77 +85,47 @@ mod tests {
 
     #[test]
     fn the_surface_itself_is_not_in_contact() {
-        assert_eq!(
-            wall(false).demand(at(100), Offset::NONE, Velocity::saturating_from_bits(50)),
-            Demand::ZERO
-        );
-        assert_eq!(wall(false).demand(at(101), Offset::NONE, Velocity::ZERO).bits(), 1000);
+        assert_eq!(wall(false).demand(at(100), Velocity::saturating_from_bits(50)), Demand::ZERO);
+        assert_eq!(wall(false).demand(at(101), Velocity::ZERO).bits(), 1000);
     }
 
     #[test]
     fn spring_and_damper_add_and_only_a_bilateral_wall_pulls() {
         let out = Velocity::saturating_from_bits(-500);
-        assert_eq!(wall(false).demand(at(102), Offset::NONE, out).bits(), 2000 - 5000);
-        assert_eq!(wall(true).demand(at(102), Offset::NONE, out), Demand::ZERO);
+        assert_eq!(wall(false).demand(at(102), out).bits(), 2000 - 5000);
+        assert_eq!(wall(true).demand(at(102), out), Demand::ZERO);
     }
 
     #[test]
     fn far_positions_and_high_speeds_saturate() {
         let strong = Wall { stiffness: Gain::from_f64(2f64.powi(53)).unwrap(), ..wall(false) };
-        assert_eq!(
-            strong.demand(at(i32::MAX), Offset::NONE, Velocity::ZERO).bits(),
-            Gain::PRODUCT_LIMIT
-        );
+        assert_eq!(strong.demand(at(i32::MAX), Velocity::ZERO).bits(), Gain::PRODUCT_LIMIT);
         let low = Wall { surface: at(-(1 << 30)), ..strong };
         assert_eq!(low.penetration(at(i32::MAX)), i32::MAX);
         let fast = Velocity::saturating_from_bits(i32::MIN);
         let viscous = Wall { damping: Gain::from_f64(2f64.powi(50)).unwrap(), ..wall(false) };
-        assert_eq!(viscous.demand(at(101), Offset::NONE, fast).bits(), 1000 - Gain::PRODUCT_LIMIT);
+        assert_eq!(viscous.demand(at(101), fast).bits(), 1000 - Gain::PRODUCT_LIMIT);
         // one of them alone is clipped, and the other takes nearly all of it off again: the sum is not known
         let slow = Velocity::saturating_from_bits(-32_767 << 16);
         let back = Gain::from_f64(1_073_774_593.0).unwrap(); // (2^61 - 2^16) / (32 767 x 2^16)
         let one = Wall { damping: back, ..strong };
-        assert_eq!(one.demand(at(i32::MAX), Offset::NONE, slow).bits(), 1 << 16);
-        assert!(one.demand(at(i32::MAX), Offset::NONE, slow).saturate().1);
+        assert_eq!(one.demand(at(i32::MAX), slow).bits(), 1 << 16);
+        assert!(one.demand(at(i32::MAX), slow).saturate().1);
         assert_eq!((one.stiffness(), one.damping()), (strong.stiffness, back));
         // both beyond the range, in opposite directions: the sum is not known, and said so
         let both = Wall { damping: viscous.damping, ..strong };
-        assert!(both.demand(at(i32::MAX), Offset::NONE, fast).saturate().1);
-    }
-
-    /// Within an LSB of the exact one; beyond the range it is clipped, and said so.
-    #[test]
-    #[cfg(feature = "estimators")]
-    fn the_spring_works_on_the_position_beside_the_count() {
-        let wall = |k: f64| Wall { stiffness: Gain::from_f64(k).unwrap(), ..wall(false) };
-        for k in [1e-6, 0.37, 1000.0, 3.3e8] {
-            for counts in [1, 7, 30_000] {
-                for bits in [-1, 1, 98_304, -98_304, 32_767 << 16, -(32_767 << 16)] {
-                    let offset = Offset::saturating_from_bits(bits);
-                    let demand = wall(k).demand(at(100 + counts), offset, Velocity::ZERO);
-                    let exact = k * (f64::from(counts) + bits as f64 / 65_536.0);
-                    let off = (demand.bits() as f64 - exact).abs();
-                    assert!(off <= 1.0 + exact.abs() * 1e-9, "{k} {counts} {bits}: {off}");
-                }
-            }
-        }
-        let far = Offset::saturating_from_bits(i64::MAX);
-        let strong = wall(2f64.powi(53)).demand(at(101), far, Velocity::ZERO);
-        assert_eq!(strong.bits(), (1 << 53) + (1 << 45));
-        assert!(strong.saturate().1);
-        assert_eq!(wall(1000.0).demand(at(100), far, Velocity::ZERO), Demand::ZERO);
+        assert!(both.demand(at(i32::MAX), fast).saturate().1);
     }
 
     proptest! {
         #[test]
         fn a_push_only_wall_never_pulls_and_grows_with_depth(
-            a in any::<i32>(), b in any::<i32>(), velocity in any::<i32>(), offset in any::<i64>()
+            a in any::<i32>(), b in any::<i32>(), velocity in any::<i32>()
         ) {
-            let offset = Offset::saturating_from_bits(offset >> 32);
             let wall = wall(true);
             let velocity = Velocity::saturating_from_bits(velocity);
             let (shallow, deep) = (a.min(b), a.max(b));
-            let (f1, f2) = (wall.demand(at(shallow), offset, velocity), wall.demand(at(deep), offset, velocity));
+            let (f1, f2) = (wall.demand(at(shallow), velocity), wall.demand(at(deep), velocity));
             prop_assert!(f1.bits() >= 0 && f2.bits() >= f1.bits());
         }
     }

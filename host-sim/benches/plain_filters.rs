@@ -7,7 +7,7 @@ use zwidth::{
     Design, VelocitySettings,
     velocity::{
         BiquadDesign, ButterworthDesign, CascadeDesign, FirstOrder, KalmanDesign, LevantDesign,
-        LevantKalmanDesign, ObserverDesign, TrackingLoop,
+        ObserverDesign, TrackingLoop,
     },
 };
 
@@ -16,7 +16,6 @@ use crate::plain::{Butterworth, Filter, SAMPLES, plain};
 /// A Kalman filter of two or three states.
 struct Kalman {
     gains: KalmanDesign,
-    placed: bool,
     distance: f64,
     velocity: f64,
     acceleration: f64,
@@ -30,11 +29,6 @@ impl Filter for Kalman {
         self.velocity += self.acceleration - self.gains.beta * predicted;
         self.acceleration -= self.gains.gamma * predicted;
         self.velocity
-    }
-
-    #[inline(always)]
-    fn spring(&self, depth: f64) -> f64 {
-        if self.placed { depth + self.distance } else { depth }
     }
 }
 
@@ -113,9 +107,6 @@ struct Adaptive {
     noise: f64,
     past: [f64; 64],
     newest: usize,
-    placed: bool,
-    /// Of the line's end, less the count.
-    offset: f64,
 }
 
 impl Filter for Adaptive {
@@ -125,7 +116,6 @@ impl Filter for Adaptive {
         self.past[self.newest] = moved;
         let (mut low, mut high, mut velocity) = (f64::NEG_INFINITY, f64::INFINITY, 0.0);
         let (mut s, mut sum, mut moment) = (0.0, 0.0, 0.0);
-        let (mut used, mut used_sum) = (0.0, 0.0);
         for age in 0..self.window {
             let i = (age + 1) as f64;
             s += self.past[(self.newest + 64 - age) % 64];
@@ -140,19 +130,10 @@ impl Filter for Adaptive {
                 break;
             }
             velocity = slope;
-            (used, used_sum) = (i, sum);
             low = low.max((s - self.noise) / i);
             high = high.min((s + self.noise) / i);
         }
-        if self.placed {
-            self.offset = velocity * used / 2.0 - used_sum / (used + 1.0);
-        }
         velocity
-    }
-
-    #[inline(always)]
-    fn spring(&self, depth: f64) -> f64 {
-        depth + self.offset
     }
 }
 
@@ -182,33 +163,9 @@ impl Filter for Section {
     }
 }
 
-/// First-order low-pass; the spring works on what the difference extrapolates.
-struct Ahead {
-    filter: FirstOrder,
-    lead: f64,
-    x: f64,
-    y: f64,
-}
-
-impl Filter for Ahead {
-    #[inline(always)]
-    fn update(&mut self, moved: f64) -> f64 {
-        let FirstOrder { b0, a1 } = self.filter;
-        self.y = b0 * (moved + self.x) - a1 * self.y;
-        self.x = moved;
-        self.y
-    }
-
-    #[inline(always)]
-    fn spring(&self, depth: f64) -> f64 {
-        depth + self.lead * self.x
-    }
-}
-
 /// The observer that is told the force.
 struct Observer {
     design: ObserverDesign,
-    placed: bool,
     known: f64,
     error: f64,
     velocity: f64,
@@ -230,11 +187,6 @@ impl Filter for Observer {
     #[inline(always)]
     fn granted(&mut self, force: f64) {
         self.known = force * self.design.per_full_scale;
-    }
-
-    #[inline(always)]
-    fn spring(&self, depth: f64) -> f64 {
-        if self.placed { depth - self.error } else { depth }
     }
 }
 
@@ -308,31 +260,6 @@ impl Filter for Fusion {
     fn update(&mut self, moved: f64) -> f64 {
         self.observer.update(moved)
     }
-
-    #[inline(always)]
-    fn spring(&self, depth: f64) -> f64 {
-        self.observer.spring(depth)
-    }
-}
-
-/// Levant's differentiator into a Kalman filter.
-struct LevantKalman {
-    levant: Levant,
-    gains: [[f64; 2]; 2],
-    distance: f64,
-    velocity: f64,
-}
-
-impl Filter for LevantKalman {
-    #[inline(always)]
-    fn update(&mut self, moved: f64) -> f64 {
-        let faster = self.levant.update(moved) - self.velocity;
-        let predicted = self.distance + self.velocity - moved;
-        let [[k11, k12], [k21, k22]] = self.gains;
-        self.distance = predicted - k11 * predicted + k12 * faster;
-        self.velocity += k22 * faster - k21 * predicted;
-        self.velocity
-    }
 }
 
 /// The counts of a window over its length.
@@ -357,10 +284,9 @@ impl Filter for Window {
 pub fn plain_hit(settings: &VelocitySettings, design: &Design, [k, b]: [f64; 2]) -> f64 {
     type V = VelocitySettings;
     let rate_hz = design.rate_hz;
-    let placed = settings.unplaced().is_some();
     let kalman = |gains: Result<KalmanDesign, _>| {
         let gains = gains.unwrap();
-        Kalman { gains, placed, distance: 0.0, velocity: 0.0, acceleration: 0.0 }
+        Kalman { gains, distance: 0.0, velocity: 0.0, acceleration: 0.0 }
     };
     let tracking = |gains: Result<TrackingLoop, _>| Tracking {
         gains: gains.unwrap(),
@@ -369,15 +295,14 @@ pub fn plain_hit(settings: &VelocitySettings, design: &Design, [k, b]: [f64; 2])
     };
     let observer = |design: Result<ObserverDesign, _>| {
         let (known, error, velocity, disturbance) = (0.0, 0.0, 0.0, 0.0);
-        Observer { design: design.unwrap(), placed, known, error, velocity, disturbance }
+        Observer { design: design.unwrap(), known, error, velocity, disturbance }
     };
     let levant = |implicit, sizes| Levant { implicit, sizes, ahead: 0.0, velocity: 0.0 };
     match *settings {
-        V::Kalman2 { acceleration_rms_m_per_s2: a }
-        | V::Kalman2Position { acceleration_rms_m_per_s2: a } => {
+        V::Kalman2 { acceleration_rms_m_per_s2: a } => {
             plain(kalman(KalmanDesign::two_states(a, design)), k, b)
         }
-        V::Kalman3 { jerk_rms_m_per_s3: jerk } | V::Kalman3Position { jerk_rms_m_per_s3: jerk } => {
+        V::Kalman3 { jerk_rms_m_per_s3: jerk } => {
             plain(kalman(KalmanDesign::three_states(jerk, design)), k, b)
         }
         V::TrackingLoop { .. } => plain(tracking(TrackingLoop::new(1500.0, rate_hz)), k, b),
@@ -413,46 +338,27 @@ pub fn plain_hit(settings: &VelocitySettings, design: &Design, [k, b]: [f64; 2])
             let [mut first, mut second] = sections.each_ref().map(Section::of);
             plain(move |moved: f64| second.update(first.update(moved)), k, b)
         }
-        V::Observer { bandwidth_hz, mass_kg } | V::ObserverPosition { bandwidth_hz, mass_kg } => {
+        V::Observer { bandwidth_hz, mass_kg } => {
             plain(observer(ObserverDesign::of_mass(bandwidth_hz, mass_kg, design)), k, b)
         }
-        V::Fusion { crossover_hz } | V::FusionPosition { crossover_hz } => {
+        V::Fusion { crossover_hz } => {
             let observer = observer(ObserverDesign::of_accelerometer(crossover_hz, rate_hz));
             plain(Fusion::new(observer, design), k, b)
         }
         V::FoawEnd { window_samples, noise_counts: noise }
-        | V::FoawBest { window_samples, noise_counts: noise }
-        | V::FoawBestPosition { window_samples, noise_counts: noise } => {
-            let best = !matches!(settings, V::FoawEnd { .. });
-            let (window, past, offset) = (window_samples as usize, [0.0; 64], 0.0);
-            plain(Adaptive { best, window, noise, past, newest: 0, placed, offset }, k, b)
+        | V::FoawBest { window_samples, noise_counts: noise } => {
+            let best = matches!(settings, V::FoawBest { .. });
+            let (window, past) = (window_samples as usize, [0.0; 64]);
+            plain(Adaptive { best, window, noise, past, newest: 0 }, k, b)
         }
         V::LevantExplicit { acceleration_max_m_per_s2: c, lambda_ratio }
         | V::LevantImplicit { acceleration_max_m_per_s2: c, lambda_ratio } => {
             let implicit = matches!(settings, V::LevantImplicit { .. });
             plain(levant(implicit, LevantDesign::new(c, lambda_ratio, design).unwrap()), k, b)
         }
-        V::LevantKalman { acceleration_max_m_per_s2: c, rms_ratio } => {
-            let both = LevantKalmanDesign::new(c, rms_ratio, design).unwrap();
-            let (levant, gains) = (levant(false, both.levant), both.gains);
-            plain(LevantKalman { levant, gains, distance: 0.0, velocity: 0.0 }, k, b)
-        }
         V::WindowDifference { window_samples } => {
             let (window, past) = (window_samples as usize, [0.0; 256]);
             plain(Window { past, newest: 0, window, sum: 0.0 }, k, b)
-        }
-        V::DualRate { decimation_samples } => {
-            let (mut left, mut counts, mut held) = (1, 0.0, 0.0);
-            let every = |moved: f64| {
-                counts += moved;
-                left -= 1;
-                if left == 0 {
-                    held = counts / f64::from(decimation_samples);
-                    (left, counts) = (decimation_samples, 0.0);
-                }
-                held
-            };
-            plain(every, k, b)
         }
         V::Difference {} => plain(|moved: f64| moved, k, b),
         V::FirstOrder { .. } | V::FirstOrderPrewarped { .. } => {
@@ -463,10 +369,6 @@ pub fn plain_hit(settings: &VelocitySettings, design: &Design, [k, b]: [f64; 2])
                 y1
             };
             plain(filter, k, b)
-        }
-        V::FirstOrderPosition { cutoff_hz, lead } => {
-            let filter = FirstOrder::new(cutoff_hz, rate_hz, false).unwrap();
-            plain(Ahead { filter, lead, x: 0.0, y: 0.0 }, k, b)
         }
         _ => match settings.weights(design).unwrap() {
             Some(fir) => {

@@ -44,10 +44,10 @@ pub fn names() -> Vec<&'static str> {
 pub fn velocity_table<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
     let found = EstimatorName::ALL.iter().find(|known| known.text() == name);
     let found = found.ok_or_else(|| {
-        PyValueError::new_err(format!(
-            "there is no estimator {name:?}, allowed {}",
-            names().join(", ")
-        ))
+        PyValueError::new_err(match EstimatorName::replacing(name) {
+            Some(other) => format!("estimator {name:?} is no more: use {other}"),
+            None => format!("there is no estimator {name:?}, allowed {}", names().join(", ")),
+        })
     })?;
     let choice = EstimatorChoice::from(found.defaults());
     let table = toml::Table::try_from(choice)

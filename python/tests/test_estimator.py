@@ -11,7 +11,7 @@ SCENE = zwidth.Scene.load("paper-1um").replace({"wall_hit.settle_s": 0.6, "wall_
 
 
 #: Those that know more than the position: a trace does not say what they knew.
-TOLD = {"observer", "observer-force", "observer-position", "time-stamps", "fusion", "fusion-position"}
+TOLD = {"observer", "observer-force", "time-stamps", "fusion"}
 
 
 def made(name: str, scene: zwidth.Scene) -> zwidth.Estimator:
@@ -54,6 +54,8 @@ def test_what_is_missing_or_wrong_is_named() -> None:
     scene = zwidth.Scene.load("paper-1um")
     with pytest.raises(ValueError, match='no estimator "magic", allowed butterworth'):
         zwidth.Estimator("magic", scene)
+    with pytest.raises(ValueError, match='estimator "dual-rate" is no more: use window-difference'):
+        zwidth.Estimator("dual-rate", scene)
     with pytest.raises(ValueError, match="has no cutoff"):
         zwidth.Estimator("difference", scene, cutoff=500)
     with pytest.raises(ValueError, match="cutoff is 1e9|cutoff is 1000000000"):

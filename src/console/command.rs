@@ -4,7 +4,10 @@ use core::fmt;
 
 use super::{number, spoken::Spoken};
 use crate::{
-    device::designs::is_design_name, experiment::WalkSettings, store::Name, velocity::EstimatorName,
+    device::designs::is_design_name,
+    experiment::WalkSettings,
+    store::Name,
+    velocity::{EstimatorName, UnknownEstimator},
 };
 
 /// What a person asks for.
@@ -155,7 +158,7 @@ pub enum ParseError {
     /// This command takes one of a few words.
     Word(&'static str),
     /// No estimator of this build has that name.
-    Estimator,
+    Estimator(UnknownEstimator),
     /// That is no name of a design.
     Design,
     /// The line is longer than [`LINE_MAX`](super::LINE_MAX).
@@ -180,10 +183,7 @@ impl ParseError {
                 write!(f, "not a number of at most 15 digits such as 2000, 0.07 or 1.5e3: {usage}")
             }
             Self::Word(usage) => write!(f, "unknown word: {}", spoken.usage(usage)),
-            Self::Estimator => {
-                f.write_str("unknown estimator, allowed")?;
-                EstimatorName::ALL.iter().try_for_each(|name| write!(f, " {}", name.text()))
-            }
+            Self::Estimator(unknown) => fmt::Display::fmt(unknown, f),
             Self::Design => f.write_str("no name of a design: designs lists them"),
             Self::TooLong => write!(f, "line too long: at most {} bytes", super::LINE_MAX),
         }
@@ -315,7 +315,7 @@ pub fn parse_in(line: &[u8], spoken: Spoken) -> Result<Command, ParseError> {
         Form::Estimator => {
             let word = words.next().ok_or(ParseError::Missing(usage))?;
             let name = core::str::from_utf8(word).unwrap_or_default().parse();
-            Command::Estimator(name.map_err(|_| ParseError::Estimator)?)
+            Command::Estimator(name.map_err(ParseError::Estimator)?)
         }
         Form::Design => {
             let word = words.next().ok_or(ParseError::Missing(usage))?;

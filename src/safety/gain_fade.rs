@@ -99,8 +99,7 @@ impl GainFade {
             None if same => within(drive.contact, wall, pushed, wanted + kept.correction),
             None => {
                 let old = &kept.wall;
-                let given = asked(old.demand(motion.position, motion.offset, motion.velocity))
-                    + kept.correction;
+                let given = asked(old.demand(motion.position, motion.velocity)) + kept.correction;
                 within(old.penetration(motion.position) > 0, old, pushed, given)
             }
         };
@@ -141,7 +140,7 @@ mod tests {
     use crate::{
         Gain,
         safety::SLEW,
-        units::{Offset, Position, Velocity},
+        units::{Position, Velocity},
     };
     use proptest::prelude::*;
 
@@ -159,7 +158,6 @@ mod tests {
             sample: 0,
             position: Position::from_counts(position),
             velocity: Velocity::saturating_from_bits(velocity),
-            offset: Offset::NONE,
         }
     }
 
@@ -169,7 +167,7 @@ mod tests {
     }
 
     fn drive(wall: &Wall, push: Force, at: Motion) -> Drive {
-        let demand = wall.demand(at.position, at.offset, at.velocity);
+        let demand = wall.demand(at.position, at.velocity);
         let (force, saturated) = demand.against(push).saturate();
         Drive { wall: demand, force, contact: wall.penetration(at.position) > 0, saturated }
     }
@@ -252,7 +250,7 @@ mod tests {
             push_only in any::<bool>(),
             steps in prop::collection::vec(
                 (
-                    -200i32..200, any::<i32>(), any::<i32>(), prop::option::weighted(0.3, (
+                    -200i32..200, any::<i32>(), prop::option::weighted(0.3, (
                         -100i32..100, 0.1f64..1e9, 0.1f64..1e4, -(1i32 << 30)..=1 << 30
                     )),
                 ),
@@ -262,10 +260,8 @@ mod tests {
             let wall = |surface, k, b| Wall { push_only, ..wall(surface, k, b) };
             let mut now = (wall(0, 1000.0, 1.0), Force::ZERO);
             let mut change = GainFade::new(now.0, now.1);
-            for (position, velocity, offset, new) in steps {
-                // up to 128 counts beside the count
-                let offset = Offset::saturating_from_bits(i64::from(offset / 256));
-                let at = Motion { offset, ..motion(position, velocity / 64) };
+            for (position, velocity, new) in steps {
+                let at = motion(position, velocity / 64);
                 let Kept { push, correction, .. } = *change.kept;
                 // the old settings, and nothing that fades in this output
                 let old = drive(&now.0, push, at);

@@ -19,7 +19,7 @@ use super::{Fault, FaultSet, Guard, SafetyPlan, Token, token::Turn};
 use crate::{
     CounterWidth, LoopParameters, Motion, Sampled, Sampler,
     encoder::Width,
-    units::{Force, Offset, Position, Velocity},
+    units::{Force, Position, Velocity},
     velocity::Senses,
 };
 
@@ -76,12 +76,7 @@ pub struct SampleReport {
 impl SampleReport {
     /// Before the first one.
     pub const BEFORE: Self = Self {
-        motion: Motion {
-            sample: 0,
-            position: Position::from_counts(0),
-            velocity: Velocity::ZERO,
-            offset: Offset::NONE,
-        },
+        motion: Motion { sample: 0, position: Position::from_counts(0), velocity: Velocity::ZERO },
         present: FaultSet::EMPTY,
     };
 }

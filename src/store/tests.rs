@@ -379,7 +379,7 @@ fn nor_is_it_damage_beside_what_was_saved() {
 /// Whole, but of a layout or with an estimator that this image has not: another image was here.
 #[test]
 fn a_whole_record_of_another_image_is_nothing_saved() {
-    for (place, word) in [(0, u32::from_le_bytes(*b"ZWS\x05")), (7, 0xEE00)] {
+    for (place, word) in [(0, u32::from_le_bytes(*b"ZWS\x05")), (7, 0xEE00), (7, 28 << 8)] {
         let mut flash = Mock::<4>::new();
         save(&mut flash, &stored(5.0)).unwrap();
         flash.words[place] = word;

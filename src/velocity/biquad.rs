@@ -148,13 +148,6 @@ impl Kept for BiquadState {
     }
 }
 
-impl BiquadState {
-    /// The last input, LSB.
-    pub(super) fn input(&self) -> i32 {
-        self.x[0]
-    }
-}
-
 #[cfg(test)]
 impl Biquad {
     /// Coefficients b0, b1, b2, a1, a2 and the mask of the second residue, as they are.

@@ -12,8 +12,7 @@
 //! up; the first one with `|s[j] - j v T| > noise` for some `0 < j < i` ends the search, and the one
 //! before it counts. At speed the window is as long as allowed; where the handle accelerates it
 //! shrinks to about `sqrt(8 noise / a)` samples, `a` in counts per sample^2. The estimate is late by
-//! half the window in use. The best fit's line stands at `(3 n - (i+2) S) / ((i+1) (i+2))` counts from the newest
-//! sample, with n the numerator of its slope and S the sum of the s[j].
+//! half the window in use.
 //!
 //! A noise of 1 count never shortens the window of the end fit at constant speed: then the error is
 //! below `1 / window` counts per sample. The best fit's line passes through the newest sample too, as
@@ -29,14 +28,10 @@
 
 use core::num::NonZeroU32;
 
-use super::{
-    Form, Senses,
-    history::History,
-    kept::{Bytes, Kept},
-};
+use super::{Form, Senses, history::History, kept::Bytes};
 use crate::{
     range::{SettingsError, within},
-    units::{Offset, Velocity},
+    units::Velocity,
 };
 
 /// Steps of the noise in a count.
@@ -105,13 +100,13 @@ impl Foaw {
         Ok(Self { best, window, noise })
     }
 
-    /// The line over the longest window that fits. Two compiled forms: the loop of the
+    /// The slope over the longest window that fits, as a fraction. Two compiled forms: the loop of the
     /// end fit needs none of the sums and no more than 32 bits.
-    #[inline(always)] // so that what is not asked for is not kept
-    fn line<const BEST: bool>(&self, history: &History) -> Line {
+    #[inline]
+    fn slope<const BEST: bool>(&self, history: &History) -> (i32, NonZeroU32) {
         let mut low = Bound { number: -FREE, over: 1 };
         let mut high = Bound { number: FREE, over: 1 };
-        let mut longest = Line { number: 0, over: 1, sum: 0, window: 0 };
+        let mut longest = (0, 1);
         let (mut s, mut sum, mut moment) = (0, 0, 0);
         // 1 + .. + i, and the sum of those: i (i+1) (i+2) / 6
         let (mut triangle, mut pyramid) = (0, 0);
@@ -140,7 +135,7 @@ impl Foaw {
                 }
                 (s, i)
             };
-            longest = Line { number: slope.0, over: slope.1, sum, window: i };
+            longest = slope;
             let lower = Bound { number: centre - self.noise, over: i };
             if low.below(lower) {
                 low = lower;
@@ -150,34 +145,8 @@ impl Foaw {
                 high = upper;
             }
         }
-        longest
-    }
-}
-
-/// A line through a window.
-#[derive(Clone, Copy)]
-struct Line {
-    /// Its slope, as a fraction.
-    number: i32,
-    over: i32,
-    /// Samples from the oldest to the newest.
-    window: i32,
-    /// Of the counts since each, of the best fit alone.
-    sum: i32,
-}
-
-impl Line {
-    /// Counts per sample.
-    #[inline]
-    fn slope(self) -> Velocity {
-        Velocity::saturating_from_bits(quotient(self.number, self.over))
-    }
-
-    /// Where the best fit says that the newest sample is, less its count.
-    fn offset(self) -> Offset {
-        let Self { number, sum, window: i, .. } = self;
-        let number = 3 * number - (i + 2) * sum; // each term below 2^15 * 3 * 5984
-        Offset::saturating_from_bits(quotient(number, (i + 1) * (i + 2)).into())
+        let (number, over) = longest;
+        (number, NonZeroU32::new(over.unsigned_abs()).unwrap_or(NonZeroU32::MIN))
     }
 }
 
@@ -201,78 +170,21 @@ impl Form for Foaw {
     #[inline]
     fn step(&self, history: &mut History, difference: i32, _: &Senses) -> Velocity {
         history.push(difference);
-        if self.best {
-            self.line::<true>(history).slope()
-        } else {
-            self.line::<false>(history).slope()
-        }
+        let (number, over) =
+            if self.best { self.slope::<true>(history) } else { self.slope::<false>(history) };
+        quotient(number, over)
     }
 }
 
-/// The best fit, with the end of its line.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FoawPosition(pub Foaw);
-
-/// Its differences, and where the line of the last sample ends: looked for once.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct FoawPositionState {
-    history: History,
-    offset: Offset,
-}
-
-/// All of the history; the form keeps its window, and where the line ends follows from that.
-impl Kept for FoawPositionState {
-    fn put(&self, bytes: &mut Bytes<'_>) {
-        self.history.put(bytes);
-    }
-
-    fn take(rest: &mut &[u8]) -> Option<Self> {
-        Some(Self { history: History::take(rest)?, offset: Offset::NONE })
-    }
-}
-
-impl Form for FoawPosition {
-    type State = FoawPositionState;
-    const REST: FoawPositionState =
-        FoawPositionState { history: History::REST, offset: Offset::NONE };
-
-    fn at(&self, velocity: Velocity) -> FoawPositionState {
-        FoawPositionState { history: History::at(velocity), offset: Offset::NONE }
-    }
-
-    fn put(&self, state: &FoawPositionState, bytes: &mut Bytes<'_>) {
-        state.history.put_last(self.0.window, bytes);
-    }
-
-    fn take(&self, rest: &mut &[u8]) -> Option<FoawPositionState> {
-        let history = History::take_last(self.0.window, rest)?;
-        Some(FoawPositionState { history, offset: self.0.line::<true>(&history).offset() })
-    }
-
-    #[inline]
-    fn step(&self, state: &mut FoawPositionState, difference: i32, _: &Senses) -> Velocity {
-        state.history.push(difference);
-        let line = self.0.line::<true>(&state.history);
-        state.offset = line.offset();
-        line.slope()
-    }
-
-    fn offset(&self, state: &FoawPositionState) -> Offset {
-        state.offset
-    }
-}
-
-/// `number / over` with 16 fractional bits, rounded to nearest, halves away from zero, within the range of a velocity.
-/// `over` is below 2^13.
+/// `number / over` as a velocity, rounded to nearest, halves away from zero. `over` is below 2^13.
 #[inline]
-fn quotient(number: i32, over: i32) -> i32 {
-    let over = NonZeroU32::new(over.unsigned_abs()).unwrap_or(NonZeroU32::MIN);
+fn quotient(number: i32, over: NonZeroU32) -> Velocity {
     let magnitude = number.unsigned_abs();
     let (whole, rest) = (magnitude / over, magnitude % over);
     let fraction = ((rest << Velocity::FRACTION_BITS) + over.get() / 2) / over;
     let whole = whole.min(Velocity::LIMIT.unsigned_abs()) << Velocity::FRACTION_BITS;
     let bits = (whole + fraction).min(Velocity::LIMIT_BITS.unsigned_abs()).cast_signed();
-    if number < 0 { -bits } else { bits }
+    Velocity::saturating_from_bits(if number < 0 { -bits } else { bits })
 }
 
 #[cfg(test)]

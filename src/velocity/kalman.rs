@@ -31,11 +31,11 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::{Form, Senses, Word, kept::kept, placed::Places};
+use super::{Form, Senses, Word, kept::kept};
 use crate::{
     Design, Gain,
     range::{SettingsError, within},
-    units::{Offset, Velocity},
+    units::Velocity,
 };
 
 /// Gains as real numbers.
@@ -141,14 +141,6 @@ pub struct KalmanState<W: Word = i64> {
     pub residue: W::Fraction,
 }
 
-impl<W: Word> KalmanState<W> {
-    /// Estimated position less the count, LSB of an [`Offset`].
-    #[inline(always)] // into what is compiled for a machine's vectors
-    pub fn offset(&self) -> W {
-        self.distance.rounded(FRACTION_BITS - Offset::FRACTION_BITS)
-    }
-}
-
 kept!(KalmanState { distance, velocity, acceleration, residue });
 
 impl Kalman {
@@ -189,12 +181,6 @@ impl Form for Kalman {
         let moved = difference.clamp(-Velocity::LIMIT, Velocity::LIMIT);
         #[expect(clippy::cast_possible_truncation, reason = "clamped to 31 bits")]
         Velocity::saturating_from_bits(self.update(state, i64::from(moved)) as i32)
-    }
-}
-
-impl Places for Kalman {
-    fn offset(&self, state: &KalmanState) -> Offset {
-        Offset::saturating_from_bits(state.offset())
     }
 }
 

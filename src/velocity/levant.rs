@@ -120,14 +120,6 @@ pub(super) struct LevantState {
 
 kept!(LevantState { ahead, velocity });
 
-#[cfg(test)]
-#[cfg(feature = "estimators")]
-impl LevantState {
-    pub(super) const fn of(ahead: i64, velocity: i64) -> Self {
-        Self { ahead, velocity }
-    }
-}
-
 impl Form for Levant {
     type State = LevantState;
     const REST: LevantState = LevantState { ahead: 0, velocity: 0 };

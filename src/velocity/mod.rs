@@ -6,18 +6,13 @@
 //! that a wide filter had from one flicker of the counts would carry a narrow one far away. [`Tuned`] is an estimator
 //! that knows its tuning from the one before, so that it comes into force whole, with one sample.
 
-mod ahead;
-#[cfg(feature = "estimators")]
-mod algebraic;
 mod biquad;
 #[cfg(feature = "estimators")]
 mod biquad_design;
 mod butterworth;
 #[cfg(feature = "estimators")]
 mod cascade;
-mod central_difference;
 mod difference;
-mod dual_rate;
 mod edge_timer;
 mod factor;
 mod fir;
@@ -26,13 +21,10 @@ mod history;
 mod kalman;
 mod kept;
 mod levant;
-#[cfg(feature = "estimators")]
-mod levant_kalman;
 mod name;
 mod observer;
 mod observer_design;
 mod parameter;
-mod placed;
 mod polynomial;
 mod rows;
 mod senses;
@@ -42,9 +34,6 @@ mod tracking;
 mod window_difference;
 mod word;
 
-pub use ahead::{AHEAD_MAX, Ahead};
-#[cfg(feature = "estimators")]
-pub use algebraic::{KAPPA, MU};
 pub use biquad::{Biquad, BiquadState, Shaping};
 #[cfg(feature = "estimators")]
 pub use biquad_design::{BiquadDesign, CascadeDesign};
@@ -53,23 +42,18 @@ pub use butterworth::{
 };
 #[cfg(feature = "estimators")]
 pub use cascade::Cascade;
-pub use central_difference::CentralDifference;
 pub use difference::Difference;
-pub use dual_rate::{DECIMATION_MAX, DualRate};
 pub use edge_timer::{Captures, EdgeTimer};
 pub use factor::Factor;
 pub use fir::Fir;
-pub use foaw::{Foaw, FoawPosition};
+pub use foaw::Foaw;
 pub use history::WINDOW_MAX;
 pub use kalman::{Kalman, KalmanDesign, KalmanState};
 pub use levant::{Levant, LevantDesign};
-#[cfg(feature = "estimators")]
-pub use levant_kalman::{Integrator, IntegratorState, LevantKalman, LevantKalmanDesign, RMS_RATIO};
 pub use name::UnknownEstimator;
 pub use observer::{Fusion, Observer, ObserverState};
 pub use observer_design::{MASS_KG, OBSERVER_MAX, OBSERVER_MIN, ObserverDesign};
 pub use parameter::{Numbers, PARAMETERS, Parameter};
-pub use placed::Placed;
 pub use polynomial::FirDesign;
 pub use senses::{Edge, Sense, Senses};
 pub use table::{Estimator, EstimatorName, VelocitySettings};
@@ -78,7 +62,7 @@ pub use tracking::{BANDWIDTH_MAX, BANDWIDTH_MIN, RATIO, TrackingLoop};
 pub use window_difference::{DIFFERENCE_WINDOW_MAX, WindowDifference};
 pub use word::Word;
 
-use crate::units::{Offset, Position, Velocity};
+use crate::units::{Position, Velocity};
 use kept::{Bytes, Kept};
 use table::{Kind, Memory};
 
@@ -96,12 +80,6 @@ trait Form {
     /// The velocity after a move by `difference` counts, in counts per sample.
     fn step(&self, state: &mut Self::State, difference: i32, senses: &Senses) -> Velocity;
 
-    /// Position on which the wall's spring works, less the count, after a sample.
-    #[inline(always)] // nothing, nearly always
-    fn offset(&self, _: &Self::State) -> Offset {
-        Offset::NONE
-    }
-
     /// The state as bytes: what a later velocity depends on.
     fn put(&self, state: &Self::State, bytes: &mut Bytes<'_>) {
         state.put(bytes);
@@ -114,6 +92,7 @@ trait Form {
 }
 
 /// [`Form::step`], not inlined: so that the state of the usual estimator stays in registers.
+#[cfg(feature = "time-stamps")]
 #[inline(never)]
 fn called<F: Form>(form: &F, state: &mut F::State, difference: i32, senses: &Senses) -> Velocity {
     form.step(state, difference, senses)
@@ -194,12 +173,6 @@ impl Estimator {
         velocity
     }
 
-    /// The position on which the wall's spring works, less the count, after [`update`](Self::update).
-    #[inline]
-    pub fn offset(&self, state: &State) -> Offset {
-        self.offset_of(&state.running.memory)
-    }
-
     /// Takes over from another estimator or tuning: warms up as if the handle had always moved at
     /// the velocity of the last sample.
     #[cold]
@@ -270,12 +243,6 @@ impl Tuned {
         senses: &Senses,
     ) -> Velocity {
         self.estimator.follow_as(self.tuning, running, difference, senses)
-    }
-
-    /// [`Estimator::offset`].
-    #[inline(always)]
-    pub(crate) fn offset_after(&self, running: &Running) -> Offset {
-        self.estimator.offset_of(&running.memory)
     }
 
     /// [`follow`](Self::follow) for as many samples as there are velocities, with their readings and what says by how many
@@ -398,11 +365,7 @@ mod tests {
     /// What an estimator may miss of a constant speed of whole counts, LSB.
     fn chattering(name: EstimatorName) -> i32 {
         // twice its largest acceleration, and at C = 20 m/s^2 that is 0.2 counts per sample^2
-        if matches!(name.text(), "levant-explicit" | "levant-kalman") {
-            2 * (65_536 / 5)
-        } else {
-            0
-        }
+        if name.text() == "levant-explicit" { 2 * (65_536 / 5) } else { 0 }
     }
 
     /// Every estimator measures a constant speed, and one that takes over goes on at it.

@@ -1,19 +1,53 @@
 //! What goes for every row of the [table](super::table): names read, parameters by their place.
 
-use core::str::FromStr;
+use core::{fmt, str::FromStr};
 
 use super::{EstimatorName, PARAMETERS, Parameter, Sense, VelocitySettings};
 
+/// Numbers and names of estimators that there were, never to be given a new meaning, and what replaces each. An image
+/// without the others has not had these either.
+const RETIRED: &[(u32, &str, &str)] = if cfg!(feature = "estimators") {
+    &[
+        (16, "central-difference", "window-difference with window_samples = 2"),
+        (23, "algebraic-1", "least-squares-1"),
+        (24, "algebraic-2", "least-squares-2"),
+        (25, "levant-kalman", "kalman-3"),
+        (26, "dual-rate", "window-difference"),
+        (27, "kalman-2-position", "kalman-2"),
+        (28, "kalman-3-position", "kalman-3"),
+        (29, "foaw-best-position", "foaw-best"),
+        (34, "observer-position", "observer"),
+        (35, "fusion-position", "fusion"),
+        (36, "first-order-position", "first-order"),
+    ]
+} else {
+    &[]
+};
+
 /// No estimator of this build has that name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct UnknownEstimator;
+pub struct UnknownEstimator {
+    /// What replaces it, if there once was one.
+    pub replaced_by: Option<&'static str>,
+}
+
+impl fmt::Display for UnknownEstimator {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(other) = self.replaced_by {
+            return write!(f, "this estimator is no more: use {other}");
+        }
+        f.write_str("unknown estimator, allowed")?;
+        EstimatorName::ALL.iter().try_for_each(|name| write!(f, " {}", name.text()))
+    }
+}
 
 impl FromStr for EstimatorName {
     type Err = UnknownEstimator;
 
     fn from_str(text: &str) -> Result<Self, UnknownEstimator> {
         let named = |name: &&Self| text.eq_ignore_ascii_case(name.text());
-        Self::ALL.iter().find(named).copied().ok_or(UnknownEstimator)
+        let unknown = || UnknownEstimator { replaced_by: Self::replacing(text) };
+        Self::ALL.iter().find(named).copied().ok_or_else(unknown)
     }
 }
 
@@ -21,6 +55,17 @@ impl EstimatorName {
     /// The estimator of that number, if this build has it.
     pub fn from_id(id: u32) -> Option<Self> {
         Self::ALL.iter().copied().find(|name| name.id() == id)
+    }
+
+    /// What replaces the estimator of that number, if there once was one.
+    pub fn replacing_id(id: u32) -> Option<&'static str> {
+        RETIRED.iter().find(|(number, ..)| *number == id).map(|(.., other)| *other)
+    }
+
+    /// The same of that name.
+    pub fn replacing(text: &str) -> Option<&'static str> {
+        let named = |(_, name, _): &&(u32, &str, &str)| text.eq_ignore_ascii_case(name);
+        RETIRED.iter().find(named).map(|(.., other)| *other)
     }
 
     /// What it needs that is not among those `senses`.
@@ -143,7 +188,27 @@ mod tests {
         assert_eq!(numbers.iter().collect::<BTreeSet<_>>().len(), numbers.len());
         assert_eq!(EstimatorName::from_id(0), None);
         assert_eq!("BUTTERWORTH".parse(), Ok(EstimatorName::Butterworth));
-        assert_eq!("butterwort".parse::<EstimatorName>(), Err(UnknownEstimator));
+        assert!("butterwort".parse::<EstimatorName>().is_err());
+    }
+
+    /// Neither name nor number is given again; what is named in their place exists.
+    #[test]
+    #[cfg(feature = "estimators")]
+    fn what_is_no_more_says_what_replaces_it() {
+        for &(id, name, other) in RETIRED {
+            assert_eq!(
+                (EstimatorName::from_id(id), EstimatorName::replacing_id(id)),
+                (None, Some(other))
+            );
+            let error = name.to_uppercase().parse::<EstimatorName>().unwrap_err();
+            assert_eq!(error.replaced_by, Some(other));
+            let text = std::format!("this estimator is no more: use {other}");
+            assert_eq!(std::string::ToString::to_string(&error), text);
+            assert!(other.split(' ').next().unwrap().parse::<EstimatorName>().is_ok(), "{other}");
+        }
+        assert_eq!(EstimatorName::replacing_id(EstimatorName::Butterworth.id()), None);
+        let error = "butterwort".parse::<EstimatorName>().unwrap_err();
+        assert_eq!(error.replaced_by, None);
     }
 
     #[test]

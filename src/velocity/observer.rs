@@ -38,10 +38,10 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use super::{Form, Senses, Word, factor::Factor, kept::kept, placed::Places};
+use super::{Form, Senses, Word, factor::Factor, kept::kept};
 use crate::{
     Gain,
-    units::{Acceleration, Offset, Velocity},
+    units::{Acceleration, Velocity},
 };
 
 /// Fractional bits of `x - x^`, of e and of a known acceleration.
@@ -82,14 +82,6 @@ pub struct ObserverState<W: Word = i64> {
     pub disturbance: W,
 }
 
-impl<W: Word> ObserverState<W> {
-    /// Estimated position less the count, LSB of an [`Offset`].
-    #[inline(always)] // into what is compiled for a machine's vectors
-    pub fn offset(&self) -> W {
-        (-self.error).rounded(POSITION_BITS - Offset::FRACTION_BITS)
-    }
-}
-
 kept!(ObserverState { error, velocity, disturbance });
 
 impl Form for Observer {
@@ -124,18 +116,6 @@ impl Form for Fusion {
 impl Fusion {
     /// Fractional bits of a known acceleration beyond those of an [`Acceleration`].
     pub const KNOWN_MORE: u32 = POSITION_BITS - Acceleration::FRACTION_BITS;
-}
-
-impl Places for Observer {
-    fn offset(&self, state: &ObserverState) -> Offset {
-        Offset::saturating_from_bits(state.offset())
-    }
-}
-
-impl Places for Fusion {
-    fn offset(&self, state: &ObserverState) -> Offset {
-        Places::offset(&self.0, state)
-    }
 }
 
 impl Observer {

@@ -35,6 +35,10 @@ macro_rules! estimators {
 
         /// A velocity estimator in integer form; made by [`VelocitySettings::build`].
         #[derive(Clone, Copy, Debug, PartialEq)]
+        #[cfg_attr(
+            feature = "estimators",
+            expect(clippy::large_enum_variant, reason = "there is no allocator to box it with")
+        )]
         pub enum Estimator {
             $($($(#[$form_doc])* #[cfg($on)] $form($integer),)*)*
         }
@@ -163,16 +167,6 @@ macro_rules! estimators {
                 match self {
                     $($(#[cfg($on)] Self::$form(form) => {
                         steps(form, &mut memory.$($own)? $($shared)?, readings, senses, velocities);
-                    })*)*
-                }
-            }
-
-            #[inline(always)]
-            pub(super) fn offset_of(&self, memory: &Memory) -> Offset {
-                match self {
-                    $($(#[cfg($on)] Self::$form(form) => {
-                        $likely();
-                        form.offset(&memory.$($own)? $($shared)?)
                     })*)*
                 }
             }

@@ -5,10 +5,7 @@
 //! the table.
 
 use super::{parameter::Number, rows::estimators, *}; // what the rows name
-use crate::{
-    Design, SettingsError,
-    units::{Offset, Velocity},
-};
+use crate::{Design, SettingsError, units::Velocity};
 
 /// Nothing to the compiler.
 #[inline(always)]
@@ -118,26 +115,10 @@ estimators! {
             Levant(Levant) keeps levant;
             /// Steady-state Kalman filter.
             Kalman(Kalman) keeps kalman;
-            /// Half the counts of the last two samples.
-            CentralDifference(CentralDifference) keeps central_difference;
             /// The counts of a window over its length.
             WindowDifference(WindowDifference) keeps window;
             /// Two biquads in a row.
             Cascade(Cascade) keeps cascade;
-            /// Levant's differentiator into a Kalman filter.
-            LevantKalman(LevantKalman) keeps levant_kalman;
-            /// Difference of every n-th sample, held.
-            DualRate(DualRate) keeps dual_rate;
-            /// Kalman filter, with its position.
-            KalmanPosition(Placed<Kalman>) shares kalman;
-            /// First-order adaptive windowing, with its position.
-            FoawPosition(FoawPosition) keeps foaw_position;
-            /// Observer that knows the force, with its position.
-            ObserverPosition(Placed<Observer>) shares observer;
-            /// Low-pass, with a position that the difference extrapolates.
-            Ahead(Ahead) shares filter;
-            /// Observer that knows the acceleration, with its position.
-            FusionPosition(Placed<Fusion>) shares observer;
         }
         names {
             /// Position and acceleration.
@@ -192,9 +173,6 @@ estimators! {
                 /// Jerk that differs from sample to sample, RMS, m/s^3; its range follows from the design.
                 jerk_rms_m_per_s3: f64 = ("jerk_rms", "m/s^3", 20_000.0),
             } => |design| Kalman(KalmanDesign::three_states(jerk_rms_m_per_s3, design)?.quantise());
-            /// Half the counts of the last two samples.
-            CentralDifference = 16, "central-difference" {} => |_| CentralDifference(CentralDifference),
-                weights FirDesign::of(&[0.5, 0.5]);
             /// Finite difference followed by a low-pass of second order of any damping.
             SecondOrder = 17, "second-order" {
                 /// Cutoff in Hz, where an undamped one would resonate, not pre-warped: 3.5e-5 to 0.499 of the rate.
@@ -261,88 +239,6 @@ estimators! {
                 /// Samples of the window, 1 to 255.
                 window_samples: u32 = ("window", "samples", 16.0),
             } => |_| WindowDifference(WindowDifference::new(window_samples)?);
-            /// Algebraic differentiator: derivative of the straight line that fits the last samples best under the weight
-            /// `s^kappa (1-s)^mu` of their age.
-            Algebraic1 = 23, "algebraic-1" {
-                /// Samples between the oldest and the newest, 1 to 64.
-                window_samples: u32 = ("window", "samples", 16.0),
-                /// Power of the age in the weight, 0 to 2.
-                kappa: f64 = ("kappa", "1", 1.0),
-                /// Power of what is left of the window, 0 to 8.
-                mu: f64 = ("mu", "1", 1.0),
-            } => |_| Fir(FirDesign::algebraic(1, window_samples, kappa, mu)?.quantise()),
-                weights FirDesign::algebraic(1, window_samples, kappa, mu)?;
-            /// The same of the parabola, without delay.
-            Algebraic2 = 24, "algebraic-2" {
-                /// Samples between the oldest and the newest, 2 to 64.
-                window_samples: u32 = ("window", "samples", 16.0),
-                /// Power of the age in the weight, 0 to 2.
-                kappa: f64 = ("kappa", "1", 1.0),
-                /// Power of what is left of the window, 0 to 8.
-                mu: f64 = ("mu", "1", 1.0),
-            } => |_| Fir(FirDesign::algebraic(2, window_samples, kappa, mu)?.quantise()),
-                weights FirDesign::algebraic(2, window_samples, kappa, mu)?;
-            /// Levant's differentiator, explicit, into a steady-state Kalman filter that sees the position too.
-            LevantKalman = 25, "levant-kalman" {
-                /// Largest acceleration of the differentiator, C, m/s^2: 1e-5 to 10 counts per sample^2.
-                acceleration_max_m_per_s2: f64 = ("acceleration_max", "m/s^2", 20.0),
-                /// Of the filter's acceleration, RMS over C, 0.1 to 10.
-                rms_ratio: f64 = ("rms_ratio", "1", 1.0),
-            } => |design| LevantKalman(
-                LevantKalmanDesign::new(acceleration_max_m_per_s2, rms_ratio, design)?.quantise()
-            );
-            /// Difference of every n-th sample, held in between.
-            DualRate = 26, "dual-rate" {
-                /// Samples from update to update, 1 to 255.
-                decimation_samples: u32 = ("decimation", "samples", 10.0),
-            } => |_| DualRate(DualRate::new(decimation_samples)?);
-            /// The Kalman filter with two states; the wall's spring works on its position.
-            Kalman2Position = 27, "kalman-2-position" {
-                /// Acceleration that differs from sample to sample, RMS, m/s^2; its range follows from the design.
-                acceleration_rms_m_per_s2: f64 = ("acceleration_rms", "m/s^2", 20.0),
-            } => |design| KalmanPosition(Placed(
-                KalmanDesign::two_states(acceleration_rms_m_per_s2, design)?.quantise()
-            ));
-            /// The same with three states.
-            Kalman3Position = 28, "kalman-3-position" {
-                /// Jerk that differs from sample to sample, RMS, m/s^3; its range follows from the design.
-                jerk_rms_m_per_s3: f64 = ("jerk_rms", "m/s^3", 20_000.0),
-            } => |design| KalmanPosition(Placed(
-                KalmanDesign::three_states(jerk_rms_m_per_s3, design)?.quantise()
-            ));
-            /// First-order adaptive windowing by least squares; the wall's spring works on the end of its line.
-            FoawBestPosition = 29, "foaw-best-position" {
-                /// Longest window: samples from its oldest to its newest, 1 to 32.
-                window_samples: u32 = ("window", "samples", 16.0),
-                /// Largest distance of a sample from the line, counts, 0 to 1000; rounded to 1/16.
-                noise_counts: f64 = ("noise", "counts", 1.0),
-            } => |_| FoawPosition(FoawPosition(Foaw::new(true, window_samples, noise_counts)?));
-            /// Finite difference followed by a first-order low-pass; the wall's spring works on the position that the
-            /// difference extrapolates.
-            FirstOrderPosition = 36, "first-order-position" {
-                /// Cutoff in Hz of the analog low-pass: 3.5e-5 to 0.499 of the rate.
-                cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
-                /// Samples by which the position is extrapolated, 0 to 100.
-                lead: f64 = ("lead", "1", 1.0),
-            } => |design| Ahead(
-                Ahead::new(Biquad::low_pass(1, cutoff_hz, design.rate_hz, false)?, lead)?
-            );
-            /// The observer that knows the force; the wall's spring works on its position.
-            ObserverPosition = 34, "observer-position" {
-                /// Frequency of its three poles, Hz: 1e-3 to 0.2 of the rate.
-                bandwidth_hz: f64 = ("bandwidth", "Hz", 500.0),
-                /// Mass of the model, kg: 1e-3 to 100. The default is the mass of the paper's device.
-                mass_kg: f64 = ("mass", "kg", 0.416),
-            } needs Force => |design| ObserverPosition(Placed(
-                ObserverDesign::of_mass(bandwidth_hz, mass_kg, design)?.quantise()
-            ));
-            /// Position and acceleration; the wall's spring works on the position of both.
-            FusionPosition = 35, "fusion-position" {
-                /// Frequency between position (below) and acceleration (above), Hz: 1e-3 to 0.2 of the rate.
-                crossover_hz: f64 = ("crossover", "Hz", 50.0),
-            } needs Acceleration => |design| FusionPosition(Placed(Fusion(
-                ObserverDesign::of_accelerometer(crossover_hz, design.rate_hz)?.quantise()
-            )));
         }
     }
 }

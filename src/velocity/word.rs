@@ -3,7 +3,7 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-use core::ops::{Add, Neg, Shl, Shr, Sub};
+use core::ops::{Add, Shl, Shr, Sub};
 
 use super::factor::Factor;
 use crate::Gain;
@@ -12,12 +12,7 @@ use crate::Gain;
 ///
 /// A vector may leave the clamping out, if somebody else notices that one of its numbers came near a limit.
 pub trait Word:
-    Copy
-    + Add<Output = Self>
-    + Sub<Output = Self>
-    + Neg<Output = Self>
-    + Shl<u32, Output = Self>
-    + Shr<u32, Output = Self>
+    Copy + Add<Output = Self> + Sub<Output = Self> + Shl<u32, Output = Self> + Shr<u32, Output = Self>
 {
     /// A factor, for each number of the vector its own.
     type Gain: Copy;

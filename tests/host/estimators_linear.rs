@@ -32,13 +32,6 @@ fn tunings(name: EstimatorName) -> Vec<VelocitySettings> {
         EstimatorName::Butterworth | EstimatorName::FirstOrder => &[5.0, 100.0, 1500.0, 4500.0],
         EstimatorName::LeastSquares1 => &[1.0, 2.0, 3.0, 16.0, 63.0, 64.0],
         EstimatorName::LeastSquares2 => &[2.0, 3.0, 4.0, 16.0, 63.0, 64.0],
-        EstimatorName::Algebraic1 | EstimatorName::Algebraic2 => {
-            let of = |[window, kappa, mu]: [f64; 3]| {
-                name.defaults().with_tuning(window).with_second(kappa).with_parameter(2, mu)
-            };
-            let ends = [[2.0, 0.0, 8.0], [3.0, 2.0, 0.0], [64.0, 2.0, 8.0], [63.0, 0.0, 0.5]];
-            return ends.into_iter().chain([[5.0, 0.5, 2.0], [16.0, 1.0, 1.0]]).map(of).collect();
-        }
         _ => return vec![name.defaults()],
     };
     values.iter().map(|&value| name.defaults().with_tuning(value)).collect()
@@ -67,9 +60,7 @@ fn settling(settings: &VelocitySettings) -> usize {
             (8.0 * DESIGN.rate_hz / cutoff_hz) as usize + 100
         }
         VelocitySettings::LeastSquares1 { window_samples }
-        | VelocitySettings::LeastSquares2 { window_samples }
-        | VelocitySettings::Algebraic1 { window_samples, .. }
-        | VelocitySettings::Algebraic2 { window_samples, .. } => window_samples as usize + 1,
+        | VelocitySettings::LeastSquares2 { window_samples } => window_samples as usize + 1,
         _ => 4,
     }
 }
@@ -239,14 +230,9 @@ fn every_estimator_has_a_twin_and_if_it_is_linear_its_transfer_function() {
         let [a, b] = [every(3), every(7)];
         let both: Vec<i32> = a.iter().zip(&b).map(|(a, b)| a + b).collect();
         let sum: Vec<f64> = run(&a).iter().zip(run(&b)).map(|(a, b)| a + b).collect();
-        // what holds every n-th sample adds up, but not from sample to sample
-        let later = run(&[&[0], &a[..999]].concat());
-        let shifts = close(&later[1..], &run(&a));
-        let adds_up = close(&run(&both), &sum) && shifts;
+        let adds_up = close(&run(&both), &sum);
         let stated = transfer_function(&settings, &DESIGN).unwrap().is_some();
-        // a spring on the estimator's position makes another loop
-        let on_the_count = settings.unplaced().is_none();
-        assert_eq!(stated, adds_up && name.sense().is_none() && on_the_count, "{name:?}");
+        assert_eq!(stated, adds_up && name.sense().is_none(), "{name:?}");
         if adds_up {
             let mut there_and_back = [0; 1000];
             there_and_back[..2].copy_from_slice(&[1, -1]);

@@ -306,9 +306,7 @@ fn estimators_say_what_they_need() {
         let missing = name.missing(&board);
         match name {
             EstimatorName::TimeStamps => assert_eq!(missing, Some(Sense::Edge)),
-            EstimatorName::Fusion | EstimatorName::FusionPosition => {
-                assert_eq!(missing, Some(Sense::Acceleration))
-            }
+            EstimatorName::Fusion => assert_eq!(missing, Some(Sense::Acceleration)),
             _ => assert_eq!(missing, None, "{name:?}"),
         }
     }

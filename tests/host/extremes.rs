@@ -10,7 +10,7 @@ use zwidth::{
     CounterWidth, Design, Gain, LoopParameters, Output, Sampled, Sampler, Settings,
     VelocitySettings, WallSettings,
     experiment::Verdict,
-    units::{Force, Offset, Position, Velocity},
+    units::{Force, Position, Velocity},
     velocity::{CUTOFF_MAX, CUTOFF_MIN, EstimatorName, Numbers, PARAMETERS, Sense},
 };
 
@@ -91,12 +91,8 @@ fn gains_at_both_ends_of_their_range_and_zero_are_exact_for_any_resolution_and_a
                     // one count deep at rest, and one count per sample in the same place
                     let position = Position::from_counts(1);
                     let lsb_per_n = f64::from(Force::FULL_SCALE.bits()) / full_scale_n;
-                    let at_rest = control.wall.demand(position, Offset::NONE, Velocity::ZERO);
-                    let moving = control.wall.demand(
-                        position,
-                        Offset::NONE,
-                        Velocity::saturating_from_counts(1),
-                    );
+                    let at_rest = control.wall.demand(position, Velocity::ZERO);
+                    let moving = control.wall.demand(position, Velocity::saturating_from_counts(1));
                     let spring = stiffness * resolution_m * lsb_per_n;
                     let damper = damping * resolution_m * rate_hz * lsb_per_n;
                     for (force, exact) in [(at_rest, spring), (moving, spring + damper)] {

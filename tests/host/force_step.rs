@@ -23,7 +23,7 @@ use zwidth::{
         SafetySettings, State, Supervisor,
     },
     telemetry::{Flags, Record},
-    units::{Force, Offset},
+    units::Force,
     velocity::{EstimatorName, Senses},
 };
 
@@ -62,8 +62,6 @@ struct Loop {
     state: PlantState,
     force_n: f64,
     last: Option<Rendered>,
-    /// Of the last output.
-    offset: Offset,
 }
 
 impl Loop {
@@ -109,7 +107,6 @@ impl Loop {
             plant,
             force_n: 0.0,
             last: None,
-            offset: Offset::NONE,
         };
         this.run(20);
         this.supervisor.request(Request::Zero).unwrap();
@@ -131,7 +128,6 @@ impl Loop {
         let Self { sampler, control, down, guard, .. } = self;
         let step = sampler.step(control, counter, &Senses::NONE, down, guard);
         step.due.then(|| {
-            self.offset = step.report.motion.offset;
             let rendered =
                 self.supervisor.render(&self.control, &step.report, &self.guard, self.push, GOOD);
             self.down = self.supervisor.down();
@@ -258,8 +254,7 @@ fn hit(start: &Loop, changes: &[(u32, u32, Ask)], seen: &mut Seen) -> Result<(),
         let step = (now - kept).abs();
         prop_assert!(step <= i64::from(SLEW) + fading, "{step} at sample {n}: {changes:?}");
         let Record { sample, position, velocity, .. } = rendered.record;
-        let offset = real.offset;
-        let motion = Motion { sample, position, velocity, offset };
+        let motion = Motion { sample, position, velocity };
         let asked = i64::from(real.control.render(motion, real.push).force.bits());
         seen.large += u32::from((asked - kept).abs() > i64::from(SLEW));
         twin = real.clone();

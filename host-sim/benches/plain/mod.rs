@@ -17,11 +17,6 @@ pub trait Filter {
     /// What the actuator gives from the last sample on, fraction of full scale.
     #[inline(always)]
     fn granted(&mut self, _force: f64) {}
-    /// What the wall's spring works on at a count so far behind its surface, counts.
-    #[inline(always)]
-    fn spring(&self, depth: f64) -> f64 {
-        depth
-    }
 }
 
 impl<F: FnMut(f64) -> f64> Filter for F {
@@ -86,7 +81,7 @@ pub fn plain(mut filter: impl Filter, stiffness: f64, damping: f64) -> f64 {
         if n % 10 == 0 {
             force = next; // one output of latency
             let depth = count - wall;
-            let spring = filter.spring(depth) * resolution;
+            let spring = depth * resolution;
             let reaction = stiffness * spring + damping * y * resolution / t;
             let reaction = if depth > 0.0 { reaction.max(0.0) } else { 0.0 };
             next = (push - reaction).clamp(-full_scale, full_scale);

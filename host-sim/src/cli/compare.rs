@@ -43,7 +43,7 @@ pub struct CompareArgs {
     /// Built-in scene or scene file; its own estimator does not matter.
     scene: String,
     /// Estimators by their names in the table, A,B,C [default: all but second-order, smoothing, tracking-lead,
-    /// window-difference, biquad, algebraic, levant-kalman and dual-rate].
+    /// window-difference, biquad and biquad-2].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     estimators: Vec<String>,
     /// B at which K is read off and contacts are compared (impedance also at half and twice that), N s/m [default:

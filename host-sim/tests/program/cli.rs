@@ -92,6 +92,16 @@ fn bad_scenes_are_refused_with_file_key_value_and_range() {
         ("[device]", "[devise]", "unknown field `devise`"),
         ("[device]", "[device", "mine.toml:6"),
         ("estimator = \"butterworth\"", "estimator = \"kalman\"", "unknown variant `kalman`"),
+        (
+            "estimator = \"butterworth\"",
+            "estimator = \"kalman-3-position\"",
+            "estimator `kalman-3-position` is no more: use kalman-3",
+        ),
+        (
+            "estimator = \"butterworth\"",
+            "estimator = \"algebraic\"",
+            "estimator `algebraic` is no more: use least-squares",
+        ),
     ] {
         let folder = scene(from, to);
         for args in [hit("mine.toml", &[]), vec!["sweep".into(), "mine.toml".into()]] {

@@ -224,6 +224,7 @@ fn bad_arguments_are_refused_with_what_is_allowed() {
     scene(folder.path());
     for (extra, text) in [
         (["--estimators", "best"], "allowed butterworth"),
+        (["--estimators", "levant-kalman"], "levant-kalman is no more: use kalman-3"),
         (["--damping", "1e9"], "--damping is 1000000000, allowed 10 to 1200"),
         (["--budget", "2"], "--budget"),
         (["--numeric", "f64"], "--numeric"),

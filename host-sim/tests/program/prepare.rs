@@ -216,6 +216,11 @@ fn what_does_not_fit_a_board_is_one_line_with_the_key() {
         ),
         (
             "cutoff_hz = 1500",
+            "estimators = [\"algebraic-1\"]",
+            "board.estimators has `algebraic-1`, which is no more: use least-squares-1",
+        ),
+        (
+            "cutoff_hz = 1500",
             "estimators = [\"time-stamps\"]",
             "`time-stamps`, which needs edge times",
         ),

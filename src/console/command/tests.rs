@@ -110,7 +110,7 @@ fn errors_say_what_is_allowed() {
         ("arm now", E::Extra("arm")),
         ("calibrate", E::Missing("calibrate PERCENT")),
         ("motor reversed", E::Word("motor +|-")),
-        ("estimator none", E::Estimator),
+        ("estimator none", E::Estimator("none".parse::<EstimatorName>().unwrap_err())),
         ("estimator", E::Missing("estimator NAME")),
         ("design", E::Missing("design NAME")),
         ("design a_b", E::Design),
@@ -118,6 +118,14 @@ fn errors_say_what_is_allowed() {
     ] {
         assert_eq!(parse(line.as_bytes()), Err(error), "{line}");
     }
+}
+
+#[test]
+#[cfg(feature = "estimators")]
+fn an_estimator_that_is_no_more_says_what_replaces_it() {
+    let error = parse(b"estimator dual-rate").unwrap_err();
+    let said = std::format!("{error}");
+    assert_eq!(said, "this estimator is no more: use window-difference");
 }
 
 #[test]

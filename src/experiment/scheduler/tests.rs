@@ -9,7 +9,7 @@ use crate::{
     experiment::{HitPlan, HitSequencePlan, Promise, Verdict, return_move::tests::Handle},
     safety::{Fault, FaultSet, Guard, SafetyPlan},
     store::Stored,
-    units::{Offset, Velocity},
+    units::Velocity,
 };
 
 const GOOD: Sensed = Sensed {
@@ -128,12 +128,7 @@ impl Bench {
             self.handle.go(self.last.force().unwrap_or_default());
         }
         let position = self.position();
-        let motion = Motion {
-            sample: self.sample,
-            position,
-            velocity: Velocity::ZERO,
-            offset: Offset::NONE,
-        };
+        let motion = Motion { sample: self.sample, position, velocity: Velocity::ZERO };
         let up = SampleReport { motion, present: Default::default() };
         let sensed = Sensed { switched_on: self.last != OutputCommand::Off, ..self.sensed };
         let rendered = self.scheduler.output(&up, &self.guard, sensed);

@@ -7,7 +7,7 @@ use crate::{
         plan::tests::{DESIGN, SETTINGS},
         tests::{GOOD, control},
     },
-    units::{Offset, Velocity},
+    units::Velocity,
     wall::Wall,
 };
 
@@ -119,7 +119,7 @@ fn beyond_travel_is_beyond_its_ends() {
         let mut supervisor = supervisor();
         supervisor.state.set(State::Armed);
         let position = Position::from_counts(counts);
-        let motion = Motion { sample: 0, position, velocity: Velocity::ZERO, offset: Offset::NONE };
+        let motion = Motion { sample: 0, position, velocity: Velocity::ZERO };
         let up = SampleReport { motion, present: FaultSet::EMPTY };
         // The speed is not to be asked: it was here before.
         supervisor.look(&up, &Guard::NOTHING, GOOD, true);

@@ -89,7 +89,7 @@ fn mirrored(senses: &Senses) -> Senses {
 fn mirror_lsb(name: EstimatorName) -> i32 {
     use EstimatorName as N;
     match name {
-        N::Difference | N::CentralDifference | N::FoawEnd | N::FoawBest | N::FoawBestPosition | N::TimeStamps => 0,
+        N::Difference | N::FoawEnd | N::FoawBest | N::TimeStamps => 0,
         _ => 2,
     }
 }

@@ -225,15 +225,15 @@ crate::properties! {
         } else {
             bench.rig.pass_sign_test();
         }
-        let mut last = (bench.rig.output(), bench.rig.count, bench.rig.offset());
+        let mut last = (bench.rig.output(), bench.rig.count);
         for event in events {
             let (outputs, counts) = bench.happen(event);
             for _ in 0..outputs.max(1) {
                 bench.rig.count += i64::from(counts);
                 let tests = bench.rig.state() == State::SignTest;
-                let now = (bench.rig.output(), bench.rig.count, bench.rig.offset());
+                let now = (bench.rig.output(), bench.rig.count);
                 check(&bench, &now.0);
-                let moves = last.0.record.velocity != now.0.record.velocity || last.2 != now.2;
+                let moves = last.0.record.velocity != now.0.record.velocity;
                 let same = last.1 == now.1 && !moves;
                 if let Some(force) = now.0.grant.force().filter(|_| same) {
                     // off is no force
@@ -328,7 +328,6 @@ crate::properties! {
             sample: 0,
             position: zwidth::units::Position::from_counts(surface + depth),
             velocity: zwidth::units::Velocity::saturating_from_bits(speed),
-            offset: zwidth::units::Offset::NONE,
         };
         let push = Force::saturating_from_bits(push);
         let drive = control.render(motion, push);

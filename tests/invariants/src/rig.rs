@@ -6,7 +6,7 @@ use zwidth::{
         FaultSet, Guard, GuardCommand, GuardView, GuardedSampler, Inputs, Refusal, Rendered,
         Request, SafetyPlan, SafetySettings, State, Step, Supervisor,
     },
-    units::{Force, Offset},
+    units::Force,
     velocity::Senses,
 };
 
@@ -65,7 +65,6 @@ pub struct Rig {
     pub count: i64,
     /// What the hardware does.
     pub output: Option<Force>,
-    offset: Offset,
     position: i32,
 }
 
@@ -84,7 +83,6 @@ impl Rig {
             inputs: GOOD,
             count: 0,
             output: None,
-            offset: Offset::NONE,
             position: 0,
         }
     }
@@ -92,11 +90,6 @@ impl Rig {
     /// Where the handle is, counts, as the last output saw it.
     pub fn position(&self) -> i32 {
         self.position
-    }
-
-    /// How far from there the estimator put it.
-    pub fn offset(&self) -> Offset {
-        self.offset
     }
 
     /// One sample, and the output if one is due.
@@ -115,7 +108,6 @@ impl Rig {
             let guard = self.view.at(number);
             let rendered = self.supervisor.render(control, &step.report, &guard, *push, *inputs);
             self.output = rendered.grant.force();
-            self.offset = step.report.motion.offset;
             self.position = step.report.motion.position.counts();
             self.down = self.supervisor.down();
             rendered

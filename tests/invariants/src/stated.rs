@@ -147,8 +147,6 @@ pub enum First {
     Part(f64, f64),
     /// The square root of the difference times that.
     Root(f64),
-    /// By that part of the difference, and that part of its square root.
-    PartAndRoot(f64, f64),
     /// The difference, at most that.
     Bounded(f64),
     /// That part of the difference that half the known acceleration leaves, and the acceleration per full scale of
@@ -191,7 +189,6 @@ impl Stated {
             + match self.first {
                 First::Part(part, beside) => part * off + beside,
                 First::Root(lambda) => lambda * off.sqrt(),
-                First::PartAndRoot(part, lambda) => part * off + lambda * off.sqrt(),
                 First::Bounded(most) => off.min(most),
                 First::Known(part, _) => {
                     let known = self.first.acceleration(senses).abs();
@@ -218,61 +215,6 @@ fn kalman_u(ratio: f64, states: i32) -> f64 {
         if 2.0 * u.powi(states) < right { low = u } else { high = u }
     }
     (low + high) / 2.0
-}
-
-/// Gains of the filter that is shown the count and a velocity, by its recursion from what its page has, one measurement
-/// after the other: for an acceleration and noises, RMS.
-fn two_measurements(acceleration: f64, noise: [f64; 2]) -> [[f64; 2]; 2] {
-    let (mut p, mut gains) = ([1.0, 0.0, 1.0], [[0.0; 2]; 2]);
-    let variance = acceleration * acceleration;
-    for _ in 0..40_000 {
-        let before = p;
-        let [a, b, c] = [
-            p[0] + 2.0 * p[1] + p[2] + variance / 4.0,
-            p[1] + p[2] + variance / 2.0,
-            p[2] + variance,
-        ];
-        let [x, v] = [a, b].map(|of| of / (a + noise[0].powi(2)));
-        let [a, b, c] = [a - x * a, b - x * b, c - v * b];
-        let [y, w] = [b, c].map(|of| of / (c + noise[1].powi(2)));
-        p = [a - y * b, b - y * c, c - w * c];
-        gains = [[x - y * v, y], [v - w * v, w]];
-        if p.iter().zip(before).all(|(now, before)| (now - before).abs() <= 1e-13 * now.abs()) {
-            break;
-        }
-    }
-    gains
-}
-
-/// Of Levant's differentiator with that `c` into that filter. The filter is linear: errors of the count are within half of
-/// one, and those of the differentiator what is stated of it.
-fn levant_kalman(c: f64, ratio: f64) -> Stated {
-    let gains =
-        two_measurements(ratio * c, [1.0 / 12f64.sqrt(), (c / 12f64.sqrt() + c * c).sqrt()]);
-    // magnitudes of the velocity's response to each measurement, and how long they last
-    let (mut sums, mut settles) = ([0.0; 2], 0.0f64);
-    for (n, sum) in sums.iter_mut().enumerate() {
-        let [mut x, mut v] = [gains[0][n], gains[1][n]];
-        let mut last = 1.0;
-        while x.abs() + v.abs() > 1e-9 * last {
-            *sum += f64::abs(v);
-            let ahead = x + v;
-            [x, v] = [0, 1].map(|row| [ahead, v][row] - gains[row][0] * ahead - gains[row][1] * v);
-            settles += 1.0;
-            last = f64::max(last, x.abs() + v.abs());
-        }
-    }
-    let [error, whole] =
-        [2.5 * c.max(c.sqrt()), 2.0 * c].map(|levant| sums[1] * levant + 2.0 / LSB);
-    Stated {
-        error: 0.5 * sums[0] + error,
-        whole,
-        holds: true,
-        settles: [200.0 + settles, 4.0 / c],
-        first: First::PartAndRoot(gains[1][0], gains[1][1] * c.sqrt()),
-        twin: Twin::None,
-        resonance: None,
-    }
 }
 
 /// What the page states.
@@ -387,7 +329,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
         let (error, whole) = (says.error + more, says.whole + more);
         Stated { error, whole, resonance: Some(resonance), ..says }
     };
-    match settings.unplaced().unwrap_or(*settings) {
+    match *settings {
         V::Butterworth { cutoff_hz } => butterworth(cutoff_hz, false),
         V::ButterworthPrewarped { cutoff_hz } => butterworth(cutoff_hz, true),
         V::FirstOrder { cutoff_hz } => first_order(cutoff_hz, false),
@@ -403,10 +345,6 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
         V::WindowDifference { window_samples } => {
             let window = f64::from(window_samples);
             exact(1.0 / window, 1.0, window + 1.0, First::Part(1.0 / window, 1.0 / window))
-        }
-        V::DualRate { decimation_samples } => {
-            let n = f64::from(decimation_samples);
-            exact(1.0 / n, 1.0, 2.0 * n + 1.0, First::Part(1.0 / n, 0.5 / n))
         }
         V::Difference {} => exact(1.0, 0.0, 2.0, First::Part(1.0, 0.0)),
         V::TrackingLoop { bandwidth_hz } => {
@@ -472,9 +410,6 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
                 resonance: None,
             }
         }
-        V::LevantKalman { acceleration_max_m_per_s2, rms_ratio } => {
-            levant_kalman(c(acceleration_max_m_per_s2), rms_ratio)
-        }
         V::LevantImplicit { acceleration_max_m_per_s2, lambda_ratio } => {
             let c = c(acceleration_max_m_per_s2);
             Stated {
@@ -487,7 +422,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
                 resonance: None,
             }
         }
-        other => panic!(
+        ref other => panic!(
             "{other:?}: state its error at constant speed and its jump after a restart, here and on the page"
         ),
     }

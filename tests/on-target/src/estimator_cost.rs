@@ -1,5 +1,5 @@
 //! On the board's core: builds an estimator, gives it differences, hands back the velocities and the
-//! cycles of each update; of an estimator on whose position the spring works, with that position. The other side of the mailbox is `tests/elf/estimator_cost.rs`.
+//! cycles of each update. The other side of the mailbox is `tests/elf/estimator_cost.rs`.
 //!
 //! `SENSES`: force, acceleration, age of the edge, kind of edge (0 none, 1 down, 2 up) of each sample.
 //! The job: number of the estimator, its parameters (each two words, low first), samples; given back: bytes
@@ -59,7 +59,6 @@ mod target {
     pub fn run() -> bool {
         let Some(name) = EstimatorName::from_id(word(1)) else { return false };
         let numbers = [2, 4, 6, 8, 10, 12, 14, 16].map(number);
-        let places = name.settings(numbers).unplaced().is_some();
         let Ok(estimator) = name.settings(numbers).build(&DESIGN) else { return false };
         let estimator = black_box(estimator);
         let mut state = black_box(State::at_rest(Position::default()));
@@ -69,18 +68,11 @@ mod target {
             count = count.wrapping_add(sample.load(Relaxed).cast_signed());
             let position = Position::from_counts(count);
             let senses = black_box(senses(sensed));
-            if places {
-                measure!(sample, cycles, {
-                    let velocity = estimator.update(&mut state, black_box(position), &senses);
-                    velocity.bits() ^ estimator.offset(&state).bits()
-                });
-            } else {
-                measure!(
-                    sample,
-                    cycles,
-                    estimator.update(&mut state, black_box(position), &senses).bits()
-                );
-            }
+            measure!(
+                sample,
+                cycles,
+                estimator.update(&mut state, black_box(position), &senses).bits()
+            );
         }
         answer(19, size_of_val(&estimator));
         true

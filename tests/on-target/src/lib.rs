@@ -38,16 +38,6 @@ pub extern "C" fn zwidth_estimate(
 }
 
 /// Every output.
-#[cfg(feature = "estimators")]
-#[unsafe(no_mangle)] // SAFETY: no other symbol has this name
-pub extern "C" fn zwidth_offset(
-    estimator: &zwidth::velocity::Estimator,
-    state: &zwidth::velocity::State,
-) -> i32 {
-    estimator.offset(state).bits()
-}
-
-/// Every output.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_render(
     control: &LoopParameters,

@@ -4,18 +4,14 @@
 //! ([`LaneController::is_lost`]) and run by the core itself.
 
 use pulp::WithSimd;
-use zwidth::{
-    LoopParameters, SettingsError,
-    units::{Force, Offset},
-};
+use zwidth::{LoopParameters, SettingsError, units::Force};
 
 use super::{
     estimator::{
         Beside, Each, Form, VectorForm,
         kalman::Kalman,
         levant::Levant,
-        levant_kalman::LevantKalman,
-        low_pass::{Ahead, Cascade, LowPass},
+        low_pass::{Cascade, LowPass},
         mean::Mean,
         observer::{Fusion, Observer},
         window::{Adaptive, Sum, Window},
@@ -38,8 +34,6 @@ pub struct FixedLoop<S: SimdOps, F: VectorForm<S>, const R: usize> {
     /// LSB, in the lower 32 bits.
     velocity: [S::u64s; R],
     walls: [Wall<S>; R],
-    /// The spring works on the estimator's position.
-    placed: bool,
 }
 
 /// The core's loop with an estimator of that form.
@@ -55,7 +49,6 @@ pub fn fixed_loop<S: SimdOps, const R: usize>(
     }
     match form {
         Form::LowPass | Form::LikeLowPass => of::<S, Each<LowPass<S>>, R>(simd),
-        Form::Ahead => of::<S, Each<Ahead<S>>, R>(simd),
         Form::Cascade => of::<S, Each<Cascade<S>>, R>(simd),
         Form::Kalman => of::<S, Each<Kalman<S>>, R>(simd),
         Form::Mean => of::<S, Mean<S>, R>(simd),
@@ -64,7 +57,6 @@ pub fn fixed_loop<S: SimdOps, const R: usize>(
         Form::FoawBest => of::<S, Window<S, Adaptive<S, true>>, R>(simd),
         Form::LevantExplicit => of::<S, Each<Levant<S, false>>, R>(simd),
         Form::LevantImplicit => of::<S, Each<Levant<S, true>>, R>(simd),
-        Form::LevantKalman => of::<S, Each<LevantKalman<S>>, R>(simd),
         Form::Observer => of::<S, Observer<S>, R>(simd),
         Form::Fusion => of::<S, Fusion<S>, R>(simd),
     }
@@ -74,7 +66,6 @@ pub fn fixed_loop<S: SimdOps, const R: usize>(
 struct Begin<'a> {
     control: LoopParameters,
     beside: Beside<'a>,
-    placed: bool,
 }
 
 /// The same for all lanes: compiled once.
@@ -89,8 +80,7 @@ fn begin<'a>(
     let actuator = &scene.actuator;
     let late = if actuator.latency_known { actuator.latency_samples() as usize } else { 0 };
     let readings = if looks { prepared.readings() } else { None };
-    let placed = scene.velocity.settings(hit.cutoff_hz).unplaced().is_some();
-    Ok(Begin { control, beside: Beside { late, readings }, placed })
+    Ok(Begin { control, beside: Beside { late, readings } })
 }
 
 /// Stiffness and damping, a lane each.
@@ -111,7 +101,6 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> FixedLoop<S, F, R> {
             gains: [gains; R],
             velocity: [simd.splat_u64s(0); R],
             walls: [Wall { stiffness: gain, damping: gain }; R],
-            placed: false,
         }
     }
 }
@@ -123,11 +112,10 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> LaneController<S, R> for Fixe
         prepared: &PreparedScene,
         hit: &WallHit,
     ) -> Result<i32, SettingsError> {
-        let Begin { control, beside, placed } = begin(prepared, hit, F::LOOKS)?;
+        let Begin { control, beside } = begin(prepared, hit, F::LOOKS)?;
         let (vector, place) = place::<S>(lane);
         let gains = &mut self.gains[vector];
         self.forms[vector].start(self.simd, gains, place, &control.estimator, beside);
-        self.placed = placed;
         lanes_mut::<_, u64>(&mut self.velocity[vector])[place] = 0;
         self.walls[vector].stiffness.set(place, control.wall.stiffness());
         self.walls[vector].damping.set(place, control.wall.damping());
@@ -166,18 +154,12 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> LaneController<S, R> for Fixe
 
             #[inline(always)]
             fn with_simd<T: pulp::Simd>(self, _: T) -> Row<S, R> {
-                let Take(FixedLoop { simd, forms, gains, velocity, walls, placed }, moved, due) =
-                    self;
+                let Take(FixedLoop { simd, forms, gains, velocity, walls }, moved, due) = self;
                 F::take(forms, *simd, gains, moved, due.is_some(), velocity);
                 let mut outputs = Aligned([simd.splat_f64s(0.0); R]);
                 if let Some(Due { depth, speed, stage }) = due {
                     for r in 0..R {
-                        let mut offset = None;
-                        if F::PLACES && *placed {
-                            offset = Some(forms[r].offset(*simd, &gains[r]));
-                        }
-                        let place = (depth[r], offset);
-                        let force = walls[r].force(*simd, place, velocity[r], speed[r], stage);
+                        let force = walls[r].force(*simd, depth[r], velocity[r], speed[r], stage);
                         forms[r].granted(*simd, &gains[r], force);
                         outputs.0[r] = output(*simd, force, stage);
                     }
@@ -200,20 +182,14 @@ impl<S: SimdOps> Wall<S> {
     fn force(
         &self,
         simd: S,
-        (depth, offset): (S::f64s, Option<S::u64s>),
+        depth: S::f64s,
         velocity: S::u64s,
         speed: S::f64s,
         stage: &OutputStage<S>,
     ) -> S::u64s {
         let zero = simd.splat_u64s(0);
         let inside = simd.greater_than_f64s(depth, simd.splat_f64s(0.0));
-        let mut spring = self.stiffness.apply(simd, simd.to_low(depth));
-        if let Some(offset) = offset {
-            let half = simd.splat_u64s(1 << (Offset::FRACTION_BITS - 1));
-            let fine = simd.add_u64s(self.stiffness.apply(simd, offset), half);
-            let bits = simd.splat_u64s(Offset::FRACTION_BITS.into());
-            spring = simd.add_u64s(spring, simd.signed_shift_right(fine, bits));
-        }
+        let spring = self.stiffness.apply(simd, simd.to_low(depth));
         let velocity = match stage.told {
             None => velocity,
             Some(scale) => {

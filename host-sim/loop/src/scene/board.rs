@@ -384,7 +384,12 @@ impl Scene {
         let names = named.iter().map(|name| {
             let known = EstimatorName::ALL.iter().map(|name| name.text());
             let known = || known.clone().collect::<Vec<_>>().join(", ");
-            name.parse().map_err(|_| format!("board.estimators has `{name}`, allowed {}", known()))
+            name.parse().map_err(|_| match EstimatorName::replacing(name) {
+                Some(other) => {
+                    format!("board.estimators has `{name}`, which is no more: use {other}")
+                }
+                None => format!("board.estimators has `{name}`, allowed {}", known()),
+            })
         });
         let names: Vec<EstimatorName> = names.collect::<Result<_, _>>()?;
         let names = if names.is_empty() { vec![own] } else { names };

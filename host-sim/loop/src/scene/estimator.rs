@@ -24,7 +24,7 @@ enum Member {
 }
 
 /// Estimators that share a name in scenes: that name, the key that tells them apart, and its value.
-const FAMILIES: [(EstimatorName, &str, &str, Member); 10] = [
+const FAMILIES: [(EstimatorName, &str, &str, Member); 8] = [
     (EstimatorName::Butterworth, "butterworth", "prewarp", Member::Flag(false)),
     (EstimatorName::ButterworthPrewarped, "butterworth", "prewarp", Member::Flag(true)),
     (EstimatorName::FirstOrder, "first-order", "prewarp", Member::Flag(false)),
@@ -33,11 +33,9 @@ const FAMILIES: [(EstimatorName, &str, &str, Member); 10] = [
     (EstimatorName::Taylor3, "taylor", "order", Member::Number(3)),
     (EstimatorName::LeastSquares1, "least-squares", "degree", Member::Number(1)),
     (EstimatorName::LeastSquares2, "least-squares", "degree", Member::Number(2)),
-    (EstimatorName::Algebraic1, "algebraic", "degree", Member::Number(1)),
-    (EstimatorName::Algebraic2, "algebraic", "degree", Member::Number(2)),
 ];
 /// Keys that a scene may leave out; the parameter is at the table's default then.
-const OPTIONAL: [&str; 6] = ["noise_counts", "lambda_ratio", "kappa", "mu", "rms_ratio", "lead"];
+const OPTIONAL: [&str; 3] = ["noise_counts", "lambda_ratio", "lead"];
 /// The key of the name.
 const TAG: &str = "estimator";
 
@@ -164,8 +162,7 @@ impl EstimatorChoice {
 
     /// From the keys of a scene, beside the name.
     fn read(family: &str, given: Vec<(String, Value)>) -> Result<Self, String> {
-        let first =
-            members(family).next().ok_or_else(|| unknown("variant", family, &families()))?;
+        let first = members(family).next().ok_or_else(|| no_family(family))?;
         let selects = spelling(first).1;
         let mut numbers = [None; PARAMETERS];
         let mut wanted = None;
@@ -226,6 +223,16 @@ fn families() -> Vec<&'static str> {
     all
 }
 
+/// Why a scene names no estimator.
+fn no_family(text: &str) -> String {
+    // a family as this is one
+    let family = (text == "algebraic").then_some("least-squares");
+    match EstimatorName::replacing(text).or(family) {
+        Some(other) => format!("estimator `{text}` is no more: use {other}"),
+        None => unknown("variant", text, &families()),
+    }
+}
+
 /// serde's own line for what it does not know.
 fn unknown(what: &str, name: &str, known: &[&str]) -> String {
     let quoted: Vec<_> = known.iter().map(|known| format!("`{known}`")).collect();
@@ -283,7 +290,7 @@ impl<'de> Deserialize<'de> for Family {
             fn visit_str<E: de::Error>(self, text: &str) -> Result<Family, E> {
                 match members(text).next() {
                     Some(_) => Ok(Family(text.into())),
-                    None => Err(E::custom(unknown("variant", text, &families()))),
+                    None => Err(E::custom(no_family(text))),
                 }
             }
         }

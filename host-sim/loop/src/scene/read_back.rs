@@ -14,6 +14,7 @@ use zwidth::{
     },
     safety::CurrentSettings,
     store::{Loaded, Name, load},
+    velocity::EstimatorName,
 };
 
 use super::{
@@ -36,16 +37,20 @@ pub fn device(words: &[u32]) -> Result<Device<'_>, Error> {
     // Which board only matters if it is a record at all: the first one says what is wrong with another file.
     let board =
         board_facts(text.trim_end_matches('\0')).or_else(|_| board_facts("nucleo-f446re"))?;
-    Device::from_record(words, &board).map_err(|bad| {
-        let help = match bad {
-            BadRecord::Layout(_) => {
-                "; make it anew: cargo sim prepare, with the scene that it was made of"
-            }
-            BadRecord::Board(_) => "; no board of that name is known",
-            _ => "",
-        };
-        Error::Input(format!("no device record: {bad}{help}"))
-    })
+    Device::from_record(words, &board)
+        .map_err(|bad| Error::Input(format!("no device record: {bad}{}", help(&bad))))
+}
+
+/// What to do about such a record, behind what is wrong with it.
+fn help(bad: &BadRecord) -> String {
+    let anew = "; make it anew: cargo sim prepare, with the scene that it was made of";
+    match *bad {
+        BadRecord::Layout(_) => anew.into(),
+        BadRecord::Board(_) => "; no board of that name is known".into(),
+        BadRecord::Estimator(id) => EstimatorName::replacing_id(id)
+            .map_or(String::new(), |other| format!(" any more{anew}, and {other} in it")),
+        _ => String::new(),
+    }
 }
 
 /// The settings of a copy of both sectors, from sector 1 on.
@@ -309,5 +314,10 @@ mod tests {
             device(&[0; 200]).unwrap_err().to_string().contains("what is in its place is none")
         );
         assert!(device(&[]).is_err());
+        let gone = BadRecord::Estimator(28);
+        let text = format!("{gone}{}", help(&gone));
+        assert!(text.contains("number 28, is not in this image any more; make it anew"), "{text}");
+        assert!(text.ends_with("and kalman-3 in it"), "{text}");
+        assert_eq!(help(&BadRecord::Estimator(999)), "");
     }
 }

@@ -14,7 +14,7 @@ use std::{
 use zwidth::{
     LoopParameters, Motion,
     telemetry::{Flags, InForce, Key, Record},
-    units::{Force, Offset, Position, Velocity},
+    units::{Force, Position, Velocity},
     velocity::{self, Senses, Tuned},
 };
 
@@ -300,7 +300,7 @@ impl Recomputed {
                 }
                 _ => follow(samples, state, (&estimator, None), None),
             };
-            self.compare(run, samples, &path.said, begin + at);
+            self.compare(run, samples, &path.velocities, begin + at);
             if let Some(next) = next {
                 self.states += 1;
                 let (_, velocity) = path.state.last();
@@ -314,16 +314,15 @@ impl Recomputed {
     }
 
     /// Keeps what was computed, up to the first output that says something else.
-    fn compare(&mut self, run: &Run, samples: &[Told], said: &[Said], begin: usize) {
-        for (n, (told, &(velocity, offset))) in samples.iter().zip(said).enumerate() {
+    fn compare(&mut self, run: &Run, samples: &[Told], velocities: &[Velocity], begin: usize) {
+        for (n, (told, &velocity)) in samples.iter().zip(velocities).enumerate() {
             if let Some((record, push)) = told.output {
                 if record.velocity != velocity {
                     self.differ(told.sample, "velocity", record.velocity.bits(), velocity.bits());
                     return;
                 }
                 self.velocities += u64::from(n > 0);
-                let motion =
-                    Motion { sample: told.sample, position: told.position, velocity, offset };
+                let motion = Motion { sample: told.sample, position: told.position, velocity };
                 if n > 0 && !self.force(run, &record, motion, push) {
                     return;
                 }
@@ -367,13 +366,10 @@ impl Recomputed {
 
 /// What the core says to some samples.
 struct Path {
-    said: Vec<Said>,
+    velocities: Vec<Velocity>,
     state: velocity::State,
     estimator: Tuned,
 }
-
-/// What an estimator says with a sample.
-type Said = (Velocity, Offset);
 
 /// Whether the state at its end is that of the key.
 fn is(path: &Path, key: &Key) -> bool {
@@ -391,7 +387,7 @@ fn follow(
     (before, change): (&Tuned, Option<(usize, Tuned)>),
     zero: Option<(usize, i32)>,
 ) -> Path {
-    let mut said = vec![(state.last().1, before.offset(&state))];
+    let mut velocities = vec![state.last().1];
     let mut estimator = *before;
     let mut force = samples
         .first()
@@ -418,12 +414,12 @@ fn follow(
         } else {
             estimator.update(&mut state, told.position, &senses)
         };
-        said.push((velocity, estimator.offset(&state)));
+        velocities.push(velocity);
         if let Some((record, _)) = told.output {
             force = record.force;
         }
     }
-    Path { said, state, estimator }
+    Path { velocities, state, estimator }
 }
 
 /// The path to a key with another tuning, or before which the count was zeroed: a change is in force with the sample
@@ -438,9 +434,9 @@ fn followed(
 ) -> Option<Path> {
     let places = 1..samples.len();
     let fits = |path: &Path| {
-        let outputs = samples.iter().zip(&path.said);
+        let outputs = samples.iter().zip(&path.velocities);
         is(path, next)
-            && outputs.clone().all(|(told, (velocity, _))| {
+            && outputs.clone().all(|(told, velocity)| {
                 told.output.is_none_or(|(record, _)| record.velocity == *velocity)
             })
     };
@@ -477,7 +473,7 @@ fn followed(
                 return Some(path);
             }
             match &found {
-                Some(other) if other.said != path.said => return None,
+                Some(other) if other.velocities != path.velocities => return None,
                 Some(_) => {}
                 None => found = Some(path),
             }

@@ -184,11 +184,10 @@ pub fn linear_loop(scene: &scene::Scene, cutoff_hz: f64, multirate: bool) -> Res
     let estimator = transfer_function(&scene.velocity.settings(cutoff_hz), &scene.design())
         .map_err(Error::input)?
         .ok_or_else(|| {
-            let why = match scene.velocity.settings(cutoff_hz).unplaced() {
-                Some(_) => "puts the spring on its own position, a loop that the linear analysis does not have",
-                None => "is no linear function of the position alone",
-            };
-            Error::Input(format!("the estimator {} {why}", scene.velocity.name()))
+            let name = scene.velocity.name();
+            Error::Input(format!(
+                "the estimator {name} is no linear function of the position alone"
+            ))
         })?;
     let mut of = Loop::single_rate(device, scene.control.rate_hz, estimator);
     of.elements = Elements { amplifier: scene.amplifier, mode: scene.mode, arm: scene.arm };

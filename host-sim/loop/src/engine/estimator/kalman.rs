@@ -1,6 +1,6 @@
 //! [`Kalman`] in lanes: the core's own text, over vectors.
 
-use zwidth::velocity::{self, Estimator, KalmanState, Placed};
+use zwidth::velocity::{self, Estimator, KalmanState};
 
 use super::{
     Recursive,
@@ -54,10 +54,7 @@ impl<S: SimdOps> Recursive<S> for Kalman<S> {
     }
 
     fn tune(gains: &mut Gains<S>, lane: usize, estimator: &Estimator) {
-        let (Estimator::Kalman(filter) | Estimator::KalmanPosition(Placed(filter))) = estimator
-        else {
-            return;
-        };
+        let Estimator::Kalman(filter) = estimator else { return };
         let velocity::Kalman { alpha, beta, gamma } = &mut gains.filter;
         let mut has = true;
         for (place, gain) in [(alpha, filter.alpha), (beta, filter.beta), (gamma, filter.gamma)] {
@@ -79,13 +76,6 @@ impl<S: SimdOps> Recursive<S> for Kalman<S> {
         let small = simd.or_u64s(small, simd.or_u64s(near, slow));
         self.seen = [small, simd.or_u64s(large, steady)];
         velocity.bits
-    }
-
-    const PLACES: bool = true;
-
-    #[inline(always)]
-    fn offset(&self, _: S, _: &Gains<S>) -> S::u64s {
-        self.state.offset().bits
     }
 
     fn is_lost(&self, gains: &Gains<S>, lane: usize) -> bool {

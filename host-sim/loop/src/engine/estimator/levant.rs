@@ -1,7 +1,7 @@
 //! [`Levant`](zwidth::velocity::Levant) in lanes, for states that stay far inside their ranges.
 
 use pulp::bytemuck::cast;
-use zwidth::velocity::{self, Estimator, Word as _};
+use zwidth::velocity::{Estimator, Word as _};
 
 use super::{
     Recursive,
@@ -18,21 +18,6 @@ pub struct Sizes<S: SimdOps> {
     square: S::u64s,
     /// All ones where the lanes do not have lambda.
     without: S::u64s,
-}
-
-impl<S: SimdOps> Sizes<S> {
-    /// Puts those of a differentiator into a lane.
-    pub fn set(&mut self, lane: usize, levant: &velocity::Levant) {
-        self.lambda.set(lane, levant.lambda());
-        let has = LaneGain::<S>::has(levant.lambda());
-        let [alpha, half, square] = levant.sizes().map(i64::cast_unsigned);
-        let Self { alpha: a, half: h, square: s, without, .. } = self;
-        for (place, value) in
-            [(a, alpha), (h, half), (s, square), (without, if has { 0 } else { u64::MAX })]
-        {
-            lanes_mut(place)[lane] = value;
-        }
-    }
 }
 
 /// Position and velocity, a lane each.
@@ -65,8 +50,15 @@ impl<S: SimdOps, const IMPLICIT: bool> Recursive<S> for Levant<S, IMPLICIT> {
     }
 
     fn tune(sizes: &mut Sizes<S>, lane: usize, estimator: &Estimator) {
-        if let Estimator::Levant(levant) = estimator {
-            sizes.set(lane, levant);
+        let Estimator::Levant(levant) = estimator else { return };
+        sizes.lambda.set(lane, levant.lambda());
+        let has = LaneGain::<S>::has(levant.lambda());
+        let [alpha, half, square] = levant.sizes().map(i64::cast_unsigned);
+        let Sizes { alpha: a, half: h, square: s, without, .. } = sizes;
+        for (place, value) in
+            [(a, alpha), (h, half), (s, square), (without, if has { 0 } else { u64::MAX })]
+        {
+            lanes_mut(place)[lane] = value;
         }
     }
 

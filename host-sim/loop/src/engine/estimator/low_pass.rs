@@ -1,9 +1,6 @@
 //! [`Biquad::update`](zwidth::velocity::Biquad::update) in lanes.
 
-use zwidth::{
-    units::Offset,
-    velocity::{Biquad, Estimator, Shaping},
-};
+use zwidth::velocity::{Biquad, Estimator, Shaping};
 
 use super::Recursive;
 use crate::engine::simd_ops::{SimdOps, lanes, lanes_mut};
@@ -67,8 +64,6 @@ impl<S: SimdOps> Recursive<S> for LowPass<S> {
     fn tune(gains: &mut Self::Gains, lane: usize, estimator: &Estimator) {
         match estimator {
             Estimator::LowPass(filter) => gains.put_filter(lane, filter),
-            // What rounds nothing is a low-pass without feedback: half a count is a whole number of LSB.
-            Estimator::CentralDifference(_) => gains.put(lane, [1 << 29, 1 << 29, 0, 0, 0], false),
             _ => gains.put(lane, [1 << 30, 0, 0, 0, 0], false),
         }
     }
@@ -143,55 +138,5 @@ impl<S: SimdOps> Recursive<S> for Cascade<S> {
 
     fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool {
         self.0.iter().zip(gains).any(|(section, gains)| section.is_lost(gains, lane))
-    }
-}
-
-/// [`Ahead`](zwidth::velocity::Ahead) in lanes.
-#[derive(Clone, Copy)]
-pub struct Ahead<S: SimdOps>(LowPass<S>);
-
-/// Coefficients and, in LSB of an offset per count, leads, a lane each.
-#[derive(Clone, Copy)]
-pub struct Leading<S: SimdOps> {
-    filter: Coefficients<S>,
-    lead: S::u64s,
-}
-
-impl<S: SimdOps> Recursive<S> for Ahead<S> {
-    type Gains = Leading<S>;
-
-    fn at_rest(simd: S) -> (Self, Leading<S>) {
-        let (rest, filter) = LowPass::at_rest(simd);
-        (Self(rest), Leading { filter, lead: simd.splat_u64s(0) })
-    }
-
-    fn words(&mut self) -> impl Iterator<Item = &mut S::u64s> {
-        self.0.words()
-    }
-
-    fn tune(gains: &mut Leading<S>, lane: usize, estimator: &Estimator) {
-        if let Estimator::Ahead(ahead) = estimator {
-            gains.filter.put_filter(lane, ahead.filter());
-            lanes_mut(&mut gains.lead)[lane] = i64::from(ahead.lead_bits()).cast_unsigned();
-        }
-    }
-
-    #[inline(always)]
-    fn step(&mut self, simd: S, gains: &Leading<S>, moved: S::f64s) -> S::u64s {
-        self.0.step(simd, &gains.filter, moved)
-    }
-
-    const PLACES: bool = true;
-
-    #[inline(always)]
-    fn offset(&self, simd: S, gains: &Leading<S>) -> S::u64s {
-        const LIMIT: u64 = (Offset::LIMIT.unsigned_abs() << Offset::FRACTION_BITS) as u64;
-        let limit = simd.splat_u64s(LIMIT);
-        let least = simd.sub_u64s(simd.splat_u64s(0), limit);
-        simd.smaller(simd.larger(simd.product(self.0.x[0], gains.lead), least), limit)
-    }
-
-    fn is_lost(&self, gains: &Leading<S>, lane: usize) -> bool {
-        self.0.is_lost(&gains.filter, lane)
     }
 }

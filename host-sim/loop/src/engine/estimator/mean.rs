@@ -1,5 +1,4 @@
-//! [`WindowDifference`] and [`DualRate`](zwidth::velocity::DualRate): counts of some samples over their number. Asked
-//! only when an output is due.
+//! [`WindowDifference`]: counts of some samples over their number. Asked only when an output is due.
 
 use pulp::bytemuck::cast_slice;
 use zwidth::velocity::{Estimator, WindowDifference};
@@ -15,24 +14,14 @@ pub struct Mean<S: SimdOps> {
     /// A ring of the last samples.
     places: Vec<S::f64s>,
     newest: usize,
-    samples: Vec<Samples>,
+    /// From the older of the two that each lane looks at to the last.
+    samples: Vec<usize>,
     /// The factor of the core, without its last bits, and those.
     factor: [S::u64s; 2],
 }
 
-/// What a lane looks at.
-#[derive(Clone, Copy)]
-struct Samples {
-    /// From the older of two to the newer one.
-    number: usize,
-    /// From the newer one to the last sample.
-    late: usize,
-    /// The newer one is each of that number, else it is the last.
-    held: bool,
-}
-
-/// Twice the longest window, and as a power of two.
-const LENGTH: usize = 512;
+/// Of the longest window, and as a power of two.
+const LENGTH: usize = 256;
 /// Last bits of the factor: both parts are below 2^31.
 const LAST: u32 = 16;
 
@@ -40,22 +29,15 @@ impl<S: SimdOps> VectorForm<S> for Mean<S> {
     type Gains = ();
 
     fn at_rest(simd: S) -> (Self, ()) {
-        let none = Samples { number: 1, late: 0, held: false };
         let places = vec![simd.splat_f64s(0.0); LENGTH];
         let factor = [simd.splat_u64s(0); 2];
-        (Self { places, newest: 0, samples: vec![none; S::F64_LANES], factor }, ())
+        (Self { places, newest: 0, samples: vec![1; S::F64_LANES], factor }, ())
     }
 
     fn start(&mut self, _: S, (): &mut (), lane: usize, estimator: &Estimator, _: Beside<'_>) {
-        let (number, factor, held) = match estimator {
-            Estimator::WindowDifference(mean) => (mean.window_samples(), mean.factor(), false),
-            Estimator::DualRate(mean) => (mean.decimation_samples(), mean.factor(), true),
-            _ => return,
-        };
-        let number = usize::from(number);
-        // with the next sample it is not late
-        let late = if held { number - 1 } else { 0 };
-        self.samples[lane] = Samples { number, late, held };
+        let Estimator::WindowDifference(mean) = estimator else { return };
+        self.samples[lane] = mean.window_samples().into();
+        let factor = mean.factor();
         let [first, last] = &mut self.factor;
         lanes_mut(first)[lane] = (factor >> LAST).cast_unsigned();
         lanes_mut(last)[lane] = (factor & ((1 << LAST) - 1)).cast_unsigned();
@@ -82,7 +64,6 @@ impl<S: SimdOps> VectorForm<S> for Mean<S> {
                 *newest = (*newest + 1) % LENGTH;
                 places[*newest] = place;
             }
-            pass(samples, moved.len());
             if due {
                 moved_by(samples, lanes_mut(&mut place), cast_slice(places), *newest);
                 velocity[r] = mean(simd, place, *factor);
@@ -95,21 +76,11 @@ impl<S: SimdOps> VectorForm<S> for Mean<S> {
     }
 }
 
-/// So many samples go by.
-fn pass(lanes: &mut [Samples], samples: usize) {
-    for lane in lanes.iter_mut().filter(|lane| lane.held) {
-        lane.late += samples;
-        while lane.late >= lane.number {
-            lane.late -= lane.number;
-        }
-    }
-}
-
 /// Counts between the two samples that each lane looks at; `places` has all of its lanes beside each other.
-fn moved_by(lanes: &[Samples], counts: &mut [f64], places: &[f64], newest: usize) {
-    for (lane, (Samples { number, late, .. }, counts)) in lanes.iter().zip(counts).enumerate() {
+fn moved_by(lanes: &[usize], counts: &mut [f64], places: &[f64], newest: usize) {
+    for (lane, (samples, counts)) in lanes.iter().zip(counts).enumerate() {
         let at = |age: usize| places[(newest + LENGTH - age) % LENGTH * lanes.len() + lane];
-        *counts = at(*late) - at(late + number);
+        *counts = at(0) - at(*samples);
     }
 }
 

@@ -11,7 +11,6 @@ use crate::simulation::accelerometer::Readings;
 mod accelerometer;
 pub(super) mod kalman;
 pub(super) mod levant;
-pub(super) mod levant_kalman;
 pub(super) mod low_pass;
 pub(super) mod mean;
 pub(super) mod observer;
@@ -25,8 +24,6 @@ pub enum Form {
     LowPass,
     /// What is a low-pass in fixed point, but not in `f64`.
     LikeLowPass,
-    /// Low-pass with a position that the difference extrapolates.
-    Ahead,
     /// Two low-passes in a row.
     Cascade,
     /// Kalman filters.
@@ -43,8 +40,6 @@ pub enum Form {
     LevantExplicit,
     /// The same, implicit.
     LevantImplicit,
-    /// The explicit one into a Kalman filter.
-    LevantKalman,
     /// Observer that is told the force.
     Observer,
     /// Observer that is told the acceleration.
@@ -59,41 +54,27 @@ impl Form {
             | VelocitySettings::ButterworthPrewarped { .. }
             | VelocitySettings::FirstOrder { .. }
             | VelocitySettings::FirstOrderPrewarped { .. }
-            | VelocitySettings::SecondOrder { .. }
             | VelocitySettings::Difference {}
             | VelocitySettings::Biquad { .. } => Some(Self::LowPass),
-            VelocitySettings::Kalman2 { .. }
-            | VelocitySettings::Kalman3 { .. }
-            | VelocitySettings::Kalman2Position { .. }
-            | VelocitySettings::Kalman3Position { .. } => Some(Self::Kalman),
+            VelocitySettings::Kalman2 { .. } | VelocitySettings::Kalman3 { .. } => {
+                Some(Self::Kalman)
+            }
             VelocitySettings::TrackingLoop { .. }
             | VelocitySettings::TrackingLead { .. }
             | VelocitySettings::Smoothing { .. }
-            | VelocitySettings::CentralDifference {} => Some(Self::LikeLowPass),
-            VelocitySettings::WindowDifference { .. } | VelocitySettings::DualRate { .. } => {
-                Some(Self::Mean)
-            }
-            VelocitySettings::FirstOrderPosition { .. } => Some(Self::Ahead),
+            | VelocitySettings::SecondOrder { .. } => Some(Self::LikeLowPass),
+            VelocitySettings::WindowDifference { .. } => Some(Self::Mean),
             VelocitySettings::Biquad2 { .. } => Some(Self::Cascade),
             VelocitySettings::Taylor2 {}
             | VelocitySettings::Taylor3 {}
             | VelocitySettings::LeastSquares1 { .. }
-            | VelocitySettings::LeastSquares2 { .. }
-            | VelocitySettings::Algebraic1 { .. }
-            | VelocitySettings::Algebraic2 { .. } => Some(Self::Fir),
+            | VelocitySettings::LeastSquares2 { .. } => Some(Self::Fir),
             VelocitySettings::FoawEnd { .. } => Some(Self::FoawEnd),
-            VelocitySettings::FoawBest { .. } | VelocitySettings::FoawBestPosition { .. } => {
-                Some(Self::FoawBest)
-            }
+            VelocitySettings::FoawBest { .. } => Some(Self::FoawBest),
             VelocitySettings::LevantExplicit { .. } => Some(Self::LevantExplicit),
             VelocitySettings::LevantImplicit { .. } => Some(Self::LevantImplicit),
-            VelocitySettings::LevantKalman { .. } => Some(Self::LevantKalman),
-            VelocitySettings::Observer { .. } | VelocitySettings::ObserverPosition { .. } => {
-                Some(Self::Observer)
-            }
-            VelocitySettings::Fusion { .. } | VelocitySettings::FusionPosition { .. } => {
-                Some(Self::Fusion)
-            }
+            VelocitySettings::Observer { .. } => Some(Self::Observer),
+            VelocitySettings::Fusion { .. } => Some(Self::Fusion),
             _ => None,
         }
     }
@@ -142,13 +123,6 @@ pub trait VectorForm<S: SimdOps>: Sized {
     /// The wall granted forces, LSB, with the last sample that was taken.
     #[inline(always)]
     fn granted(&mut self, _: S, _: &Self::Gains, _: S::u64s) {}
-    /// Some of its estimators say where the handle is.
-    const PLACES: bool = false;
-    /// That position less the count at the last output, LSB of an [`Offset`](zwidth::units::Offset) in the lower 32 bits.
-    #[inline(always)]
-    fn offset(&self, simd: S, _: &Self::Gains) -> S::u64s {
-        simd.splat_u64s(0)
-    }
     /// The hit came where these lanes do not do what the estimator does.
     fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool;
 }
@@ -166,13 +140,6 @@ pub trait Recursive<S: SimdOps>: Copy {
     fn tune(gains: &mut Self::Gains, lane: usize, estimator: &Estimator);
     /// The velocity after a move by so many counts, LSB in the lower 32 bits.
     fn step(&mut self, simd: S, gains: &Self::Gains, moved: S::f64s) -> S::u64s;
-    /// See [`VectorForm::PLACES`].
-    const PLACES: bool = false;
-    /// See [`VectorForm::offset`].
-    #[inline(always)]
-    fn offset(&self, simd: S, _: &Self::Gains) -> S::u64s {
-        simd.splat_u64s(0)
-    }
     /// See [`VectorForm::is_lost`].
     fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool;
 }
@@ -226,13 +193,6 @@ impl<S: SimdOps, F: Recursive<S>> VectorForm<S> for Each<F> {
             forms[r].0 = now[r];
         }
         *velocity = last;
-    }
-
-    const PLACES: bool = F::PLACES;
-
-    #[inline(always)]
-    fn offset(&self, simd: S, gains: &F::Gains) -> S::u64s {
-        self.0.offset(simd, gains)
     }
 
     fn is_lost(&self, gains: &F::Gains, lane: usize) -> bool {

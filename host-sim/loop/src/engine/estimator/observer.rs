@@ -3,7 +3,7 @@
 
 use zwidth::{
     units::Force,
-    velocity::{self, Estimator, Factor, ObserverState, Placed},
+    velocity::{self, Estimator, Factor, ObserverState},
 };
 
 use super::{
@@ -131,11 +131,7 @@ impl<S: SimdOps> VectorForm<S> for Observer<S> {
         estimator: &Estimator,
         beside: Beside<'_>,
     ) {
-        let (Estimator::Observer(observer) | Estimator::ObserverPosition(Placed(observer))) =
-            estimator
-        else {
-            return;
-        };
+        let Estimator::Observer(observer) = estimator else { return };
         self.observed.start(gains, lane, observer);
         self.late = beside.late;
         for word in std::iter::once(&mut self.granted).chain(&mut self.ring) {
@@ -176,13 +172,6 @@ impl<S: SimdOps> VectorForm<S> for Observer<S> {
         self.granted = gains.per_force.apply(simd, force);
     }
 
-    const PLACES: bool = true;
-
-    #[inline(always)]
-    fn offset(&self, _: S, _: &Gains<S>) -> S::u64s {
-        self.observed.state.offset().bits
-    }
-
     fn is_lost(&self, gains: &Gains<S>, lane: usize) -> bool {
         self.observed.is_lost(gains, lane)
     }
@@ -216,10 +205,7 @@ impl<S: SimdOps> VectorForm<S> for Fusion<S> {
         estimator: &Estimator,
         beside: Beside<'_>,
     ) {
-        let (Estimator::Fusion(fusion) | Estimator::FusionPosition(Placed(fusion))) = estimator
-        else {
-            return;
-        };
+        let Estimator::Fusion(fusion) = estimator else { return };
         self.observed.start(gains, lane, &fusion.0);
         if let Some(readings) = beside.readings {
             self.accelerometer.start(simd, lane, readings);
@@ -272,13 +258,6 @@ impl<S: SimdOps> VectorForm<S> for Fusion<S> {
             forms[r].observed = now[r];
         }
         *velocity = last;
-    }
-
-    const PLACES: bool = true;
-
-    #[inline(always)]
-    fn offset(&self, _: S, _: &Gains<S>) -> S::u64s {
-        self.observed.state.offset().bits
     }
 
     fn is_lost(&self, gains: &Gains<S>, lane: usize) -> bool {

@@ -3,8 +3,8 @@
 //! Counts, weights and their products are whole numbers far below 2^53, so `f64` lanes have them exactly, fused or not.
 
 use zwidth::{
-    units::{Offset, Velocity},
-    velocity::{Estimator, Foaw, FoawPosition, WINDOW_MAX},
+    units::Velocity,
+    velocity::{Estimator, Foaw, WINDOW_MAX},
 };
 
 use super::{Beside, VectorForm};
@@ -32,14 +32,7 @@ pub trait Kind<S: SimdOps>: Sized {
     /// Takes an estimator into a lane.
     fn set(&mut self, simd: S, lane: usize, estimator: &Estimator);
     /// The velocity, a whole number of LSB; `past` ends with the newest difference.
-    fn velocity(&mut self, simd: S, past: &[S::f64s]) -> S::f64s;
-    /// See [`VectorForm::PLACES`].
-    const PLACES: bool = false;
-    /// Position less the count, a whole number of LSB, with the differences of the last velocity.
-    #[inline(always)]
-    fn offset(&self, simd: S, _: &[S::f64s]) -> S::f64s {
-        simd.splat_f64s(0.0)
-    }
+    fn velocity(&self, simd: S, past: &[S::f64s]) -> S::f64s;
 }
 
 impl<S: SimdOps, K: Kind<S>> VectorForm<S> for Window<S, K> {
@@ -81,16 +74,6 @@ impl<S: SimdOps, K: Kind<S>> VectorForm<S> for Window<S, K> {
                 velocity[r] = simd.to_low(kind.velocity(simd, past));
             }
         }
-    }
-
-    const PLACES: bool = K::PLACES;
-
-    #[inline(always)]
-    fn offset(&self, simd: S, (): &()) -> S::u64s {
-        let Some(past) = self.past.get(self.end - LENGTH..self.end) else {
-            return simd.splat_u64s(0);
-        };
-        simd.to_low(self.kind.offset(simd, past))
     }
 
     fn is_lost(&self, (): &(), _: usize) -> bool {
@@ -135,7 +118,7 @@ impl<S: SimdOps> Kind<S> for Sum<S> {
     }
 
     #[inline(always)]
-    fn velocity(&mut self, simd: S, past: &[S::f64s]) -> S::f64s {
+    fn velocity(&self, simd: S, past: &[S::f64s]) -> S::f64s {
         const LSB: f64 = 1.0 / (1u32 << (30 - Velocity::FRACTION_BITS)) as f64;
         let mut sum = simd.splat_f64s(0.5 / LSB);
         for (weight, difference) in self.weights.iter().zip(past.iter().rev()) {
@@ -155,34 +138,23 @@ pub struct Adaptive<S: SimdOps, const BEST: bool> {
     window: S::f64s,
     lengths: Lengths,
     longest: usize,
-    /// The last slopes, as fractions.
-    slope: [S::f64s; 2],
 }
 
 impl<S: SimdOps, const BEST: bool> Kind<S> for Adaptive<S, BEST> {
     fn none(simd: S) -> Self {
         let zero = simd.splat_f64s(0.0);
-        Self {
-            noise: zero,
-            window: zero,
-            lengths: Lengths::default(),
-            longest: 0,
-            slope: [zero; 2],
-        }
+        Self { noise: zero, window: zero, lengths: Lengths::default(), longest: 0 }
     }
 
     fn set(&mut self, _: S, lane: usize, estimator: &Estimator) {
-        let (Estimator::Foaw(foaw) | Estimator::FoawPosition(FoawPosition(foaw))) = estimator
-        else {
-            return;
-        };
+        let Estimator::Foaw(foaw) = estimator else { return };
         lanes_mut(&mut self.noise)[lane] = f64::from(foaw.noise_steps());
         lanes_mut(&mut self.window)[lane] = f64::from(foaw.window_samples());
         self.longest = self.lengths.set(lane, foaw.window_samples().into());
     }
 
     #[inline(always)]
-    fn velocity(&mut self, simd: S, past: &[S::f64s]) -> S::f64s {
+    fn velocity(&self, simd: S, past: &[S::f64s]) -> S::f64s {
         const STEPS: f64 = Foaw::NOISE_STEPS as f64;
         let of = |value: f64| simd.splat_f64s(value);
         let zero = of(0.0);
@@ -233,44 +205,12 @@ impl<S: SimdOps, const BEST: bool> Kind<S> for Adaptive<S, BEST> {
             high = simd.choose(falls, upper, high);
             high_over = simd.choose(falls, of(i), high_over);
         }
-        self.slope = [number, over];
-        quotient(simd, number, over)
+        // to nearest, halves away from zero; a quotient is at least 2^-13 away from the next whole number, or is one
+        let scaled =
+            simd.mul_f64s(simd.magnitude(number), of(f64::from(1u32 << Velocity::FRACTION_BITS)));
+        let half = simd.floor(simd.mul_f64s(over, of(0.5)));
+        let bits = simd.floor(simd.div_f64s(simd.add_f64s(scaled, half), over));
+        let down = simd.less_than_f64s(number, zero);
+        simd.choose(down, simd.sub_f64s(zero, bits), bits)
     }
-
-    const PLACES: bool = BEST;
-
-    #[inline(always)]
-    fn offset(&self, simd: S, past: &[S::f64s]) -> S::f64s {
-        let of = |value: f64| simd.splat_f64s(value);
-        let [number, over] = self.slope;
-        // The window once more: its slope is a fraction of i (i+1) (i+2) / 6
-        let (mut s, mut sum, mut window) = (of(0.0), of(0.0), of(0.0));
-        let (mut i, mut triangle, mut pyramid) = (0.0, 0.0, 0.0);
-        for difference in past.iter().rev().take(self.longest) {
-            i += 1.0;
-            triangle += i;
-            pyramid += triangle;
-            s = simd.add_f64s(s, *difference);
-            let within = simd.greater_than_or_equal_f64s(over, of(pyramid));
-            sum = simd.choose(within, simd.add_f64s(sum, s), sum);
-            window = simd.choose(within, of(i), window);
-        }
-        let two_more = simd.add_f64s(window, of(2.0));
-        let end = simd.sub_f64s(simd.mul_f64s(of(3.0), number), simd.mul_f64s(two_more, sum));
-        quotient(simd, end, simd.mul_f64s(simd.add_f64s(window, of(1.0)), two_more))
-    }
-}
-
-const _: () = assert!(Offset::FRACTION_BITS == Velocity::FRACTION_BITS);
-
-/// Of counts, in LSB to nearest, halves away from zero. It is at least 2^-13 away from the next whole number, or is one.
-#[inline(always)]
-fn quotient<S: SimdOps>(simd: S, number: S::f64s, over: S::f64s) -> S::f64s {
-    let of = |value: f64| simd.splat_f64s(value);
-    let scaled =
-        simd.mul_f64s(simd.magnitude(number), of(f64::from(1u32 << Velocity::FRACTION_BITS)));
-    let half = simd.floor(simd.mul_f64s(over, of(0.5)));
-    let bits = simd.floor(simd.div_f64s(simd.add_f64s(scaled, half), over));
-    let down = simd.less_than_f64s(number, of(0.0));
-    simd.choose(down, simd.sub_f64s(of(0.0), bits), bits)
 }

@@ -1,6 +1,6 @@
 //! The core's [`Word`] as a vector: what runs the core's own text of an estimator in lanes.
 
-use std::ops::{Add, Neg, Shl, Shr, Sub};
+use std::ops::{Add, Shl, Shr, Sub};
 
 use zwidth::{
     Gain,
@@ -107,15 +107,6 @@ impl<S: SimdOps> Sub for Vector<S> {
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
         self.with(self.simd.sub_u64s(self.bits, other.bits))
-    }
-}
-
-impl<S: SimdOps> Neg for Vector<S> {
-    type Output = Self;
-
-    #[inline(always)]
-    fn neg(self) -> Self {
-        self.with(self.simd.sub_u64s(self.simd.splat_u64s(0), self.bits))
     }
 }
 

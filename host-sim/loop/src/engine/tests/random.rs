@@ -122,21 +122,17 @@ pub(super) fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> Velocity
     // The Kalman filters' u, from 0.001 to 0.95
     let u = 0.00101 * 930f64.powf(tuning);
     match settings {
-        VelocitySettings::Kalman2 { .. } | VelocitySettings::Kalman2Position { .. } => {
+        VelocitySettings::Kalman2 { .. } => {
             settings.with_tuning(2.0 * u * u / (1.0 - u) * noise_m * rate_hz.powi(2))
         }
-        VelocitySettings::Kalman3 { .. } | VelocitySettings::Kalman3Position { .. } => {
+        VelocitySettings::Kalman3 { .. } => {
             let ratio = 2.0 * u.powi(3) / ((1.0 - u) * (2.0 - u));
             settings.with_tuning(ratio * noise_m * rate_hz.powi(3))
         }
         VelocitySettings::LeastSquares1 { .. } | VelocitySettings::LeastSquares2 { .. } => {
             settings.with_tuning((2.0 * 32f64.powf(tuning)).round())
         }
-        VelocitySettings::Algebraic1 { .. } | VelocitySettings::Algebraic2 { .. } => {
-            let kappa = 2.0 * (tuning * 37.0).fract();
-            settings.with_tuning((2.0 * 32f64.powf(tuning)).round()).with_second(kappa)
-        }
-        VelocitySettings::WindowDifference { .. } | VelocitySettings::DualRate { .. } => {
+        VelocitySettings::WindowDifference { .. } => {
             settings.with_tuning(255f64.powf(tuning).round())
         }
         VelocitySettings::SecondOrder { .. } => {
@@ -151,12 +147,7 @@ pub(super) fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> Velocity
             let lead = 2.0 * (tuning * 37.0).fract() - 1.0;
             settings.with_tuning(1e-4 * 2400f64.powf(tuning) * rate_hz).with_second(lead)
         }
-        VelocitySettings::FirstOrderPosition { .. } => {
-            settings.with_second(100.0 * (tuning * 37.0).fract().powi(4))
-        }
-        VelocitySettings::FoawEnd { .. }
-        | VelocitySettings::FoawBest { .. }
-        | VelocitySettings::FoawBestPosition { .. } => {
+        VelocitySettings::FoawEnd { .. } | VelocitySettings::FoawBest { .. } => {
             let noise = 1000.0 * (tuning * 37.0).fract().powi(6);
             settings.with_tuning((32f64.powf(tuning)).round()).with_second(noise)
         }
@@ -165,16 +156,11 @@ pub(super) fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> Velocity
             let lambda_ratio = 0.5 + 2.5 * (tuning * 37.0).fract();
             settings.with_tuning(1.001e-6 * 9.9e9f64.powf(tuning) * unit).with_second(lambda_ratio)
         }
-        VelocitySettings::LevantKalman { .. } => {
-            let unit = scene.encoder.resolution_m * rate_hz * rate_hz;
-            let rms_ratio = 0.1 * 100f64.powf((tuning * 37.0).fract());
-            settings.with_tuning(1.001e-5 * 9.9e5f64.powf(tuning) * unit).with_second(rms_ratio)
-        }
-        VelocitySettings::Observer { .. } | VelocitySettings::ObserverPosition { .. } => {
+        VelocitySettings::Observer { .. } => {
             let mass_kg = scene.device.mass_kg * 10f64.powf(2.0 * (tuning * 37.0).fract() - 1.0);
             settings.with_tuning(rate_hz * 1.001e-3 * 199f64.powf(tuning)).with_second(mass_kg)
         }
-        VelocitySettings::Fusion { .. } | VelocitySettings::FusionPosition { .. } => {
+        VelocitySettings::Fusion { .. } => {
             settings.with_tuning(rate_hz * 1.001e-3 * 199f64.powf(tuning))
         }
         VelocitySettings::Biquad { .. } => {
@@ -240,20 +226,12 @@ proptest! {
     }
 
     #[test]
-    fn estimators_with_a_position_or_a_text_of_their_own_are_the_same_bit_for_bit(
+    fn a_window_of_any_length_is_the_same_bit_for_bit(
         scene in scenes(),
         mut hits in walls(),
-        name in select(&[
-            EstimatorName::WindowDifference,
-            EstimatorName::DualRate,
-            EstimatorName::LevantKalman,
-            EstimatorName::Kalman3Position,
-            EstimatorName::FoawBestPosition,
-            EstimatorName::FirstOrderPosition,
-        ][..]),
         tuning in 0.0..1.0f64,
     ) {
-        let velocity = tuned(name, tuning, &scene);
+        let velocity = tuned(EstimatorName::WindowDifference, tuning, &scene);
         let scene = with_estimator(scene, velocity);
         prop_assume!(scene.check().is_ok());
         for hit in &mut hits {
@@ -266,10 +244,9 @@ proptest! {
     fn an_observer_of_any_scene_is_the_same_bit_for_bit(
         scene in scenes(),
         mut hits in walls(),
-        name in select(&[EstimatorName::Observer, EstimatorName::ObserverPosition][..]),
         (tuning, late) in (0.0..1.0f64, any::<bool>()),
     ) {
-        let velocity = tuned(name, tuning, &scene);
+        let velocity = tuned(EstimatorName::Observer, tuning, &scene);
         let mut scene = with_estimator(scene, velocity);
         scene.actuator.latency_known = late;
         prop_assume!(scene.check().is_ok());
@@ -283,10 +260,9 @@ proptest! {
     fn fusion_beside_any_accelerometer_is_the_same_bit_for_bit(
         scene in scenes(),
         mut hits in walls(),
-        name in select(&[EstimatorName::Fusion, EstimatorName::FusionPosition][..]),
         (tuning, mode) in (0.0..1.0f64, any::<bool>()),
     ) {
-        let velocity = tuned(name, tuning, &scene);
+        let velocity = tuned(EstimatorName::Fusion, tuning, &scene);
         let mut scene = with_estimator(scene, velocity);
         let body = Mode { mass_kg: 0.1, stiffness_n_per_m: 4e4, damping_n_s_per_m: 3.0 };
         scene.mode = mode.then_some(body);

@@ -5,14 +5,13 @@ use zwidth::{
     units::{Acceleration, Force},
     velocity::{
         BiquadDesign, ButterworthDesign, CascadeDesign, DIFFERENCE_WINDOW_MAX, FirstOrder,
-        KalmanDesign, LevantDesign, LevantKalmanDesign, ObserverDesign, Senses, TrackingLoop,
+        KalmanDesign, LevantDesign, ObserverDesign, Senses, TrackingLoop,
     },
 };
 
 use super::{
     FLUSH_BELOW, LENGTH,
     foaw::Foaw,
-    held::Held,
     kalman::KalmanState,
     levant::{Levant, LevantState},
     loops::Loop,
@@ -23,10 +22,6 @@ use super::{
 #[derive(Clone, Copy, Debug)]
 pub struct TwinEstimator {
     kind: Kind,
-    /// The wall's spring works on its position.
-    placed: bool,
-    /// Samples by which the difference extrapolates it.
-    lead: f64,
     inputs: [f64; 2],
     outputs: [f64; 2],
     rest: Rest,
@@ -46,7 +41,6 @@ struct Rest {
     /// Counts at the last samples, and the place of the newest.
     counts: [i32; 256],
     newest: u8,
-    held: Held,
 }
 
 /// The maths of an estimator. What it remembers stands beside it, so that the usual one's few
@@ -71,9 +65,6 @@ enum Kind {
     Kalman(KalmanDesign),
     /// Samples.
     Window(u8),
-    LevantKalman(LevantKalmanDesign),
-    /// Samples from update to update.
-    DualRate(u32),
 }
 
 /// `y = b0 (x + past[0] x1 + past[1] x2) - a[0] y1 - a[1] y2`, the form of all usual estimators.
@@ -109,12 +100,7 @@ impl TwinEstimator {
     pub fn new(settings: &VelocitySettings, design: &Design) -> Result<Self, SettingsError> {
         settings.build(design)?; // the ranges
         let rate_hz = design.rate_hz;
-        let unplaced = settings.unplaced();
-        let lead = match *settings {
-            VelocitySettings::FirstOrderPosition { lead, .. } => lead,
-            _ => 0.0,
-        };
-        let kind = match unplaced.unwrap_or(*settings) {
+        let kind = match *settings {
             VelocitySettings::Butterworth { cutoff_hz } => {
                 Kind::Butterworth(ButterworthDesign::new(cutoff_hz, rate_hz, false)?)
             }
@@ -139,10 +125,6 @@ impl TwinEstimator {
             VelocitySettings::WindowDifference { window_samples } => {
                 Kind::Window(u8::try_from(window_samples).unwrap_or(DIFFERENCE_WINDOW_MAX))
             }
-            VelocitySettings::LevantKalman { acceleration_max_m_per_s2: c, rms_ratio } => {
-                Kind::LevantKalman(LevantKalmanDesign::new(c, rms_ratio, design)?)
-            }
-            VelocitySettings::DualRate { decimation_samples } => Kind::DualRate(decimation_samples),
             VelocitySettings::Difference {} => Kind::Difference,
             VelocitySettings::Biquad { frequency_hz, damping, lead_s, zero } => {
                 let design = BiquadDesign::new(frequency_hz, damping, lead_s, zero, rate_hz)?;
@@ -203,22 +185,8 @@ impl TwinEstimator {
             sections: [[[0.0; 2]; 2]; 2],
             counts: [0; 256],
             newest: 0,
-            held: Held::default(),
         };
-        Ok(Self {
-            kind,
-            placed: unplaced.is_some(),
-            lead,
-            inputs: [0.0; 2],
-            outputs: [0.0; 2],
-            rest,
-        })
-    }
-
-    /// Position on which the wall's spring works, less the count, in counts.
-    #[inline]
-    pub fn offset(&self) -> f64 {
-        if self.placed { self.rest.offset(&self.kind) + self.lead * self.inputs[0] } else { 0.0 }
+        Ok(Self { kind, inputs: [0.0; 2], outputs: [0.0; 2], rest })
     }
 
     /// The velocity after a move by `difference` counts.
@@ -252,16 +220,6 @@ impl TwinEstimator {
 }
 
 impl Rest {
-    #[cold]
-    fn offset(&self, kind: &Kind) -> f64 {
-        match kind {
-            Kind::Kalman(_) => self.kalman.distance(),
-            Kind::Observer(_) | Kind::Fusion(_) => -self.loops.error(),
-            Kind::Foaw(foaw) => foaw.end(&self.past),
-            _ => 0.0,
-        }
-    }
-
     #[inline(never)] // so that the other estimators' state stays in registers
     fn update(&mut self, kind: &Kind, difference: i32, senses: &Senses) -> f64 {
         let input = f64::from(difference);
@@ -296,12 +254,6 @@ impl Rest {
                 let before = self.counts[usize::from(self.newest.wrapping_sub(*window))];
                 f64::from(count.wrapping_sub(before)) / f64::from(*window)
             }
-            Kind::LevantKalman(LevantKalmanDesign { levant, gains }) => {
-                let levant = Levant { implicit: false, sizes: *levant };
-                let velocity = levant.update(&mut self.levant, input);
-                self.kalman.update_with_velocity(gains, input, velocity)
-            }
-            Kind::DualRate(decimation) => self.held.update(*decimation, difference),
             Kind::Butterworth(_) | Kind::FirstOrder(_) | Kind::Biquad(_) | Kind::Difference => {
                 input
             }

@@ -21,28 +21,12 @@ impl Foaw {
     pub(super) fn update(&self, past: &mut [f64; LENGTH], input: f64) -> f64 {
         past.rotate_right(1);
         past[0] = input;
-        self.fit(past).0
-    }
-
-    /// Where the line of the best fit says that the newest sample is, less its count.
-    pub(super) fn end(&self, past: &[f64; LENGTH]) -> f64 {
-        let (slope, window) = self.fit(past);
-        let back = past.iter().scan(0.0, |since, difference| {
-            *since -= difference;
-            Some(*since)
-        });
-        let n = f64::from(window);
-        back.take(window as usize).sum::<f64>() / (n + 1.0) + slope * n / 2.0
-    }
-
-    /// Slope over the longest window that fits, and that window.
-    fn fit(&self, past: &[f64; LENGTH]) -> (f64, u32) {
         // s[j]: counts since j samples ago
         let mut s = [0.0; LENGTH];
         for j in 1..LENGTH {
             s[j] = s[j - 1] + past[j - 1];
         }
-        let mut longest = (past[0], 1);
+        let mut velocity = past[0];
         for i in 2..=self.window {
             let (number, over) = self.slope(&s, i);
             // whole numbers, so that a sample exactly on the edge of the noise is inside
@@ -52,9 +36,9 @@ impl Foaw {
             if !within {
                 break;
             }
-            longest = (number / over, i);
+            velocity = number / over;
         }
-        longest
+        velocity
     }
 
     /// Slope over `i` samples, as a fraction.

@@ -24,28 +24,4 @@ impl KalmanState {
         }
         self.velocity
     }
-
-    /// Position less the count.
-    pub(super) fn distance(&self) -> f64 {
-        self.distance
-    }
-
-    /// The same of the filter that is shown the count and a velocity, of the core's `velocity/levant_kalman.rs`; it has no
-    /// acceleration.
-    #[inline(never)] // so that the other estimators' state stays in registers
-    pub(super) fn update_with_velocity(
-        &mut self,
-        [[k11, k12], [k21, k22]]: &[[f64; 2]; 2],
-        input: f64,
-        shown: f64,
-    ) -> f64 {
-        let below = input - self.distance - self.velocity;
-        let faster = shown - self.velocity;
-        self.distance = k12 * faster - (1.0 - k11) * below;
-        self.velocity += k21 * below + k22 * faster;
-        if self.distance.abs() + self.velocity.abs() < super::FLUSH_BELOW {
-            *self = Self::default();
-        }
-        self.velocity
-    }
 }

@@ -26,11 +26,6 @@ impl Loop {
         self.velocity + gains.lead * (self.velocity - before)
     }
 
-    /// What is left of the position.
-    pub fn error(&self) -> f64 {
-        self.error
-    }
-
     /// `known`: acceleration, counts per sample^2.
     pub fn observe(&mut self, design: &ObserverDesign, difference: f64, known: f64) -> f64 {
         let [l1, l2, l3] = design.gains;

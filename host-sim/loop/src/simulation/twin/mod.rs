@@ -3,7 +3,6 @@
 
 mod estimator;
 mod foaw;
-mod held;
 mod kalman;
 mod levant;
 mod loops;
@@ -142,7 +141,7 @@ impl Controller for Twin {
         let mut wall = 0.0;
         if penetration > 0 {
             #[expect(clippy::cast_precision_loss, reason = "below 2^33")]
-            let depth = penetration as f64 + self.estimator.offset();
+            let depth = penetration as f64;
             wall = self.stiffness * depth + self.damping * self.velocity;
             if self.push_only {
                 wall = wall.max(0.0);

@@ -4,13 +4,13 @@
 //! half of the rate, as far as the core accepts the tuning. A window is the whole number nearest to it.
 //!
 //! **Second axis**, even on a logarithmic scale: lambda of Levant's differentiator over sqrt(C), as far
-//! as the core accepts it, as do the acceleration of the filter behind it and the quality of a low-pass; the damping of a biquad, 0.05 to 2; the second pole of smoothing, up to 100 times
-//! the first; the noise of adaptive windowing, 1/4 to 8 counts; kappa of an algebraic
-//! differentiator, 1/8 to 2; the observer's mass, half to twice the device's.
+//! as the core accepts it, as does the quality of a low-pass; the damping of a biquad, 0.05 to 2; the second pole of
+//! smoothing, up to 100 times the first; the noise of adaptive windowing, 1/4 to 8 counts; the observer's mass, half
+//! to twice the device's.
 
 use zwidth::{
     Design, VelocitySettings,
-    velocity::{EstimatorName, KAPPA, Parameter, QUALITY, RATIO, RMS_RATIO},
+    velocity::{EstimatorName, Parameter, QUALITY, RATIO},
 };
 
 use super::bandwidth::bandwidth_hz;
@@ -193,9 +193,7 @@ impl Axes {
 fn second_range(parameter: &Parameter, mass_kg: f64) -> Option<[f64; 2]> {
     match parameter.name {
         "lambda_ratio" => Some([0.5, 3.0]),
-        "rms_ratio" => Some([*RMS_RATIO.start(), *RMS_RATIO.end()]),
         "noise" => Some([0.25, 8.0]),
-        "kappa" => Some([0.125, *KAPPA.end()]),
         "lead" => Some([0.1, 10.0]),
         "ratio" => Some([*RATIO.start(), 100.0]),
         "quality" => Some([*QUALITY.start(), *QUALITY.end()]),

@@ -8,7 +8,6 @@
 //! | observer, fusion | the same of their answer to the position alone: above it they go by force or acceleration |
 //! | adaptive windowing | the same with its longest window in use |
 //! | time stamps | the same with an edge in every sample |
-//! | dual-rate sampling | the same on the mean over the age of what it holds |
 //! | Levant's differentiator | the same of the loop that an error of one count makes of it, below |
 //!
 //! **Levant's differentiator** has no bandwidth of its own, but errors of one size see one: for
@@ -20,18 +19,12 @@
 //!                     i / (s^2 + p s + i)                                             implicit: u1
 //! ```
 //!
-//! With `F` the first line's, the filter that `levant-kalman` shows both the position and that velocity answers with
-//! `(Hp(z) + j w F Hu(z)) / (j w)`, `Hp` and `Hu` being its responses to each.
-//!
 //! By its homogeneity every frequency in it goes with sqrt(C): 20 % of bandwidth are 44 % of C.
 
 use std::f64::consts::PI;
 
 use nalgebra::Complex;
-use zwidth::{
-    Design, SettingsError, VelocitySettings,
-    velocity::{LevantDesign, LevantKalmanDesign},
-};
+use zwidth::{Design, SettingsError, VelocitySettings, velocity::LevantDesign};
 
 use crate::analysis::linear::position_response;
 
@@ -52,21 +45,6 @@ pub fn bandwidth_hz(settings: &VelocitySettings, design: &Design) -> Result<f64,
                 let s = Complex::new(0.0, 2.0 * PI * of_rate);
                 let over = if implicit { Complex::new(i, 0.0) } else { s * p + i };
                 (over / (s * s + s * p + i)).norm()
-            })
-        }
-        VelocitySettings::LevantKalman { acceleration_max_m_per_s2, rms_ratio } => {
-            let LevantKalmanDesign { levant: sizes, gains: [[k11, k12], [k21, k22]] } =
-                LevantKalmanDesign::new(acceleration_max_m_per_s2, rms_ratio, design)?;
-            let (p, i) = (1.1128 * sizes.lambda, 4.0 / PI * sizes.alpha);
-            highest(|of_rate| {
-                let s = Complex::new(0.0, 2.0 * PI * of_rate);
-                let shown = (s * p + i) / (s * s + s * p + i) * s;
-                let back = (-s).exp();
-                // x - back (1 - k11) (x + v) + back k12 v = k11 + k12 shown, and likewise for v
-                let [a, b] = [1.0 - back * (1.0 - k11), back * (k12 + k11 - 1.0)];
-                let [c, d] = [back * k21, 1.0 - back * (1.0 - k22 - k21)];
-                let [x, v] = [shown * k12 + k11, shown * k22 + k21];
-                ((a * v - c * x) / (a * d - b * c) / s).norm()
             })
         }
         _ => match position_response(settings, design)? {
@@ -131,16 +109,6 @@ mod tests {
         let [explicit, implicit] = [EstimatorName::LevantExplicit, EstimatorName::LevantImplicit];
         near(levant(implicit, 4.0) / levant(implicit, 1.0), 2.0, 1e-6);
         assert!(levant(implicit, 1.0) < levant(explicit, 1.0));
-        // at low frequencies the filter is homogeneous too, and a ratio far below 1 takes the noise for what it is
-        let both = |c: f64, ratio: f64| {
-            of(EstimatorName::LevantKalman.defaults().with_tuning(c).with_second(ratio))
-        };
-        near(both(0.04, 1.0) / both(0.01, 1.0), 2.0, 0.02);
-        assert!(both(1.0, 0.1) < both(1.0, 1.0) && both(1.0, 1.0) < both(1.0, 10.0));
-        near(both(0.01, 10.0) / levant(explicit, 0.01), 1.0, 0.1);
-        // a difference over so many samples and a mean of as many: (sin(x) / x)^2 = 1 / sqrt(2) at x = 1.0019
-        let dual = of(VelocitySettings::DualRate { decimation_samples: 50 });
-        near(dual, 1e4 * 1.0019 / PI / 50.0, 1e-3);
         // never below -3 dB: the parabola through three samples
         assert_eq!(of(VelocitySettings::Taylor2 {}), 5000.0);
     }

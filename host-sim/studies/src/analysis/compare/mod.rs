@@ -84,16 +84,6 @@ impl Entry {
             EstimatorName::WindowDifference,
             EstimatorName::Biquad,
             EstimatorName::Biquad2,
-            EstimatorName::Algebraic1,
-            EstimatorName::Algebraic2,
-            EstimatorName::LevantKalman,
-            EstimatorName::DualRate,
-            EstimatorName::Kalman2Position,
-            EstimatorName::Kalman3Position,
-            EstimatorName::FoawBestPosition,
-            EstimatorName::ObserverPosition,
-            EstimatorName::FusionPosition,
-            EstimatorName::FirstOrderPosition,
         ];
         all.retain(|entry| !rare.iter().any(|name| *entry == Self::Tuned(*name)));
         all
@@ -159,10 +149,13 @@ impl Entry {
 /// Why there is no such entry.
 fn not_among(name: &str, all: &[Entry], scene: &NamedScene) -> String {
     let reason = match name.parse::<EstimatorName>() {
-        Err(_) => {
-            let names: Vec<String> = all.iter().map(|entry| entry.name()).collect();
-            format!("is unknown, allowed {}", names.join(", "))
-        }
+        Err(_) => match EstimatorName::replacing(name) {
+            Some(other) => format!("is no more: use {other}"),
+            None => {
+                let names: Vec<String> = all.iter().map(|entry| entry.name()).collect();
+                format!("is unknown, allowed {}", names.join(", "))
+            }
+        },
         Ok(known) if known.sense() == Some(Sense::Acceleration) => {
             format!("needs a table [accelerometer], which {} has not", scene.name)
         }
@@ -402,9 +395,7 @@ pub fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
 
 fn with_own_mass(settings: VelocitySettings, scene: &Scene) -> VelocitySettings {
     match settings {
-        VelocitySettings::Observer { .. } | VelocitySettings::ObserverPosition { .. } => {
-            settings.with_second(scene.device.mass_kg)
-        }
+        VelocitySettings::Observer { .. } => settings.with_second(scene.device.mass_kg),
         other => other,
     }
 }

@@ -206,9 +206,7 @@ pub fn tune(
         }
     }
     for (side, factor) in [1.0 - MASS_WRONG_BY, 1.0 + MASS_WRONG_BY].into_iter().enumerate() {
-        if let VelocitySettings::Observer { mass_kg, .. }
-        | VelocitySettings::ObserverPosition { mass_kg, .. } = best
-        {
+        if let VelocitySettings::Observer { mass_kg, .. } = best {
             let wrong = best.with_second(factor * mass_kg);
             if wrong.build(&design).is_ok() {
                 wrongs.push((Wrong::Mass { side }, wrong));

@@ -215,7 +215,7 @@ pub fn transfer_function(
 
 /// What the estimator makes of the position when it knows nothing else: the observers with a known
 /// acceleration of 0. Adaptive windowing with its longest window in use, time stamps with an edge in
-/// every sample, dual-rate sampling on the mean over the age of what it holds. `None` for Levant's differentiator, which is linear nowhere.
+/// every sample. `None` for Levant's differentiator, which is linear nowhere.
 ///
 /// # Errors
 /// A parameter is out of range.
@@ -231,21 +231,17 @@ pub fn position_response(
         let [alpha, beta, gamma] = design.gains;
         kalman(&KalmanDesign { alpha, beta, gamma }, &difference)
     };
-    Ok(Some(match settings.unplaced().unwrap_or(*settings) {
+    Ok(Some(match *settings {
         VelocitySettings::Observer { bandwidth_hz: hz, .. }
         | VelocitySettings::Fusion { crossover_hz: hz } => {
             observer(ObserverDesign::of_accelerometer(hz, rate_hz)?)
         }
         VelocitySettings::TimeStamps { span_samples } => ends(span_samples, rate_hz),
         VelocitySettings::FoawEnd { window_samples, .. } => ends(window_samples, rate_hz),
-        VelocitySettings::DualRate { decimation_samples: n } => {
-            let held = vec![1.0 / f64::from(n); n as usize];
-            ends(n, rate_hz).then(&TransferFunction { num: held, den: vec![1.0] })
-        }
         VelocitySettings::FoawBest { window_samples, .. } => {
             difference.then(&weights(&FirDesign::least_squares(1, window_samples)?))
         }
-        own => return transfer_function(&own, design),
+        _ => return transfer_function(settings, design),
     }))
 }
 

@@ -29,7 +29,10 @@ pub fn velocity(
         let found = EstimatorName::ALL.iter().find(|name| name.text() == wanted);
         let estimator = found.ok_or_else(|| {
             let known: Vec<_> = EstimatorName::ALL.iter().map(|name| name.text()).collect();
-            Error::Input(format!("{option} is {wanted}, allowed {}", known.join(", ")))
+            Error::Input(match EstimatorName::replacing(wanted) {
+                Some(other) => format!("{option} is {wanted}, which is no more: use {other}"),
+                None => format!("{option} is {wanted}, allowed {}", known.join(", ")),
+            })
         })?;
         velocity = estimator.following(&velocity);
     }
