@@ -84,16 +84,6 @@ def comparison_areas(scene):
         for r in compared(scene)])
 
 
-@block
-def comparison_discussed(scene):
-    head = ["estimator", "tuning, second parameter", "area, 10^6 N^2 s/m^2 (lowest to highest)", "of the true velocity's, %",
-            "area left at -3 dB /1.2, x1.2, %", "delay at 5 Hz, ms", "noise at rest / in motion, mm/s", "force above 100 Hz, mN (lowest to highest)"]
-    return table(head, [
-        [r["estimator"], tuned(r), range_of(r, "area_n2_s_per_m2", 1e-6, 1), share(r), left(r), f(r, "delay_hand_s", 1e3, 3),
-         f"{f(r, 'noise_at_rest_m_per_s', 1e3, 2)} / {f(r, 'noise_in_motion_m_per_s', 1e3, 2)}", range_of(r, "roughness_n", 1e3, 0)]
-        for r in rows(f"compare-{scene}-discussed.csv")])
-
-
 def cost(name):
     """Cycles and bytes as the tests hold them; a fixed tuning has its estimator's."""
     base = {"observer told in time": "observer", "first-order at 50 Hz": "first-order",
@@ -286,18 +276,15 @@ def estimator_costs():
 
 @block
 def estimator_twins():
-    names = ["difference", "central-difference", "taylor-2", "taylor-3", "least-squares-1", "least-squares-2", "first-order",
-             "butterworth", "foaw-end", "foaw-best", "kalman-2", "kalman-3", "levant-explicit", "levant-implicit",
-             "algebraic-1", "algebraic-2", "levant-kalman", "dual-rate"]
+    names = ["difference", "taylor-2", "taylor-3", "least-squares-1", "least-squares-2", "first-order",
+             "butterworth", "foaw-end", "foaw-best", "kalman-2", "kalman-3", "levant-explicit", "levant-implicit"]
     stated = {
-        "difference": "0", "central-difference": "0", "taylor-2": "0.6, against exact weights", "taylor-3": "the same",
+        "difference": "0", "taylor-2": "0.6, against exact weights", "taylor-3": "the same",
         "least-squares-1": "the same", "least-squares-2": "the same", "first-order": "1.5",
         "butterworth": "`1.5 + speed * 3 * 2^-31 / (4 b0)`, speed in LSB: a1 and a2 are rounded to 2^-30 and 2^-31, `4 b0` is their sum with 1",
         "foaw-end": "0.5, the rounding", "foaw-best": "the same", "kalman-2": "1.1: the residue of the rounding is carried",
         "kalman-3": "the same", "levant-explicit": "2, while the acceleration stays below C",
         "levant-implicit": "1, while the acceleration stays below C and c >= 0.2; below, see the text",
-        "algebraic-1": "0.6, against exact weights", "algebraic-2": "the same",
-        "levant-kalman": "3: that of `levant-explicit`, and the residue of the rounding", "dual-rate": "0.8",
     }
     body = []
     for name in names:

@@ -21,8 +21,6 @@ MADE = DATA / "made.csv"
 # Commands of minutes: the files that they write, and where these are stored; `json` is what they print.
 SIX = "butterworth,first-order,least-squares-2,tracking-loop,kalman-3,levant-explicit"
 FIVE = "butterworth,kalman-3,levant-explicit,first-order,time-stamps"
-POSITIONS = ",".join(f"{name},{name}-position" for name in ("kalman-2", "kalman-3", "foaw-best", "observer"))
-DISCUSSED = "butterworth,levant-implicit,kalman-3,algebraic-1,algebraic-2,levant-kalman,dual-rate"
 LONG = {
     "campaign": ("cargo board campaign --random 10000", {"rows": "campaign-rows.csv", "random": "campaign-random.csv",
                                                          "left": "campaign-left.csv"}),
@@ -33,12 +31,8 @@ LONG = {
     "compare-paper-2um": ("cargo sim compare paper-2um", {
         "compare.csv": "compare-paper-2um.csv"}),
     # Rows that came later or changed: they do not depend on the others.
-    "compare-paper-2um-added": ("cargo sim compare paper-2um --estimators butterworth,time-stamps,central-difference", {
+    "compare-paper-2um-added": ("cargo sim compare paper-2um --estimators butterworth,time-stamps", {
         "compare.csv": "compare-paper-2um-added.csv"}),
-    **{f"compare-{scene}-discussed": (f"cargo sim compare {scene} --estimators {DISCUSSED}",
-                                      {"compare.csv": f"compare-{scene}-discussed.csv"}) for scene in ("paper-1um", "paper-2um")},
-    **{f"compare-{scene}-position": (f"cargo sim compare {scene} --estimators {POSITIONS}",
-                                     {"compare.csv": f"compare-{scene}-position.csv"}) for scene in ("paper-1um", "paper-2um")},
     "compare-paper-1um-accelerometer": (
         "cargo sim compare docs/data/paper-1um-accelerometer.toml --estimators fusion",
         {"compare.csv": "compare-paper-1um-accelerometer.csv", "fidelity.csv": "compare-paper-1um-accelerometer-fidelity.csv"}),
