@@ -322,6 +322,7 @@ impl<P: Port> MemOps for Registers<P> {
             // The bridge repeats a half-word on both halves; the blocks concerned use the lower one.
             let mut word = [0; 4];
             word[..from.len()].copy_from_slice(from);
+            let word = self.port.write(offset & !3, u32::from_le_bytes(word)).to_le_bytes();
             return self.lazy.operations.write(offset & !3, &word, attributes);
         }
         self.lazy.operations.write(offset, from, attributes)

@@ -333,6 +333,10 @@ impl Mcu {
                 self.watch.command(commanded_at.saturating_sub(self.event.0));
             }
         }
+        if self.soc.fed.get() {
+            self.soc.fed.take();
+            self.watch.feed(self.now);
+        }
         if self.event.1 && exception == SAMPLE {
             let read = self.soc.encoder.read_at.load(Relaxed);
             if read >= self.event.0 {

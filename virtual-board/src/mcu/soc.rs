@@ -19,7 +19,7 @@ use rsemu::{
 use super::{
     Chip, Listeners, Pin, PinListener, RAM, RAM_BYTES,
     bench::{FlashPort, PacePort, WIRES, Wire},
-    bus::{Clock, Dac, Lazy, Plain, Registers, Storage},
+    bus::{Clock, Dac, Lazy, Plain, Port, Registers, Storage},
     converter::Converters,
     crystal::{ClockPort, Crystal},
     dma::Dma,
@@ -57,6 +57,8 @@ pub(super) struct Soc {
     /// The supply detector's interrupt.
     pub(super) supply_line: Arc<Flag>,
     pub(super) watchdog_bites: Arc<Flag>,
+    /// It was fed since somebody looked.
+    pub(super) fed: Arc<Flag>,
     pub(super) stop: Arc<AtomicBool>,
     /// The break flag.
     pub(super) broken: Arc<AtomicBool>,
@@ -110,6 +112,30 @@ impl WireSink for Latch {
         if level.is_high() {
             self.0.0.store(true, Relaxed);
         }
+    }
+}
+
+/// The watchdog's registers.
+#[derive(Debug)]
+struct WatchdogPort {
+    lazy: Lazy,
+    clock: Arc<Clock>,
+    fed: Arc<Flag>,
+}
+
+/// What is written into KR, at offset 0, to feed it.
+const RELOAD: u32 = 0xAAAA;
+
+impl Port for WatchdogPort {
+    fn before(&self) {
+        self.lazy.advance_to(self.clock.now());
+    }
+
+    fn write(&self, offset: u64, value: u32) -> u32 {
+        if (offset, value) == (0, RELOAD) {
+            self.fed.0.store(true, Relaxed);
+        }
+        value
     }
 }
 
@@ -304,7 +330,13 @@ impl Soc {
         map(Registers::region(&halt_timer, Plain(halt_timer.clone())), 0x4000_1000);
         map(Registers::region(&output_timer, Plain(output_timer.clone())), 0x4001_0400);
         map(dma.region(), 0x4002_6400);
-        map(Registers::region(&watchdog, Plain(watchdog.clone())), 0x4000_3000);
+        let fed = Arc::new(Flag::default());
+        let port = WatchdogPort {
+            lazy: watchdog.clone(),
+            clock: Arc::clone(clock),
+            fed: Arc::clone(&fed),
+        };
+        map(Registers::region(&watchdog, port), 0x4000_3000);
         map(
             Registers::region(
                 &pwr,
@@ -393,6 +425,7 @@ impl Soc {
             pace_line,
             supply_line,
             watchdog_bites,
+            fed,
             stop,
             broken,
             locked,

@@ -71,6 +71,9 @@ pub struct Watch {
     pub tasks: BTreeMap<u16, Cycles>,
     /// Times that the emulator's loss of ITSTATE was mended.
     pub mended: u64,
+    /// Longest time from one feeding of the watchdog to the next, cycles.
+    pub longest_unfed: u64,
+    fed_at: Option<u64>,
     /// Lowest main stack pointer.
     pub lowest_stack: u32,
     /// Cycles of the sampling task by the address of the instruction, if asked for.
@@ -112,7 +115,8 @@ impl Watch {
         let running = self.running;
         let nested = std::mem::take(&mut self.nested);
         let marks = std::mem::take(&mut self.marks);
-        *self = Self { running, nested, marks, ..Self::new() };
+        let fed_at = self.fed_at;
+        *self = Self { running, nested, marks, fed_at, ..Self::new() };
     }
 
     /// Longest minus shortest sampling delay, cycles.
@@ -127,6 +131,13 @@ impl Watch {
     pub(super) fn restart(&mut self) {
         self.running = false;
         self.nested.clear();
+        self.fed_at = None;
+    }
+
+    /// The watchdog is fed.
+    pub(super) fn feed(&mut self, cycle: u64) {
+        let since = self.fed_at.replace(cycle).map_or(0, |last| cycle - last);
+        self.longest_unfed = self.longest_unfed.max(since);
     }
 
     pub(super) fn event(&mut self, basepri: u8) {
