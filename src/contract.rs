@@ -7,7 +7,7 @@
 //! | [`ForceOutput`], [`Enable`] in a [`Drive`] | `render` | the command, and whether it acts |
 //! | [`EmergencyStop`] on a pin | `render` | the switch |
 //! | [`Supply`] | `render`, its own interrupt | off when the supply falls |
-//! | [`DebugHalts`] | `render` | time that passed without samples, and their rate |
+//! | [`DebugHalts`] | `render`, `link` | time that passed without samples, and their rate; a clock |
 //! | [`SetUp`] | `render` | registers that are not as they were set up |
 //! | [`ReadBack`] | `render` | voltage of the force output, current of the motor |
 //! | [`FaultMemory`] | `render` | the first fault, over a reset |
@@ -262,6 +262,10 @@ pub trait DebugHalts {
     /// Whether the core was halted since the last output; asked at each, with the number of its sample and the samples
     /// between two. By `render`.
     fn since_the_last(&mut self, sample: u64, period: u32) -> bool;
+
+    /// That clock, [`HaltWatch::TICKS_PER_SAMPLE`](crate::safety::HaltWatch::TICKS_PER_SAMPLE) to a sample; it wraps. By
+    /// `link`.
+    fn clock() -> u16;
 
     /// Whether that clock and the samples have drifted apart, see [`RateWatch`](crate::safety::RateWatch). By `render`,
     /// with each output, once it is out.

@@ -118,6 +118,11 @@ pub fn request_link() {
     <Selected as contract::Board>::request_link();
 }
 
+/// See [`contract::DebugHalts::clock`].
+pub fn clock() -> u16 {
+    <Halts as contract::DebugHalts>::clock()
+}
+
 /// See [`contract::Board::log_dropped`].
 pub fn log_dropped() -> u32 {
     <Selected as contract::Board>::log_dropped()

@@ -181,6 +181,10 @@ impl Supply for Events {
 }
 
 impl DebugHalts for Events {
+    fn clock() -> u16 {
+        0
+    }
+
     fn since_the_last(&mut self, _: u64, _: u32) -> bool {
         matches!(come(), Some((Event::Halt(_), _)))
     }

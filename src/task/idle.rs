@@ -7,7 +7,7 @@ use zwidth::contract::Watchdog as _;
 
 use crate::board::{self, Watchdog};
 
-/// The idle task. It alone feeds the watchdog.
+/// The idle task. It alone feeds the watchdog, but while `link` writes flash or tests the board, with the force off.
 pub struct Idle {
     watchdog: Watchdog,
     /// `rendered` and `links` when the watchdog was last fed.

@@ -1,13 +1,16 @@
-//! `link`: pended by `render`, priority 1. Moves what goes between the console and the probe link.
+//! `link`: pended by `render` with every output, priority 1. Moves what goes between the console and the probe link.
+//!
+//! The host has a fifth of the time ([`Pace`]), one line a pass: what it sends beyond that waits in its channel, until
+//! the host has to. Telemetry comes beside that.
 
 use core::sync::atomic::Ordering::Relaxed;
 
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
-    console::{Console, Port, REPLY_MAX, Refused, Text},
+    console::{Console, Pace, Port, REPLY_MAX, Refused, Text},
     contract::{CommandChannel as _, SelfTest as _, UpChannel as _, Watchdog as _},
     device::{Device, record::BadRecord},
-    experiment::{Order, Report},
+    experiment::{Event, Order, Report},
     safety::GuardedSampler,
     self_test::{Found, Part},
     store::{self, Loaded, SaveError, Source, Stored},
@@ -104,6 +107,7 @@ fn log(line: &str) -> bool {
 pub struct Link {
     console: Console<Channels>,
     reports: Consumer<'static, Report, REPORTS>,
+    pace: Pace,
     passes: u32,
 }
 
@@ -129,15 +133,21 @@ impl Link {
             ordered: 0,
         };
         let console = Console::new(channels, device, stored, source);
-        Self { console, reports, passes: 0 }
+        Self { console, reports, pace: Pace::default(), passes: 0 }
     }
 
     /// Passes on what has come since. Late: `render` drops reports, seen as gaps in the samples of the telemetry.
     pub fn run(&mut self) {
+        let listens = self.pace.begin(board::clock());
+        let mut worked = false;
         while let Some(report) = self.reports.dequeue() {
+            worked |= !matches!(report.event, Event::None);
             self.console.report(&report);
         }
-        self.console.pass();
+        worked |= self.console.pass(listens);
+        if worked {
+            self.pace.end(board::clock());
+        }
         self.passes = self.passes.wrapping_add(1);
         FLAGS.links.store(self.passes, Relaxed);
     }

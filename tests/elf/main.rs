@@ -64,6 +64,7 @@ mod estimators;
 mod faults;
 mod filter_cost;
 mod firmware;
+mod flood;
 mod fuzz;
 mod gdb;
 mod identify_telemetry;

@@ -219,7 +219,7 @@ fn first_difference(
     None
 }
 
-fn records(world: &mut World<'_>) -> (Vec<Record>, u64) {
+pub fn records(world: &mut World<'_>) -> (Vec<Record>, u64) {
     let mut decoder = Decoder::new();
     let telemetry = std::mem::take(&mut world.telemetry);
     let mut found = vec![];

@@ -22,7 +22,6 @@ const STOPPED_APB2: u32 = 1;
 
 /// TIM6, which counts on while the core is halted.
 pub struct Halts {
-    timer: pac::TIM6,
     watch: HaltWatch,
     rate: RateWatch<{ HaltWatch::TICKS_PER_SAMPLE }>,
     /// Clock and sample when the rate was last looked at; a halt since.
@@ -41,7 +40,6 @@ impl Halts {
         timer.egr().write(|w| w.ug().set_bit());
         timer.cr1().write(|w| w.cen().set_bit());
         Self {
-            timer,
             watch: HaltWatch::default(),
             rate: RateWatch::default(),
             looked: (0, 0),
@@ -54,11 +52,16 @@ impl DebugHalts for Halts {
     #[inline(always)]
     fn since_the_last(&mut self, sample: u64, period: u32) -> bool {
         stop_with_the_core();
-        #[expect(clippy::cast_possible_truncation, reason = "a 16-bit counter")]
-        let ticks = self.timer.cnt().read().bits() as u16;
-        let halted = self.watch.found(ticks, sample, period);
+        let halted = self.watch.found(Self::clock(), sample, period);
         self.halted |= halted;
         halted
+    }
+
+    #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "a 16-bit counter")]
+    fn clock() -> u16 {
+        // SAFETY: reading the count has no side effect.
+        unsafe { (*pac::TIM6::ptr()).cnt().read().bits() as u16 }
     }
 
     #[inline(always)]

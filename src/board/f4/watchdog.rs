@@ -53,9 +53,14 @@ impl contract::Watchdog for Watchdog {
         if iwdg.rlr().read().bits() != TIMEOUT_MS || iwdg.pr().read().bits() != PRESCALER {
             set_timeout(TIMEOUT_MS);
         }
-        // SAFETY: a documented key.
-        iwdg.kr().write(|w| unsafe { w.bits(0xAAAA) });
+        renew();
     }
+}
+
+/// Its time begins anew: by `idle`, and by what takes long in `link` with the force off, a piece at a time.
+pub(in crate::board) fn renew() {
+    // SAFETY: a documented key.
+    registers().kr().write(|w| unsafe { w.bits(0xAAAA) });
 }
 
 /// Gives everything more time while `work`, which stalls the core, goes on.

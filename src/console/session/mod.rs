@@ -169,31 +169,33 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Goes on with a walk, or obeys a command that has come. To be called after the reports.
-    pub fn pass(&mut self) {
-        if self.awaited.is_none() && self.latest.is_some() && !self.pursue() {
-            self.listen();
-        }
+    /// Goes on with a walk, or obeys a command that has come, if it `listens`; whether there was anything to do. To be
+    /// called after the reports.
+    pub fn pass(&mut self, listens: bool) -> bool {
+        let free = self.awaited.is_none() && self.latest.is_some();
+        free && (self.pursue() || listens && self.listen())
     }
 
-    /// Reads up to the end of one line and obeys it. One line a pass, so that a host that floods
-    /// cannot keep the task from its end, and the watchdog from being fed.
-    fn listen(&mut self) {
+    /// Reads up to the end of one line and obeys it; whether there were bytes. One line a pass: how often is the
+    /// caller's, see [`Pace`](crate::console::Pace).
+    fn listen(&mut self) -> bool {
         let mute = self.is_mute();
-        for _ in 0..BYTES_A_PASS {
-            let Some(byte) = self.port.read() else { return };
+        for taken in 0..BYTES_A_PASS {
+            let Some(byte) = self.port.read() else { return taken > 0 };
             let line = match self.reader.push(byte) {
                 None => continue,
                 Some(Line::TooLong) => Err(ParseError::TooLong),
                 Some(Line::Text(text)) => parse_in(text, Spoken::of(self.device)),
             };
-            return match line {
+            match line {
                 Ok(command @ (Command::Stop | Command::Disarm)) => self.obey(command),
                 Ok(_) | Err(_) if mute => self.replies.ignore(),
                 Ok(command) => self.obey(command),
                 Err(error) => self.reply(Reply::Parse(error)),
-            };
+            }
+            break;
         }
+        true
     }
 
     /// A line waits that nobody has taken.

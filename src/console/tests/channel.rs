@@ -17,7 +17,7 @@ fn until_a_line_is_taken_no_command_is_obeyed_but_those_that_end_something() {
     bench.console.port.deaf = false;
     // tried again with every 32nd look
     let said = (0..64).find_map(|_| {
-        bench.console.pass();
+        bench.console.pass(true);
         Some(bench.take().0).filter(|lines| !lines.is_empty())
     });
     let said = said.unwrap();
@@ -33,7 +33,7 @@ fn a_line_that_was_only_late_is_said_alone() {
     bench.type_in("version");
     bench.console.port.deaf = false;
     for _ in 0..64 {
-        bench.console.pass();
+        bench.console.pass(true);
     }
     let (lines, _) = bench.take();
     assert!(lines.len() == 1 && lines[0].starts_with("ok version"), "{lines:?}");
@@ -44,10 +44,10 @@ fn one_line_a_pass_and_at_most_a_channel_of_bytes() {
     let mut bench = Bench::new(OFF);
     bench.console.port.typed.extend(*b"version\nversion\n");
     for left in [8, 0] {
-        bench.console.pass();
+        bench.console.pass(true);
         assert_eq!((bench.take().0.len(), bench.console.port.typed.len()), (1, left));
     }
     bench.console.port.typed.extend([b' '; 1000]);
-    bench.console.pass();
+    bench.console.pass(true);
     assert_eq!(bench.console.port.typed.len(), 1000 - 256);
 }

@@ -15,12 +15,12 @@ fn boot_says_what_runs_and_proposes_the_first_settings_quietly() {
     assert_eq!(console.port.orders, [DEVICE.order(&DEVICE.defaults()).unwrap()]);
     // nothing is obeyed before the first report, and nothing is said of the answer
     console.port.typed.extend(*b"get\n");
-    console.pass();
+    console.pass(true);
     assert_eq!((console.port.lines.len(), console.port.typed.len()), (2, 4));
     let mut bench = Bench { console, status: OFF, activity: Activity::None };
     bench.report(Event::Answer(Err(Refusal::Contact)));
     bench.take();
-    bench.console.pass();
+    bench.console.pass(true);
     assert!(bench.take().0[0].starts_with("ok get "));
 }
 
@@ -64,7 +64,7 @@ fn requests_are_passed_on_and_answered() {
         // one command at a time
         assert_eq!(bench.type_in("version"), (Vec::new(), Vec::new()));
         assert_eq!(bench.answer(Ok(())), [format!("ok {line}")]);
-        bench.console.pass();
+        bench.console.pass(true);
         assert!(bench.take().0[0].starts_with("ok version"));
         bench.orders(line);
         let refused = bench.answer(Err(Refusal::Zeroing));

@@ -173,7 +173,7 @@ impl Bench {
     /// Types a line, and lets the console take it.
     fn type_in(&mut self, line: &str) -> (Vec<String>, Vec<Order>) {
         self.console.port.typed.extend(format!("{line}\n").bytes());
-        self.console.pass();
+        self.console.pass(true);
         self.take()
     }
 

@@ -84,10 +84,10 @@ fn experiments_are_told_about_the_axis() {
         assert!(bench.says(line).starts_with("ok "), "{line}");
     }
     assert_eq!(bench.says("walk"), "ok walk");
-    bench.console.pass();
+    bench.console.pass(true);
     bench.take();
     bench.answer(Ok(()));
-    bench.console.pass();
+    bench.console.pass(true);
     bench.take();
     bench.answer(Ok(()));
     bench.report(Event::HitOver(Verdict::Unstable, window));

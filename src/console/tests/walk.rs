@@ -19,7 +19,7 @@ fn begun() -> Bench {
 /// The order that the walk gives now.
 #[track_caller]
 fn next(bench: &mut Bench) -> Order {
-    bench.console.pass();
+    bench.console.pass(true);
     let (lines, orders) = bench.take();
     assert!(lines.is_empty() && orders.len() == 1, "{lines:?} {orders:?}");
     orders[0]
@@ -37,7 +37,7 @@ fn cell(bench: &mut Bench, k: f64, b: f64) {
     assert_eq!(next(bench), Order::Hit(hit));
     assert!(bench.answer(Ok(())).is_empty());
     // nothing more before the verdict
-    bench.console.pass();
+    bench.console.pass(true);
     assert_eq!(bench.take(), (Vec::new(), Vec::new()));
 }
 
@@ -125,12 +125,12 @@ fn stop_ends_it_at_any_moment() {
                 next(&mut bench);
                 bench.console.port.typed.extend(*b"stop\n");
                 // the wall is met first
-                bench.console.pass();
+                bench.console.pass(true);
                 assert!(bench.take().1.is_empty());
                 bench.answer(Ok(()));
                 next(&mut bench);
                 bench.answer(Ok(()));
-                bench.console.pass();
+                bench.console.pass(true);
                 assert_eq!(bench.take().1, [Order::Stop]);
             }
             _ => cell(&mut bench, 1000.0, 10.0),
@@ -178,7 +178,7 @@ fn force_that_goes_off_between_two_hits_ends_it() {
     let mut bench = begun();
     bench.status = OFF;
     bench.report(Event::None);
-    bench.console.pass();
+    bench.console.pass(true);
     let (lines, orders) = bench.take();
     assert_eq!(lines, [aborted("the force went off: see status and faults")]);
     assert!(orders.is_empty());
@@ -189,7 +189,7 @@ fn force_that_goes_off_between_two_hits_ends_it() {
 fn a_wall_or_hit_that_cannot_be_built_ends_it() {
     let mut bench = begun();
     bench.console.stored.edit(|stored| stored.settings.wall.position_m = f64::NAN);
-    bench.console.pass();
+    bench.console.pass(true);
     let (lines, orders) = bench.take();
     assert!(lines[0].starts_with("error: position_m is "), "{lines:?}");
     assert_eq!((&lines[1..], orders.len()), (&[aborted("a wall is out of range")][..], 0));
@@ -197,7 +197,7 @@ fn a_wall_or_hit_that_cannot_be_built_ends_it() {
     next(&mut bench);
     bench.answer(Ok(()));
     bench.console.stored.edit(|stored| stored.settle_s = -1.0);
-    bench.console.pass();
+    bench.console.pass(true);
     assert_eq!(bench.take().0, [aborted("a setting is out of range")]);
 }
 
@@ -224,14 +224,14 @@ fn a_walk_that_nobody_reads_ends_and_says_so_once_somebody_does() {
     cell(&mut bench, 1000.0, 10.0);
     bench.console.port.deaf = true;
     judge(&mut bench, Verdict::Stable);
-    bench.console.pass(); // it ends
+    bench.console.pass(true); // it ends
     assert!(bench.take().1.is_empty());
-    bench.console.pass(); // the stored wall
+    bench.console.pass(true); // the stored wall
     assert_eq!(bench.take().1, [DEVICE.order(&bench.stored()).unwrap()]);
     bench.answer(Ok(()));
     bench.console.port.deaf = false;
     for _ in 0..64 {
-        bench.console.pass();
+        bench.console.pass(true);
     }
     let (lines, _) = bench.take();
     assert!(lines[0].starts_with("walk hit 1"), "{lines:?}");
@@ -247,7 +247,7 @@ fn a_walk_that_nobody_has_begun_gives_no_order() {
         let mut bench = Bench::new(FREE);
         bench.console.damage(in_walk);
         for _ in 0..3 {
-            bench.console.pass();
+            bench.console.pass(true);
             bench.report(Event::None);
         }
         let (lines, orders) = bench.take();

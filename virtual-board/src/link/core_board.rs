@@ -357,7 +357,7 @@ impl CoreBoard {
             }
         }
         self.console.report(&self.scheduler.report(record));
-        self.console.pass();
+        self.console.pass(true);
     }
 
     fn put_out(&mut self, grant: OutputCommand) {

@@ -1,0 +1,69 @@
+//! How much of the time the host may take: what it sends waits in its channel meanwhile, nothing is refused for it.
+
+/// Lines and answers take one part in so many of the time. At output period 1 telemetry takes half as much again.
+const PARTS: u16 = 5;
+/// No line waits longer than this for those before it, ticks: should `rest` be damaged, the board hears all the same.
+const LONGEST: u16 = 1200;
+
+/// The clock of [`HaltWatch`](crate::safety::HaltWatch) when the last pass began, and for how many of its ticks no byte is taken from then on.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Pace {
+    begun: u16,
+    rest: u16,
+}
+
+impl Pace {
+    /// A pass begins; whether it may take bytes.
+    pub fn begin(&mut self, clock: u16) -> bool {
+        let passed = clock.wrapping_sub(self.begun);
+        self.begun = clock;
+        self.rest = self.rest.min(LONGEST).saturating_sub(passed);
+        self.rest == 0
+    }
+
+    /// It is over, and has taken bytes or answered.
+    pub fn end(&mut self, clock: u16) {
+        let spent = clock.wrapping_sub(self.begun).max(1);
+        self.rest = self.rest.saturating_add(spent.saturating_mul(PARTS));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ticks from a line to the next, of passes each so many ticks apart in which a line takes so long.
+    fn between(each: u16, line: u16) -> u16 {
+        let (mut pace, mut clock) = (Pace::default(), u16::MAX - 100);
+        let mut at = [0; 2];
+        for last in &mut at {
+            while !pace.begin(clock) {
+                clock = clock.wrapping_add(each);
+            }
+            *last = clock;
+            pace.end(clock.wrapping_add(line));
+            clock = clock.wrapping_add(line.next_multiple_of(each));
+        }
+        at[1].wrapping_sub(at[0])
+    }
+
+    #[test]
+    fn lines_take_a_fifth_of_the_time() {
+        for each in [4, 8, 20, 40] {
+            for line in 0..80 {
+                let time = between(each, line);
+                assert!(time >= line * PARTS && time >= PARTS, "{each} {line}: {time}");
+                assert!(time < line.max(1) * PARTS + each, "{each} {line}: {time}");
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_is_waited_for_without_a_line_and_never_long() {
+        let mut pace = Pace::default();
+        assert!((0..1000u16).all(|n| pace.begin(n.wrapping_mul(40))));
+        pace.rest = u16::MAX;
+        assert!(!pace.begin(pace.begun));
+        assert!(pace.begin(pace.begun.wrapping_add(LONGEST)));
+    }
+}
