@@ -102,7 +102,7 @@ impl Foaw {
 
     /// The slope over the longest window that fits, as a fraction. Two compiled forms: the loop of the
     /// end fit needs none of the sums and no more than 32 bits.
-    #[inline]
+    #[inline(always)] // called, its fraction goes through memory
     fn slope<const BEST: bool>(&self, history: &History) -> (i32, NonZeroU32) {
         let mut low = Bound { number: -FREE, over: 1 };
         let mut high = Bound { number: FREE, over: 1 };
