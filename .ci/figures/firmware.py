@@ -182,7 +182,8 @@ def fault_campaign():
             shown = ms(off)
         body.append([case_name, how, shown, limit, code])
     body += [
-        ["RTT stall and flood", "nobody reads, all channels set to blocking, commands and garbage without a pause",
+        ["RTT stall and flood", "nobody reads, all channels set to blocking, commands and garbage without a pause, at output"
+         " period 10; at each period, read or not: [below](#a-host-that-sends-without-a-pause)",
          "stays on: no output missed, no sample delayed", "", "none"],
         ["each byte of a settings record flipped", f"{m('elf/faults/flipped/cases')} boots",
          "stays off; the older settings, or the defaults, and `load` says so", "", "none"],
@@ -192,6 +193,23 @@ def fault_campaign():
          "stays off; the newest settings", "", "none"],
     ]
     return table(["fault case", "how it is brought about", "enable off after", "allowed", "code"], body)
+
+
+# What fills the channel, as tests/elf/flood.rs names it.
+FLOODS = [
+    ("get", "`get`, which takes longest for its length"), ("k 1", "`k 1`"), ("push 1", "`push 1`"), ("help", "`help`"),
+    ("load", "`load`, free, with nothing saved; with each record in flash it takes longer"), ("x", "`x`, no command"),
+    ("zeros", "bytes of 0, which are passed over one by one"), ("no line", "a line without an end"),
+]
+
+
+@block
+def flood():
+    periods = (1, 2, 5, 10)
+    def off(name, period):
+        return f"{1e3 * max(value(f'elf/flood/{board}/{period}/{name}') for board in BOARDS):.0f} ms"
+    return table(["the channel is full of", *[f"period {period}" for period in periods]],
+                 [[what, *[off(name, period) for period in periods]] for name, what in FLOODS])
 
 
 def campaign_of(table_name):
