@@ -26,6 +26,7 @@ fn sessions(board: Board, seed: u64, commands: u64) {
     let counts = outcome.counts;
     println!("{}: {counts:?}", board.name);
     assert!(counts.commands >= commands && counts.obeyed > commands / 3);
+    assert!(counts.floods > 0 || commands < 400);
     assert!(
         counts.refused > commands / 20 && counts.frames > commands && counts.forces > commands / 5
     );

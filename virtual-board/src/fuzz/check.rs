@@ -137,6 +137,11 @@ impl Run<'_> {
     /// The board starts anew, by its pin or by its supply.
     pub(super) fn reset(&mut self, power: bool) -> Result<(), End> {
         self.probe()?;
+        self.restart(power)
+    }
+
+    /// The same where nobody has looked at what the board said.
+    pub(super) fn restart(&mut self, power: bool) -> Result<(), End> {
         if power {
             self.world.power_cycle();
         } else {
@@ -162,7 +167,9 @@ impl Run<'_> {
         mind.model.reset();
         mind.greeting = mind.model.greeting().into();
         mind.restart();
+        let compared = mind.twin.compared;
         mind.twin = twin(&mind.model)?;
+        mind.twin.compared = compared;
         self.world.replies.clear();
         self.world.telemetry.clear();
         self.greeted()

@@ -1,9 +1,12 @@
 //! Sessions at random: what a person, a hand and the world may do next, mostly such that something happens.
 
+use zwidth::period::PERIODS;
+
 use super::{
     action::Action,
     answer::Activity,
     command::{COMMANDS, Form, name_of},
+    flood::is_answered_once,
     run::Mind,
 };
 
@@ -85,6 +88,9 @@ pub fn next(random: &mut Random, mind: &Mind) -> Vec<Action> {
     if !mind.model.streaming && random.once_in(3) {
         return say("stream on");
     }
+    if random.once_in(60) {
+        return flood(random, mind);
+    }
     if random.once_in(if mind.view.on { 4 } else { 14 }) {
         return world(random, mind);
     }
@@ -140,6 +146,22 @@ fn armed(random: &mut Random, mind: &Mind) -> Vec<Action> {
 fn several(random: &mut Random, mind: &Mind, most: u64) -> String {
     let lines: Vec<String> = (0..1 + random.below(most)).map(|_| useful(random, mind)).collect();
     lines.join("\n")
+}
+
+/// Many lines at once, at any output period; `arm` now and then, so that the force is on for a part of them.
+fn flood(random: &mut Random, mind: &Mind) -> Vec<Action> {
+    let mut lines = vec!["zero".to_owned(), "unlock envelope".into()];
+    for _ in 0..20 + random.below(150) {
+        lines.push(match random.below(8) {
+            0 => "get".into(),
+            1 => "arm".into(),
+            2 => "disarm".into(),
+            3 | 4 => any(random, mind),
+            _ => useful(random, mind),
+        });
+    }
+    lines.retain(|line| is_answered_once(line));
+    vec![Action::Flood(random.of(&PERIODS), lines.join("\n"))]
 }
 
 /// The hand leads the handle towards the wall, or anywhere.

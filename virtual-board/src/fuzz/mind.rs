@@ -145,7 +145,6 @@ impl Mind {
         self.allowed = Default::default();
         self.push = Push::default();
         self.arming = 0;
-        self.twin.compared = [0; 2];
     }
 
     /// A record out of the black box.

@@ -6,6 +6,7 @@
 //! | `command`, `settings`, `envelope`, `answer`, `model` | what each line has to be answered with |
 //! | `frames` | telemetry, worked out once more |
 //! | `run`, `check`, `mind`, `push`, `compare` | a session, and what it says against all that |
+//! | `flood` | lines without a pause, at each output period, held against rules alone |
 //! | `generate` | sessions at random |
 //! | `shrink` | the shortest session that still fails |
 //! | `campaign` | many of them |
@@ -19,6 +20,7 @@ mod check;
 mod command;
 mod compare;
 pub mod envelope;
+mod flood;
 mod frames;
 mod generate;
 mod instants;

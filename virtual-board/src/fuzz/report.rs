@@ -55,6 +55,7 @@ struct Json<'a> {
     refused: u64,
     frames: u64,
     forces: u64,
+    floods: u64,
     faults: u64,
     resets: u64,
     virtual_s: f64,
@@ -165,7 +166,8 @@ fn say(seed: u64, board: Board, outcome: &Outcome, virtual_s: f64) -> Result<(),
     }
     let c = outcome.counts;
     note(&format!(
-        "{}: {} sessions, {} commands ({} obeyed, {} refused), {} frames, {} of them with their force, {} faults, \
+        "{}: {} sessions, {} commands ({} obeyed, {} refused), {} frames, {} of them with their force, {} floods, \
+         {} faults, \
          {} resets; {virtual_s:.0} s on the board, {:.0} s here",
         board.name,
         outcome.sessions,
@@ -174,6 +176,7 @@ fn say(seed: u64, board: Board, outcome: &Outcome, virtual_s: f64) -> Result<(),
         c.refused,
         c.frames,
         c.forces,
+        c.floods,
         c.faults,
         c.resets,
         outcome.wall_s,
@@ -199,6 +202,7 @@ fn print(seed: u64, board: Board, outcome: &Outcome, virtual_s: f64) -> Result<(
         refused: c.refused,
         frames: c.frames,
         forces: c.forces,
+        floods: c.floods,
         faults: c.faults,
         resets: c.resets,
         virtual_s,

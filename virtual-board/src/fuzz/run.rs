@@ -58,6 +58,8 @@ pub struct Counts {
     pub forces: u64,
     /// Frames with the full force on.
     pub armed: u64,
+    /// Floods of lines that were answered.
+    pub floods: u64,
     /// Faults.
     pub faults: u64,
     /// Resets and power cycles.
@@ -74,6 +76,7 @@ impl std::ops::AddAssign for Counts {
         self.frames += other.frames;
         self.forces += other.forces;
         self.armed += other.armed;
+        self.floods += other.floods;
         self.faults += other.faults;
         self.resets += other.resets;
         self.cycles += other.cycles;
@@ -224,6 +227,7 @@ impl<'a> Run<'a> {
                 self.answered()?;
             }
             Action::Type(text) => self.send(text)?,
+            Action::Flood(period, text) => self.flood(*period, text)?,
             Action::Wait(samples) => self.pass(*samples)?,
             Action::Cycles(cycles) => {
                 let to = self.world.powered.mcu.now() + cycles;
@@ -284,7 +288,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    fn answered(&mut self) -> Result<(), End> {
+    pub(super) fn answered(&mut self) -> Result<(), End> {
         while !self.mind.asked.is_empty() {
             self.pass(1)?;
         }
