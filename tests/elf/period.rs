@@ -280,7 +280,9 @@ fn every_estimator_has_the_time_or_is_refused(board: Board) {
                         .unwrap();
                 }
             }
-            world.run(100).unwrap();
+            // until all lines are answered, of which a few wait for their time
+            world.run(600).unwrap();
+            world.replies.clear();
             let status = ok(&mut world, "status");
             assert!(status.contains("armed, fault none"), "{} at {period}: {status}", name.text());
             let tasks = &world.powered.mcu.watch().tasks;
