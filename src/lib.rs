@@ -62,6 +62,7 @@ pub mod passivity;
 pub mod period;
 pub mod port;
 mod range;
+pub mod renderer;
 pub mod safety;
 pub mod self_test;
 mod settings;

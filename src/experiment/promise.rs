@@ -34,7 +34,7 @@ impl Promise {
 
 /// A promise, and when it was last kept.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Host {
+pub struct Host {
     promise: Promise,
     /// Numbers of the last output's sample, and of the one when a word last came.
     now: u32,
@@ -43,14 +43,14 @@ pub(super) struct Host {
 
 impl Host {
     /// A word, and the promise of the next one.
-    pub(super) fn hear(&mut self, promise: Promise) {
+    pub fn hear(&mut self, promise: Promise) {
         (self.promise, self.heard) = (promise, self.now);
     }
 
     /// Whether it has broken its promise with the output at `sample`, or will have with the next one, `period` samples
     /// later; once. Only silence with the force on counts.
     #[inline]
-    pub(super) fn falls_silent(&mut self, sample: u64, period: u32, on: bool) -> bool {
+    pub fn falls_silent(&mut self, sample: u64, period: u32, on: bool) -> bool {
         #[expect(clippy::cast_possible_truncation, reason = "modulo 2^32, five days")]
         {
             self.now = sample as u32;

@@ -276,4 +276,4 @@ fn between(value: i64, limit: i64) -> i64 {
 }
 
 #[cfg(test)]
-pub(super) mod tests;
+pub(crate) mod tests;

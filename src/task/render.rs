@@ -1,4 +1,4 @@
-//! `render`: with every period-th sample, priority 14, pended by `sample`. Moves what goes between the scheduler and
+//! `render`: with every period-th sample, priority 14, pended by `sample`. Moves what goes between the renderer and
 //! the board.
 
 use core::{hint::cold_path, sync::atomic::Ordering::Relaxed};
@@ -10,8 +10,9 @@ use zwidth::{
         self, DebugHalts as _, FaultMemory as _, OutputWatchdog as _, ReadBack as _, SetUp as _,
     },
     device::HISTORY,
-    experiment::{PeriodPlan, Report, Sampling, Scheduler},
+    experiment::{PeriodPlan, Report},
     period,
+    renderer::{Renderer, Sampling},
     safety::{
         BlackBox, CurrentWatch, Doubled, Fault, FaultSet, Guard, GuardCommand, GuardView,
         MemoryUpdate, OutputCommand, OutputWatch, SampleReport, Supervisor, Written,
@@ -93,7 +94,7 @@ pub struct Render {
     guard: GuardView,
     /// The positions of all samples.
     positions: Follower,
-    scheduler: Scheduler<HISTORY>,
+    renderer: Renderer<HISTORY>,
     /// Number of the last order that was met.
     met: u32,
     /// What was found wrong after the last output that was checked, and the sample of that one.
@@ -125,7 +126,7 @@ impl Render {
             ends,
             guard: GuardView::NOTHING,
             positions: Follower::new(),
-            scheduler: Scheduler::new(supervisor, control, signs, duty, history),
+            renderer: Renderer::new(supervisor, control, signs, duty, history),
             met: 0,
             found: FaultSet::EMPTY,
             checked: 0,
@@ -161,29 +162,29 @@ impl Render {
             self.guard.take(guard, number);
         }
         let guard = self.guard.at(up.motion.number());
-        let rendered = self.scheduler.output(&up, &guard, sensed);
+        let rendered = self.renderer.output(&up, &guard, sensed);
         self.put_out(rendered.grant);
         self.outputs.output_watchdog.renew(up.motion.number(), halted);
-        self.ends.sampling.command(self.scheduler.command());
+        self.ends.sampling.command(self.renderer.command());
         FLAGS.rendered.store(up.motion.number(), Relaxed);
         self.check(up.motion.number(), read);
 
-        match self.scheduler.take_memory_update() {
+        match self.renderer.take_memory_update() {
             Some(MemoryUpdate::Write(record)) => self.outputs.memory.write(&record.to_words()),
             Some(MemoryUpdate::Erase) => self.outputs.memory.erase(),
             None => {}
         }
         self.positions.follow_to(up.motion.sample);
         let positions = core::iter::from_fn(|| self.positions.read());
-        let record = self.scheduler.follow(&rendered, up.motion.position, positions);
-        if self.scheduler.is_ready()
+        let record = self.renderer.follow(&rendered, up.motion.position, positions);
+        if self.renderer.is_ready()
             && let Some(Numbered { number, order }) = self.ends.orders.dequeue()
         {
             let is_next = number == self.met.wrapping_add(1);
             self.met = number;
             if is_next {
-                self.scheduler.meet(order, &mut self.ends.sampling);
-                if self.written.is_some() && self.scheduler.is_off() {
+                self.renderer.meet(order, &mut self.ends.sampling);
+                if self.written.is_some() && self.renderer.is_off() {
                     self.put_out(OutputCommand::Off);
                 }
             } else {
@@ -193,7 +194,7 @@ impl Render {
         }
         if self.ends.reports.ready() {
             // There is room, and nobody else writes.
-            let _ = self.ends.reports.enqueue(self.scheduler.report(record));
+            let _ = self.ends.reports.enqueue(self.renderer.report(record));
         }
         board::request_link();
     }
@@ -211,7 +212,7 @@ impl Render {
         self.checked = number;
         self.numbers_next = !self.numbers_next;
         let whole = !(all || self.numbers_next)
-            || self.scheduler.is_whole(self.ends.sampling.control.newest()) && self.acts.is_whole();
+            || self.renderer.is_whole(self.ends.sampling.control.newest()) && self.acts.is_whole();
         let set_up = !all && self.numbers_next || self.outputs.set_up.holds();
         // Off since: what was read may be the zero that a task has put out.
         let was = was.filter(|_| self.outputs.drive.is_on());
@@ -243,7 +244,7 @@ impl Render {
     fn lose_order(&mut self) {
         board::off();
         self.found = self.found.with(Fault::Memory);
-        self.scheduler.refuse();
+        self.renderer.refuse();
     }
 
     #[inline(always)]
@@ -257,7 +258,7 @@ impl Render {
                 if self.written.is_none() {
                     self.outputs.drive.on();
                 }
-                let (command, mirrored) = (granted.command(), self.scheduler.motor_reversed());
+                let (command, mirrored) = (granted.command(), self.renderer.motor_reversed());
                 self.outputs.drive.write(command, mirrored);
                 self.written = Some(Written { command, mirrored });
             }

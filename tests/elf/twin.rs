@@ -6,7 +6,8 @@
 use zwidth::{
     CounterWidth, LoopParameters,
     device::{Device, HISTORY},
-    experiment::{Order, Sampling, Scheduler},
+    experiment::Order,
+    renderer::{Renderer, Sampling},
     safety::{
         BlackBox, FaultSet, Guard, GuardCommand, GuardView, GuardedSampler, OutputCommand, Sensed,
         Supervisor,
@@ -42,7 +43,7 @@ pub struct Twin {
     guard: Guard,
     view: GuardView,
     to_sample: ToSample,
-    scheduler: Scheduler<HISTORY>,
+    renderer: Renderer<HISTORY>,
     was_on: bool,
     positions: Vec<Position>,
 }
@@ -61,7 +62,7 @@ impl Twin {
                 parameters: start.control,
                 down: GuardCommand::start(&start.safety),
             },
-            scheduler: Scheduler::new(
+            renderer: Renderer::new(
                 Supervisor::new(start.safety, None),
                 start.control,
                 stored.signs,
@@ -102,18 +103,18 @@ impl Twin {
             found: FaultSet::EMPTY,
         };
         let guard = self.view.at(motion.number());
-        let rendered = self.scheduler.output(&step.report, &guard, sensed);
+        let rendered = self.renderer.output(&step.report, &guard, sensed);
         self.was_on = matches!(rendered.grant, OutputCommand::On(_));
-        self.to_sample.command(self.scheduler.command());
+        self.to_sample.command(self.renderer.command());
         let positions = std::mem::take(&mut self.positions);
-        let record = self.scheduler.follow(&rendered, motion.position, positions.into_iter());
-        if self.scheduler.is_ready()
+        let record = self.renderer.follow(&rendered, motion.position, positions.into_iter());
+        if self.renderer.is_ready()
             && let Some(order) = order(&record)
         {
-            self.scheduler.meet(order, &mut self.to_sample);
-            self.was_on &= !self.scheduler.is_off();
+            self.renderer.meet(order, &mut self.to_sample);
+            self.was_on &= !self.renderer.is_off();
         }
-        self.scheduler.report(record);
+        self.renderer.report(record);
         Some(record)
     }
 }

@@ -175,7 +175,7 @@ impl Bench {
         bench.clone()
     }
 
-    /// Puts new parameters in force, as the scheduler does.
+    /// Puts new parameters in force, as the renderer does.
     fn retune(&mut self, control: LoopParameters) {
         self.control = control.after(&self.control);
     }

@@ -1,8 +1,9 @@
-//! Scheduler and sampling task, force off: settings go down as orders, in the order in which the firmware sends them.
+//! Renderer and sampling task, force off: settings go down as orders, in the order in which the firmware sends them.
 
 use zwidth::{
     CounterWidth, LoopParameters,
-    experiment::{DutyPlan, Gains, Order, Sampling, Scheduler},
+    experiment::{DutyPlan, Gains, Order},
+    renderer::{Renderer, Sampling},
     safety::{
         BlackBox, FaultSet, Guard, GuardCommand, GuardView, GuardedSampler, OutputCommand,
         SafetyPlan, SampleReport, Sensed, Supervisor,
@@ -33,9 +34,9 @@ impl Sampling for ToSample {
     fn turn_encoder(&mut self, _: bool) {}
 }
 
-/// The scheduler with the sampling task.
+/// The renderer with the sampling task.
 pub struct Orders {
-    scheduler: Scheduler<4>,
+    renderer: Renderer<4>,
     to_sample: ToSample,
     sampler: GuardedSampler,
     guard: Guard,
@@ -46,10 +47,9 @@ impl Orders {
     /// Nothing going on.
     pub fn new(plan: SafetyPlan, duty: DutyPlan, control: LoopParameters) -> Self {
         let supervisor = Supervisor::new(plan, None);
-        let scheduler =
-            Scheduler::new(supervisor, control, Signs::default(), duty, BlackBox::new(1));
+        let renderer = Renderer::new(supervisor, control, Signs::default(), duty, BlackBox::new(1));
         Self {
-            scheduler,
+            renderer,
             to_sample: ToSample { control, down: GuardCommand::start(&plan) },
             sampler: GuardedSampler::new(0, CounterWidth::Bits32),
             guard: Guard::NOTHING,
@@ -81,18 +81,18 @@ impl Orders {
                 enabled: false,
                 found: FaultSet::EMPTY,
             };
-            let rendered = self.scheduler.output(&step.report, &guard, sensed);
+            let rendered = self.renderer.output(&step.report, &guard, sensed);
             assert_eq!(rendered.grant, OutputCommand::Off);
-            self.to_sample.command(self.scheduler.command());
+            self.to_sample.command(self.renderer.command());
             let position: Position = step.report.motion.position;
-            let record = self.scheduler.follow(&rendered, position, std::iter::empty());
-            if self.scheduler.is_ready()
+            let record = self.renderer.follow(&rendered, position, std::iter::empty());
+            if self.renderer.is_ready()
                 && let Some(control) = order.take()
             {
-                self.scheduler
+                self.renderer
                     .meet(Order::LoopParameters(control, Gains::Inside), &mut self.to_sample);
             }
-            self.scheduler.report(record);
+            self.renderer.report(record);
         }
         step.report
     }

@@ -32,7 +32,7 @@ const CORE: &[&[&str]] = &[
     &["board", "sync"],
     &["contract"],
     &["console"],
-    &["device"],
+    &["device", "renderer"],
     &["experiment", "safety", "self_test", "store", "telemetry"],
     &["control", "passivity", "period", "port", "settings", "wall"],
     &["velocity"],

@@ -17,7 +17,8 @@ use zwidth::{
     CounterWidth, LoopParameters,
     console::{Console, Port},
     device::{Device, HISTORY, Start},
-    experiment::{Order, Sampling, Scheduler},
+    experiment::Order,
+    renderer::{Renderer, Sampling},
     safety::{
         BlackBox, FaultSet, Guard, GuardCommand, GuardView, GuardedSampler, OutputCommand,
         SampleReport, Sensed, Supervisor,
@@ -136,7 +137,7 @@ fn device_of(scene: &NamedScene, board: Board) -> Result<&'static Device<'static
 pub struct CoreBoard {
     console: Console<Channels>,
     shared: Rc<RefCell<Shared>>,
-    scheduler: Scheduler<HISTORY>,
+    renderer: Renderer<HISTORY>,
     sampler: GuardedSampler,
     guard: Guard,
     view: GuardView,
@@ -193,7 +194,7 @@ impl CoreBoard {
         let mut board = Self {
             console: Console::new(Channels(Rc::clone(&shared)), device, stored, source),
             shared,
-            scheduler: Scheduler::new(supervisor, control, stored.signs, period.duty, history),
+            renderer: Renderer::new(supervisor, control, stored.signs, period.duty, history),
             sampler,
             guard: Guard::NOTHING,
             view: GuardView::NOTHING,
@@ -333,10 +334,10 @@ impl CoreBoard {
             found: FaultSet::EMPTY,
         };
         let guard = self.view.at(motion.number());
-        let rendered = self.scheduler.output(report, &guard, sensed);
+        let rendered = self.renderer.output(report, &guard, sensed);
         self.put_out(rendered.grant);
-        self.down.command = self.scheduler.command();
-        self.scheduler.take_memory_update(); // there is no reset to outlive
+        self.down.command = self.renderer.command();
+        self.renderer.take_memory_update(); // there is no reset to outlive
         let new: Vec<Position> = {
             let shared = self.shared.borrow();
             let count = motion.sample.saturating_sub(self.followed);
@@ -345,18 +346,18 @@ impl CoreBoard {
             shared.positions.range(from..).copied().collect()
         };
         self.followed = motion.sample;
-        let record = self.scheduler.follow(&rendered, motion.position, new.into_iter());
-        let order = match self.scheduler.is_ready() {
+        let record = self.renderer.follow(&rendered, motion.position, new.into_iter());
+        let order = match self.renderer.is_ready() {
             true => self.shared.borrow_mut().order.take(),
             false => None,
         };
         if let Some(order) = order {
-            self.scheduler.meet(order, &mut self.down);
-            if self.written && self.scheduler.is_off() {
+            self.renderer.meet(order, &mut self.down);
+            if self.written && self.renderer.is_off() {
                 self.put_out(OutputCommand::Off);
             }
         }
-        self.console.report(&self.scheduler.report(record));
+        self.console.report(&self.renderer.report(record));
         self.console.pass(true);
     }
 
@@ -374,7 +375,7 @@ impl CoreBoard {
         let actuator = &self.down.parameters.actuator;
         let code = granted.command().code() - actuator.zero().code();
         let part = f64::from(code) / f64::from(actuator.codes_per_full_scale());
-        let part = if self.scheduler.motor_reversed() { -part } else { part };
+        let part = if self.renderer.motor_reversed() { -part } else { part };
         let at = self.samples + u64::from(self.parts.latency);
         self.on_the_way.push_back((at, part * self.parts.full_scale_n));
     }

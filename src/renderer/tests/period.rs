@@ -1,4 +1,4 @@
-//! Another output period, with the sampling task beside the scheduler.
+//! Another output period, with the sampling task beside the renderer.
 
 use super::*;
 use crate::{
@@ -29,7 +29,7 @@ impl Sampling for ToSample {
 
 /// Both tasks on a handle of 0.4 kg that nothing else moves.
 struct Tasks {
-    scheduler: Scheduler<4>,
+    renderer: Renderer<4>,
     sampler: GuardedSampler,
     guard: Guard,
     view: GuardView,
@@ -57,7 +57,7 @@ impl Tasks {
         let supervisor = Supervisor::new(safety, None);
         let history = BlackBox::new(keep);
         Self {
-            scheduler: Scheduler::new(supervisor, parameters, stored.signs, duty, history),
+            renderer: Renderer::new(supervisor, parameters, stored.signs, duty, history),
             sampler: GuardedSampler::new(0, CounterWidth::Bits32),
             guard: Guard::NOTHING,
             view: GuardView::NOTHING,
@@ -97,17 +97,17 @@ impl Tasks {
         let guard = self.view.at(motion.number());
         let on = self.force != Force::ZERO;
         let sensed = Sensed { switched_on: on, ..GOOD };
-        let rendered = self.scheduler.output(&step.report, &guard, sensed);
+        let rendered = self.renderer.output(&step.report, &guard, sensed);
         self.force = rendered.grant.force().unwrap_or_default();
         self.outputs.push((motion.sample, self.force.bits()));
-        self.to_sample.command(self.scheduler.command());
+        self.to_sample.command(self.renderer.command());
         let positions = core::iter::once(motion.position);
-        let record = self.scheduler.follow(&rendered, motion.position, positions);
-        if self.scheduler.is_ready() && !self.orders.is_empty() {
+        let record = self.renderer.follow(&rendered, motion.position, positions);
+        if self.renderer.is_ready() && !self.orders.is_empty() {
             let order = self.orders.remove(0);
-            self.scheduler.meet(order, &mut self.to_sample);
+            self.renderer.meet(order, &mut self.to_sample);
         }
-        match self.scheduler.report(record).event {
+        match self.renderer.report(record).event {
             Event::Answer(answer) => self.answers.push(answer),
             Event::None => {}
             other => panic!("{other:?}"),
@@ -127,7 +127,7 @@ impl Tasks {
     }
 
     fn status(&self) -> crate::safety::Status {
-        self.scheduler.supervisor.status()
+        self.renderer.supervisor.status()
     }
 }
 
@@ -181,11 +181,11 @@ fn arming_and_fading_take_their_time_at_every_period() {
         tasks.set_period(&Stored { period: if period == 1 { 10 } else { 1 }, ..stored });
         tasks.run(30);
         assert_eq!(tasks.answers, [Err(Refusal::On), Err(Refusal::On)]);
-        assert_eq!(tasks.scheduler.parameters.period.get(), period);
+        assert_eq!(tasks.renderer.parameters.period.get(), period);
         let hit = Stored { push_n: stored.full_scale_n, settle_s: 0.05, window_s: 0.05, ..stored };
         let hit = DEVICE.hit_sequence(&hit, false).unwrap();
         let push = hit.hit.push;
-        tasks.scheduler.set(Experiment::Hit(HitSequence::at_its_push(hit)));
+        tasks.renderer.set(Experiment::Hit(HitSequence::at_its_push(hit)));
         tasks.run(180);
         assert_ne!(tasks.force, push);
         tasks.run(40); // the push comes with the output after the next

@@ -1,4 +1,4 @@
-//! The scheduler with a real supervisor, a handle, and nothing of a board.
+//! The renderer with a real supervisor, a handle, and nothing of a board.
 
 use std::vec::Vec;
 
@@ -49,7 +49,7 @@ impl Sampling for Sampler {
 }
 
 struct Bench {
-    scheduler: Scheduler<8>,
+    renderer: Renderer<8>,
     sampling: Sampler,
     handle: Handle,
     /// Nothing moves it.
@@ -79,10 +79,10 @@ impl Bench {
         let duty = DEVICE.hit_sequence(&stored, false).unwrap().duty;
         let supervisor = Supervisor::new(plan, None);
         let history = BlackBox::new(1);
-        let scheduler = Scheduler::new(supervisor, parameters, stored.signs, duty, history);
+        let renderer = Renderer::new(supervisor, parameters, stored.signs, duty, history);
         let handle = Handle { spring: 0.0, ..Handle::at(0.0) };
         let mut bench = Self {
-            scheduler,
+            renderer,
             sampling: Sampler::default(),
             handle,
             held: false,
@@ -114,7 +114,7 @@ impl Bench {
     }
 
     fn status(&self) -> crate::safety::Status {
-        self.scheduler.supervisor.status()
+        self.renderer.supervisor.status()
     }
 
     fn position(&self) -> Position {
@@ -131,26 +131,26 @@ impl Bench {
         let motion = Motion { sample: self.sample, position, velocity: Velocity::ZERO };
         let up = SampleReport { motion, present: Default::default() };
         let sensed = Sensed { switched_on: self.last != OutputCommand::Off, ..self.sensed };
-        let rendered = self.scheduler.output(&up, &self.guard, sensed);
+        let rendered = self.renderer.output(&up, &self.guard, sensed);
         self.last = rendered.grant;
         // nine samples on the way, and the due one
         let moved = position.wrapping_since(before);
         let positions: Vec<_> =
             (1..=10).map(|n| Position::from_counts(before.counts() + moved * n / 10)).collect();
-        let record = self.scheduler.follow(&rendered, position, positions.into_iter());
-        if self.scheduler.is_ready()
+        let record = self.renderer.follow(&rendered, position, positions.into_iter());
+        if self.renderer.is_ready()
             && let Some(order) = order
         {
-            self.scheduler.meet(order, &mut self.sampling);
-            if self.scheduler.is_off() {
+            self.renderer.meet(order, &mut self.sampling);
+            if self.renderer.is_off() {
                 self.last = OutputCommand::Off;
             }
         }
         if !self.full {
-            let report = self.scheduler.report(record);
+            let report = self.renderer.report(record);
             self.reports.push(report);
         }
-        let zeros = self.scheduler.command().zeros.number();
+        let zeros = self.renderer.command().zeros.number();
         if self.guard.zeros != zeros {
             self.guard.zeros = zeros;
             self.zero = self.handle.position().counts();
@@ -264,7 +264,7 @@ fn of_the_samples_up_to_its_first_output_only_the_last_is_the_hits() {
     let mut fresh = None;
     for _ in 0..2_000 {
         bench.output(None);
-        if let Experiment::Hit(hit) = &bench.scheduler.experiment
+        if let Experiment::Hit(hit) = &bench.renderer.experiment
             && hit.is_fresh()
         {
             fresh = Some(bench.sample);
@@ -298,7 +298,7 @@ fn experiments_need_the_full_force_and_end_when_it_goes() {
                 | Event::PulsesOver(Err(AbortReason::Off))
         );
         assert!(off, "{:?}", report.event);
-        assert_eq!(bench.scheduler.push, Force::ZERO);
+        assert_eq!(bench.renderer.push, Force::ZERO);
     }
 }
 
@@ -329,14 +329,14 @@ fn a_calibration_holds_goes_on_with_another_force_and_ends_when_the_handle_moves
     assert_eq!(bench.activity(), Activity::Calibration);
     let (outputs, event) = bench.event();
     assert!(matches!(event, Event::CalibrationHolds) && (990..1_010).contains(&outputs));
-    assert_eq!(bench.scheduler.push.bits(), (1 << 30) / 50);
+    assert_eq!(bench.renderer.push.bits(), (1 << 30) / 50);
     // a held handle is no stuck encoder; the force goes on from where it is
     bench.met(Bench::calibrate(20.0));
     bench.run(1);
-    assert!(bench.scheduler.push.bits() > (1 << 30) / 50);
+    assert!(bench.renderer.push.bits() > (1 << 30) / 50);
     bench.run(6_999);
     assert_eq!(bench.status().state, State::Armed);
-    assert!(bench.scheduler.push.bits() > (1 << 30) / 8);
+    assert!(bench.renderer.push.bits() > (1 << 30) / 8);
     for _ in 0..2 {
         bench.handle.x += 0.6e-3;
         bench.output(None);
@@ -354,7 +354,7 @@ fn after_a_calibration_a_push_without_motion_counts_again() {
     bench.met(Bench::calibrate(20.0));
     bench.run(6_000);
     bench.met(Order::Stop);
-    assert_eq!((bench.activity(), bench.scheduler.push), (Activity::None, Force::ZERO));
+    assert_eq!((bench.activity(), bench.renderer.push), (Activity::None, Force::ZERO));
     bench.run(100); // it fades
     assert_eq!(bench.status().state, State::Armed);
     bench.stored.start_m += 0.01;
@@ -386,7 +386,7 @@ fn an_end_is_told_before_the_answer_to_a_stop_and_nothing_is_lost_while_reports_
     bench.output(Some(Order::Stop)); // it ends by itself, and the stop is met
     let reports = bench.reports.len();
     // the answer is still to be told: the next order waits
-    assert!(!bench.scheduler.is_ready());
+    assert!(!bench.renderer.is_ready());
     bench.output(Some(Order::Request(Request::Zero)));
     bench.run(5);
     assert_eq!(bench.reports.len(), reports);
@@ -396,7 +396,7 @@ fn an_end_is_told_before_the_answer_to_a_stop_and_nothing_is_lost_while_reports_
     let [Event::HitAborted(AbortReason::Off), Event::Answer(Ok(())), Event::None] = told[..] else {
         panic!("{told:?}");
     };
-    assert!(bench.scheduler.is_ready());
+    assert!(bench.renderer.is_ready());
 }
 
 /// On the surface is no contact yet, for a hit's first sample, for its others, and for a calibration.
@@ -408,8 +408,8 @@ fn contact_begins_one_count_behind_the_surface() {
     let on = Bench::armed().last;
     for (behind, contact) in [(-1, false), (0, false), (1, true)] {
         for outputs_more in [0, 1] {
-            let mut scheduler = Bench::new().scheduler;
-            let position = scheduler.parameters.wall.surface().wrapping_add(behind);
+            let mut renderer = Bench::new().renderer;
+            let position = renderer.parameters.wall.surface().wrapping_add(behind);
             let (mut hit, start) = (HitSequence::new(plan), plan.back.start());
             while !hit.is_fresh() {
                 hit.output(start, false, &Duty::default()).unwrap();
@@ -417,16 +417,16 @@ fn contact_begins_one_count_behind_the_surface() {
             for _ in 0..outputs_more {
                 hit.output(start, false, &Duty::default()).unwrap();
             }
-            scheduler.set(Experiment::Hit(hit));
-            scheduler.observe(on, core::iter::once(position));
+            renderer.set(Experiment::Hit(hit));
+            renderer.observe(on, core::iter::once(position));
             let verdict = if contact { Verdict::Stable } else { Verdict::NoContact };
-            let Event::HitOver(judged, _) = scheduler.news else { panic!("{:?}", scheduler.news) };
+            let Event::HitOver(judged, _) = renderer.news else { panic!("{:?}", renderer.news) };
             assert_eq!(judged, verdict, "{behind} {outputs_more}");
         }
-        let mut scheduler = Bench::new().scheduler;
-        scheduler.set(Experiment::Calibration(Calibration::new(push)));
-        scheduler.prepare(scheduler.parameters.wall.surface().wrapping_add(behind));
-        let ended = matches!(scheduler.news, Event::CalibrationOver(CalibrationEnd::Contact));
+        let mut renderer = Bench::new().renderer;
+        renderer.set(Experiment::Calibration(Calibration::new(push)));
+        renderer.prepare(renderer.parameters.wall.surface().wrapping_add(behind));
+        let ended = matches!(renderer.news, Event::CalibrationOver(CalibrationEnd::Contact));
         assert_eq!(ended, contact, "{behind}");
     }
 }
@@ -435,24 +435,24 @@ fn contact_begins_one_count_behind_the_surface() {
 #[test]
 fn an_experiment_that_nobody_began_is_found_after_the_output() {
     let mut bench = Bench::new();
-    let scheduler = &mut bench.scheduler;
-    let sampled = scheduler.parameters;
-    assert!(scheduler.is_whole(&sampled));
-    scheduler.activity = Activity::Hit;
-    assert!(!scheduler.is_whole(&sampled));
+    let renderer = &mut bench.renderer;
+    let sampled = renderer.parameters;
+    assert!(renderer.is_whole(&sampled));
+    renderer.activity = Activity::Hit;
+    assert!(!renderer.is_whole(&sampled));
 }
 
 #[test]
 fn a_copy_that_differs_is_found_after_the_output() {
-    let spoilers: [fn(&mut Scheduler<8>); 2] = [
-        |scheduler| scheduler.motor_reversed.spoil(true),
-        |scheduler| scheduler.gains.spoil(Gains::Outside),
+    let spoilers: [fn(&mut Renderer<8>); 2] = [
+        |renderer| renderer.motor_reversed.spoil(true),
+        |renderer| renderer.gains.spoil(Gains::Outside),
     ];
     for spoil in spoilers {
         let mut bench = Bench::new();
-        let sampled = bench.scheduler.parameters;
-        spoil(&mut bench.scheduler);
-        assert!(!bench.scheduler.is_whole(&sampled));
+        let sampled = bench.renderer.parameters;
+        spoil(&mut bench.renderer);
+        assert!(!bench.renderer.is_whole(&sampled));
     }
 }
 
@@ -464,20 +464,20 @@ fn a_plan_that_is_not_what_was_ordered_is_found() {
     bench.gains(0.0, 0.0);
     for order in [bench.hit(), bench.pulses(), Bench::calibrate(5.0)] {
         bench.met(order);
-        let sampled = bench.scheduler.parameters;
-        assert!(bench.scheduler.is_whole(&sampled));
-        match &mut bench.scheduler.experiment {
+        let sampled = bench.renderer.parameters;
+        assert!(bench.renderer.is_whole(&sampled));
+        match &mut bench.renderer.experiment {
             Experiment::Hit(hit) => hit.spoil(),
             Experiment::Pulses(train) => train.spoil(),
             Experiment::Calibration(calibration) => calibration.spoil(),
             Experiment::None => panic!("none"),
         }
-        assert!(!bench.scheduler.is_whole(&sampled));
+        assert!(!bench.renderer.is_whole(&sampled));
         bench.met(Order::Stop);
-        assert!(bench.scheduler.is_whole(&sampled));
+        assert!(bench.renderer.is_whole(&sampled));
     }
-    let sampled = bench.scheduler.parameters;
+    let sampled = bench.renderer.parameters;
     let other = Stored { period: 5, ..DEVICE.defaults() };
-    bench.scheduler.duty_plan.spoil(DEVICE.period(&other).unwrap().duty);
-    assert!(!bench.scheduler.is_whole(&sampled));
+    bench.renderer.duty_plan.spoil(DEVICE.period(&other).unwrap().duty);
+    assert!(!bench.renderer.is_whole(&sampled));
 }

@@ -71,15 +71,15 @@ fn an_experiment_is_begun_alone_and_pulses_without_a_wall_only() {
 #[cfg_attr(miri, ignore = "arms in closed loop")]
 fn the_push_of_no_experiment_is_none_whatever_it_has_become() {
     let mut bench = Bench::armed();
-    bench.scheduler.push = Force::FULL_SCALE;
+    bench.renderer.push = Force::FULL_SCALE;
     bench.run(2);
-    assert_eq!(bench.scheduler.push, Force::ZERO);
+    assert_eq!(bench.renderer.push, Force::ZERO);
 }
 
 #[test]
 fn an_order_that_came_otherwise_is_refused() {
     let mut bench = Bench::new();
-    bench.scheduler.refuse();
+    bench.renderer.refuse();
     bench.run(1);
     let event = bench.reports.last().unwrap().event;
     assert!(matches!(event, Event::Answer(Err(Refusal::Faulted(Fault::Memory)))), "{event:?}");
@@ -113,7 +113,7 @@ fn disarm_is_answered_with_the_force_off() {
 #[test]
 fn settings_are_exchanged_whole_counted_and_refused_where_they_would_throw() {
     let mut bench = Bench::armed();
-    let settings = bench.scheduler.settings;
+    let settings = bench.renderer.settings;
     // another wall: no restart of the estimator
     let (known, commands) = (bench.sampling.parameters.len(), bench.sampling.commands.len());
     bench.stored.settings.wall.stiffness_n_per_m = 1000.0;
@@ -131,10 +131,10 @@ fn settings_are_exchanged_whole_counted_and_refused_where_they_would_throw() {
     assert_ne!(now.estimator, DEVICE.control(&bench.stored).unwrap().estimator);
     assert_eq!(bench.sampling.commands.len(), commands);
     // a wall where the handle is
-    let kept = bench.scheduler.parameters;
+    let kept = bench.renderer.parameters;
     bench.stored.settings.wall.position_m = -0.03;
     let refused = bench.order(DEVICE.order(&bench.stored).unwrap());
-    assert_eq!((refused, bench.scheduler.parameters), (Err(Refusal::Contact), kept));
+    assert_eq!((refused, bench.renderer.parameters), (Err(Refusal::Contact), kept));
     assert_eq!(bench.sampling.parameters.len(), known + 2);
 }
 
@@ -160,10 +160,10 @@ fn signs_are_turned_with_the_force_off_and_the_zero_is_lost() {
     let signs = Signs { motor_reversed: true, encoder_reversed: true };
     let mut bench = Bench::armed();
     assert_eq!(bench.order(Order::Signs(signs)), Err(Refusal::On));
-    assert_eq!((bench.scheduler.motor_reversed(), bench.sampling.turned), (false, None));
+    assert_eq!((bench.renderer.motor_reversed(), bench.sampling.turned), (false, None));
     bench.met(Order::Request(Request::Disarm));
     bench.met(Order::Signs(signs));
-    assert_eq!((bench.scheduler.motor_reversed(), bench.sampling.turned), (true, Some(true)));
+    assert_eq!((bench.renderer.motor_reversed(), bench.sampling.turned), (true, Some(true)));
     assert!(!bench.status().zeroed);
 }
 
@@ -187,11 +187,11 @@ fn the_black_box_is_read_out_oldest_first_beside_the_present_and_released_by_cle
     assert!(sent.iter().all(|report| !report.record.flags.contains(Flags::REPLAY)));
     let last = sent[9];
     assert_eq!(last.streamed, last.record);
-    assert!(bench.scheduler.history.is_frozen());
+    assert!(bench.renderer.history.is_frozen());
     bench.sensed.stop_closed = true;
     bench.output(None);
     bench.met(Order::Request(Request::Clear));
-    assert!(!bench.scheduler.history.is_frozen());
+    assert!(!bench.renderer.history.is_frozen());
 }
 
 #[test]
@@ -200,15 +200,15 @@ fn the_black_box_keeps_a_fault_until_a_clear_that_is_met() {
     bench.met(Order::Request(Request::Trip(Fault::HostSilent)));
     bench.sensed.found = FaultSet::EMPTY.with(Fault::Registers);
     bench.run(2);
-    assert!(bench.scheduler.history.is_frozen());
+    assert!(bench.renderer.history.is_frozen());
     bench.met(Order::Request(Request::Disarm));
     let refused = bench.order(Order::Request(Request::Clear));
     assert_eq!(refused, Err(Refusal::CausePresent(Fault::Registers)));
-    assert!(bench.scheduler.history.is_frozen());
+    assert!(bench.renderer.history.is_frozen());
     bench.sensed.found = FaultSet::EMPTY;
     bench.run(1);
     bench.met(Order::Request(Request::Clear));
-    assert!(!bench.scheduler.history.is_frozen());
+    assert!(!bench.renderer.history.is_frozen());
 }
 
 /// A fault is written, and erased when it is cleared.
@@ -221,8 +221,8 @@ fn what_the_backup_memory_is_to_hold_is_said_once() {
         (Request::Clear, true),
     ] {
         bench.met(Order::Request(request));
-        assert_eq!(bench.scheduler.take_memory_update().is_some(), update, "{request:?}");
-        assert_eq!(bench.scheduler.take_memory_update(), None);
+        assert_eq!(bench.renderer.take_memory_update().is_some(), update, "{request:?}");
+        assert_eq!(bench.renderer.take_memory_update(), None);
     }
 }
 
@@ -246,7 +246,7 @@ fn a_clear_does_not_cut_the_black_box_off() {
         .map(|report| report.streamed.sample)
         .collect();
     assert_eq!(replayed, (0..8).map(|n| fault - 70 + 10 * n).collect::<Vec<_>>());
-    assert!(!bench.scheduler.history.is_frozen(), "it records again");
+    assert!(!bench.renderer.history.is_frozen(), "it records again");
 }
 
 #[test]
@@ -256,7 +256,7 @@ fn a_motor_that_has_worked_is_warm() {
     bench.held = true;
     bench.met(Bench::calibrate(20.0));
     bench.run(9_000);
-    assert!(bench.scheduler.duty.per_mille() > 0);
+    assert!(bench.renderer.duty.per_mille() > 0);
 }
 
 /// All facts that a board senses, against what each of them means.

@@ -5,12 +5,12 @@
 
 use core::hint::cold_path;
 
-use super::{
-    AbortReason, Activity, Calibration, CalibrationEnd, Duty, DutyPlan, Event, Gains, HitSequence,
-    Order, PeriodPlan, PulseTrain, Report, promise::Host,
-};
 use crate::{
     LoopParameters,
+    experiment::{
+        AbortReason, Activity, Calibration, CalibrationEnd, Duty, DutyPlan, Event, Gains,
+        HitSequence, Host, Order, PeriodPlan, PulseTrain, Report,
+    },
     safety::{
         BlackBox, Doubled, Fault, Guard, GuardCommand, Inputs, MemoryUpdate, OutputCommand,
         Refusal, Rendered, Request, SampleReport, Sensed, State, Supervisor,
@@ -67,7 +67,7 @@ impl Experiment {
 }
 
 /// The supervisor with what it is to do, and a black box of `N` records. Owned by the output task.
-pub struct Scheduler<const N: usize> {
+pub struct Renderer<const N: usize> {
     supervisor: Supervisor,
     parameters: LoopParameters,
     gains: Doubled<Gains>,
@@ -94,7 +94,7 @@ pub struct Scheduler<const N: usize> {
     news: Event,
 }
 
-impl<const N: usize> Scheduler<N> {
+impl<const N: usize> Renderer<N> {
     /// Nothing going on.
     pub fn new(
         supervisor: Supervisor,
