@@ -5,6 +5,7 @@
 mod approach;
 mod calibration;
 mod duty;
+mod experiments;
 mod hit;
 mod hit_sequence;
 mod orders;
@@ -17,6 +18,9 @@ mod walk;
 pub use approach::AbortReason;
 pub use calibration::{Calibration, CalibrationEnd, CalibrationPlan, CalibrationSettings};
 pub use duty::{Duty, DutyPlan, DutySettings};
+#[cfg(test)]
+pub(crate) use experiments::Experiment;
+pub use experiments::Experiments;
 pub use hit::{Hit, HitPlan, HitSettings, Verdict};
 pub use hit_sequence::{HitSequence, HitSequencePlan};
 pub use orders::{Activity, Event, Gains, Order, PeriodPlan, Report};

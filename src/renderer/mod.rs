@@ -1,23 +1,21 @@
-//! What goes on besides the wall, output by output: orders are met, the experiment gives its push for the next
-//! output, the black box is filled and read out, and every output is reported.
+//! One output after another, but for the hardware: the experiment [proposes](Renderer::propose) a push, the wall
+//! [answers](Renderer::answer), safety [grants](Renderer::grant); then orders are met, the black box is filled and read
+//! out, and the output is reported.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
 use core::hint::cold_path;
 
 use crate::{
-    LoopParameters,
-    experiment::{
-        AbortReason, Activity, Calibration, CalibrationEnd, Duty, DutyPlan, Event, Gains,
-        HitSequence, Host, Order, PeriodPlan, PulseTrain, Report,
-    },
+    Drive, LoopParameters, Motion,
+    experiment::{DutyPlan, Event, Experiments, Gains, Host, Order, PeriodPlan, Report},
     safety::{
-        BlackBox, Doubled, Fault, Guard, GuardCommand, Inputs, MemoryUpdate, OutputCommand,
-        Refusal, Rendered, Request, SampleReport, Sensed, State, Supervisor,
+        BlackBox, Doubled, Fault, Guard, GuardCommand, Inputs, MemoryUpdate, Proposal, Refusal,
+        Rendered, Request, SampleReport, Sensed, State, Supervisor,
     },
     store::Signs,
     telemetry::{Flags, Record},
-    units::{Force, Position},
+    units::Position,
 };
 
 #[cfg(test)]
@@ -35,38 +33,7 @@ pub trait Sampling {
     fn turn_encoder(&mut self, reversed: bool);
 }
 
-/// The experiment that is going on.
-enum Experiment {
-    None,
-    Hit(HitSequence),
-    Calibration(Calibration),
-    Pulses(PulseTrain),
-}
-
-impl Experiment {
-    #[inline(always)]
-    fn activity(&self) -> Activity {
-        match self {
-            Self::None => Activity::None,
-            Self::Hit(_) => Activity::Hit,
-            Self::Calibration(_) => Activity::Calibration,
-            Self::Pulses(_) => Activity::Pulses,
-        }
-    }
-
-    /// Whether what it pushes with is as it was given.
-    #[inline(always)]
-    fn is_whole(&self) -> bool {
-        match self {
-            Self::None => true,
-            Self::Hit(hit) => hit.is_whole(),
-            Self::Calibration(calibration) => calibration.is_whole(),
-            Self::Pulses(train) => train.is_whole(),
-        }
-    }
-}
-
-/// The supervisor with what it is to do, and a black box of `N` records. Owned by the output task.
+/// Experiment, wall and supervisor, and a black box of `N` records. Owned by the output task.
 pub struct Renderer<const N: usize> {
     supervisor: Supervisor,
     parameters: LoopParameters,
@@ -74,24 +41,15 @@ pub struct Renderer<const N: usize> {
     /// Counts up with every change of the settings.
     settings: u16,
     motor_reversed: Doubled<bool>,
-    experiment: Experiment,
-    /// Which of them it is: a flipped bit begins none.
-    activity: Activity,
-    /// What it pushes with at the next output.
-    push: Force,
-    /// What it pushed with at the last one.
-    pushed: Force,
-    duty: Duty,
-    duty_plan: Doubled<DutyPlan>,
+    experiments: Experiments,
     history: BlackBox<N>,
     /// Next record of the black box to send, while it is read out.
     replay: Option<usize>,
     /// It goes on recording once it has been read out.
     release: bool,
     host: Host,
-    /// What the next reports say; kept until there is room for it.
+    /// What the next report says of the last order; kept until there is room for it.
     answer: Event,
-    news: Event,
 }
 
 impl<const N: usize> Renderer<N> {
@@ -109,18 +67,12 @@ impl<const N: usize> Renderer<N> {
             gains: Doubled::new(Gains::Outside),
             settings: 0,
             motor_reversed: Doubled::new(signs.motor_reversed),
-            experiment: Experiment::None,
-            activity: Activity::None,
-            push: Force::ZERO,
-            pushed: Force::ZERO,
-            duty: Duty::default(),
-            duty_plan: Doubled::new(duty_plan),
+            experiments: Experiments::new(duty_plan),
             history,
             replay: None,
             release: false,
             host: Host::default(),
             answer: Event::None,
-            news: Event::None,
         }
     }
 
@@ -135,17 +87,35 @@ impl<const N: usize> Renderer<N> {
     #[inline(always)]
     pub fn is_whole(&self, sampled: &LoopParameters) -> bool {
         let signs = self.motor_reversed.is_whole() && self.gains.is_whole();
-        let begun = self.experiment.activity() == self.activity;
-        let planned = self.experiment.is_whole() && self.duty_plan.is_whole();
-        signs && begun && planned && *sampled == self.parameters && self.supervisor.is_whole()
+        let asked = self.experiments.is_whole() && *sampled == self.parameters;
+        signs && asked && self.supervisor.is_whole()
     }
 
-    /// The output that answers `up`, with what the guard found. Put it out, then call [`follow`](Self::follow).
+    /// What the experiment asks for at this output.
     #[inline(always)]
-    pub fn output(&mut self, up: &SampleReport, guard: &Guard, sensed: Sensed) -> Rendered {
+    pub fn propose(&self) -> Proposal {
+        self.experiments.proposal()
+    }
+
+    /// What the wall answers to the motion, and to that.
+    #[inline(always)]
+    pub fn answer(&self, motion: Motion, proposal: Proposal) -> Drive {
+        self.parameters.render(motion, proposal.push)
+    }
+
+    /// What of it safety grants, with what the guard and the board have found. Put it out, then call
+    /// [`follow`](Self::follow).
+    #[inline(always)]
+    pub fn grant(
+        &mut self,
+        up: &SampleReport,
+        guard: &Guard,
+        asked: (Proposal, Drive),
+        sensed: Sensed,
+    ) -> Rendered {
         let valid = *self.gains == Gains::Inside || self.supervisor.status().unlocked;
         let inputs = Inputs::of(sensed, self.supervisor.is_cut(up, guard), valid);
-        self.supervisor.render(&self.parameters, up, guard, self.push, inputs)
+        self.supervisor.grant(&self.parameters, up, guard, asked, inputs)
     }
 
     /// For the sampling task, once the output is out.
@@ -170,12 +140,12 @@ impl<const N: usize> Renderer<N> {
         positions: impl Iterator<Item = Position>,
     ) -> Record {
         let record = Record { settings: self.settings, ..rendered.record };
-        self.pushed = self.push;
         self.supervisor.book();
         self.history.push(record, record.flags.contains(Flags::FAULT));
-        self.duty.add(&self.duty_plan, rendered.grant.force().unwrap_or_default());
-        self.observe(rendered.grant, positions);
-        self.prepare(position);
+        if self.experiments.begins_hit() {
+            self.supervisor.forget_given();
+        }
+        self.experiments.follow(&self.parameters.wall, rendered.grant, position, positions);
         let on = !self.is_off();
         if self.host.falls_silent(record.sample, self.parameters.period.get(), on) {
             cold_path();
@@ -183,97 +153,6 @@ impl<const N: usize> Renderer<N> {
             let _ = self.supervisor.request(Request::Trip(Fault::HostSilent));
         }
         record
-    }
-
-    /// What the experiment pushes with at the next output. Found out after this one, so that it costs no
-    /// latency: a return move does not mind a millisecond, and a hit begins with the output of its push.
-    fn prepare(&mut self, position: Position) {
-        let contact = self.parameters.wall.penetration(position) > 0;
-        let over = match &mut self.experiment {
-            Experiment::None => {
-                self.push = Force::ZERO; // whatever a bit has become
-                return;
-            }
-            Experiment::Hit(hit) => match hit.output(position, contact, &self.duty) {
-                Ok(push) => {
-                    self.push = push;
-                    return;
-                }
-                Err(reason) => Event::HitAborted(reason),
-            },
-            Experiment::Calibration(calibration) => match calibration.output(position, contact) {
-                Ok(push) => {
-                    self.push = push;
-                    if calibration.is_complete_now() {
-                        self.news = Event::CalibrationHolds;
-                    }
-                    return;
-                }
-                Err(end) => Event::CalibrationOver(end),
-            },
-            Experiment::Pulses(train) => match train.output(position, contact, &self.duty) {
-                Ok(Some(push)) => {
-                    self.push = push;
-                    return;
-                }
-                Ok(None) => Event::PulsesOver(Ok(())),
-                Err(reason) => Event::PulsesOver(Err(reason)),
-            },
-        };
-        self.end(over);
-    }
-
-    /// The experiment is over; what it pushed with fades.
-    fn end(&mut self, news: Event) {
-        self.stop();
-        self.news = news;
-    }
-
-    #[inline(always)] // called, it would copy the experiment once more
-    fn set(&mut self, experiment: Experiment) {
-        self.activity = experiment.activity();
-        self.experiment = experiment;
-    }
-
-    /// No experiment any more, without a word.
-    fn stop(&mut self) {
-        self.set(Experiment::None);
-        self.push = Force::ZERO;
-        self.supervisor.expect_still(false);
-    }
-
-    /// Feeds the samples since the last output to the experiment.
-    fn observe(&mut self, grant: OutputCommand, mut positions: impl Iterator<Item = Position>) {
-        let on = matches!(grant, OutputCommand::On(_));
-        match self.experiment {
-            Experiment::Hit(_) if !on => self.end(Event::HitAborted(AbortReason::Off)),
-            Experiment::Calibration(_) if !on => {
-                self.end(Event::CalibrationOver(CalibrationEnd::Off));
-            }
-            Experiment::Pulses(_) if !on => self.end(Event::PulsesOver(Err(AbortReason::Off))),
-            _ => {}
-        }
-        let Experiment::Hit(hit) = &mut self.experiment else {
-            positions.for_each(drop);
-            return;
-        };
-        let wall = &self.parameters.wall;
-        let mut verdict = None;
-        if hit.is_fresh() {
-            self.supervisor.forget_given();
-            // Of the samples up to the output that began it only the last one is the hit's.
-            if let Some(position) = positions.last() {
-                verdict = hit.sample(position, wall.penetration(position) > 0);
-            }
-        } else {
-            for position in positions.by_ref() {
-                verdict = verdict.or(hit.sample(position, wall.penetration(position) > 0));
-            }
-        }
-        if let Some(verdict) = verdict.or_else(|| hit.early_verdict()) {
-            let window = hit.scatter();
-            self.end(Event::HitOver(verdict, window));
-        }
     }
 
     /// Whether an order can be met: the answer to the last one is reported.
@@ -336,7 +215,7 @@ impl<const N: usize> Renderer<N> {
             Order::Period(_) if !self.is_off() => Err(Refusal::On),
             Order::Period(PeriodPlan { duty, keep }) => {
                 cold_path();
-                self.duty_plan.set(duty);
+                self.experiments.set_duty(duty);
                 self.history.keep(keep);
                 Ok(())
             }
@@ -345,32 +224,9 @@ impl<const N: usize> Renderer<N> {
             {
                 Err(Refusal::NotArmed)
             }
-            Order::Hit(_) | Order::Pulses(_) if !matches!(self.experiment, Experiment::None) => {
-                Err(Refusal::Busy)
-            }
-            Order::Calibrate(_)
-                if !matches!(self.experiment, Experiment::None | Experiment::Calibration(_)) =>
-            {
-                Err(Refusal::Busy)
-            }
-            // What the console takes for the wall is not what acts.
-            Order::Pulses(_) if self.parameters.wall.acts() => Err(Refusal::Settings),
-            Order::Hit(plan) => {
-                self.set(Experiment::Hit(HitSequence::new(plan)));
-                Ok(())
-            }
-            Order::Pulses(plan) => {
-                self.set(Experiment::Pulses(PulseTrain::new(plan)));
-                Ok(())
-            }
-            Order::Calibrate(plan) => {
-                match &mut self.experiment {
-                    Experiment::Calibration(calibration) => calibration.retarget(plan),
-                    _ => self.set(Experiment::Calibration(Calibration::new(plan))),
-                }
-                self.supervisor.expect_still(true);
-                Ok(())
-            }
+            Order::Hit(plan) => self.experiments.hit(plan),
+            Order::Pulses(plan) => self.experiments.pulses(plan, &self.parameters.wall),
+            Order::Calibrate(plan) => self.experiments.calibrate(plan),
             Order::Signs(signs) => {
                 self.supervisor.request(Request::Turn)?;
                 self.motor_reversed.set(signs.motor_reversed);
@@ -378,7 +234,7 @@ impl<const N: usize> Renderer<N> {
                 Ok(())
             }
             Order::Stop => {
-                self.stop(); // what has just ended by itself is told all the same
+                self.experiments.stop(); // what has just ended by itself is told all the same
                 Ok(())
             }
             Order::Replay => {
@@ -396,15 +252,14 @@ impl<const N: usize> Renderer<N> {
     /// if there is room for it: what is full loses records, never events.
     #[inline(always)]
     pub fn report(&mut self, record: Record) -> Report {
-        let activity = self.activity;
+        let activity = self.experiments.activity();
         // The news first: they may be the end of what a `stop` is answered for.
-        let event = match &mut self.news {
-            Event::None => &mut self.answer,
+        let event = match self.experiments.take_news() {
+            Event::None => core::mem::replace(&mut self.answer, Event::None),
             news => news,
         };
-        let event = core::mem::replace(event, Event::None);
         let streamed = self.replayed().unwrap_or(record);
-        let (push, port) = (self.pushed, self.supervisor.exchanged());
+        let (push, port) = (self.experiments.pushed(), self.supervisor.exchanged());
         let status = self.supervisor.status();
         Report { record, streamed, push, port, status, activity, event }
     }

@@ -4,12 +4,15 @@ use std::vec::Vec;
 
 use super::*;
 use crate::{
-    Motion, WallSettings,
+    WallSettings,
     device::tests::DEVICE,
-    experiment::{HitPlan, HitSequencePlan, Promise, Verdict, return_move::tests::Handle},
-    safety::{Fault, FaultSet, Guard, SafetyPlan},
+    experiment::{
+        AbortReason, Activity, CalibrationEnd, Experiment, HitSequence, Promise, Verdict,
+        return_move::tests::Handle,
+    },
+    safety::{FaultSet, OutputCommand, SafetyPlan},
     store::Stored,
-    units::Velocity,
+    units::{Force, Velocity},
 };
 
 const GOOD: Sensed = Sensed {
@@ -131,7 +134,9 @@ impl Bench {
         let motion = Motion { sample: self.sample, position, velocity: Velocity::ZERO };
         let up = SampleReport { motion, present: Default::default() };
         let sensed = Sensed { switched_on: self.last != OutputCommand::Off, ..self.sensed };
-        let rendered = self.renderer.output(&up, &self.guard, sensed);
+        let proposal = self.renderer.propose();
+        let asked = (proposal, self.renderer.answer(up.motion, proposal));
+        let rendered = self.renderer.grant(&up, &self.guard, asked, sensed);
         self.last = rendered.grant;
         // nine samples on the way, and the due one
         let moved = position.wrapping_since(before);
@@ -264,7 +269,7 @@ fn of_the_samples_up_to_its_first_output_only_the_last_is_the_hits() {
     let mut fresh = None;
     for _ in 0..2_000 {
         bench.output(None);
-        if let Experiment::Hit(hit) = &bench.renderer.experiment
+        if let Experiment::Hit(hit) = bench.renderer.experiments.parts().experiment
             && hit.is_fresh()
         {
             fresh = Some(bench.sample);
@@ -298,7 +303,7 @@ fn experiments_need_the_full_force_and_end_when_it_goes() {
                 | Event::PulsesOver(Err(AbortReason::Off))
         );
         assert!(off, "{:?}", report.event);
-        assert_eq!(bench.renderer.push, Force::ZERO);
+        assert_eq!(*bench.renderer.experiments.parts().push, Force::ZERO);
     }
 }
 
@@ -329,14 +334,14 @@ fn a_calibration_holds_goes_on_with_another_force_and_ends_when_the_handle_moves
     assert_eq!(bench.activity(), Activity::Calibration);
     let (outputs, event) = bench.event();
     assert!(matches!(event, Event::CalibrationHolds) && (990..1_010).contains(&outputs));
-    assert_eq!(bench.renderer.push.bits(), (1 << 30) / 50);
+    assert_eq!(bench.renderer.experiments.parts().push.bits(), (1 << 30) / 50);
     // a held handle is no stuck encoder; the force goes on from where it is
     bench.met(Bench::calibrate(20.0));
     bench.run(1);
-    assert!(bench.renderer.push.bits() > (1 << 30) / 50);
+    assert!(bench.renderer.experiments.parts().push.bits() > (1 << 30) / 50);
     bench.run(6_999);
     assert_eq!(bench.status().state, State::Armed);
-    assert!(bench.renderer.push.bits() > (1 << 30) / 8);
+    assert!(bench.renderer.experiments.parts().push.bits() > (1 << 30) / 8);
     for _ in 0..2 {
         bench.handle.x += 0.6e-3;
         bench.output(None);
@@ -354,7 +359,10 @@ fn after_a_calibration_a_push_without_motion_counts_again() {
     bench.met(Bench::calibrate(20.0));
     bench.run(6_000);
     bench.met(Order::Stop);
-    assert_eq!((bench.activity(), bench.renderer.push), (Activity::None, Force::ZERO));
+    assert_eq!(
+        (bench.activity(), *bench.renderer.experiments.parts().push),
+        (Activity::None, Force::ZERO)
+    );
     bench.run(100); // it fades
     assert_eq!(bench.status().state, State::Armed);
     bench.stored.start_m += 0.01;
@@ -399,38 +407,6 @@ fn an_end_is_told_before_the_answer_to_a_stop_and_nothing_is_lost_while_reports_
     assert!(bench.renderer.is_ready());
 }
 
-/// On the surface is no contact yet, for a hit's first sample, for its others, and for a calibration.
-#[test]
-fn contact_begins_one_count_behind_the_surface() {
-    let Order::Hit(plan) = Bench::new().hit() else { panic!() };
-    let plan = HitSequencePlan { hit: HitPlan { settle: 0, window: 1, ..plan.hit }, ..plan };
-    let Order::Calibrate(push) = Bench::calibrate(2.0) else { panic!() };
-    let on = Bench::armed().last;
-    for (behind, contact) in [(-1, false), (0, false), (1, true)] {
-        for outputs_more in [0, 1] {
-            let mut renderer = Bench::new().renderer;
-            let position = renderer.parameters.wall.surface().wrapping_add(behind);
-            let (mut hit, start) = (HitSequence::new(plan), plan.back.start());
-            while !hit.is_fresh() {
-                hit.output(start, false, &Duty::default()).unwrap();
-            }
-            for _ in 0..outputs_more {
-                hit.output(start, false, &Duty::default()).unwrap();
-            }
-            renderer.set(Experiment::Hit(hit));
-            renderer.observe(on, core::iter::once(position));
-            let verdict = if contact { Verdict::Stable } else { Verdict::NoContact };
-            let Event::HitOver(judged, _) = renderer.news else { panic!("{:?}", renderer.news) };
-            assert_eq!(judged, verdict, "{behind} {outputs_more}");
-        }
-        let mut renderer = Bench::new().renderer;
-        renderer.set(Experiment::Calibration(Calibration::new(push)));
-        renderer.prepare(renderer.parameters.wall.surface().wrapping_add(behind));
-        let ended = matches!(renderer.news, Event::CalibrationOver(CalibrationEnd::Contact));
-        assert_eq!(ended, contact, "{behind}");
-    }
-}
-
 /// A flipped bit makes an experiment of none, or another of one: what is kept beside it differs.
 #[test]
 fn an_experiment_that_nobody_began_is_found_after_the_output() {
@@ -438,7 +414,7 @@ fn an_experiment_that_nobody_began_is_found_after_the_output() {
     let renderer = &mut bench.renderer;
     let sampled = renderer.parameters;
     assert!(renderer.is_whole(&sampled));
-    renderer.activity = Activity::Hit;
+    *renderer.experiments.parts().activity = Activity::Hit;
     assert!(!renderer.is_whole(&sampled));
 }
 
@@ -466,7 +442,7 @@ fn a_plan_that_is_not_what_was_ordered_is_found() {
         bench.met(order);
         let sampled = bench.renderer.parameters;
         assert!(bench.renderer.is_whole(&sampled));
-        match &mut bench.renderer.experiment {
+        match bench.renderer.experiments.parts().experiment {
             Experiment::Hit(hit) => hit.spoil(),
             Experiment::Pulses(train) => train.spoil(),
             Experiment::Calibration(calibration) => calibration.spoil(),
@@ -478,6 +454,6 @@ fn a_plan_that_is_not_what_was_ordered_is_found() {
     }
     let sampled = bench.renderer.parameters;
     let other = Stored { period: 5, ..DEVICE.defaults() };
-    bench.renderer.duty_plan.spoil(DEVICE.period(&other).unwrap().duty);
+    bench.renderer.experiments.parts().duty_plan.spoil(DEVICE.period(&other).unwrap().duty);
     assert!(!bench.renderer.is_whole(&sampled));
 }

@@ -95,11 +95,18 @@ pub struct Step {
     pub told: bool,
 }
 
-/// A sample, and what was found with it. Where it is not [`quiet`](Self::quiet), [`GuardedSampler::hold`] or
-/// [`GuardedSampler::answer`] has to follow.
+/// A sample, and by how much the handle has moved in it.
+#[derive(Clone, Copy, Debug)]
+pub struct Measured {
+    sampled: Sampled,
+    moved: i32,
+}
+
+/// A sample, and what was found with it. Where it is not [`quiet`](Self::quiet), [`GuardedSampler::defer`] or
+/// [`GuardedSampler::settle`] has to follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[must_use = "what was found is noted by `answer` or `hold`"]
-pub struct Seen {
+#[must_use = "what was found is noted by `settle` or `defer`"]
+pub struct Judged {
     /// Where the handle is and how fast it moves.
     pub motion: Motion,
     /// An output is due with this very sample.
@@ -165,40 +172,44 @@ impl<W: Width> GuardedSampler<W> {
         guard: &mut Guard,
     ) -> Step {
         let senses = Senses { force: down.force, ..*senses };
-        let seen = self.see(control, counter, &senses, || down);
-        let Seen { motion, due, found, quiet } = seen;
+        let measured = self.measure(control, counter, &senses);
+        let judged = self.judge(measured, control, down);
+        let Judged { motion, due, found, quiet } = judged;
         let present = if quiet {
             FaultSet::EMPTY
         } else if due && control.period.get() > 1 {
-            self.hold(found, down)
+            self.defer(found, down)
         } else {
-            return self.answer(&seen, down, guard);
+            return self.settle(&judged, down, guard);
         };
         Step { report: SampleReport { motion, present }, due, cut: false, told: false }
     }
 
-    /// The first half of [`step`](Self::step), with the force in `senses`, and `down` not looked up before the velocity is
-    /// there: until then the Cortex-M4 has no register to spare for it.
+    /// The first stage of [`step`](Self::step): position and velocity, with the force in `senses`.
+    #[inline(always)]
+    pub fn measure(&mut self, control: &LoopParameters, counter: u32, senses: &Senses) -> Measured {
+        let before = self.sampler.position();
+        let sampled = self.sampler.sense(control, counter, senses);
+        Measured { sampled, moved: sampled.motion.position.wrapping_since(before) }
+    }
+
+    /// The second: whether something is wrong.
     ///
     /// Whoever calls it does what follows, each case to its end: brought together again, the cases would keep what any of
     /// them needs, and the quiet one would pay for it.
     #[inline(always)]
-    pub fn see<'a>(
+    pub fn judge(
         &mut self,
+        measured: Measured,
         control: &LoopParameters,
-        counter: u32,
-        senses: &Senses,
-        down: impl FnOnce() -> &'a GuardCommand,
-    ) -> Seen {
-        let before = self.sampler.position();
-        let Sampled { mut motion, due } = self.sampler.sense(control, counter, senses);
-        let moved = motion.position.wrapping_since(before);
+        down: &GuardCommand,
+    ) -> Judged {
+        let Measured { sampled: Sampled { mut motion, due }, moved } = measured;
         read_anew();
         motion.position = self.sampler.position();
-        let down = down();
-        let seen = Seen { motion, due, found: FaultSet::EMPTY, quiet: true };
+        let judged = Judged { motion, due, found: FaultSet::EMPTY, quiet: true };
         if !due {
-            return self.with_motion(seen, moved, down);
+            return self.with_motion(judged, moved, down);
         }
         // The output of the due sample before this one has to be there, unless flash was written.
         let behind = motion.number().wrapping_sub(down.rendered);
@@ -212,28 +223,28 @@ impl<W: Width> GuardedSampler<W> {
             read_anew();
             FaultSet::EMPTY.with(Fault::Memory)
         } else {
-            return self.with_motion(seen, moved, down);
+            return self.with_motion(judged, moved, down);
         };
-        self.with_motion(Seen { found, ..seen }, moved, down)
+        self.with_motion(Judged { found, ..judged }, moved, down)
     }
 
     /// With what the motion itself says, and whether something was asked for.
     #[inline(always)]
-    fn with_motion(&self, seen: Seen, moved: i32, down: &GuardCommand) -> Seen {
+    fn with_motion(&self, judged: Judged, moved: i32, down: &GuardCommand) -> Judged {
         let jumped = beyond(moved, down.jump);
-        let fast = beyond(seen.motion.velocity.bits(), down.speed);
-        if seen.found.is_empty() && !jumped && !fast {
-            return Seen { quiet: down.zeros == self.met, ..seen };
+        let fast = beyond(judged.motion.velocity.bits(), down.speed);
+        if judged.found.is_empty() && !jumped && !fast {
+            return Judged { quiet: down.zeros == self.met, ..judged };
         }
         cold_path();
-        let found = seen.found.with_if(Fault::CountJump, jumped).with_if(Fault::OverSpeed, fast);
-        Seen { found, quiet: false, ..seen }
+        let found = judged.found.with_if(Fault::CountJump, jumped).with_if(Fault::OverSpeed, fast);
+        Judged { found, quiet: false, ..judged }
     }
 
     /// Of a due sample, unless every sample is due: what its report says is there. The output that it asks for says no by
     /// itself. Should it not come, the next sample cuts.
     #[inline(always)]
-    pub fn hold(&mut self, found: FaultSet, down: &GuardCommand) -> FaultSet {
+    pub fn defer(&mut self, found: FaultSet, down: &GuardCommand) -> FaultSet {
         let waiting = self.waiting.union(found);
         if !found.is_empty() {
             // Where a bit has flipped in an alert, turned once more it would be what is asked for, and the next sample quiet.
@@ -248,10 +259,10 @@ impl<W: Width> GuardedSampler<W> {
 
     /// Of every other sample: takes note of what was found, or zeroes.
     #[inline(always)]
-    pub fn answer(&mut self, seen: &Seen, down: &GuardCommand, guard: &mut Guard) -> Step {
+    pub fn settle(&mut self, judged: &Judged, down: &GuardCommand, guard: &mut Guard) -> Step {
         read_anew();
-        let Seen { due, found, .. } = *seen;
-        let mut motion = Motion { position: self.sampler.position(), ..seen.motion };
+        let Judged { due, found, .. } = *judged;
+        let mut motion = Motion { position: self.sampler.position(), ..judged.motion };
         let waiting = self.waiting.union(found);
         if down.zeros.number() != self.met.number() {
             cold_path();

@@ -56,7 +56,7 @@ pub use blackbox::BlackBox;
 pub use debug_halt::HaltWatch;
 pub use doubled::Doubled;
 pub use fault::{Fault, FaultSet};
-pub use guard::{GuardCommand, GuardedSampler, SampleReport, Seen, Step};
+pub use guard::{GuardCommand, GuardedSampler, Judged, SampleReport, Step};
 pub use memory::{FaultRecord, MemoryUpdate, ResetCause, boot_fault};
 pub use noted::{Guard, GuardView};
 pub use output_command::{GrantedForce, OutputCommand};
@@ -64,7 +64,7 @@ pub use plan::{SLEW, SafetyPlan, SafetySettings};
 pub use rate::RateWatch;
 pub use read_back::{CurrentSettings, CurrentWatch, OutputWatch, Readings, Written};
 pub use records::{Inputs, Refusal, Request, Sensed, State, Status};
-pub use supervisor::{Rendered, Supervisor};
+pub use supervisor::{Proposal, Rendered, Supervisor};
 pub use token::Token;
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use core::{hint::cold_path, sync::atomic::Ordering::Relaxed};
 
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
-    LoopParameters,
+    LoopParameters, Motion,
     contract::{
         self, DebugHalts as _, FaultMemory as _, OutputWatchdog as _, ReadBack as _, SetUp as _,
     },
@@ -15,9 +15,11 @@ use zwidth::{
     renderer::{Renderer, Sampling},
     safety::{
         BlackBox, CurrentWatch, Doubled, Fault, FaultSet, Guard, GuardCommand, GuardView,
-        MemoryUpdate, OutputCommand, OutputWatch, SampleReport, Supervisor, Written,
+        MemoryUpdate, OutputCommand, OutputWatch, Rendered, SampleReport, Sensed, Supervisor,
+        Written,
     },
     store::Signs,
+    telemetry::Record,
 };
 
 use super::{FLAGS, Numbered, ORDERS, REPORTS};
@@ -144,9 +146,40 @@ impl Render {
     #[inline(always)]
     pub fn run(&mut self) {
         let Some(up) = self.ends.due.read() else { return };
-        let Outputs { drive, stop, supply, halts, read_back, .. } = &mut self.outputs;
-        read_back.begin();
-        let read = self.written.filter(|_| drive.is_on());
+        let number = up.motion.number();
+        let read = self.begin_read_back();
+        let (sensed, guard) = self.sense(&up);
+
+        let proposal = self.renderer.propose();
+        let drive = self.renderer.answer(up.motion, proposal);
+        let rendered = self.renderer.grant(&up, &guard, (proposal, drive), sensed);
+        self.put_out(rendered.grant);
+
+        self.outputs.output_watchdog.renew(number, sensed.halted);
+        self.ends.sampling.command(self.renderer.command());
+        FLAGS.rendered.store(number, Relaxed);
+        self.check(number, read);
+        self.remember();
+        let record = self.follow(&rendered, up.motion);
+        self.meet_order();
+        if self.ends.reports.ready() {
+            // There is room, and nobody else writes.
+            let _ = self.ends.reports.enqueue(self.renderer.report(record));
+        }
+        board::request_link();
+    }
+
+    /// Has the registers of what acts read while the output is made, and says what they should tell.
+    #[inline(always)]
+    fn begin_read_back(&mut self) -> Option<Written> {
+        self.outputs.read_back.begin();
+        self.written.filter(|_| self.outputs.drive.is_on())
+    }
+
+    /// What the board's inputs say, and then what the guard has found: what `sample` cut has a reason there.
+    #[inline(always)]
+    fn sense(&mut self, up: &SampleReport) -> (Sensed, Guard) {
+        let Outputs { drive, stop, supply, halts, .. } = &mut self.outputs;
         // A halt is found by the longest period whatever the period is: a time, and known to the compiler.
         let sensed = contract::sense(
             (self.written.is_some(), self.found),
@@ -156,47 +189,46 @@ impl Render {
             supply,
             halts,
         );
-        let halted = sensed.halted;
-        // After that: what the sampling task cut has a reason here.
         if let Some((guard, number)) = self.ends.guard.read_numbered() {
             self.guard.take(guard, number);
         }
-        let guard = self.guard.at(up.motion.number());
-        let rendered = self.renderer.output(&up, &guard, sensed);
-        self.put_out(rendered.grant);
-        self.outputs.output_watchdog.renew(up.motion.number(), halted);
-        self.ends.sampling.command(self.renderer.command());
-        FLAGS.rendered.store(up.motion.number(), Relaxed);
-        self.check(up.motion.number(), read);
+        (sensed, self.guard.at(up.motion.number()))
+    }
 
+    /// What a reset is not to forget.
+    #[inline(always)]
+    fn remember(&mut self) {
         match self.renderer.take_memory_update() {
             Some(MemoryUpdate::Write(record)) => self.outputs.memory.write(&record.to_words()),
             Some(MemoryUpdate::Erase) => self.outputs.memory.erase(),
             None => {}
         }
-        self.positions.follow_to(up.motion.sample);
+    }
+
+    #[inline(always)]
+    fn follow(&mut self, rendered: &Rendered, motion: Motion) -> Record {
+        self.positions.follow_to(motion.sample);
         let positions = core::iter::from_fn(|| self.positions.read());
-        let record = self.renderer.follow(&rendered, up.motion.position, positions);
-        if self.renderer.is_ready()
-            && let Some(Numbered { number, order }) = self.ends.orders.dequeue()
-        {
-            let is_next = number == self.met.wrapping_add(1);
-            self.met = number;
-            if is_next {
-                self.renderer.meet(order, &mut self.ends.sampling);
-                if self.written.is_some() && self.renderer.is_off() {
-                    self.put_out(OutputCommand::Off);
-                }
-            } else {
-                cold_path();
-                self.lose_order();
-            }
+        self.renderer.follow(rendered, motion.position, positions)
+    }
+
+    #[inline(always)]
+    fn meet_order(&mut self) {
+        if !self.renderer.is_ready() {
+            return;
         }
-        if self.ends.reports.ready() {
-            // There is room, and nobody else writes.
-            let _ = self.ends.reports.enqueue(self.renderer.report(record));
+        let Some(Numbered { number, order }) = self.ends.orders.dequeue() else { return };
+        let is_next = number == self.met.wrapping_add(1);
+        self.met = number;
+        if !is_next {
+            cold_path();
+            self.lose_order();
+            return;
         }
-        board::request_link();
+        self.renderer.meet(order, &mut self.ends.sampling);
+        if self.written.is_some() && self.renderer.is_off() {
+            self.put_out(OutputCommand::Off);
+        }
     }
 
     /// Off at once if what decides about the force is not what it was; the next output says why. An output that the

@@ -4,7 +4,7 @@ use zwidth::{
     LoopParameters,
     contract::{Encoder as _, SampleTimer as _},
     encoder::Bits32,
-    safety::{FaultSet, Guard, GuardCommand, SampleReport, Seen},
+    safety::{FaultSet, Guard, GuardCommand, Judged, SampleReport},
     velocity::Senses,
 };
 
@@ -93,10 +93,30 @@ impl Rest {
         senses
     }
 
+    /// Each case to its end, see [`judge`](GuardedSampler::judge).
+    #[inline(always)]
+    fn hand_on(&mut self, sampler: &mut GuardedSampler, judged: Judged) {
+        let Judged { motion, due, found, quiet } = judged;
+        if !due && quiet {
+            position_ring::note(motion.sample, motion.position);
+        } else if !due {
+            let motion = self.settle(sampler, &judged).motion;
+            position_ring::note(motion.sample, motion.position);
+        } else if quiet {
+            self.report(SampleReport { motion, present: FaultSet::EMPTY });
+        } else if self.control.get().period.get() > 1 {
+            let present = sampler.defer(found, self.down.get());
+            self.report(SampleReport { motion, present });
+        } else {
+            let report = self.settle(sampler, &judged);
+            self.report(report);
+        }
+    }
+
     /// Does what the guard says to a sample that is not quiet.
     #[inline(always)]
-    fn answer(&mut self, sampler: &mut GuardedSampler, seen: &Seen) -> SampleReport {
-        let step = sampler.answer(seen, self.down.get(), self.guard.place());
+    fn settle(&mut self, sampler: &mut GuardedSampler, judged: &Judged) -> SampleReport {
+        let step = sampler.settle(judged, self.down.get(), self.guard.place());
         if step.cut {
             board::off();
         }
@@ -133,34 +153,22 @@ impl Sample {
         (Self(owner), viewer)
     }
 
-    /// One sample: the count first, because a delay of it is an error of the velocity.
+    /// One sample: the count, position and velocity, whether something is wrong, and who has to know.
     ///
-    /// Late by itself it cannot be: nothing masks or preempts it. If the guard finds something, the
-    /// output goes off here and now, and again with the samples until `clear`; but with a due sample
-    /// `render` sees to it, and the next sample if `render` does not come.
+    /// The count comes first, because a delay of it is an error of the velocity. Late by itself it cannot be: nothing masks
+    /// or preempts it. If the guard finds something, the output goes off here and now, and again with the samples until
+    /// `clear`; but with a due sample `render` sees to it, and the next sample if `render` does not come.
     #[inline(always)]
     pub fn run(&mut self) {
         let Shown { shown: sampler, rest } = self.0.get();
         let (count, senses) = rest.encoder.sense();
         rest.sample_timer.acknowledge();
+
         let senses = rest.with_force(senses);
-        let (control, down) = (rest.control.get(), &mut rest.down);
-        let seen = sampler.see(control, count, &senses, || down.get());
-        let Seen { motion, due, found, quiet } = seen;
-        // Each case to its end, see `see`.
-        if !due && quiet {
-            position_ring::note(motion.sample, motion.position);
-        } else if !due {
-            let motion = rest.answer(sampler, &seen).motion;
-            position_ring::note(motion.sample, motion.position);
-        } else if quiet {
-            rest.report(SampleReport { motion, present: FaultSet::EMPTY });
-        } else if control.period.get() > 1 {
-            let present = sampler.hold(found, rest.down.get());
-            rest.report(SampleReport { motion, present });
-        } else {
-            let report = rest.answer(sampler, &seen);
-            rest.report(report);
-        }
+        let control = rest.control.get();
+        let measured = sampler.measure(control, count, &senses);
+        // Only now is there a register for what the guard has to know.
+        let judged = sampler.judge(measured, control, rest.down.get());
+        rest.hand_on(sampler, judged);
     }
 }

@@ -103,7 +103,9 @@ impl Twin {
             found: FaultSet::EMPTY,
         };
         let guard = self.view.at(motion.number());
-        let rendered = self.renderer.output(&step.report, &guard, sensed);
+        let proposal = self.renderer.propose();
+        let asked = (proposal, self.renderer.answer(motion, proposal));
+        let rendered = self.renderer.grant(&step.report, &guard, asked, sensed);
         self.was_on = matches!(rendered.grant, OutputCommand::On(_));
         self.to_sample.command(self.renderer.command());
         let positions = std::mem::take(&mut self.positions);

@@ -19,7 +19,7 @@ use zwidth::{
     console::{Command, Situation, allowed},
     experiment::Activity,
     safety::{
-        FaultSet, Guard, GuardCommand, GuardedSampler, Inputs, Rendered, Request, SLEW,
+        FaultSet, Guard, GuardCommand, GuardedSampler, Inputs, Proposal, Rendered, Request, SLEW,
         SafetySettings, State, Supervisor,
     },
     telemetry::{Flags, Record},
@@ -128,8 +128,10 @@ impl Loop {
         let Self { sampler, control, down, guard, .. } = self;
         let step = sampler.step(control, counter, &Senses::NONE, down, guard);
         step.due.then(|| {
+            let drive = self.control.render(step.report.motion, self.push);
+            let asked = (Proposal { push: self.push, still: false }, drive);
             let rendered =
-                self.supervisor.render(&self.control, &step.report, &self.guard, self.push, GOOD);
+                self.supervisor.grant(&self.control, &step.report, &self.guard, asked, GOOD);
             self.down = self.supervisor.down();
             rendered
         })

@@ -71,9 +71,9 @@ fn an_experiment_is_begun_alone_and_pulses_without_a_wall_only() {
 #[cfg_attr(miri, ignore = "arms in closed loop")]
 fn the_push_of_no_experiment_is_none_whatever_it_has_become() {
     let mut bench = Bench::armed();
-    bench.renderer.push = Force::FULL_SCALE;
+    *bench.renderer.experiments.parts().push = Force::FULL_SCALE;
     bench.run(2);
-    assert_eq!(bench.renderer.push, Force::ZERO);
+    assert_eq!(*bench.renderer.experiments.parts().push, Force::ZERO);
 }
 
 #[test]
@@ -256,7 +256,7 @@ fn a_motor_that_has_worked_is_warm() {
     bench.held = true;
     bench.met(Bench::calibrate(20.0));
     bench.run(9_000);
-    assert!(bench.renderer.duty.per_mille() > 0);
+    assert!(bench.renderer.experiments.parts().duty.per_mille() > 0);
 }
 
 /// All facts that a board senses, against what each of them means.

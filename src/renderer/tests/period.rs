@@ -97,7 +97,9 @@ impl Tasks {
         let guard = self.view.at(motion.number());
         let on = self.force != Force::ZERO;
         let sensed = Sensed { switched_on: on, ..GOOD };
-        let rendered = self.renderer.output(&step.report, &guard, sensed);
+        let proposal = self.renderer.propose();
+        let asked = (proposal, self.renderer.answer(step.report.motion, proposal));
+        let rendered = self.renderer.grant(&step.report, &guard, asked, sensed);
         self.force = rendered.grant.force().unwrap_or_default();
         self.outputs.push((motion.sample, self.force.bits()));
         self.to_sample.command(self.renderer.command());
@@ -185,7 +187,9 @@ fn arming_and_fading_take_their_time_at_every_period() {
         let hit = Stored { push_n: stored.full_scale_n, settle_s: 0.05, window_s: 0.05, ..stored };
         let hit = DEVICE.hit_sequence(&hit, false).unwrap();
         let push = hit.hit.push;
-        tasks.renderer.set(Experiment::Hit(HitSequence::at_its_push(hit)));
+        let parts = tasks.renderer.experiments.parts();
+        *parts.experiment = Experiment::Hit(HitSequence::at_its_push(hit));
+        *parts.activity = Activity::Hit;
         tasks.run(180);
         assert_ne!(tasks.force, push);
         tasks.run(40); // the push comes with the output after the next

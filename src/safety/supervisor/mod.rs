@@ -22,6 +22,15 @@ use crate::{
     units::{Demand, Force, Position},
 };
 
+/// What an experiment asks for. What of it acts is for the [`Supervisor`] to say.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Proposal {
+    /// Force into the wall.
+    pub push: Force,
+    /// The handle is held on purpose, as in a calibration: a push without motion is then no sign of a dead encoder.
+    pub still: bool,
+}
+
 /// One output under supervision: what goes to the hardware, and its record. What can wait until the hardware is
 /// written stays in the [`Supervisor`]: a copy of it before would be latency.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,8 +56,6 @@ pub struct Supervisor {
     withheld: bool,
     watch: StuckEncoder,
     speed: SpeedWatch,
-    /// The handle is held on purpose.
-    still: Doubled<bool>,
     /// The grant of the last output.
     last: OutputCommand,
     fault: Option<FaultRecord>,
@@ -85,7 +92,6 @@ impl Supervisor {
             withheld: false,
             watch: StuckEncoder::default(),
             speed: SpeedWatch::default(),
-            still: Doubled::new(false),
             last: OutputCommand::Off,
             fault: boot,
             causes: boot.map_or(FaultSet::EMPTY, |record| record.causes),
@@ -104,19 +110,18 @@ impl Supervisor {
         }
     }
 
-    /// The output that answers `up`, with what the guard found: `push` (into the wall) minus what the wall gives back,
-    /// as far as it may act. `control` is that of the very sample. Write it, then publish [`down`](Self::down) and see
-    /// to [`take_memory_update`](Self::take_memory_update).
+    /// The output that answers `up`, with what the guard found: as much of what experiment and wall ask for as may act.
+    /// `control` is that of the very sample. Write it, then publish [`down`](Self::down) and see to
+    /// [`take_memory_update`](Self::take_memory_update).
     #[inline]
-    pub fn render(
+    pub fn grant(
         &mut self,
         control: &LoopParameters,
         up: &SampleReport,
         guard: &Guard,
-        push: Force,
+        (proposal, drive): (Proposal, Drive),
         inputs: Inputs,
     ) -> Rendered {
-        let drive = control.render(up.motion, push);
         // Before it becomes another, which writes both of them anew.
         let found = inputs.found.with_if(Fault::Memory, !self.state.is_whole());
         let inputs = Inputs { found, ..inputs };
@@ -132,8 +137,8 @@ impl Supervisor {
         if self.zeros != before {
             self.port.rename(up.motion.position);
         }
-        self.look(up, guard, inputs, self.zeros != before);
-        let force = self.force(control, up, push, &drive, held);
+        self.look(up, guard, inputs, (proposal.still, self.zeros != before));
+        let force = self.force(control, up, proposal.push, &drive, held);
         let grant = match force {
             Some(force) => {
                 OutputCommand::On(GrantedForce { force, command: control.actuator.command(force) })
@@ -195,16 +200,8 @@ impl Supervisor {
         self.state.is_whole()
             && self.plan.is_whole()
             && self.unlocked.is_whole()
-            && self.still.is_whole()
             && self.fade.as_ref().is_none_or(GainFade::is_whole)
             && !(self.fault.is_some() && self.state.is_on())
-    }
-
-    /// Whether the handle is held on purpose, as in a calibration: a push without motion is then no
-    /// sign of a dead encoder.
-    #[inline]
-    pub fn expect_still(&mut self, still: bool) {
-        self.still.set(still);
     }
 
     /// Whether the sampling task has switched off by itself.
@@ -260,7 +257,13 @@ impl Supervisor {
 
     /// Latches every fault that is there.
     #[inline]
-    fn look(&mut self, up: &SampleReport, guard: &Guard, inputs: Inputs, renamed: bool) {
+    fn look(
+        &mut self,
+        up: &SampleReport,
+        guard: &Guard,
+        inputs: Inputs,
+        (still, renamed): (bool, bool),
+    ) {
         let on = self.state.is_on();
         let fast = self.speed.too_fast(&self.plan, up.motion.position, renamed);
         let outside = FaultSet::EMPTY
@@ -283,7 +286,7 @@ impl Supervisor {
                 ..record
             }));
         }
-        let acted = self.last.force().filter(|_| !*self.still);
+        let acted = self.last.force().filter(|_| !still);
         let pushed = self.watch.failed(&self.plan, acted, self.resting, up.motion.position);
         let place = up.motion.position.wrapping_since(Position::default());
         let [low, high] = self.plan.travel;

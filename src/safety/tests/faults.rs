@@ -206,11 +206,11 @@ fn an_encoder_that_dies_behind_a_wall_without_force_is_found_too() {
 fn a_handle_that_is_held_on_purpose_is_no_dead_encoder() {
     let mut bench = Bench::armed();
     bench.held = true;
-    bench.supervisor.expect_still(true);
+    bench.still = true;
     bench.push = Force::saturating_from_bits(1 << 28);
     bench.run(if cfg!(miri) { 1_000 } else { 20_000 });
     assert_eq!((bench.state(), bench.fault()), (State::Armed, None));
-    bench.supervisor.expect_still(false);
+    bench.still = false;
     let samples = bench.samples_until_off();
     assert!((500..=540).contains(&samples), "{samples}");
     assert_eq!(bench.fault(), Some(Fault::PushWithoutMotion));

@@ -42,6 +42,8 @@ struct Bench {
     supervisor: Supervisor,
     down: GuardCommand,
     push: Force,
+    /// The handle is held on purpose.
+    still: bool,
     inputs: Inputs,
     /// Outputs that the rendering task misses from now on.
     missing: u32,
@@ -73,6 +75,7 @@ impl Bench {
             guard: Guard::NOTHING,
             down: GuardCommand::start(&plan),
             push: Force::ZERO,
+            still: false,
             inputs: GOOD,
             missing: 0,
             delay: 0,
@@ -105,9 +108,16 @@ impl Bench {
         }
         match &mut self.asked {
             Some((0, asked)) => {
-                let Self { control, guard, push, inputs, .. } = self;
-                let rendered =
-                    self.supervisor.render(control, &asked.report, guard, *push, *inputs);
+                let Self { control, guard, push, still, inputs, .. } = self;
+                let proposal = Proposal { push: *push, still: *still };
+                let drive = control.render(asked.report.motion, *push);
+                let rendered = self.supervisor.grant(
+                    control,
+                    &asked.report,
+                    guard,
+                    (proposal, drive),
+                    *inputs,
+                );
                 self.asked = None;
                 self.output = rendered.grant.force();
                 self.down = self.supervisor.down();

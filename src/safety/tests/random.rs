@@ -196,7 +196,7 @@ proptest! {
         walls in prop::collection::vec((0.0..1e6f64, -(1i32 << 30)..=1 << 30, 1u32..30), 1..WALLS)
     ) {
         let mut bench = super::fade::in_the_wall(2000.0);
-        bench.supervisor.expect_still(true);
+        bench.still = true;
         let mut last = bench.output.unwrap().bits();
         for (stiffness, push, outputs) in walls {
             let from = bench.control;

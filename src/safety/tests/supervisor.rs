@@ -61,7 +61,11 @@ fn a_flipped_state_is_found_by_an_output_that_changes_it() {
         supervisor.state.set(state);
         supervisor.state.spoil(copy);
         let (up, guard) = (SampleReport::BEFORE, Guard::NOTHING);
-        let grant = supervisor.render(&control, &up, &guard, Force::ZERO, inputs).grant;
+        let grant = {
+            let drive = control.render(up.motion, Force::ZERO);
+            let asked = (Proposal::default(), drive);
+            supervisor.grant(&control, &up, &guard, asked, inputs).grant
+        };
         (grant, *supervisor.state, supervisor.causes.contains(Fault::Memory))
     };
     let open = Inputs { stop_closed: false, ..GOOD };
@@ -106,7 +110,7 @@ fn a_fault_of_the_guard_is_named_after_what_it_found_first() {
     let first = FaultSet::EMPTY.with(Fault::OverSpeed);
     let causes = first.with(Fault::CountJump);
     let guard = Guard { events: 1, first, causes, ..Guard::NOTHING };
-    supervisor.look(&SampleReport::BEFORE, &guard, GOOD, false);
+    supervisor.look(&SampleReport::BEFORE, &guard, GOOD, (false, false));
     let record = supervisor.status().fault.unwrap();
     assert_eq!((record.fault, record.causes), (Fault::OverSpeed, causes));
 }
@@ -122,7 +126,7 @@ fn beyond_travel_is_beyond_its_ends() {
         let motion = Motion { sample: 0, position, velocity: Velocity::ZERO };
         let up = SampleReport { motion, present: FaultSet::EMPTY };
         // The speed is not to be asked: it was here before.
-        supervisor.look(&up, &Guard::NOTHING, GOOD, true);
+        supervisor.look(&up, &Guard::NOTHING, GOOD, (false, true));
         let found = supervisor.status().fault.map(|record| record.fault);
         assert_eq!(found, beyond.then_some(Fault::BeyondTravel), "{counts}");
     }

@@ -81,7 +81,9 @@ impl Orders {
                 enabled: false,
                 found: FaultSet::EMPTY,
             };
-            let rendered = self.renderer.output(&step.report, &guard, sensed);
+            let proposal = self.renderer.propose();
+            let asked = (proposal, self.renderer.answer(step.report.motion, proposal));
+            let rendered = self.renderer.grant(&step.report, &guard, asked, sensed);
             assert_eq!(rendered.grant, OutputCommand::Off);
             self.to_sample.command(self.renderer.command());
             let position: Position = step.report.motion.position;

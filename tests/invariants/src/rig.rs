@@ -3,8 +3,8 @@
 use zwidth::{
     CounterWidth, Design, LoopParameters, Settings, VelocitySettings, WallSettings,
     safety::{
-        FaultSet, Guard, GuardCommand, GuardView, GuardedSampler, Inputs, Refusal, Rendered,
-        Request, SafetyPlan, SafetySettings, State, Step, Supervisor,
+        FaultSet, Guard, GuardCommand, GuardView, GuardedSampler, Inputs, Proposal, Refusal,
+        Rendered, Request, SafetyPlan, SafetySettings, State, Step, Supervisor,
     },
     units::Force,
     velocity::Senses,
@@ -106,7 +106,9 @@ impl Rig {
         let rendered = step.due.then(|| {
             let Self { control, push, inputs, .. } = self;
             let guard = self.view.at(number);
-            let rendered = self.supervisor.render(control, &step.report, &guard, *push, *inputs);
+            let drive = control.render(step.report.motion, *push);
+            let asked = (Proposal { push: *push, still: false }, drive);
+            let rendered = self.supervisor.grant(control, &step.report, &guard, asked, *inputs);
             self.output = rendered.grant.force();
             self.position = step.report.motion.position.counts();
             self.down = self.supervisor.down();

@@ -6,8 +6,8 @@ use zwidth::{
     console::{Command, Line, LineReader, REPLY_MAX, Reply, Situation, Text, allowed, parse},
     encoder::Bits32,
     safety::{
-        BlackBox, FaultRecord, Guard, GuardCommand, GuardedSampler, Inputs, MemoryUpdate, Rendered,
-        Request, SampleReport, Supervisor,
+        BlackBox, FaultRecord, Guard, GuardCommand, GuardedSampler, Inputs, MemoryUpdate, Proposal,
+        Rendered, Request, SampleReport, Supervisor,
         envelope::{Envelope, Key},
     },
     store::{Stored, load, save},
@@ -45,7 +45,8 @@ pub extern "C" fn zwidth_supervised_render(
     down: &mut GuardCommand,
     memory: &mut Option<MemoryUpdate>,
 ) {
-    *rendered = supervisor.render(control, up, guard, *push, *inputs);
+    let asked = (Proposal { push: *push, still: false }, control.render(up.motion, *push));
+    *rendered = supervisor.grant(control, up, guard, asked, *inputs);
     *down = supervisor.down();
     *memory = supervisor.take_memory_update();
 }

@@ -334,7 +334,9 @@ impl CoreBoard {
             found: FaultSet::EMPTY,
         };
         let guard = self.view.at(motion.number());
-        let rendered = self.renderer.output(report, &guard, sensed);
+        let proposal = self.renderer.propose();
+        let asked = (proposal, self.renderer.answer(motion, proposal));
+        let rendered = self.renderer.grant(report, &guard, asked, sensed);
         self.put_out(rendered.grant);
         self.down.command = self.renderer.command();
         self.renderer.take_memory_update(); // there is no reset to outlive

@@ -1,0 +1,298 @@
+//! Which experiment is going on, and what it proposes: a push for the next output. What of it acts is for
+//! [`safety`](crate::safety) to say.
+
+#![cfg_attr(not(test), deny(clippy::float_arithmetic))]
+
+use super::{
+    AbortReason, Activity, Calibration, CalibrationEnd, CalibrationPlan, Duty, DutyPlan, Event,
+    HitSequence, HitSequencePlan, PulseTrain, PulseTrainPlan,
+};
+use crate::{
+    safety::{Doubled, OutputCommand, Proposal, Refusal},
+    units::{Force, Position},
+    wall::Wall,
+};
+
+/// One of them, in progress.
+pub(crate) enum Experiment {
+    None,
+    Hit(HitSequence),
+    Calibration(Calibration),
+    Pulses(PulseTrain),
+}
+
+/// The experiment that is going on, if there is one, and what it pushes with.
+pub struct Experiments {
+    experiment: Experiment,
+    /// Which of them it is: a flipped bit begins none.
+    activity: Activity,
+    /// At the next output.
+    push: Force,
+    /// At the last one.
+    pushed: Force,
+    duty: Duty,
+    duty_plan: Doubled<DutyPlan>,
+    /// What has ended by itself, or begun; kept until it is taken.
+    news: Event,
+}
+
+impl Experiments {
+    /// Nothing going on, and a motor that has not been used.
+    pub fn new(duty_plan: DutyPlan) -> Self {
+        Self {
+            experiment: Experiment::None,
+            activity: Activity::None,
+            push: Force::ZERO,
+            pushed: Force::ZERO,
+            duty: Duty::default(),
+            duty_plan: Doubled::new(duty_plan),
+            news: Event::None,
+        }
+    }
+
+    /// What goes on.
+    #[inline(always)]
+    pub fn activity(&self) -> Activity {
+        self.activity
+    }
+
+    /// What is asked for at the next output.
+    #[inline(always)]
+    pub fn proposal(&self) -> Proposal {
+        Proposal { push: self.push, still: matches!(self.activity, Activity::Calibration) }
+    }
+
+    /// What was asked for at the last output that was [followed](Self::follow).
+    #[inline(always)]
+    pub fn pushed(&self) -> Force {
+        self.pushed
+    }
+
+    /// A hit begins with the output that is out.
+    #[inline(always)]
+    pub fn begins_hit(&self) -> bool {
+        matches!(&self.experiment, Experiment::Hit(hit) if hit.is_fresh())
+    }
+
+    /// What has happened since the last time it was taken, or `Event::None`.
+    #[inline(always)]
+    pub fn take_news(&mut self) -> Event {
+        core::mem::replace(&mut self.news, Event::None)
+    }
+
+    /// Whether what it pushes with is as it was given. To be asked after each output.
+    #[inline(always)]
+    pub fn is_whole(&self) -> bool {
+        let (activity, whole) = match &self.experiment {
+            Experiment::None => (Activity::None, true),
+            Experiment::Hit(hit) => (Activity::Hit, hit.is_whole()),
+            Experiment::Calibration(calibration) => (Activity::Calibration, calibration.is_whole()),
+            Experiment::Pulses(train) => (Activity::Pulses, train.is_whole()),
+        };
+        activity == self.activity && whole && self.duty_plan.is_whole()
+    }
+
+    /// What the motor stands with another output period. To be called with the force off.
+    pub fn set_duty(&mut self, duty: DutyPlan) {
+        self.duty_plan.set(duty);
+    }
+
+    /// Runs a wall hit.
+    ///
+    /// # Errors
+    /// Something is going on.
+    #[inline(always)] // called, it would copy the plan once more; and so the others
+    pub fn hit(&mut self, plan: HitSequencePlan) -> Result<(), Refusal> {
+        self.free()?;
+        self.set(Activity::Hit, Experiment::Hit(HitSequence::new(plan)));
+        Ok(())
+    }
+
+    /// Runs a pulse train.
+    ///
+    /// # Errors
+    /// Something is going on, or there is a wall in the way: what the console takes for the wall is not what acts.
+    #[inline(always)]
+    pub fn pulses(&mut self, plan: PulseTrainPlan, wall: &Wall) -> Result<(), Refusal> {
+        self.free()?;
+        if wall.acts() {
+            return Err(Refusal::Settings);
+        }
+        self.set(Activity::Pulses, Experiment::Pulses(PulseTrain::new(plan)));
+        Ok(())
+    }
+
+    /// Holds a constant force, or goes on with another one.
+    ///
+    /// # Errors
+    /// Something else is going on.
+    #[inline(always)]
+    pub fn calibrate(&mut self, plan: CalibrationPlan) -> Result<(), Refusal> {
+        if let Experiment::Calibration(calibration) = &mut self.experiment {
+            calibration.retarget(plan);
+            return Ok(());
+        }
+        self.free()?;
+        self.set(Activity::Calibration, Experiment::Calibration(Calibration::new(plan)));
+        Ok(())
+    }
+
+    fn free(&self) -> Result<(), Refusal> {
+        if matches!(self.experiment, Experiment::None) { Ok(()) } else { Err(Refusal::Busy) }
+    }
+
+    /// No experiment any more, without a word; what it pushed with fades.
+    #[inline(always)]
+    pub fn stop(&mut self) {
+        self.set(Activity::None, Experiment::None);
+        self.push = Force::ZERO;
+    }
+
+    #[inline(always)]
+    fn set(&mut self, activity: Activity, experiment: Experiment) {
+        (self.activity, self.experiment) = (activity, experiment);
+    }
+
+    fn end(&mut self, news: Event) {
+        self.stop();
+        self.news = news;
+    }
+
+    /// After an output: what was granted, `positions` of the samples since the last output, and that of the output's.
+    /// What is pushed with next is found out here, where it costs no latency: a return move does not mind a
+    /// millisecond, and a hit begins with the output of its push.
+    #[inline(always)]
+    pub fn follow(
+        &mut self,
+        wall: &Wall,
+        grant: OutputCommand,
+        position: Position,
+        positions: impl Iterator<Item = Position>,
+    ) {
+        self.pushed = self.push;
+        self.duty.add(&self.duty_plan, grant.force().unwrap_or_default());
+        self.observe(wall, matches!(grant, OutputCommand::On(_)), positions);
+        self.prepare(position, wall.penetration(position) > 0);
+    }
+
+    /// Feeds the samples since the last output to the experiment.
+    fn observe(&mut self, wall: &Wall, on: bool, mut positions: impl Iterator<Item = Position>) {
+        match self.experiment {
+            Experiment::Hit(_) if !on => self.end(Event::HitAborted(AbortReason::Off)),
+            Experiment::Calibration(_) if !on => {
+                self.end(Event::CalibrationOver(CalibrationEnd::Off));
+            }
+            Experiment::Pulses(_) if !on => self.end(Event::PulsesOver(Err(AbortReason::Off))),
+            _ => {}
+        }
+        let Experiment::Hit(hit) = &mut self.experiment else {
+            positions.for_each(drop);
+            return;
+        };
+        let mut verdict = None;
+        if hit.is_fresh() {
+            // Of the samples up to the output that began it only the last one is the hit's.
+            if let Some(position) = positions.last() {
+                verdict = hit.sample(position, wall.penetration(position) > 0);
+            }
+        } else {
+            for position in positions.by_ref() {
+                verdict = verdict.or(hit.sample(position, wall.penetration(position) > 0));
+            }
+        }
+        if let Some(verdict) = verdict.or_else(|| hit.early_verdict()) {
+            let window = hit.scatter();
+            self.end(Event::HitOver(verdict, window));
+        }
+    }
+
+    /// The push of the next output.
+    fn prepare(&mut self, position: Position, contact: bool) {
+        let (push, over) = match &mut self.experiment {
+            Experiment::None => (Force::ZERO, None), // whatever a bit has become
+            Experiment::Hit(hit) => match hit.output(position, contact, &self.duty) {
+                Ok(push) => (push, None),
+                Err(reason) => (Force::ZERO, Some(Event::HitAborted(reason))),
+            },
+            Experiment::Calibration(calibration) => match calibration.output(position, contact) {
+                Ok(push) => {
+                    if calibration.is_complete_now() {
+                        self.news = Event::CalibrationHolds;
+                    }
+                    (push, None)
+                }
+                Err(end) => (Force::ZERO, Some(Event::CalibrationOver(end))),
+            },
+            Experiment::Pulses(train) => match train.output(position, contact, &self.duty) {
+                Ok(Some(push)) => (push, None),
+                Ok(None) => (Force::ZERO, Some(Event::PulsesOver(Ok(())))),
+                Err(reason) => (Force::ZERO, Some(Event::PulsesOver(Err(reason)))),
+            },
+        };
+        self.push = push;
+        if let Some(event) = over {
+            self.end(event);
+        }
+    }
+}
+
+/// For tests that look inside, and spoil what they see.
+#[cfg(test)]
+pub(crate) struct Parts<'a> {
+    pub(crate) experiment: &'a mut Experiment,
+    pub(crate) activity: &'a mut Activity,
+    pub(crate) push: &'a mut Force,
+    pub(crate) duty: &'a mut Duty,
+    pub(crate) duty_plan: &'a mut Doubled<DutyPlan>,
+}
+
+#[cfg(test)]
+impl Experiments {
+    pub(crate) fn parts(&mut self) -> Parts<'_> {
+        let Self { experiment, activity, push, duty, duty_plan, .. } = self;
+        Parts { experiment, activity, push, duty, duty_plan }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        device::tests::DEVICE,
+        experiment::{HitPlan, Verdict},
+    };
+
+    /// On the surface is no contact yet, for a hit's first sample, for its others, and for a calibration.
+    #[test]
+    fn contact_begins_one_count_behind_the_surface() {
+        let stored = DEVICE.defaults();
+        let plan = DEVICE.hit_sequence(&stored, false).unwrap();
+        let plan = HitSequencePlan { hit: HitPlan { settle: 0, window: 1, ..plan.hit }, ..plan };
+        let push = DEVICE.calibration(&stored, 2.0).unwrap();
+        let wall = DEVICE.control(&stored).unwrap().wall;
+        for (behind, contact) in [(-1, false), (0, false), (1, true)] {
+            let position = wall.surface().wrapping_add(behind);
+            for outputs_more in [0, 1] {
+                let mut experiments = Experiments::new(plan.duty);
+                let (mut hit, start) = (HitSequence::new(plan), plan.back.start());
+                while !hit.is_fresh() {
+                    hit.output(start, false, &Duty::default()).unwrap();
+                }
+                for _ in 0..outputs_more {
+                    hit.output(start, false, &Duty::default()).unwrap();
+                }
+                experiments.set(Activity::Hit, Experiment::Hit(hit));
+                experiments.observe(&wall, true, core::iter::once(position));
+                let verdict = if contact { Verdict::Stable } else { Verdict::NoContact };
+                let Event::HitOver(judged, _) = experiments.take_news() else { panic!("none") };
+                assert_eq!(judged, verdict, "{behind} {outputs_more}");
+            }
+            let mut experiments = Experiments::new(plan.duty);
+            experiments.calibrate(push).unwrap();
+            experiments.prepare(position, contact);
+            let news = experiments.take_news();
+            let ended = matches!(news, Event::CalibrationOver(CalibrationEnd::Contact));
+            assert_eq!(ended, contact, "{behind}");
+        }
+    }
+}
