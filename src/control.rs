@@ -101,10 +101,11 @@ impl<W: Width> Sampler<W> {
         self.encoder.position()
     }
 
-    /// Whether position 0 is where it was put.
+    /// Whether position 0 is where it was put, and what the estimator remembers as the last sample, which went by `control`,
+    /// has left it.
     #[inline(always)]
-    pub fn is_whole(&self) -> bool {
-        self.encoder.is_whole()
+    pub fn is_whole(&self, control: &LoopParameters) -> bool {
+        self.encoder.is_whole() && self.velocity.is_whole(&control.estimator)
     }
 
     /// Number of the next sample.
@@ -294,7 +295,7 @@ mod tests {
                 }
                 prop_assert_eq!(said, last);
                 prop_assert_eq!(together.next(), singly.next());
-                prop_assert_eq!(together.is_whole(), singly.is_whole());
+                prop_assert!(together.is_whole(&in_force) && singly.is_whole(&in_force));
             }
             let nothing = together.sense_all(&in_force, &[], &[], &mut [Velocity::ZERO; RUN]);
             prop_assert_eq!(nothing, None);

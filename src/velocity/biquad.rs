@@ -91,7 +91,8 @@ impl Biquad {
         // Sum of the magnitudes below 2^63: the design keeps |b0| + |b1| + |b2| + |a1| + |a2| < 4.
         let [b0, b1, b2] = self.b;
         let [c1, c2] = self.back;
-        let carried = i64::from(r1 + (self.second & (r1 - r2)));
+        // Below 2^31 as they are kept; what a flipped bit makes of them wraps, and is found by their sum.
+        let carried = i64::from(r1.wrapping_add(self.second & r1.wrapping_sub(r2)));
         let sum = b0 * x0 + b1 * x1 + b2 * x2 + c1 * y1 + c2 * y2;
         let total = sum.into_bits() + carried;
         let upper = (total >> 32) as i32;
@@ -145,6 +146,12 @@ impl Kept for BiquadState {
     fn take(rest: &mut &[u8]) -> Option<Self> {
         let [x, y, residue] = Kept::take(rest)?;
         Some(Self { x, y, dropped: residue.map(|residue: i32| residue.wrapping_add(ROUNDED)) })
+    }
+
+    #[inline(always)]
+    fn sum(&self) -> u32 {
+        let Self { x, y, dropped } = self;
+        [*x, *y, *dropped].sum()
     }
 }
 

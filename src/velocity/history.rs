@@ -18,12 +18,14 @@ pub(super) type History = Ring<LENGTH>;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ring<const LENGTH: usize> {
     differences: [i16; LENGTH],
+    /// Of all of them.
+    sum: u32,
     /// Place of the newest one.
     newest: u8,
 }
 
 impl<const LENGTH: usize> Ring<LENGTH> {
-    pub(super) const REST: Self = Self { differences: [0; LENGTH], newest: 0 };
+    pub(super) const REST: Self = Self { differences: [0; LENGTH], sum: 0, newest: 0 };
 
     #[expect(clippy::cast_possible_truncation, reason = "at most 255")]
     const ALL: u8 = if LENGTH > 255 { 255 } else { LENGTH as u8 };
@@ -33,6 +35,7 @@ impl<const LENGTH: usize> Ring<LENGTH> {
         #[expect(clippy::cast_possible_truncation, reason = "clamped to 16 bits")]
         let difference = difference.clamp(-Velocity::LIMIT, Velocity::LIMIT) as i16;
         if let Some(place) = self.differences.get_mut(usize::from(self.newest) % LENGTH) {
+            self.sum = self.sum.wrapping_sub(place.sum()).wrapping_add(difference.sum());
             *place = difference;
         }
     }
@@ -78,6 +81,7 @@ impl<const LENGTH: usize> Ring<LENGTH> {
         #[expect(clippy::cast_possible_truncation, reason = "at most 255")]
         let newest = (LENGTH - 1) as u8;
         state.newest = newest;
+        state.sum = state.differences.sum();
         state
     }
 }
@@ -90,5 +94,37 @@ impl<const LENGTH: usize> Kept for Ring<LENGTH> {
 
     fn take(rest: &mut &[u8]) -> Option<Self> {
         Self::take_last(Self::ALL, rest)
+    }
+
+    #[inline(always)]
+    fn sum(&self) -> u32 {
+        self.sum.wrapping_add(self.newest.into())
+    }
+
+    #[inline(never)]
+    fn is_whole(&self) -> bool {
+        self.differences.sum() == self.sum
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flipped_difference_is_found_even_when_it_has_left() {
+        let mut whole = History::at(Velocity::from_bits_in_range(70_000));
+        for n in 0..200 {
+            whole.push(n * n % 91 - 40);
+            assert!(whole.is_whole());
+        }
+        for (place, bit) in (0..LENGTH).flat_map(|place| (0..16).map(move |bit| (place, bit))) {
+            let mut broken = whole;
+            broken.differences[place] ^= 1 << bit;
+            for n in 0..100 {
+                assert!(!broken.is_whole(), "{place} {bit} {n}");
+                broken.push(n);
+            }
+        }
     }
 }

@@ -1,7 +1,10 @@
-//! What an estimator remembers, as bytes: for a reader of telemetry that goes on from there.
+//! What an estimator remembers: as bytes, for a reader of telemetry that goes on from there, and as a sum, for the guard.
 //!
-//! Least significant byte first, no padding. Only what a later velocity depends on, so that two states with the same
+//! Bytes: least significant first, no padding. Only what a later velocity depends on, so that two states with the same
 //! bytes say the same to the same counts.
+//!
+//! Sum: of the words, modulo 2^32. What an estimator itself changes, it adds and takes away; a bit that flips makes the
+//! sum another one, and it stays another one.
 
 use crate::units::Velocity;
 
@@ -36,10 +39,18 @@ pub(super) trait Kept: Sized {
 
     /// The same from the first bytes of `rest`, which goes on behind them.
     fn take(rest: &mut &[u8]) -> Option<Self>;
+
+    /// Of its words, in a few cycles.
+    fn sum(&self) -> u32;
+
+    /// Whether what the sum does not look at is as it was put.
+    fn is_whole(&self) -> bool {
+        true
+    }
 }
 
 macro_rules! integers {
-    ($($integer:ty)*) => {$(
+    ($($integer:ty: |$value:ident| $sum:expr;)*) => {$(
         impl Kept for $integer {
             fn put(&self, bytes: &mut Bytes<'_>) {
                 bytes.put(self.to_le_bytes());
@@ -50,11 +61,23 @@ macro_rules! integers {
                 *rest = behind;
                 Some(Self::from_le_bytes(*bytes))
             }
+
+            #[inline(always)]
+            fn sum(&self) -> u32 {
+                let $value = *self;
+                $sum
+            }
         }
     )*};
 }
 
-integers!(u16 i16 i32 i64);
+integers! {
+    u16: |value| value.into();
+    i16: |value| value.cast_unsigned().into();
+    u32: |value| value;
+    i32: |value| value.cast_unsigned();
+    i64: |value| (value as u32).wrapping_add((value >> 32) as u32);
+}
 
 /// A struct whose fields are all remembered.
 macro_rules! kept {
@@ -67,6 +90,16 @@ macro_rules! kept {
             fn take(rest: &mut &[u8]) -> Option<Self> {
                 Some(Self { $($field: $crate::velocity::kept::Kept::take(rest)?,)* })
             }
+
+            #[inline(always)]
+            fn sum(&self) -> u32 {
+                0u32$(.wrapping_add($crate::velocity::kept::Kept::sum(&self.$field)))*
+            }
+
+            #[inline(always)]
+            fn is_whole(&self) -> bool {
+                true $(&& $crate::velocity::kept::Kept::is_whole(&self.$field))*
+            }
         }
     };
 }
@@ -78,6 +111,10 @@ impl Kept for () {
     fn take(_: &mut &[u8]) -> Option<Self> {
         Some(())
     }
+
+    fn sum(&self) -> u32 {
+        0
+    }
 }
 
 impl Kept for Velocity {
@@ -87,6 +124,11 @@ impl Kept for Velocity {
 
     fn take(rest: &mut &[u8]) -> Option<Self> {
         i32::take(rest).map(Self::saturating_from_bits)
+    }
+
+    #[inline(always)]
+    fn sum(&self) -> u32 {
+        self.bits().sum()
     }
 }
 
@@ -101,5 +143,15 @@ impl<T: Kept + Copy + Default, const N: usize> Kept for [T; N] {
             *place = T::take(rest)?;
         }
         Some(all)
+    }
+
+    #[inline(always)]
+    fn sum(&self) -> u32 {
+        self.iter().fold(0, |sum, one| sum.wrapping_add(one.sum()))
+    }
+
+    #[inline(always)]
+    fn is_whole(&self) -> bool {
+        self.iter().all(T::is_whole)
     }
 }

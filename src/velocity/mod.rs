@@ -91,18 +91,38 @@ trait Form {
     }
 }
 
-/// [`Form::step`], not inlined: so that the state of the usual estimator stays in registers.
-#[cfg(feature = "time-stamps")]
-#[inline(never)]
-fn called<F: Form>(form: &F, state: &mut F::State, difference: i32, senses: &Senses) -> Velocity {
-    form.step(state, difference, senses)
+/// [`Form::step`]. What the step changes is added to the seal, what it replaces is taken away: a bit of the state that flips
+/// between two steps makes the seal differ from the state's sum from then on.
+#[inline(always)]
+fn sealed<F: Form>(
+    form: &F,
+    (state, seal): (&mut F::State, &mut u32),
+    difference: i32,
+    senses: &Senses,
+) -> Velocity {
+    let before = state.sum();
+    let velocity = form.step(state, difference, senses);
+    *seal = seal.wrapping_add(state.sum()).wrapping_sub(before);
+    velocity
 }
 
-/// [`Form::step`] for several samples. `senses` is empty where there are none.
+/// The same, not inlined: so that the state of the usual estimator stays in registers.
+#[cfg(feature = "time-stamps")]
+#[inline(never)]
+fn called<F: Form>(
+    form: &F,
+    sealed_state: (&mut F::State, &mut u32),
+    difference: i32,
+    senses: &Senses,
+) -> Velocity {
+    sealed(form, sealed_state, difference, senses)
+}
+
+/// [`sealed`] for several samples. `senses` is empty where there are none.
 #[inline]
 fn steps<F: Form>(
     form: &F,
-    state: &mut F::State,
+    (state, seal): (&mut F::State, &mut u32),
     (counters, mut moved): (&[i32], impl FnMut(i32) -> i32),
     senses: &[Senses],
     velocities: &mut [Velocity],
@@ -125,6 +145,7 @@ fn steps<F: Form>(
             *last = step(state, place, moved(*counter));
         }
     };
+    let before = state.sum();
     if size_of::<F::State>() > FEW {
         each(state);
     } else {
@@ -132,6 +153,7 @@ fn steps<F: Form>(
         each(&mut copy);
         *state = copy;
     }
+    *seal = seal.wrapping_add(state.sum()).wrapping_sub(before);
 }
 
 impl Estimator {
@@ -168,7 +190,7 @@ impl Estimator {
         if tuning != running.tuning {
             self.take_over(tuning, running);
         }
-        let velocity = self.step(&mut running.memory, difference, senses);
+        let velocity = self.step((&mut running.memory, &mut running.seal), difference, senses);
         running.velocity = velocity;
         velocity
     }
@@ -178,8 +200,13 @@ impl Estimator {
     #[cold]
     #[inline(never)]
     fn take_over(&self, tuning: Tuning, running: &mut Running) {
+        // With this very tuning the seal fits: nobody has changed it, a bit of its number has flipped.
+        let same = Running { tuning, ..*running }.is_whole(self);
         running.tuning = tuning;
-        running.memory.restart(self, running.velocity);
+        if !same {
+            running.memory.restart(self, running.velocity);
+            running.seal = running.sum(self);
+        }
     }
 }
 
@@ -258,7 +285,8 @@ impl Tuned {
         if self.tuning != running.tuning && !velocities.is_empty() {
             self.estimator.take_over(self.tuning, running);
         }
-        self.estimator.step_all(&mut running.memory, readings, senses, velocities);
+        let memory = (&mut running.memory, &mut running.seal);
+        self.estimator.step_all(memory, readings, senses, velocities);
         running.velocity = *velocities.last()?;
         Some(running.velocity)
     }
@@ -280,6 +308,8 @@ pub(crate) struct Running {
     /// Of the last sample.
     velocity: Velocity,
     memory: Memory,
+    /// What the sum of tuning and memory has to be.
+    seal: u32,
 }
 
 impl Running {
@@ -288,7 +318,19 @@ impl Running {
         tuning: Tuning(Kind::Difference as u16),
         velocity: Velocity::ZERO,
         memory: Memory::REST,
+        seal: Kind::Difference as u32, // which remembers nothing
     };
+
+    #[inline(always)]
+    fn sum(&self, estimator: &Estimator) -> u32 {
+        self.memory.sum(estimator).wrapping_add(self.tuning.0.into())
+    }
+
+    /// Whether it is as `estimator`, which has run, has left it.
+    #[inline(always)]
+    pub(crate) fn is_whole(&self, estimator: &Estimator) -> bool {
+        self.sum(estimator) == self.seal && self.memory.is_whole(estimator)
+    }
 }
 
 /// What the samples so far left behind.
@@ -335,13 +377,15 @@ impl State {
     ) -> Option<Self> {
         let mut rest = bytes;
         let memory = Memory::take(estimator, &mut rest)?;
-        let running = Running { tuning: estimator.tuning, velocity, memory };
+        let mut running = Running { tuning: estimator.tuning, velocity, memory, seal: 0 };
+        running.seal = running.sum(estimator);
         rest.is_empty().then_some(Self { previous, running })
     }
 
     /// Whatever comes next takes over from the velocity.
     pub fn restart(&mut self) {
         self.running.tuning = Tuning(u16::MAX); // no form has this number
+        self.running.seal = self.running.seal.wrapping_add(1 << 31); // nor does it fit what is remembered
     }
 
     /// As after many samples at that velocity; whatever comes next takes over from it.
@@ -432,10 +476,60 @@ mod tests {
         }
     }
 
+    /// Whichever bit of what an estimator remembers flips: found, now and for as long as it goes on.
+    #[test]
+    #[cfg_attr(miri, ignore = "every bit of every estimator")]
+    fn a_flipped_bit_of_what_it_remembers_is_found_until_another_takes_over() {
+        for name in EstimatorName::ALL {
+            let tuned = Tuned::first(name.defaults().build(&DESIGN).unwrap());
+            let mut running = Running::REST;
+            let follow = |running: &mut Running, n: i32| {
+                tuned.follow(running, 3 + n % 7 + n * n % 5, &Senses::NONE);
+            };
+            for n in 0..300 {
+                follow(&mut running, n);
+                assert!(running.is_whole(&tuned), "{name:?}");
+            }
+            let mut bytes = [0; crate::telemetry::STATE_MAX];
+            let mut place = Bytes::new(&mut bytes);
+            running.memory.put(&tuned, &mut place);
+            let length = place.used().unwrap();
+            // A ring that is made of bytes has their sum: see its own test.
+            let ring = name.text().starts_with("taylor") || name.keys().contains(&"window_samples");
+            for bit in (0..8 * length).filter(|_| !ring) {
+                bytes[bit / 8] ^= 1 << (bit % 8);
+                let memory = Memory::take(&tuned, &mut &bytes[..length]).unwrap();
+                bytes[bit / 8] ^= 1 << (bit % 8);
+                let mut broken = Running { memory, ..running };
+                // Without checks of overflow, as on a board, any bit would do here too.
+                let samples = if bit % 64 < 24 { 10 } else { 1 };
+                for n in 300..300 + samples {
+                    assert!(!broken.is_whole(&tuned), "{name:?}, bit {bit}, sample {n}");
+                    if samples > 1 {
+                        follow(&mut broken, n);
+                    }
+                }
+            }
+            // A bit of the number says that another one has run: it goes on all the same.
+            for bit in 0..16 {
+                let tuning = Tuning(running.tuning.0 ^ 1 << bit);
+                let mut broken = Running { tuning, ..running };
+                let mut whole = running;
+                follow(&mut broken, 300);
+                follow(&mut whole, 300);
+                assert_eq!(
+                    (broken.velocity, broken.seal),
+                    (whole.velocity, whole.seal),
+                    "{name:?}"
+                );
+            }
+        }
+    }
+
     /// docs/estimators.md states them.
     #[test]
     fn states_and_coefficients_are_as_small_as_documented() {
-        assert_eq!([size_of::<history::History>(), size_of::<Foaw>()], [130, 8]);
+        assert_eq!([size_of::<history::History>(), size_of::<Foaw>()], [136, 8]);
         assert_eq!([size_of::<levant::LevantState>(), size_of::<Levant>()], [16, 40]);
         assert_eq!([size_of::<kalman::KalmanState>(), size_of::<Kalman>()], [32, 24]);
     }

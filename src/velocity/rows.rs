@@ -143,14 +143,15 @@ macro_rules! estimators {
             #[inline(always)] // called, it would put senses that nobody looks at into memory
             pub(super) fn step(
                 &self,
-                memory: &mut Memory,
+                (memory, seal): (&mut Memory, &mut u32),
                 difference: i32,
                 senses: &Senses,
             ) -> Velocity {
                 match self {
                     $($(#[cfg($on)] Self::$form(form) => {
                         $likely();
-                        $step(form, &mut memory.$($own)? $($shared)?, difference, senses)
+                        let state = &mut memory.$($own)? $($shared)?;
+                        $step(form, (state, seal), difference, senses)
                     })*)*
                 }
             }
@@ -159,14 +160,15 @@ macro_rules! estimators {
             #[inline]
             pub(super) fn step_all(
                 &self,
-                memory: &mut Memory,
+                (memory, seal): (&mut Memory, &mut u32),
                 readings: (&[i32], impl FnMut(i32) -> i32),
                 senses: &[Senses],
                 velocities: &mut [Velocity],
             ) {
                 match self {
                     $($(#[cfg($on)] Self::$form(form) => {
-                        steps(form, &mut memory.$($own)? $($shared)?, readings, senses, velocities);
+                        let state = &mut memory.$($own)? $($shared)?;
+                        steps(form, (state, seal), readings, senses, velocities);
                     })*)*
                 }
             }
@@ -200,6 +202,28 @@ macro_rules! estimators {
                     })*)*
                 }
                 Some(memory)
+            }
+
+            /// Of what `estimator` remembers.
+            #[inline(always)]
+            pub(super) fn sum(&self, estimator: &Estimator) -> u32 {
+                match estimator {
+                    $($(#[cfg($on)] Estimator::$form(_) => {
+                        $likely();
+                        self.$($own)? $($shared)?.sum()
+                    })*)*
+                }
+            }
+
+            /// Whether what of it the sum does not look at is as it was put.
+            #[inline(always)]
+            pub(super) fn is_whole(&self, estimator: &Estimator) -> bool {
+                match estimator {
+                    $($(#[cfg($on)] Estimator::$form(_) => {
+                        $likely();
+                        self.$($own)? $($shared)?.is_whole()
+                    })*)*
+                }
             }
 
             /// Warms up `estimator`, as if the handle had always moved at that velocity.

@@ -30,7 +30,7 @@ use core::num::NonZeroU64;
 
 use super::{
     Edge, Form, Senses,
-    kept::{Bytes, Kept},
+    kept::{Bytes, Kept, kept},
 };
 use crate::{
     range::{SettingsError, within},
@@ -62,10 +62,14 @@ struct Stamp {
     place: i32,
 }
 
+kept!(Stamp { time, place });
+
 /// The last edges, at most one per sample.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TimeStampsState {
     stamps: [Stamp; LENGTH as usize],
+    /// Of all stamps.
+    sum: u32,
     /// Place of the latest one, and how far back the one lies that is measured from; both 0 with
     /// one edge only.
     latest: u8,
@@ -115,6 +119,17 @@ impl Kept for TimeStampsState {
 
     fn take(_: &mut &[u8]) -> Option<Self> {
         None
+    }
+
+    fn sum(&self) -> u32 {
+        let Self { stamps: _, sum, latest, back, begun, now, count, measured } = *self;
+        let small = u32::from_le_bytes([latest, back, begun.into(), 0]);
+        [sum, small, now, count.cast_unsigned(), measured.sum()].sum()
+    }
+
+    #[inline(never)]
+    fn is_whole(&self) -> bool {
+        self.stamps.sum() == self.sum
     }
 }
 
@@ -186,6 +201,7 @@ fn likely_age(counts: i32) -> u32 {
 impl TimeStampsState {
     const REST: Self = Self {
         stamps: [Stamp { time: 0, place: 0 }; LENGTH as usize],
+        sum: 0,
         latest: 0,
         back: 0,
         begun: false,
@@ -205,6 +221,7 @@ impl TimeStampsState {
     fn push(&mut self, stamp: Stamp) {
         self.latest = self.latest.wrapping_add(1);
         if let Some(place) = self.stamps.get_mut(usize::from(self.latest % LENGTH)) {
+            self.sum = self.sum.wrapping_sub(place.sum()).wrapping_add(stamp.sum());
             *place = stamp;
         }
         if self.begun {
