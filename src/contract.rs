@@ -274,6 +274,9 @@ pub trait DebugHalts {
 
 /// The registers that decide whether, when and which force acts.
 pub trait SetUp {
+    /// Whether the channels to and from the host are still where they were set up. A `disarm` would not be heard.
+    fn channels_hold(&mut self) -> bool;
+
     /// Whether all of them are still as they were at the first call. By `render`, with each output, once it is out.
     fn holds(&mut self) -> bool;
     /// They are not: drives the pin of enable low by its port, whatever the timer and its pin's mode have become. Until

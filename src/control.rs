@@ -101,11 +101,17 @@ impl<W: Width> Sampler<W> {
         self.encoder.position()
     }
 
-    /// Whether position 0 is where it was put, and what the estimator remembers as the last sample, which went by `control`,
-    /// has left it.
+    /// Whether position 0 is where it was put.
     #[inline(always)]
-    pub fn is_whole(&self, control: &LoopParameters) -> bool {
-        self.encoder.is_whole() && self.velocity.is_whole(&control.estimator)
+    pub fn is_whole(&self) -> bool {
+        self.encoder.is_whole()
+    }
+
+    /// Whether what the estimator remembers is as the last sample has left it, if that one went by `control`.
+    #[inline(always)]
+    pub fn remembers(&self, control: &LoopParameters) -> bool {
+        self.velocity.number() != control.estimator.number()
+            || self.velocity.is_whole(&control.estimator)
     }
 
     /// Number of the next sample.
@@ -221,6 +227,13 @@ impl LoopParameters {
         Self { estimator: self.estimator.after(&running.estimator), ..self }
     }
 
+    /// Whether these do the same as `other`, whenever either came into force.
+    pub fn does_as(&self, other: &Self) -> bool {
+        let Self { estimator, wall, actuator, period } = self;
+        **estimator == *other.estimator
+            && (wall, actuator, period) == (&other.wall, &other.actuator, &other.period)
+    }
+
     /// The output that answers `motion`: `push` (into the wall) minus what the wall gives back.
     /// Both share the actuator's range.
     #[inline]
@@ -295,7 +308,8 @@ mod tests {
                 }
                 prop_assert_eq!(said, last);
                 prop_assert_eq!(together.next(), singly.next());
-                prop_assert!(together.is_whole(&in_force) && singly.is_whole(&in_force));
+                prop_assert!(together.is_whole() && singly.is_whole());
+                prop_assert!(together.remembers(&in_force) && singly.remembers(&in_force));
             }
             let nothing = together.sense_all(&in_force, &[], &[], &mut [Velocity::ZERO; RUN]);
             prop_assert_eq!(nothing, None);

@@ -6,6 +6,8 @@
 pub mod designs;
 pub mod record;
 
+use core::ops::RangeInclusive;
+
 use self::designs::Designs;
 use crate::{
     Design, HitSettings, LoopParameters, Settings, SettingsError,
@@ -102,8 +104,16 @@ pub struct Start {
 }
 
 impl Device<'_> {
-    /// Largest radius, m.
-    pub const RADIUS_MAX_M: f64 = 10.0;
+    /// Radii of a handle that turns, m. Of one that does not it is 0.
+    pub const RADIUS_M: RangeInclusive<f64> = 1e-3..=10.0;
+    /// Longest latency that a record may state, samples: half a second on the boards there are.
+    pub const LATENCY_MAX_SAMPLES: f64 = 5000.0;
+    /// Furthest end of the travel from zero, m: a handle that turns several times is on a circle's way.
+    pub const TRAVEL_MAX_M: f64 = 10.0;
+    /// Highest speed that a record may believe, m/s.
+    pub const SPEED_MAX_M_PER_S: f64 = 100.0;
+    /// Masses of the heaviest handle, kg.
+    pub const HEAVIEST_MASS_KG: RangeInclusive<f64> = 1e-4..=1e3;
 
     /// The design with the force at full command that was calibrated.
     ///

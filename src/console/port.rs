@@ -1,6 +1,7 @@
 //! What the console needs of the board it runs on.
 
 use crate::{
+    LoopParameters,
     experiment::Order,
     safety::GuardedSampler,
     self_test::{Found, Part},
@@ -28,6 +29,9 @@ pub trait Port {
 
     /// Passes an order to the output task. Only one is under way, so there is room; says whether there was.
     fn order(&mut self, order: Order) -> bool;
+
+    /// Whether the loop goes by these, which the order that was answered last has put in force.
+    fn is_in_force(&mut self, asked: &LoopParameters) -> bool;
 
     /// The newest settings in flash, or `defaults`.
     fn load(&mut self, defaults: Stored) -> Loaded;

@@ -74,6 +74,9 @@ impl fmt::Display for BadRecord {
             Self::Damaged => f.write_str("it is damaged: its checksum is wrong"),
             Self::Board(name) => write!(f, "it is for the board {}", name.text()),
             Self::Name => f.write_str("a name in it is no text"),
+            Self::Unknown => {
+                f.write_str("it has flags or numbers that this firmware does not know")
+            }
             Self::Output => f.write_str("its force output is not this board's"),
             Self::Estimator(id) => write!(f, "its estimator, number {id}, is not in this image"),
             Self::Designs => f.write_str("its designs are no table"),

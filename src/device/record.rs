@@ -107,6 +107,8 @@ pub enum BadRecord {
     Board(Name),
     /// A name is no text.
     Name,
+    /// Flags that this layout has not, or a number where the estimator has none.
+    Unknown,
     /// Another kind of output.
     Output,
     /// This build has no estimator of that number.
@@ -188,8 +190,8 @@ impl<'a> Device<'a> {
         }
         within("rate_hz", device.design.rate_hz, board.rate_hz..=board.rate_hz)?;
         // An envelope for a faster board would hold walls that this one does not.
-        let slowest = f64::MAX;
-        within("latency_samples", device.latency_samples, board.latency_samples..=slowest)?;
+        let latency = board.latency_samples..=Self::LATENCY_MAX_SAMPLES;
+        within("latency_samples", device.latency_samples, latency)?;
         device.check()?;
         Ok(device)
     }
@@ -202,7 +204,7 @@ impl<'a> Device<'a> {
         }
         self.calibration(&defaults, 0.0)?;
         self.walk.check()?;
-        within("radius_m", self.radius_m, 0.0..=Self::RADIUS_MAX_M)?;
+        self.check_size()?;
         for (_, design) in self.designs.iter() {
             let mut stored = defaults;
             stored.settings.velocity = design.velocity;
@@ -211,6 +213,23 @@ impl<'a> Device<'a> {
         self.back.build(&self.design)?;
         let loaded = Loaded { stored: defaults, source: Source::Empty, damaged: 0 };
         self.start(&loaded, None)?;
+        Ok(())
+    }
+
+    /// Whether it can be a device that a person holds.
+    fn check_size(&self) -> Result<(), BadRecord> {
+        let Self { safety, radius_m, .. } = self;
+        within(
+            "speed_believable_m_per_s",
+            safety.speed_believable_m_per_s,
+            0.0..=Self::SPEED_MAX_M_PER_S,
+        )?;
+        within("travel_low_m", safety.travel_low_m, -Self::TRAVEL_MAX_M..=0.0)?;
+        within("travel_high_m", safety.travel_high_m, 0.0..=Self::TRAVEL_MAX_M)?;
+        within("heaviest_mass_kg", safety.heaviest_mass_kg, Self::HEAVIEST_MASS_KG)?;
+        if *radius_m != 0.0 {
+            within("radius_m", *radius_m, Self::RADIUS_M)?;
+        }
         Ok(())
     }
 
@@ -224,16 +243,19 @@ impl<'a> Device<'a> {
         }
         let output = output_of(kind, size).ok_or(BadRecord::Output)?;
         let estimator = EstimatorName::from_id(id).ok_or(BadRecord::Estimator(id))?;
-        let (numbers, tables) = rest.split_at_checked(2 * NUMBERS).unwrap_or_default();
+        if flags & !(PUSH_ONLY | MOTOR_REVERSED | ENCODER_REVERSED | 0xFF << DESIGNS) != 0 {
+            return Err(BadRecord::Unknown);
+        }
+        let (stated, tables) = rest.split_at_checked(2 * NUMBERS).unwrap_or_default();
         let count = (flags >> DESIGNS & 0xFF) as usize;
         let (designs, envelope) = Designs::split(count, tables).ok_or(BadRecord::Designs)?;
-        let mut numbers = numbers.as_chunks::<2>().0.iter();
+        let mut numbers = stated.as_chunks::<2>().0.iter();
         // In the order of `numbers`.
         let mut next = || match numbers.next() {
             Some(&[low, high]) => f64::from_bits(u64::from(low) | u64::from(high) << 32),
             None => f64::NAN,
         };
-        Ok(Self {
+        let device = Self {
             board: on,
             key: DeviceKey { name, hash },
             scene_hash,
@@ -306,7 +328,10 @@ impl<'a> Device<'a> {
                 damping_step_n_s_per_m: next(),
                 damping_max_n_s_per_m: next(),
             },
-        })
+        };
+        // Where the estimator has no number there is none.
+        let same = device.numbers().into_iter().flat_map(halves).eq(stated.iter().copied());
+        if same { Ok(device) } else { Err(BadRecord::Unknown) }
     }
 
     /// Its numbers.

@@ -74,10 +74,10 @@ impl Experiments {
         matches!(&self.experiment, Experiment::Hit(hit) if hit.is_fresh())
     }
 
-    /// What has happened since the last time it was taken, or `Event::None`.
+    /// What has happened, for its reader to take: `Event::None` if nothing has.
     #[inline(always)]
-    pub fn take_news(&mut self) -> Event {
-        core::mem::replace(&mut self.news, Event::None)
+    pub fn news(&mut self) -> &mut Event {
+        &mut self.news
     }
 
     /// Whether what it pushes with is as it was given. To be asked after each output.
@@ -284,14 +284,14 @@ mod tests {
                 experiments.set(Activity::Hit, Experiment::Hit(hit));
                 experiments.observe(&wall, true, core::iter::once(position));
                 let verdict = if contact { Verdict::Stable } else { Verdict::NoContact };
-                let Event::HitOver(judged, _) = experiments.take_news() else { panic!("none") };
+                let Event::HitOver(judged, _) = *experiments.news() else { panic!("none") };
                 assert_eq!(judged, verdict, "{behind} {outputs_more}");
             }
             let mut experiments = Experiments::new(plan.duty);
             experiments.calibrate(push).unwrap();
             experiments.prepare(position, contact);
-            let news = experiments.take_news();
-            let ended = matches!(news, Event::CalibrationOver(CalibrationEnd::Contact));
+            let ended =
+                matches!(experiments.news(), Event::CalibrationOver(CalibrationEnd::Contact));
             assert_eq!(ended, contact, "{behind}");
         }
     }

@@ -3,6 +3,7 @@
 use crate::{
     period::SAMPLES_PER_MS,
     range::{SettingsError, within},
+    safety::Doubled,
 };
 
 /// Longest time from word to word. None unless the host has promised one.
@@ -33,18 +34,32 @@ impl Promise {
 }
 
 /// A promise, and when it was last kept.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Host {
-    promise: Promise,
+    promise: Doubled<Promise>,
     /// Numbers of the last output's sample, and of the one when a word last came.
     now: u32,
     heard: u32,
 }
 
+impl Default for Host {
+    fn default() -> Self {
+        Self { promise: Doubled::new(Promise::default()), now: 0, heard: 0 }
+    }
+}
+
 impl Host {
+    /// Whether the promise is the one that was given. A time of which a bit flips is found by its silence, or by the next
+    /// word.
+    #[inline(always)]
+    pub fn is_whole(&self) -> bool {
+        self.promise.is_whole()
+    }
+
     /// A word, and the promise of the next one.
     pub fn hear(&mut self, promise: Promise) {
-        (self.promise, self.heard) = (promise, self.now);
+        self.promise.set(promise);
+        self.heard = self.now;
     }
 
     /// Whether it has broken its promise with the output at `sample`, or will have with the next one, `period` samples
@@ -61,7 +76,7 @@ impl Host {
         let silent = self.now.wrapping_sub(self.heard).saturating_add(period);
         let broken = self.promise.samples != 0 && silent >= self.promise.samples;
         if broken {
-            self.promise = Promise::default();
+            self.promise.set(Promise::default());
         }
         broken
     }
@@ -77,6 +92,19 @@ mod tests {
         assert_eq!(Promise::of(200.0), Ok(Promise { samples: 2_000 }));
         for ms in [-1.0, 0.1, 19.9, 10_000.1, f64::NAN, f64::INFINITY] {
             assert!(Promise::of(ms).is_err(), "{ms}");
+        }
+    }
+
+    /// Any bit: one that is set makes it so long that the host may be silent for ever.
+    #[test]
+    fn a_promise_of_which_a_bit_flips_is_found() {
+        let mut host = Host::default();
+        host.hear(Promise::of(1234.0).unwrap());
+        assert!(host.is_whole());
+        for bit in 0..32 {
+            let mut broken = host;
+            broken.promise.spoil(Promise { samples: host.promise.samples ^ 1 << bit });
+            assert!(!broken.is_whole(), "{bit}");
         }
     }
 

@@ -88,7 +88,7 @@ impl<const N: usize> Renderer<N> {
     pub fn is_whole(&self, sampled: &LoopParameters) -> bool {
         let signs = self.motor_reversed.is_whole() && self.gains.is_whole();
         let asked = self.experiments.is_whole() && *sampled == self.parameters;
-        signs && asked && self.supervisor.is_whole()
+        signs && asked && self.host.is_whole() && self.supervisor.is_whole()
     }
 
     /// What the experiment asks for at this output.
@@ -254,10 +254,11 @@ impl<const N: usize> Renderer<N> {
     pub fn report(&mut self, record: Record) -> Report {
         let activity = self.experiments.activity();
         // The news first: they may be the end of what a `stop` is answered for.
-        let event = match self.experiments.take_news() {
-            Event::None => core::mem::replace(&mut self.answer, Event::None),
+        let event = match self.experiments.news() {
+            Event::None => &mut self.answer,
             news => news,
         };
+        let event = core::mem::replace(event, Event::None);
         let streamed = self.replayed().unwrap_or(record);
         let (push, port) = (self.experiments.pushed(), self.supervisor.exchanged());
         let status = self.supervisor.status();

@@ -216,10 +216,8 @@ impl<W: Width> GuardedSampler<W> {
         let found = if behind != control.period.get() && !down.stall {
             cold_path();
             read_anew();
-            FaultSet::EMPTY
-                .with(Fault::LateRender)
-                .with_if(Fault::Memory, !self.sampler.is_whole(control))
-        } else if !self.sampler.is_whole(control) {
+            FaultSet::EMPTY.with(Fault::LateRender).with_if(Fault::Memory, !self.sampler.is_whole())
+        } else if !self.sampler.is_whole() {
             // Position 0 is not where it was put. Asked often enough, and a due sample is not the longest.
             cold_path();
             read_anew();

@@ -53,6 +53,12 @@ pub struct Owner<P>(PhantomData<P>);
 /// The viewer's, for a task of lower priority.
 pub struct Viewer<P>(PhantomData<P>);
 
+impl<P> Clone for Viewer<P> {
+    fn clone(&self) -> Self {
+        Self(PhantomData)
+    }
+}
+
 impl<S, R> Place<S, R> {
     /// Empty.
     pub const fn new() -> Self {

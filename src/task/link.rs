@@ -7,6 +7,7 @@ use core::sync::atomic::Ordering::Relaxed;
 
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
+    LoopParameters,
     console::{Console, Pace, Port, REPLY_MAX, Refused, Text},
     contract::{CommandChannel as _, SelfTest as _, UpChannel as _, Watchdog as _},
     device::{Device, record::BadRecord},
@@ -19,7 +20,7 @@ use zwidth::{
 
 use super::{FLAGS, Numbered, ORDERS, REPORTS, sample::Sampling};
 use crate::board::{self, Commands, FlashError, SelfTest, SettingsFlash, UpLink, Watchdog};
-use crate::sync::{Viewer, position_ring};
+use crate::sync::{DoubleBuffer, Viewer, position_ring};
 
 /// Longest piece of a line in one frame of the log, bytes. The logger keeps `render` waiting while it
 /// copies one.
@@ -72,6 +73,11 @@ impl Port for Channels {
             self.ordered = number;
         }
         given
+    }
+
+    fn is_in_force(&mut self, asked: &LoopParameters) -> bool {
+        DoubleBuffer::look::<Sampling>()
+            .is_some_and(|in_force: LoopParameters| asked.does_as(&in_force))
     }
 
     fn load(&mut self, defaults: Stored) -> Loaded {

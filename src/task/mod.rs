@@ -126,15 +126,16 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
     let sampler = GuardedSampler::new(encoder.count(), Bits32);
     let outputs =
         render::Outputs { drive, stop, supply, halts, output_watchdog, set_up, read_back, memory };
+    let (sample, viewer) =
+        Sample::new(encoder, sample_timer, sampler, control_out, down_out, due_in, guard_in);
     let ends = render::Ends {
         due: due_out,
         guard: guard_out,
         sampling: render::ToSample { control: control_in, down: down_in },
+        sampler: viewer.clone(),
         orders: orders_out,
         reports: reports_in,
     };
-    let (sample, viewer) =
-        Sample::new(encoder, sample_timer, sampler, control_out, down_out, due_in, guard_in);
     (
         sample,
         Render::new(

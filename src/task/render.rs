@@ -22,11 +22,11 @@ use zwidth::{
     telemetry::Record,
 };
 
-use super::{FLAGS, Numbered, ORDERS, REPORTS};
+use super::{FLAGS, Numbered, ORDERS, REPORTS, sample::Sampling as Block};
 use crate::board::{
     self, Drive, EmergencyStop, FaultMemory, Halts, OutputWatchdog, ReadBack, SetUp, Supply,
 };
-use crate::sync::{DoubleBufferWriter, SeqlockReader, position_ring::Follower};
+use crate::sync::{DoubleBufferWriter, SeqlockReader, Viewer, position_ring::Follower};
 
 /// The longest output period.
 const LONGEST: u32 = period::PERIODS[period::PERIODS.len() - 1];
@@ -59,6 +59,8 @@ pub struct Ends {
     pub guard: SeqlockReader<Guard>,
     /// To `sample`.
     pub sampling: ToSample,
+    /// What `sample` remembers.
+    pub sampler: Viewer<Block>,
     /// From `link`.
     pub orders: Consumer<'static, Numbered, ORDERS>,
     /// To `link`.
@@ -244,7 +246,15 @@ impl Render {
         self.checked = number;
         self.numbers_next = !self.numbers_next;
         let whole = !(all || self.numbers_next)
-            || self.renderer.is_whole(self.ends.sampling.control.newest()) && self.acts.is_whole();
+            || self.renderer.is_whole(self.ends.sampling.control.newest())
+                && self
+                    .ends
+                    .sampler
+                    .read()
+                    .sampler()
+                    .remembers(self.ends.sampling.control.newest())
+                && self.acts.is_whole()
+                && self.outputs.set_up.channels_hold();
         let set_up = !all && self.numbers_next || self.outputs.set_up.holds();
         // Off since: what was read may be the zero that a task has put out.
         let was = was.filter(|_| self.outputs.drive.is_on());

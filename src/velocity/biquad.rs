@@ -84,10 +84,21 @@ impl Biquad {
     /// at the limit needs that room, or the clipping would pull the mean down.
     #[inline]
     pub fn update(&self, state: &mut BiquadState, input: Velocity) -> Velocity {
+        self.update_sealed((state, &mut 0), input)
+    }
+
+    /// The same with the seal of [`Form::sealed`].
+    #[inline(always)]
+    fn update_sealed(
+        &self,
+        (state, seal): (&mut BiquadState, &mut u32),
+        input: Velocity,
+    ) -> Velocity {
         let x0 = input.bits();
         let [x1, x2] = state.x;
         let [y1, y2] = state.y;
         let [r1, r2] = state.dropped;
+        *seal = seal.wrapping_sub([x2, y2, r2].sum());
         // Sum of the magnitudes below 2^63: the design keeps |b0| + |b1| + |b2| + |a1| + |a2| < 4.
         let [b0, b1, b2] = self.b;
         let [c1, c2] = self.back;
@@ -99,17 +110,20 @@ impl Biquad {
         state.x = [x0, x1];
         let dropped = (total & ((1 << Self::FRACTION_BITS) - 1)) as i32;
         state.dropped = [dropped, r1];
+        *seal = seal.wrapping_add([x0, dropped].sum());
         // Nearly always no saturation is near, and one comparison says so.
         if upper.wrapping_add(NEAR).cast_unsigned() < 2 * NEAR.cast_unsigned() {
             #[expect(clippy::cast_possible_truncation, reason = "within 4 NEAR")]
             let y0 = (total >> Self::FRACTION_BITS) as i32;
             state.y = [y0, y1];
+            *seal = seal.wrapping_add(y0.sum());
             return Velocity::from_bits_in_range(y0);
         }
         cold_path();
         let rounded = total >> Self::FRACTION_BITS;
         let y0 = i32::try_from(rounded).unwrap_or(if rounded < 0 { i32::MIN } else { i32::MAX });
         state.y = [y0, y1];
+        *seal = seal.wrapping_add(y0.sum());
         Velocity::saturating_from_bits(y0)
     }
 }
@@ -185,5 +199,15 @@ impl Form for Biquad {
     #[inline]
     fn step(&self, state: &mut BiquadState, difference: i32, _: &Senses) -> Velocity {
         self.update(state, Velocity::saturating_from_counts(difference))
+    }
+
+    #[inline(always)]
+    fn sealed(
+        &self,
+        sealed: (&mut BiquadState, &mut u32),
+        difference: i32,
+        _: &Senses,
+    ) -> Velocity {
+        self.update_sealed(sealed, Velocity::saturating_from_counts(difference))
     }
 }

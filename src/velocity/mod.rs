@@ -80,6 +80,21 @@ trait Form {
     /// The velocity after a move by `difference` counts, in counts per sample.
     fn step(&self, state: &mut Self::State, difference: i32, senses: &Senses) -> Velocity;
 
+    /// [`step`](Self::step). What it changes is added to the seal, what it replaces is taken away: a bit of the state that
+    /// flips between two steps makes the seal differ from the state's sum from then on.
+    #[inline(always)]
+    fn sealed(
+        &self,
+        (state, seal): (&mut Self::State, &mut u32),
+        difference: i32,
+        senses: &Senses,
+    ) -> Velocity {
+        let before = state.sum();
+        let velocity = self.step(state, difference, senses);
+        *seal = seal.wrapping_add(state.sum()).wrapping_sub(before);
+        velocity
+    }
+
     /// The state as bytes: what a later velocity depends on.
     fn put(&self, state: &Self::State, bytes: &mut Bytes<'_>) {
         state.put(bytes);
@@ -91,22 +106,7 @@ trait Form {
     }
 }
 
-/// [`Form::step`]. What the step changes is added to the seal, what it replaces is taken away: a bit of the state that flips
-/// between two steps makes the seal differ from the state's sum from then on.
-#[inline(always)]
-fn sealed<F: Form>(
-    form: &F,
-    (state, seal): (&mut F::State, &mut u32),
-    difference: i32,
-    senses: &Senses,
-) -> Velocity {
-    let before = state.sum();
-    let velocity = form.step(state, difference, senses);
-    *seal = seal.wrapping_add(state.sum()).wrapping_sub(before);
-    velocity
-}
-
-/// The same, not inlined: so that the state of the usual estimator stays in registers.
+/// [`Form::sealed`], not inlined: so that the state of the usual estimator stays in registers.
 #[cfg(feature = "time-stamps")]
 #[inline(never)]
 fn called<F: Form>(
@@ -115,10 +115,10 @@ fn called<F: Form>(
     difference: i32,
     senses: &Senses,
 ) -> Velocity {
-    sealed(form, sealed_state, difference, senses)
+    form.sealed(sealed_state, difference, senses)
 }
 
-/// [`sealed`] for several samples. `senses` is empty where there are none.
+/// [`Form::sealed`] for several samples. `senses` is empty where there are none.
 #[inline]
 fn steps<F: Form>(
     form: &F,
@@ -320,6 +320,12 @@ impl Running {
         memory: Memory::REST,
         seal: Kind::Difference as u32, // which remembers nothing
     };
+
+    /// [`Tuned::number`] of the estimator that has run.
+    #[inline(always)]
+    pub(crate) const fn number(&self) -> u16 {
+        self.tuning.0
+    }
 
     #[inline(always)]
     fn sum(&self, estimator: &Estimator) -> u32 {

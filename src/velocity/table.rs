@@ -12,7 +12,7 @@ use crate::{Design, SettingsError, units::Velocity};
 const fn usual() {}
 
 estimators! {
-    if all(), usual, sealed {
+    if all(), usual, Form::sealed {
         forms {
             /// Finite difference and low-pass.
             LowPass(Biquad) keeps filter;
@@ -40,7 +40,7 @@ estimators! {
             } => |design| LowPass(Biquad::low_pass(1, cutoff_hz, design.rate_hz, true)?);
         }
     }
-    if all(), core::hint::cold_path, sealed {
+    if all(), core::hint::cold_path, Form::sealed {
         forms {
             /// Finite difference.
             Difference(Difference) keeps nothing;

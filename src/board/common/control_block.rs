@@ -11,6 +11,19 @@ unsafe extern "C" {
 /// A channel's words: name, buffer, size, write, read, flags.
 const WORDS: usize = 6;
 
+/// Names, buffers and sizes of all channels in one word: nobody changes them once they are set up. A host writes the other
+/// words.
+#[inline(always)]
+pub(in crate::board) fn sum() -> u32 {
+    let mut sum = 0u32;
+    for channel in 0..SIZES.len() {
+        for word in 0..3 {
+            sum = sum.rotate_left(1) ^ Buffer::word(channel, word);
+        }
+    }
+    sum
+}
+
 /// Where a channel's buffer is. The control block is in RAM, and a host writes there: a wrong address or size would send
 /// what is written into the memory of a task.
 pub(in crate::board) struct Buffer {

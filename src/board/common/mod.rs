@@ -1,6 +1,6 @@
 //! What boards of every family with a Cortex-M4 share: the log and the probe link.
 
-mod control_block;
+pub(in crate::board) mod control_block;
 pub mod device_record;
 pub mod logger;
 pub mod mask;

@@ -14,6 +14,7 @@ use cortex_m::register::basepri;
 use zwidth::contract;
 
 use super::{output_watchdog, pin::BoardPin};
+use crate::board::common::control_block;
 
 /// How [`Encoder::turn`](contract::Encoder::turn) has set TIM2's polarity.
 pub(super) static ENCODER_TURNED: AtomicBool = AtomicBool::new(false);
@@ -24,7 +25,8 @@ const TIM2: u32 = 0x4000_0000;
 const TIM5: u32 = 0x4000_0C00;
 const TIM6: u32 = 0x4000_1000;
 const TIM8: u32 = 0x4001_0400;
-const DMA2_STREAM1: u32 = 0x4002_6400 + 0x28;
+const DMA2: u32 = 0x4002_6400;
+const DMA2_STREAM1: u32 = DMA2 + 0x28;
 const GPIOA: u32 = 0x4002_0000;
 const GPIOB: u32 = 0x4002_0400;
 const GPIOE: u32 = 0x4002_1000;
@@ -82,15 +84,17 @@ fn sum() -> u32 {
     fold! { sum,
         TIM2 => [0x00 & (!(1 << 4)), 0x04, 0x08, 0x18, 0x20 & !DIRECTION, 0x28, 0x2C];
     }
-    // Samples, the clock beside them, the output watchdog: CR1, SMCR, DIER, PSC, ARR, RCR.
+    // Samples, the clock beside them, the output watchdog: CR1, CR2, SMCR, DIER, PSC, ARR, RCR.
     fold! { sum,
         TIM5 => [0x00, 0x08, 0x0C, 0x28, 0x2C];
         TIM6 => [0x00, 0x28, 0x2C];
-        TIM8 => [0x00, 0x08, 0x0C, 0x28, 0x2C, 0x30];
+        TIM8 => [0x00, 0x04, 0x08, 0x0C, 0x28, 0x2C, 0x30];
     }
-    // Its stream: CR, PAR, M0AR, FCR.
+    // Its stream: CR, NDTR (of one item in a circle, so it is always 1), PAR, M0AR, FCR but for what its FIFO holds; its errors
+    // in LISR (DMEIF1, TEIF1), after which it stores nothing.
     fold! { sum,
-        DMA2_STREAM1 => [0x00, 0x08, 0x0C, 0x14];
+        DMA2_STREAM1 => [0x00, 0x04, 0x08, 0x0C, 0x14 & (!(0b111 << 3))];
+        DMA2 => [0x00 & (0b11 << 8)];
     }
     // Vector table, priority groups, priorities of PendSV and the like, memory protection with its one region.
     fold! { sum,
@@ -106,13 +110,14 @@ fn sum() -> u32 {
 /// What they folded to when all was set up.
 pub struct SetUp {
     expected: Option<u32>,
+    channels: Option<u32>,
     enable: BoardPin,
 }
 
 impl SetUp {
     /// Not set up yet.
     pub const fn new(enable: BoardPin) -> Self {
-        Self { expected: None, enable }
+        Self { expected: None, channels: None, enable }
     }
 }
 
@@ -123,6 +128,12 @@ fn read(address: u32) -> u32 {
 }
 
 impl contract::SetUp for SetUp {
+    #[inline(always)]
+    fn channels_hold(&mut self) -> bool {
+        let sum = control_block::sum();
+        *self.channels.get_or_insert(sum) == sum
+    }
+
     #[inline(always)]
     fn holds(&mut self) -> bool {
         let sum = sum();

@@ -22,7 +22,7 @@ use crate::{
     experiment::{Activity, Event, Order, Report, WalkTotals},
     safety::{Doubled, Fault, Refusal, Request},
     store::{Name, Source, Stored},
-    telemetry::Record,
+    telemetry::{InForce, Record},
     velocity::EstimatorName,
 };
 pub(super) use self_test::SelfTestStep;
@@ -124,13 +124,16 @@ impl<P: Port> Console<P> {
     /// Takes what happened with an output. To be called for every report, in order.
     pub fn report(&mut self, report: &Report) {
         self.stream(report);
-        if let Event::Answer(answer) = report.event {
-            self.stream.answered(answer.is_ok());
-        }
         self.latest = Some(*report);
         match report.event {
             Event::None => {}
-            Event::Answer(answer) => self.answer(answer),
+            Event::Answer(answer) => match self.stream.answered(answer.is_ok()) {
+                Some(asked) if !self.is_in_force(&asked) => {
+                    self.answer(Err(Refusal::Faulted(Fault::Memory)));
+                    self.trip();
+                }
+                _ => self.answer(answer),
+            },
             Event::HitOver(verdict, window) if self.walking.is_some() => {
                 self.judged(verdict, &window);
             }
@@ -243,6 +246,9 @@ impl<P: Port> Console<P> {
 
     /// Gives the order for those settings, whose answer is then awaited.
     pub(super) fn order_settings(&mut self, stored: &Stored, order: Order, awaited: Awaited) {
+        if !self.is_whole() {
+            return self.lose();
+        }
         if let (Order::LoopParameters(parameters, _), Ok(design)) =
             (&order, self.device.design(stored))
         {
@@ -266,6 +272,21 @@ impl<P: Port> Console<P> {
         self.stored.is_whole() && self.device_then == *self.device
     }
 
+    /// Whether what was put in force is what those settings come to, worked out once more: a bit that flips on the way of
+    /// an order would be another wall, for good.
+    #[inline(never)] // its parameters are not needed below `report`
+    fn is_in_force(&mut self, asked: &InForce) -> bool {
+        let parameters = asked.settings.build(&asked.design);
+        parameters.is_ok_and(|parameters| self.port.is_in_force(&parameters))
+    }
+
+    /// Off, by the fault of a bit that has flipped.
+    fn trip(&mut self) {
+        if self.port.order(Order::Request(Request::Trip(Fault::Memory))) {
+            self.awaited = Some(Awaited::Quiet);
+        }
+    }
+
     /// A bit of the settings, or of the device, has flipped.
     #[cfg(test)]
     pub(super) fn flip(&mut self, of_device: bool) {
@@ -281,9 +302,7 @@ impl<P: Port> Console<P> {
     /// A bit of what orders are made of has flipped: none is given any more but that for a fault.
     #[cold]
     fn lose(&mut self) {
-        if self.port.order(Order::Request(Request::Trip(Fault::Memory))) {
-            self.awaited = Some(Awaited::Quiet);
-        }
+        self.trip();
         let refusal = Refusal::Faulted(Fault::Memory);
         if self.walking.is_some() {
             self.end_walk(refusal.text());

@@ -87,13 +87,11 @@ impl Stream {
         });
     }
 
-    /// An order was answered.
-    pub(super) fn answered(&mut self, met: bool) {
-        if let Some(chosen) = self.proposed.take()
-            && met
-        {
-            self.accepted = Some(chosen);
-        }
+    /// An order was answered: the settings that it has put in force, if it was one for settings and was met.
+    pub(super) fn answered(&mut self, met: bool) -> Option<InForce> {
+        let chosen = self.proposed.take().filter(|_| met)?;
+        self.accepted = Some(chosen);
+        Some(chosen.in_force)
     }
 
     fn number(&mut self, record: Record) -> Frame {

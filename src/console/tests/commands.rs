@@ -440,3 +440,22 @@ fn with_a_flipped_bit_in_settings_or_device_every_order_is_a_fault() {
     assert!(bench.answer(Ok(())).iter().any(|line| line.starts_with("error: save")));
     assert_eq!(bench.console.port.flash, None);
 }
+
+/// A bit that flips on the way from what was typed to what is in force: the reply would say 9000.
+#[test]
+fn what_is_in_force_otherwise_than_it_was_asked_for_is_a_fault() {
+    let mut bench = Bench::new(FREE);
+    for line in ["k 9000", "cutoff 700", "wall 0.01"] {
+        bench.orders(line);
+        let parameters = bench.console.port.in_force.as_mut().unwrap();
+        parameters.wall.damping = crate::Gain::from_f64(0.25).unwrap();
+        let before = bench.stored();
+        bench.report(Event::Answer(Ok(())));
+        let (lines, orders) = bench.take();
+        assert!(lines.len() == 1 && lines[0].starts_with("error: "), "{line}: {lines:?}");
+        assert!(lines[0].contains("memory"), "{line}: {lines:?}");
+        assert_eq!(orders, [Order::Request(Request::Trip(Fault::Memory))], "{line}");
+        assert_eq!(bench.stored(), before, "{line}");
+        assert_eq!(bench.answer(Ok(())), Vec::<String>::new());
+    }
+}

@@ -9,6 +9,7 @@ use std::{
 
 use super::*;
 use crate::{
+    LoopParameters,
     device::{Device, tests::DEVICE},
     experiment::{Activity, Event, Order, Promise, Report},
     port::Exchanged,
@@ -50,6 +51,8 @@ struct Board {
     tested: Vec<Part>,
     /// Nobody reads lines.
     deaf: bool,
+    /// The last that was ordered.
+    in_force: Option<LoopParameters>,
 }
 
 impl Port for Board {
@@ -82,7 +85,14 @@ impl Port for Board {
 
     fn order(&mut self, order: Order) -> bool {
         self.orders.push(order);
+        if let Order::LoopParameters(parameters, _) = order {
+            self.in_force = Some(parameters);
+        }
         true
+    }
+
+    fn is_in_force(&mut self, asked: &LoopParameters) -> bool {
+        self.in_force.is_some_and(|in_force| asked.does_as(&in_force))
     }
 
     fn load(&mut self, defaults: Stored) -> Loaded {

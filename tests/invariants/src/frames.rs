@@ -101,6 +101,10 @@ impl Port for Listener {
         true
     }
 
+    fn is_in_force(&mut self, _: &LoopParameters) -> bool {
+        true
+    }
+
     fn load(&mut self, defaults: Stored) -> Loaded {
         Loaded { stored: defaults, source: Source::Empty, damaged: 0 }
     }

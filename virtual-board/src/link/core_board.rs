@@ -53,6 +53,7 @@ struct Shared {
     sampler: GuardedSampler,
     order: Option<Order>,
     flash: Option<Stored>,
+    in_force: LoopParameters,
 }
 
 /// The console's end.
@@ -86,6 +87,10 @@ impl Port for Channels {
 
     fn order(&mut self, order: Order) -> bool {
         self.0.borrow_mut().order.replace(order).is_none()
+    }
+
+    fn is_in_force(&mut self, asked: &LoopParameters) -> bool {
+        asked.does_as(&self.0.borrow().in_force)
     }
 
     fn load(&mut self, defaults: Stored) -> Loaded {
@@ -188,6 +193,7 @@ impl CoreBoard {
             sampler,
             order: None,
             flash: None,
+            in_force: control,
         }));
         let supervisor = Supervisor::new(safety, None);
         let history = BlackBox::new(period.keep);
@@ -359,6 +365,7 @@ impl CoreBoard {
                 self.put_out(OutputCommand::Off);
             }
         }
+        self.shared.borrow_mut().in_force = self.down.parameters;
         self.console.report(&self.renderer.report(record));
         self.console.pass(true);
     }
