@@ -119,7 +119,7 @@ fn in_scene(error: &SettingsError) -> String {
         "settle_s" => "wall_hit.settle_s",
         "window_s" => "wall_hit.window_s",
         "rms_limit_m" => "wall_hit.rms_limit_m",
-        other => &super::estimator::key_of(other).unwrap_or_else(|| other.into()),
+        other => &super::velocity::key_of(other).unwrap_or_else(|| other.into()),
     };
     refused(key, error.value, &error.range)
 }

@@ -7,7 +7,7 @@ use zwidth::{
     store::Name,
 };
 
-use super::{EstimatorChoice, NamedScene, Scene, estimator::key_of};
+use super::{EstimatorChoice, NamedScene, Scene, velocity::key_of};
 use crate::{error::Error, range::refused};
 
 /// A design: the keys of `[velocity]`, and the cutoff.

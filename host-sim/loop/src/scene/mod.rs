@@ -15,7 +15,7 @@ use zwidth::{
     experiment::WalkSettings,
 };
 
-pub use crate::scene::estimator::EstimatorChoice;
+pub use crate::scene::velocity::EstimatorChoice;
 use crate::{
     error::Error,
     input,
@@ -32,7 +32,6 @@ mod check;
 mod designs;
 pub mod element;
 mod elements;
-pub mod estimator;
 mod felt;
 mod fits;
 mod passivity;
@@ -42,6 +41,7 @@ pub mod rotary;
 mod tables;
 mod uncertainty;
 pub mod units;
+pub mod velocity;
 
 pub use accelerometer::Accelerometer;
 pub use board::{BoardTable, MotorTable, OnBoard, ReturnTable, SafetyTable, Sign};

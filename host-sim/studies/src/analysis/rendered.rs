@@ -306,7 +306,7 @@ mod tests {
     use super::*;
     use crate::{
         analysis::linear::transfer_function,
-        scene::{NamedScene, estimator::EstimatorChoice},
+        scene::{NamedScene, velocity::EstimatorChoice},
     };
     use zwidth::{VelocitySettings, velocity::EstimatorName};
 

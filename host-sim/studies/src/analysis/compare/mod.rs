@@ -49,7 +49,7 @@ use crate::{
     error::Error,
     interrupt,
     numerics::statistics::Repeats,
-    scene::{LATENCY_KNOWN_MAX, NamedScene, Scene, estimator::EstimatorChoice},
+    scene::{LATENCY_KNOWN_MAX, NamedScene, Scene, velocity::EstimatorChoice},
     simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::{
         boundary::{Boundaries, Boundary},

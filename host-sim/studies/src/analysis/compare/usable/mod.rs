@@ -278,7 +278,7 @@ fn of_entry(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{NamedScene, estimator::EstimatorChoice};
+    use crate::scene::{NamedScene, velocity::EstimatorChoice};
     use zwidth::experiment::Ended;
 
     /// Columns of one height.
