@@ -24,10 +24,12 @@ use host_sim::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 use plain::{Butterworth, SAMPLES, plain};
+use zwidth::VelocitySettings;
 
 const ROUNDS: usize = 25;
 /// Hits of a round; a multiple of every number of lanes.
 const HITS: u32 = 16;
+const FILTER: VelocitySettings = VelocitySettings::Butterworth { cutoff_hz: 1500.0 };
 
 /// Hits around the boundary, all whole: limit cycles, so no state ever gets subnormal.
 struct Hits {
@@ -39,7 +41,7 @@ impl Work for Hits {
     fn next(&mut self, _: usize) -> Option<WallHit> {
         self.left = self.left.checked_sub(1)?;
         Some(WallHit {
-            cutoff_hz: 1500.0,
+            velocity: FILTER,
             stiffness_n_per_m: 60_000.0 + 50.0 * f64::from(self.left),
             damping_n_s_per_m: 300.0,
             start_offset_counts: 0.0,
@@ -133,7 +135,7 @@ fn prepared_of(samples: u64) -> PreparedScene {
 /// Processor time of one thread for so many hits, s.
 fn cost_of(prepared: &PreparedScene, numeric: Numeric, hits: u64) -> f64 {
     let hit = |number: u64| WallHit {
-        cutoff_hz: 1500.0,
+        velocity: FILTER,
         stiffness_n_per_m: 40_000.0 + 1e-2 * number as f64,
         damping_n_s_per_m: 300.0,
         start_offset_counts: 0.0,

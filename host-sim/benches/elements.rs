@@ -9,10 +9,11 @@ use host_sim::{
     scene::NamedScene,
     simulation::prepared::{Numeric, PreparedScene, WallHit},
 };
+use zwidth::VelocitySettings;
 
 const PAPER: &str = include_str!("../../scenes/paper-1um.toml");
 const HIT: WallHit = WallHit {
-    cutoff_hz: 1500.0,
+    velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0 },
     stiffness_n_per_m: 30_000.0,
     damping_n_s_per_m: 100.0,
     start_offset_counts: 0.0,

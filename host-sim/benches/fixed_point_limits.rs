@@ -15,7 +15,7 @@ use host_sim::{
     scene::NamedScene,
     simulation::prepared::{Numeric, PreparedScene, WallHit},
 };
-use zwidth::experiment::Verdict;
+use zwidth::{VelocitySettings, experiment::Verdict};
 
 const RESOLUTIONS_M: [f64; 6] = [1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3];
 const CUTOFFS_HZ: [f64; 13] =
@@ -27,7 +27,7 @@ const STARTS: u64 = 2;
 fn hit(cutoff_hz: f64, number: u64) -> WallHit {
     let part = |n: u64| n as f64 / (STEPS - 1) as f64;
     WallHit {
-        cutoff_hz,
+        velocity: VelocitySettings::Butterworth { cutoff_hz },
         stiffness_n_per_m: 100.0 * 1e4f64.powf(part(number % STEPS)),
         damping_n_s_per_m: 0.1 * 1e4f64.powf(part(number / STEPS % STEPS)),
         start_offset_counts: 0.5 * (number / STEPS / STEPS) as f64,

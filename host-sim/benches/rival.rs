@@ -33,7 +33,7 @@ fn line(prepared: &PreparedScene, cutoff_hz: f64) -> String {
     let ([[xx, xv], [vx, vv]], gamma) = oscillator_step(k, b, 1.0 / design.rate_hz);
     let mobility = 1.0 / device.mass_kg;
     let wall = WallHit {
-        cutoff_hz,
+        velocity: scene.velocity.at(cutoff_hz),
         stiffness_n_per_m: 0.0,
         damping_n_s_per_m: 0.0,
         start_offset_counts: 0.0,
@@ -122,8 +122,8 @@ fn main() {
         let prepared = PreparedScene::new(&NamedScene::load(name).unwrap().scene).unwrap();
         for &cutoff_hz in &prepared.scene().sweep.cutoffs_hz {
             writeln!(walks, "{}", line(&prepared, cutoff_hz)).unwrap();
-            let found =
-                walk(Engine::lanes(), &prepared, Numeric::F64, cutoff_hz, 0.0, &stop).unwrap();
+            let filter = prepared.scene().velocity.at(cutoff_hz);
+            let found = walk(Engine::lanes(), &prepared, Numeric::F64, filter, 0.0, &stop).unwrap();
             for point in &found.points {
                 let (b, k) = (point.damping_n_s_per_m, point.stiffness_n_per_m);
                 writeln!(expected, "{number} {b} {k}").unwrap();

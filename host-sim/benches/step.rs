@@ -19,9 +19,10 @@ use host_sim::{
     simulation::prepared::{Numeric, PreparedScene, WallHit},
 };
 use plain::{Butterworth, SAMPLES, plain};
+use zwidth::VelocitySettings;
 
 const HIT: WallHit = WallHit {
-    cutoff_hz: 1500.0,
+    velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0 },
     stiffness_n_per_m: 60_000.0,
     damping_n_s_per_m: 300.0, // on the boundary: a limit cycle, so no state ever gets subnormal
     start_offset_counts: 0.0,

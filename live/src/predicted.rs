@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use host_sim::{
     engine::Engine,
-    scene::{EstimatorChoice, NamedScene},
+    scene::NamedScene,
     simulation::prepared::{Numeric, PreparedScene},
     study::{boundary, walk},
 };
@@ -82,7 +82,7 @@ const LOOKED_AT: u32 = 5_000;
 /// What the core's estimator makes of a motion, as counts: delay and noise.
 fn quality(scene: &NamedScene, estimator: &str, cutoff_hz: f64) -> Option<[f64; 2]> {
     let name = EstimatorName::ALL.iter().find(|name| name.text() == estimator)?;
-    let velocity = name.following(&scene.scene.velocity.settings(cutoff_hz));
+    let velocity = name.following(&scene.scene.velocity.at(cutoff_hz));
     let scene = &scene.scene;
     let (rate_hz, resolution_m) = (scene.control.rate_hz, scene.encoder.resolution_m);
     let wall = WallSettings {
@@ -128,10 +128,10 @@ fn boundary(
     let mut scene = scene.scene.clone();
     let name = EstimatorName::ALL.iter().find(|name| name.text() == estimator);
     let name = name.ok_or_else(|| format!("there is no estimator {estimator}"))?;
-    let settings = name.following(&scene.velocity.settings(cutoff_hz));
-    scene.velocity = EstimatorChoice::of(&settings).0;
+    let settings = name.following(&scene.velocity.at(cutoff_hz));
+    scene.velocity = settings.into();
     let prepared = PreparedScene::new(&scene).map_err(|error| error.to_string())?;
-    walk::walk(Engine::lanes(), &prepared, Numeric::default(), cutoff_hz, 0.0, ended)
+    walk::walk(Engine::lanes(), &prepared, Numeric::default(), settings, 0.0, ended)
         .map_err(|error| error.to_string())
 }
 

@@ -4,7 +4,7 @@ use numpy::{IntoPyArray as _, PyArray1, PyReadonlyArray1};
 use pyo3::{exceptions::PyValueError, prelude::*};
 use sim_loop::{
     error::Error,
-    scene::{EstimatorChoice, NamedScene},
+    scene::{NamedScene, VelocityTable},
     simulation::controller::lsb_per_m_per_s,
 };
 use sim_studies::study::asked::{self, Names};
@@ -49,8 +49,8 @@ pub fn velocity_table<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, P
             None => format!("there is no estimator {name:?}, allowed {}", names().join(", ")),
         })
     })?;
-    let choice = EstimatorChoice::from(found.defaults());
-    let table = toml::Table::try_from(choice)
+    let filter = VelocityTable::from(found.defaults()).with_cutoff(None);
+    let table = toml::Table::try_from(filter)
         .map_err(|error| raised(Error::Internal(error.to_string())))?;
     to_python(py, &toml::Value::Table(table))
 }
@@ -68,8 +68,8 @@ pub fn with_estimator(
         .try_into()
         .map_err(|error: toml::de::Error| PyValueError::new_err(error.message().to_owned()))?;
     let hit = asked::hit(&other, cutoff, None, 0.0, NAMES).map_err(raised)?;
-    if other.scene.velocity.has_cutoff() {
-        other.scene.sweep.cutoffs_hz = vec![hit.cutoff_hz];
+    if let Some(cutoff_hz) = hit.velocity.cutoff_hz() {
+        other.scene.sweep.cutoffs_hz = vec![cutoff_hz];
     }
     let text = toml::to_string(&other.scene).map_err(internal)?;
     NamedScene::parse(other.name.clone(), text, &other.name).map(Scene::from).map_err(raised)
@@ -85,7 +85,7 @@ impl Estimator {
         let design = scene.scene.design();
         let parameters = scene
             .scene
-            .settings(hit.cutoff_hz, hit.stiffness_n_per_m, hit.damping_n_s_per_m)
+            .settings(hit.velocity, hit.stiffness_n_per_m, hit.damping_n_s_per_m)
             .build(&design)
             .map_err(|error| raised(Error::input(error)))?;
         Ok(Self { parameters, design, sense: scene.scene.velocity.sense(), sampler: None })

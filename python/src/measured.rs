@@ -226,8 +226,8 @@ pub fn replay<'py>(
     cutoff: f64,
 ) -> PyResult<Bound<'py, PyDict>> {
     let scene = Arc::clone(&scene.0);
-    let velocity =
-        counts::velocity(&scene.scene, estimator, cutoff, "estimator").map_err(raised)?;
+    let own = scene.scene.velocity.at(cutoff);
+    let velocity = counts::velocity(own, estimator, "estimator").map_err(raised)?;
     let lsb_m_per_s = counts::lsb_m_per_s(&scene.scene);
     let (told, table) = run(py, None, None, 0, move |course| {
         let scene = &scene.scene;

@@ -80,7 +80,7 @@ pub fn hit<'py>(
     let (scene, numeric) = (Arc::clone(&scene.0), numeric_of(numeric)?);
     let hit = asked::hit(&scene, cutoff, Some([stiffness, damping]), start_offset, NAMES)
         .map_err(raised)?;
-    let cutoff_hz = scene.scene.velocity.has_cutoff().then_some(hit.cutoff_hz);
+    let cutoff_hz = hit.velocity.cutoff_hz();
     let passive = scene.scene.passivity.is_some();
     let (report, samples) = run(py, None, None, 0, move |_| {
         let prepared = asked::prepare(&scene)?.with_felt();
@@ -159,7 +159,7 @@ pub fn walk<'py>(
     let (engine, numeric) = (engine_of(engine)?, numeric_of(numeric)?);
     let scene = Arc::clone(&scene.0);
     let first = asked::hit(&scene, cutoff, None, start_offset, NAMES).map_err(raised)?;
-    let cutoff_hz = scene.scene.velocity.has_cutoff().then_some(first.cutoff_hz);
+    let cutoff_hz = first.velocity.cutoff_hz();
     let boundary = run(py, threads, None, 0, move |course| {
         let prepared = asked::prepare(&scene)?;
         asked::boundary(&scene, engine, &prepared, numeric, &first, &course.stop)
@@ -185,23 +185,23 @@ pub fn sweep<'py>(
     let (engine, numeric) = (engine_of(engine)?, numeric_of(numeric)?);
     let scene = Arc::clone(&scene.0);
     in_range("repeat", repeat, 1..=1000)?;
-    let has_cutoff = scene.scene.velocity.has_cutoff();
-    let cutoffs_hz = match cutoffs {
-        Some(_) if !has_cutoff => return Err(raised(asked::no_cutoff(&scene))),
+    let velocity = &scene.scene.velocity;
+    let cutoffs_hz = match &cutoffs {
+        Some(_) if !velocity.has_cutoff() => return Err(raised(asked::no_cutoff(&scene))),
         Some(cutoffs_hz) if cutoffs_hz.is_empty() => {
             return Err(PyValueError::new_err("cutoffs is empty"));
         }
         Some(cutoffs_hz) => cutoffs_hz,
-        None if has_cutoff => scene.scene.sweep.cutoffs_hz.clone(),
-        None => vec![0.0],
+        None => &scene.scene.sweep.cutoffs_hz,
     };
+    let filters = study::filters(velocity, cutoffs_hz);
     let walls =
-        Walls { cutoffs_hz, dampings: vec![0.0], stiffnesses: vec![0.0], start_offset_counts: 0.0 };
+        Walls { filters, dampings: vec![0.0], stiffnesses: vec![0.0], start_offset_counts: 0.0 };
     walls.check(&scene, LISTS).map_err(raised)?;
-    let total = walls.cutoffs_hz.len() as u64 * u64::from(repeat);
+    let total = walls.filters.len() as u64 * u64::from(repeat);
     let results = run(py, threads, progress, total, move |course| {
         let prepared = asked::prepare(&scene)?;
-        let plan = Plan { name: &scene.name, prepared: &prepared, cutoffs_hz: &walls.cutoffs_hz };
+        let plan = Plan { name: &scene.name, prepared: &prepared, filters: &walls.filters };
         study::sweep(engine, &[plan], numeric, repeat, &course.stop, |_| course.add(1))
     })?;
     let Some(result) = results.into_iter().next() else {
@@ -247,21 +247,20 @@ pub fn grid<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let (engine, numeric) = (engine_of(engine)?, numeric_of(numeric)?);
     let scene = Arc::clone(&scene.0);
-    let cutoffs_hz = match cutoffs {
+    let filters = match cutoffs {
         Some(_) if !scene.scene.velocity.has_cutoff() => {
             return Err(raised(asked::no_cutoff(&scene)));
         }
-        Some(cutoffs_hz) => cutoffs_hz,
-        None => vec![asked::cutoff(&scene, None).map_err(raised)?],
+        Some(cutoffs_hz) => asked::filters(&scene, &cutoffs_hz).map_err(raised)?,
+        None => vec![asked::filter(&scene, None).map_err(raised)?],
     };
-    for (name, list) in
-        [("cutoffs", &cutoffs_hz), ("dampings", &dampings), ("stiffnesses", &stiffnesses)]
-    {
-        if list.is_empty() {
+    let lengths = [filters.len(), dampings.len(), stiffnesses.len()];
+    for (name, length) in ["cutoffs", "dampings", "stiffnesses"].into_iter().zip(lengths) {
+        if length == 0 {
             return Err(PyValueError::new_err(format!("{name} is empty")));
         }
     }
-    let walls = Walls { cutoffs_hz, dampings, stiffnesses, start_offset_counts: start_offset };
+    let walls = Walls { filters, dampings, stiffnesses, start_offset_counts: start_offset };
     let total = walls.count();
     let (walls, verdicts, rms) = run(py, threads, progress, total, move |course| {
         walls.check(&scene, LISTS)?;
@@ -283,7 +282,8 @@ pub fn grid<'py>(
         Ok((walls, verdicts, rms))
     })?;
     let made = PyDict::new(py);
-    made.set_item("cutoffs_hz", walls.cutoffs_hz.into_pyarray(py))?;
+    let cutoffs_hz = walls.filters.iter().map(|filter| filter.cutoff_hz().unwrap_or_default());
+    made.set_item("cutoffs_hz", cutoffs_hz.collect::<Vec<_>>().into_pyarray(py))?;
     made.set_item("dampings_n_s_per_m", walls.dampings.into_pyarray(py))?;
     made.set_item("stiffnesses_n_per_m", walls.stiffnesses.into_pyarray(py))?;
     made.set_item("verdict", verdicts.into_pyarray(py))?;
@@ -315,18 +315,14 @@ pub fn linear<'py>(
     if dampings.is_empty() {
         return Err(PyValueError::new_err("dampings is empty"));
     }
-    let cutoff_hz = asked::cutoff(&scene, cutoff).map_err(raised)?;
-    let walls = Walls {
-        cutoffs_hz: vec![cutoff_hz],
-        dampings,
-        stiffnesses: vec![0.0],
-        start_offset_counts: 0.0,
-    };
+    let filter = asked::filter(&scene, cutoff).map_err(raised)?;
+    let walls =
+        Walls { filters: vec![filter], dampings, stiffnesses: vec![0.0], start_offset_counts: 0.0 };
     walls.check(&scene, LISTS).map_err(raised)?;
     let of_work = Arc::clone(&scene);
     let (walls, limits, passive) = run(py, None, None, 0, move |course| {
         let scene = of_work;
-        let of = asked::linear_loop(&scene.scene, cutoff_hz, multirate)?;
+        let of = asked::linear_loop(&scene.scene, &filter, multirate)?;
         let boundary = LinearBoundary::new(&of).map_err(Error::input)?;
         let passivity = passivity.then(|| Passivity::new(&of)).transpose().map_err(Error::input)?;
         let (mut limits, mut passive): (Vec<StiffnessLimit>, Vec<f64>) = (vec![], vec![]);
@@ -344,7 +340,7 @@ pub fn linear<'py>(
         Ok((walls, limits, passive))
     })?;
     let made = PyDict::new(py);
-    made.set_item("cutoff_hz", scene.scene.velocity.has_cutoff().then_some(cutoff_hz))?;
+    made.set_item("cutoff_hz", filter.cutoff_hz())?;
     made.set_item("damping_n_s_per_m", walls.dampings.into_pyarray(py))?;
     let stiffness: Vec<f64> = limits.iter().map(|limit| limit.stiffness_max).collect();
     made.set_item("stiffness_max_n_per_m", stiffness.into_pyarray(py))?;

@@ -2,7 +2,7 @@
 
 use core::{fmt, str::FromStr};
 
-use super::{EstimatorName, PARAMETERS, Parameter, Sense, VelocitySettings};
+use super::{EstimatorName, PARAMETERS, Parameter, Sense, VelocitySettings, true_cutoff_hz};
 
 /// Numbers and names of estimators that there were, never to be given a new meaning, and what replaces each. An image
 /// without the others has not had these either.
@@ -97,6 +97,21 @@ impl VelocitySettings {
     /// The parameter that trades speed for accuracy, and its value.
     pub fn tuning(&self) -> Option<(Parameter, f64)> {
         self.parameter(0)
+    }
+
+    /// The frequency that it is tuned by, Hz, whatever its name is: cutoff, bandwidth, crossover.
+    pub fn cutoff_hz(&self) -> Option<f64> {
+        self.tuning().filter(|(parameter, _)| parameter.is_frequency()).map(|(_, hz)| hz)
+    }
+
+    /// -3 dB frequency of the low-pass of that nominal cutoff, Hz; the cutoff itself where it is no such filter.
+    pub fn true_cutoff_hz(&self, rate_hz: f64) -> Option<f64> {
+        match *self {
+            Self::Butterworth { cutoff_hz } | Self::FirstOrder { cutoff_hz } => {
+                Some(true_cutoff_hz(cutoff_hz, rate_hz, false))
+            }
+            _ => self.cutoff_hz(),
+        }
     }
 
     /// The parameter at that place, and its value.

@@ -37,7 +37,7 @@ fn with_designs(firmware: Firmware, designs: &str) -> (Firmware, Device<'static>
     let text = format!("{}{designs}", own.text);
     let scene = NamedScene::parse("designs".into(), text, "designs.toml").unwrap();
     let facts = board_facts(board.name).unwrap();
-    let first = scene.scene.velocity.settings(1200.0);
+    let first = scene.scene.velocity.at(1200.0);
     let prepared = scene.prepared(&facts, first).unwrap();
     let points = [0.0, 100.0].map(|damping_n_s_per_m| Point {
         damping_n_s_per_m,

@@ -271,7 +271,7 @@ fn hits_end_as_in_the_simulator() {
         // Limit cycles of a few counts, which start anywhere: what comes of many starts says how far apart they are.
         let simulated = |start: u8| {
             let wall = WallHit {
-                cutoff_hz: 1500.0,
+                velocity: prepared.scene().velocity.at(1500.0),
                 stiffness_n_per_m: k,
                 damping_n_s_per_m: b,
                 start_offset_counts: AWAY * (f64::from(start) / f64::from(STARTS) - 0.5),

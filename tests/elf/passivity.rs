@@ -26,7 +26,7 @@ fn with_controller(board: Board, acceleration_m_per_s2: f64) -> (Firmware, Devic
     let acceleration_m_per_s2 = Some(acceleration_m_per_s2);
     scene.scene.passivity = Some(PassivityTable { acceleration_m_per_s2 });
     let facts = board_facts(board.name).unwrap();
-    let first = scene.scene.velocity.settings(1500.0);
+    let first = scene.scene.velocity.at(1500.0);
     let record = scene.prepared(&facts, first).unwrap().record(&[], &facts).unwrap();
     let elf = firmware.elf.with_record(&record).unwrap();
     let device = Device::from_record(words(&record).leak(), &facts).unwrap();

@@ -278,8 +278,9 @@ fn hits_are_the_simulators(board: Board, devices: &[(NamedScene, [f64; 3])]) {
         assert!(version.contains(&format!("scene {} ", session.scene.name)), "{version}");
         let prepared = PreparedScene::new(scene).unwrap();
         let [cutoff_hz, stiffness_n_per_m, damping_n_s_per_m] = wall;
+        let velocity = scene.velocity.at(cutoff_hz);
         let hit =
-            WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 };
+            WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 };
         let simulated = prepared.report(Numeric::Fixed, &hit).unwrap();
         let counts = |metres: f64| metres / scene.encoder.resolution_m;
         let [mean, rms] = [board_hit.mean_m - simulated.mean_m, board_hit.rms_m - simulated.rms_m];

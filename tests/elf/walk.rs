@@ -48,9 +48,10 @@ fn both(board: Board, edit: impl Fn(&mut Scene)) -> (WalkReport, [f64; 2]) {
     let session = session(board, edit);
     let prepared = PreparedScene::new(&session.scene.scene).unwrap();
     let stop = AtomicBool::new(false);
+    let filter = prepared.scene().velocity.at(CUTOFF_HZ);
     let simulated = (0..REPEATS).map(|repeat| {
         let offset = start_offset_counts(repeat, REPEATS);
-        walk::walk(Engine::lanes(), &prepared, Numeric::Fixed, CUTOFF_HZ, offset, &stop).unwrap()
+        walk::walk(Engine::lanes(), &prepared, Numeric::Fixed, filter, offset, &stop).unwrap()
     });
     let simulated: Vec<_> = simulated.collect();
     let mean = simulated.iter().map(|boundary| boundary.area).sum::<f64>() / f64::from(REPEATS);

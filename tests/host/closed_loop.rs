@@ -12,13 +12,15 @@ use host_sim::{
         twin,
     },
 };
+use zwidth::VelocitySettings;
 
 fn paper() -> Scene {
     NamedScene::load("paper-1um").unwrap().scene
 }
 
 fn hit(cutoff_hz: f64, stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> WallHit {
-    WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
+    let velocity = VelocitySettings::Butterworth { cutoff_hz };
+    WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
 }
 
 /// RMS of the position about its mean, over `samples` samples.

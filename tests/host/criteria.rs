@@ -13,10 +13,11 @@ use host_sim::{
     simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::{
         limits::{Limit, Question, Situation, limits},
+        sweep::filters,
         walk::walk,
     },
 };
-use zwidth::experiment::Verdict;
+use zwidth::{VelocitySettings, experiment::Verdict};
 
 mod felt;
 mod second;
@@ -44,9 +45,9 @@ fn area(scene: &Scene, cutoff_hz: f64) -> f64 {
 }
 
 fn area_of(scene: &Scene, cutoff_hz: f64, numeric: Numeric, start: f64) -> f64 {
-    let prepared = PreparedScene::new(scene).unwrap();
-    let stop = AtomicBool::new(false);
-    walk(Engine::lanes(), &prepared, numeric, cutoff_hz, start, &stop).unwrap().area
+    let (prepared, stop) = (PreparedScene::new(scene).unwrap(), AtomicBool::new(false));
+    let filter = scene.velocity.at(cutoff_hz);
+    walk(Engine::lanes(), &prepared, numeric, filter, start, &stop).unwrap().area
 }
 
 fn within(found: f64, expected: f64, share: f64, what: &str) {
@@ -60,7 +61,7 @@ fn a_hand_is_a_spring_whose_end_is_moved() {
     let hand = by_hand(paper("paper-1um"));
     let spring = with_moved_spring(paper("paper-1um"));
     let hit = WallHit {
-        cutoff_hz: 500.0,
+        velocity: VelocitySettings::Butterworth { cutoff_hz: 500.0 },
         stiffness_n_per_m: 20_000.0,
         damping_n_s_per_m: 100.0,
         start_offset_counts: 0.5,
@@ -188,7 +189,7 @@ fn limits_that_share_hits_are_the_walks_one_by_one() {
     let question = Question {
         limits: vec![Limit::Rms(4e-6), Limit::Felt(20.0), Limit::Rms(15e-6), Limit::Felt(35.0)],
         rms_of: RmsOf::Motion,
-        cutoffs_hz: vec![1000.0, 300.0],
+        filters: filters(&scene.velocity, &[1000.0, 300.0]),
         repeats: 2,
         walk: grid,
         situations: vec![situation(PushBy::Motor, None), situation(PushBy::Hand, Some("mine"))],
@@ -216,17 +217,19 @@ fn limits_that_share_hits_are_the_walks_one_by_one() {
         }
         let prepared = PreparedScene::new(&own).unwrap();
         let told = PreparedScene::told(&own).unwrap();
-        let area = |prepared, cutoff_hz, offset| {
-            walk(Engine::lanes(), prepared, Numeric::Fixed, cutoff_hz, offset, &stop).unwrap().area
+        let area = |prepared, filter, offset| {
+            walk(Engine::lanes(), prepared, Numeric::Fixed, filter, offset, &stop).unwrap().area
         };
         assert_eq!(result.result.cutoffs.len(), 2);
         for cutoff in &result.result.cutoffs {
             let found: Vec<f64> = cutoff.boundaries.iter().map(|b| b.area).collect();
-            let expected = [0.0, 0.5].map(|offset| area(&prepared, cutoff.cutoff_hz, offset));
+            let expected = [0.0, 0.5].map(|offset| area(&prepared, cutoff.velocity, offset));
             assert_eq!(found, expected, "{:?} {}", result.limit, cutoff.cutoff_hz);
         }
         let found: Vec<f64> = result.told.iter().map(|b| b.area).collect();
-        assert_eq!(found, [0.0, 0.5].map(|offset| area(&told, 0.0, offset)), "{:?}", result.limit);
+        let expected =
+            [0.0, 0.5].map(|offset| area(&told, VelocitySettings::Difference {}, offset));
+        assert_eq!(found, expected, "{:?}", result.limit);
     }
     for worst in &results[8..] {
         let of_limit = results[..8].iter().filter(|other| other.limit == worst.limit);
@@ -245,7 +248,7 @@ fn each_criterion_is_what_its_hit_shows() {
         [(4000.0, 20.0), (30_000.0, 100.0), (60_000.0, 300.0), (20_000.0, 500.0), (90_000.0, 500.0)]
     {
         let hit = WallHit {
-            cutoff_hz: 1500.0,
+            velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0 },
             stiffness_n_per_m,
             damping_n_s_per_m,
             start_offset_counts: 0.3,

@@ -6,7 +6,7 @@ use host_sim::{
     analysis::compare::peers::{Loop, PEERS, PeerQuestion, PeerStudy, compare_peers},
     engine::Engine,
     scene::{NamedScene, Scene, Walk},
-    study::limits::Limit,
+    study::{limits::Limit, sweep::filters},
 };
 
 /// Areas of the paper's device with the 1 um encoder at that latency, by limit; grid from one step on.
@@ -21,9 +21,9 @@ fn peers(latency: f64, limits_m: &[f64], steps: [f64; 2], repeats: u32) -> PeerS
         ..scene.walk
     };
     let question = PeerQuestion {
+        own: filters(&scene.velocity, &[500.0, 1500.0]),
         loops: vec![Loop { name: "own".into(), scene }],
         limits: limits_m.iter().map(|limit| Limit::Rms(*limit)).collect(),
-        own_hz: vec![500.0, 1500.0],
         walk,
         repeats,
     };
@@ -63,9 +63,9 @@ fn a_default_that_is_unstable_at_a_rate_is_left_out_and_said() {
     scene.walk.damping_step_n_s_per_m = 40.0;
     let question = PeerQuestion {
         walk: scene.walk,
+        own: filters(&scene.velocity, &[100.0]),
         loops: vec![Loop { name: "own".into(), scene }],
         limits: vec![Limit::Rms(15e-6)],
-        own_hz: vec![100.0],
         repeats: 1,
     };
     let study = compare_peers(Engine::lanes(), question, &AtomicBool::new(false), || ()).unwrap();

@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use host_sim::{
     analysis::{
-        compare::with_estimator,
+        compare::with_filter,
         design::{Condition, DesignStudy, Question, design},
     },
     engine::Engine,
@@ -159,12 +159,12 @@ fn designed_for_the_worst_of_six_it_holds_in_each_what_kalman_3_does() {
     let best = &study.filters[0];
     let kalman = VelocitySettings::Kalman3 { jerk_rms_m_per_s3: 27_691.0 };
     for (condition, boundaries) in conditions.iter().zip(&best.boundaries) {
-        let (scene, cutoff_hz) = with_estimator(&condition.scene, &kalman);
+        let scene = with_filter(&condition.scene, &kalman);
         let prepared = PreparedScene::new(&scene).unwrap();
         let stop = AtomicBool::new(false);
         let area = |start| {
             let walked =
-                walk(Engine::lanes(), &prepared, Numeric::Fixed, cutoff_hz, start, &stop).unwrap();
+                walk(Engine::lanes(), &prepared, Numeric::Fixed, kalman, start, &stop).unwrap();
             walked.area / 4e6
         };
         let theirs: f64 = [0.0, 0.25, 0.5, 0.75].into_iter().map(area).sum();

@@ -12,6 +12,7 @@ use proptest::{
     prelude::*,
     test_runner::{RngAlgorithm, TestRng, TestRunner},
 };
+use zwidth::VelocitySettings;
 
 mod random;
 
@@ -45,7 +46,8 @@ fn read(tables: &[&str]) -> Result<Scene, String> {
 }
 
 fn hit(stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> WallHit {
-    WallHit { cutoff_hz: 1500.0, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
+    let velocity = VelocitySettings::Butterworth { cutoff_hz: 1500.0 };
+    WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
 }
 
 /// Bits of every sample of a hit.

@@ -339,7 +339,7 @@ pub fn hits_a_wall_like_its_twin(velocity: &str, cutoff_hz: f64, table: &str) {
     let scene = NamedScene::parse("x".into(), text + table, "x").unwrap().scene;
     let prepared = PreparedScene::new(&scene).unwrap();
     let hit = WallHit {
-        cutoff_hz,
+        velocity: scene.velocity.at(cutoff_hz),
         stiffness_n_per_m: 10_000.0,
         damping_n_s_per_m: 50.0,
         start_offset_counts: 0.0,

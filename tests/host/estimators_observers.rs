@@ -339,7 +339,7 @@ fn the_accelerometer_is_on_the_body_with_the_encoder() {
     let text = text.replace("200, 500, 1000, 1200, 1500, 1700, 2000, 2500, 3000, 4000]", "200]");
     let scene = NamedScene::parse("x".into(), text, "x").unwrap().scene;
     let hit = WallHit {
-        cutoff_hz: 10.0,
+        velocity: scene.velocity.at(10.0),
         stiffness_n_per_m: 0.0,
         damping_n_s_per_m: 0.0,
         start_offset_counts: 0.3,

@@ -2,7 +2,7 @@
 //! profile, so an addition that wraps fails the test.
 
 use host_sim::{
-    scene::{Accelerometer, EstimatorChoice, NamedScene, Scene},
+    scene::{Accelerometer, NamedScene, Scene},
     simulation::prepared::{HitError, HitReport, Numeric, PreparedScene, WallHit},
 };
 use proptest::{prelude::*, test_runner::TestRunner};
@@ -19,7 +19,8 @@ fn paper() -> Scene {
 }
 
 fn wall(cutoff_hz: f64, stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> WallHit {
-    WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
+    let velocity = VelocitySettings::Butterworth { cutoff_hz };
+    WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
 }
 
 /// A hit with core and twin, every number of which must be finite.
@@ -243,8 +244,8 @@ fn any_scene() -> impl Strategy<Value = (Scene, WallHit)> {
         let (stiffness, damping, push_only) = gains;
         scene.wall.push_only = push_only;
         let (name, parts) = estimator;
-        let (velocity, cutoff_hz) = EstimatorChoice::of(&tuned(name, parts, &scene.design()));
-        scene.velocity = velocity;
+        let velocity = tuned(name, parts, &scene.design());
+        scene.velocity = velocity.into();
         if name.sense() == Some(Sense::Acceleration) {
             scene.accelerometer = Some(Accelerometer {
                 full_scale_m_per_s2: 160.0,
@@ -254,12 +255,11 @@ fn any_scene() -> impl Strategy<Value = (Scene, WallHit)> {
                 bandwidth_hz: Some(1000.0),
             });
         }
-        let cutoff_hz = cutoff_hz.unwrap_or(0.1 * rate_hz);
-        scene.sweep.cutoffs_hz = vec![cutoff_hz];
+        scene.sweep.cutoffs_hz = vec![velocity.cutoff_hz().unwrap_or(0.1 * rate_hz)];
         scene.wall_hit.settle_s = 0.2;
         scene.wall_hit.window_s = 0.1;
         scene.wall_hit.rms_limit_m = resolution_m;
-        (scene, wall(cutoff_hz, stiffness, damping))
+        (scene, WallHit { velocity, ..wall(0.0, stiffness, damping) })
     })
 }
 

@@ -13,6 +13,7 @@ use host_sim::{
         twin,
     },
 };
+use zwidth::VelocitySettings;
 
 const AMPLIFIER: Amplifier = Amplifier { bandwidth_hz: 400.0 };
 const MODE: Mode = Mode { mass_kg: 0.15, stiffness_n_per_m: 6e4, damping_n_s_per_m: 4.0 };
@@ -72,7 +73,7 @@ fn scene(point: &Point, stiffness_n_per_m: f64) -> Scene {
 fn growth(point: &Point, stiffness_n_per_m: f64) -> f64 {
     let prepared = PreparedScene::new(&scene(point, stiffness_n_per_m)).unwrap();
     let hit = WallHit {
-        cutoff_hz: point.cutoff_hz,
+        velocity: VelocitySettings::Butterworth { cutoff_hz: point.cutoff_hz },
         stiffness_n_per_m,
         damping_n_s_per_m: point.damping_n_s_per_m,
         start_offset_counts: 0.0,

@@ -9,9 +9,10 @@ use host_sim::{
     simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::{
         boundary::{Boundary, BoundaryPoint},
-        sweep::{Plan, SweepResult, sweep},
+        sweep::{Plan, SweepResult, filters, sweep},
     },
 };
+use zwidth::VelocitySettings;
 
 /// Area of one cell of the walk's grid, N^2 s/m^2.
 const CELL: f64 = 2000.0 * 10.0;
@@ -34,10 +35,14 @@ fn default_sweep(numeric: Numeric) -> &'static [SweepResult] {
     };
     cell.get_or_init(|| {
         let prepared = SCENES.map(prepare);
+        let filters = [0, 1].map(|n: usize| {
+            let scene = prepared[n].scene();
+            filters(&scene.velocity, &scene.sweep.cutoffs_hz)
+        });
         let plans = [0, 1].map(|n: usize| Plan {
             name: SCENES[n],
             prepared: &prepared[n],
-            cutoffs_hz: &prepared[n].scene().sweep.cutoffs_hz,
+            filters: &filters[n],
         });
         sweep(Engine::lanes(), &plans, numeric, REPEATS, &AtomicBool::new(false), |_| ()).unwrap()
     })
@@ -127,13 +132,13 @@ fn differing(a: &Boundary, b: &Boundary) -> Vec<(BoundaryPoint, BoundaryPoint)> 
 /// 0.015 count, in steps of 0.0001.
 fn is_chaotic(
     prepared: &PreparedScene,
-    cutoff_hz: f64,
+    velocity: VelocitySettings,
     start_offset_counts: f64,
     wall: BoundaryPoint,
 ) -> bool {
     let verdict = |n: i32| {
         let hit = WallHit {
-            cutoff_hz,
+            velocity,
             stiffness_n_per_m: wall.stiffness_n_per_m,
             damping_n_s_per_m: wall.damping_n_s_per_m,
             start_offset_counts: start_offset_counts + f64::from(n) * 1e-4,
@@ -159,7 +164,7 @@ fn up_to_200_hz_fixed_point_boundaries_are_identical_but_where_the_twin_is_chaot
                 for (a, b) in differing(a, b) {
                     chaotic += 1;
                     let stiffer = if a.stiffness_n_per_m > b.stiffness_n_per_m { a } else { b };
-                    let excused = is_chaotic(&prepared, fixed.cutoff_hz, start, stiffer);
+                    let excused = is_chaotic(&prepared, fixed.velocity, start, stiffer);
                     println!("{scene}, {} Hz, start {start}: {a:?} {b:?}", fixed.cutoff_hz);
                     assert!(excused, "the twin is sure of this wall");
                     assert!(fixed.cutoff_hz > 100.0, "at 50 and 100 Hz nothing is chaotic");
@@ -211,8 +216,8 @@ fn the_result_does_not_depend_on_the_number_of_threads() {
     let prepared = prepare("paper-2um");
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let plan =
-            [Plan { name: "paper-2um", prepared: &prepared, cutoffs_hz: &[50.0, 200.0, 100.0] }];
+        let filters = filters(&prepared.scene().velocity, &[50.0, 200.0, 100.0]);
+        let plan = [Plan { name: "paper-2um", prepared: &prepared, filters: &filters }];
         pool.install(|| {
             sweep(Engine::lanes(), &plan, Numeric::Fixed, 2, &AtomicBool::new(false), |_| ())
                 .unwrap()

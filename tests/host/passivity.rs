@@ -8,6 +8,7 @@ use host_sim::{
     },
 };
 use rand::{RngExt, SeedableRng, rngs::SmallRng};
+use zwidth::VelocitySettings;
 
 use crate::figure::figure;
 
@@ -90,7 +91,8 @@ fn paper() -> Scene {
 }
 
 fn hit(stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> WallHit {
-    WallHit { cutoff_hz: 1500.0, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
+    let velocity = VelocitySettings::Butterworth { cutoff_hz: 1500.0 };
+    WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
 }
 
 /// The observer against sums of floats over the same forces and counts.
@@ -145,7 +147,7 @@ fn drawn(rng: &mut SmallRng) -> (Scene, WallHit) {
     scene.wall_hit.rms_limit_m = scene.wall_hit.rms_limit_m.max(4.0 * scene.encoder.resolution_m);
     scene.device.start_position_m = 0.06;
     let wall = WallHit {
-        cutoff_hz: log(50.0, 3000.0),
+        velocity: VelocitySettings::Butterworth { cutoff_hz: log(50.0, 3000.0) },
         stiffness_n_per_m: log(200.0, 2e5),
         damping_n_s_per_m: log(1.0, 3000.0),
         start_offset_counts: rng.random(),

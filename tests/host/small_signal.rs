@@ -41,8 +41,8 @@ fn grows(latency: f64, cutoff_hz: f64, damping_n_s_per_m: f64, stiffness_n_per_m
     const CHUNKS_PER_SECOND: u32 = 5;
     let scene = scene(latency, stiffness_n_per_m);
     let chunk = scene.control.rate_hz as u32 / CHUNKS_PER_SECOND;
-    let wall =
-        WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 };
+    let velocity = scene.velocity.at(cutoff_hz);
+    let wall = WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 };
     let mut simulation = PreparedScene::new(&scene).unwrap().fixed(&wall).unwrap();
     let mut sizes_m = vec![];
     for _ in 0..6 * CHUNKS_PER_SECOND {
@@ -71,7 +71,7 @@ fn size_m(simulation: &mut Simulation<Fixed>, samples: u32) -> f64 {
 /// K of the envelope, N/m.
 fn envelope(latency: f64, cutoff_hz: f64, damping_n_s_per_m: f64) -> f64 {
     let scene = scene(latency, 1000.0);
-    let settings = scene.velocity.settings(cutoff_hz);
+    let settings = scene.velocity.at(cutoff_hz);
     let estimator = transfer_function(&settings, &scene.design()).unwrap().unwrap();
     let device = Device {
         mass_kg: scene.device.mass_kg,

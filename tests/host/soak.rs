@@ -22,11 +22,10 @@ const HOUR: u64 = 3600 * 50_000;
 fn a_day_in_contact_at_50_khz_does_not_drift() {
     let mut scene = NamedScene::load("paper-1um").unwrap().scene;
     scene.control.rate_hz = RATE_HZ;
-    scene.sweep.cutoffs_hz = vec![1500.0];
     // One hit that never ends: the loop goes on, what it does is looked at from outside.
     let prepared = PreparedScene::new(&scene).unwrap();
     let hit = WallHit {
-        cutoff_hz: 1500.0,
+        velocity: scene.velocity.at(1500.0),
         stiffness_n_per_m: 20_000.0,
         damping_n_s_per_m: 50.0,
         start_offset_counts: 0.0,

@@ -70,7 +70,7 @@ enum Command {
         /// One JSON object on stdout, and nothing else there.
         #[arg(long)]
         json: bool,
-        /// Nominal cutoff, Hz [default: that of SCENE:DESIGN, or the scene's only one].
+        /// Nominal cutoff, Hz [default: `velocity.cutoff_hz` of the scene, or its only one].
         #[arg(long)]
         cutoff: Option<f64>,
         /// K, N/m; N m/rad of a rotary scene.
@@ -106,7 +106,7 @@ enum Command {
     Walk {
         #[command(flatten)]
         common: Common,
-        /// Nominal cutoff, Hz [default: that of SCENE:DESIGN, or the scene's only one].
+        /// Nominal cutoff, Hz [default: `velocity.cutoff_hz` of the scene, or its only one].
         #[arg(long)]
         cutoff: Option<f64>,
         /// Write the boundary: `cutoff_hz`, then damping and stiffness, whose names have the scene's units.
@@ -157,7 +157,7 @@ fn execute(command: Command) -> Result<(), Error> {
         Command::Hit { common, json, cutoff, stiffness, damping, telemetry, force } => {
             let (scene, mut outputs) = common.open(force)?;
             let capture = outputs.option(telemetry.as_ref())?;
-            let cutoff = cutoff.map_or_else(|| asked::cutoff(&scene, None), Ok)?;
+            let cutoff = cutoff_of(&scene, cutoff)?;
             let units = scene.scene.units;
             let wall = [units.stiffness_n_per_m(stiffness), units.damping_n_s_per_m(damping)];
             let session = common.session(scene)?;
@@ -177,10 +177,16 @@ fn execute(command: Command) -> Result<(), Error> {
         Command::Walk { common, cutoff, csv, force, json } => {
             let (scene, mut outputs) = common.open(force)?;
             let csv = outputs.option(csv.as_ref())?;
-            let cutoff = cutoff.map_or_else(|| asked::cutoff(&scene, None), Ok)?;
+            let cutoff = cutoff_of(&scene, cutoff)?;
             walk(&common.session(scene)?, cutoff, csv, outputs, json)
         }
     }
+}
+
+/// The cutoff that was asked for, or the scene's; an estimator without one does not look at it.
+fn cutoff_of(scene: &NamedScene, asked: Option<f64>) -> Result<f64, Error> {
+    let own = || asked::filter(scene, None).map(|own| own.cutoff_hz().unwrap_or_default());
+    asked.map_or_else(own, Ok)
 }
 
 impl Common {

@@ -93,6 +93,7 @@ pub fn record(scene: &NamedScene, board: Board) -> Result<Option<Vec<u8>>, Error
     }
     let facts = board_facts(board.name)?;
     let asked = scene.scene.board.as_ref().and_then(|table| table.cutoff_hz);
+    let asked = asked.or(scene.scene.velocity.cutoff_hz());
     let velocity = VelocitySettings::Butterworth { cutoff_hz: asked.unwrap_or(CUTOFF_HZ) };
     scene.on(&facts).prepared(&facts, velocity)?.record(&[], &facts).map(Some)
 }

@@ -317,7 +317,7 @@ fn tuning(
     scene: &Scene,
     cutoff_hz: f64,
 ) -> Result<([String; PARAMETERS], EstimatorName), Failed> {
-    let settings = scene.velocity.settings(cutoff_hz);
+    let settings = scene.velocity.at(cutoff_hz);
     let estimator = settings.name();
     let edges = usize::from(board.wiring.captured.is_some());
     if let Some(sense) = estimator.missing(&[Sense::Force, Sense::Edge][..1 + edges]) {

@@ -5,6 +5,7 @@ use std::{fmt::Write as _, path::PathBuf};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
+use zwidth::VelocitySettings;
 
 use super::{
     Common,
@@ -90,12 +91,12 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let rendered: Vec<Rendered> = match args.impedance {
         false => vec![],
         true => {
-            let of = |&cutoff_hz: &f64| Rendered::of(&scene.scene, cutoff_hz);
-            walls.cutoffs_hz.par_iter().map(of).collect::<Result<_, _>>()?
+            let of = |&filter: &VelocitySettings| Rendered::of(&scene.scene, filter);
+            walls.filters.par_iter().map(of).collect::<Result<_, _>>()?
         }
     };
     let error_of = |wall: &WallHit| {
-        let place = walls.cutoffs_hz.iter().position(|&hz| hz == wall.cutoff_hz)?;
+        let place = walls.filters.iter().position(|filter| *filter == wall.velocity)?;
         Some(rendered.get(place)?.error(wall.stiffness_n_per_m, wall.damping_n_s_per_m))
     };
     let mut usable = [0u64; 3];
@@ -187,12 +188,13 @@ fn probable<'a>(
     );
     let mut shares: Vec<f64> = vec![];
     let bar = progress::bar_of(points, "walls");
-    let of_cutoff = points / walls.cutoffs_hz.len() as u64;
-    for (n, &cutoff_hz) in (0u64..).zip(&walls.cutoffs_hz) {
-        let numbers = n * of_cutoff..(n + 1) * of_cutoff;
+    let of_filter = points / walls.filters.len() as u64;
+    for (n, &filter) in (0u64..).zip(&walls.filters) {
+        let cutoff_hz = filter.cutoff_hz().unwrap_or_default();
+        let numbers = n * of_filter..(n + 1) * of_filter;
         let hits: Vec<WallHit> = numbers.map(|number| walls.wall(number)).collect();
         let wall = |hit: &WallHit| [hit.stiffness_n_per_m, hit.damping_n_s_per_m];
-        let held = at_walls(how, draws, cutoff_hz, &hits.iter().map(wall).collect::<Vec<_>>())?;
+        let held = at_walls(how, draws, filter, &hits.iter().map(wall).collect::<Vec<_>>())?;
         for (hit, holds) in hits.iter().zip(held) {
             let held = holds.iter().filter(|holds| **holds).count();
             #[expect(clippy::cast_precision_loss, reason = "at most 10^8 draws")]
@@ -201,7 +203,7 @@ fn probable<'a>(
             let _ = writeln!(csv, "{cutoff_hz},{b},{k},{held},{count},{share},{SCHEMA_VERSION}");
             shares.push(share);
         }
-        bar.inc(of_cutoff);
+        bar.inc(of_filter);
     }
     bar.finish_and_clear();
     let at_least = |least: f64| shares.iter().filter(|share| **share >= least).count() as u64;

@@ -12,7 +12,7 @@ use super::{
 use crate::{
     error::Error,
     output::{estimated::print_of, in_units, table::Kind, trace},
-    scene::NamedScene,
+    scene::{NamedScene, velocity::describe},
     simulation::{
         prepared::{HitReport, WallHit},
         trace::Trace,
@@ -102,10 +102,9 @@ fn print(
     report: &HitReport,
     common: &Common,
 ) -> Result<(), Error> {
-    let velocity = scene.scene.velocity;
     let passive = scene.scene.passivity.is_some();
     let json = Json {
-        subject: Subject::new(scene, hit.cutoff_hz, common),
+        subject: Subject::new(scene, &hit.velocity, common),
         stiffness_n_per_m: hit.stiffness_n_per_m,
         damping_n_s_per_m: hit.damping_n_s_per_m,
         verdict: report.verdict.name(),
@@ -169,7 +168,7 @@ fn print(
             scene.name,
             json.verdict,
             json.rms_m * 1e6,
-            velocity.describe(hit.cutoff_hz, scene.scene.control.rate_hz),
+            describe(&hit.velocity, scene.scene.control.rate_hz),
             json.stiffness_n_per_m,
             json.damping_n_s_per_m,
             json.mean_m,

@@ -1,6 +1,7 @@
 //! Options of `sweep` that ask for several limits at once.
 
 use clap::{Args, ValueEnum};
+use zwidth::VelocitySettings;
 
 use crate::{
     error::Error,
@@ -100,7 +101,7 @@ impl LimitArgs {
     fn question(
         &self,
         scene: &Scene,
-        cutoffs_hz: &[f64],
+        filters: &[VelocitySettings],
         repeats: u32,
     ) -> Result<Option<Question>, Error> {
         let Some(Limits(asked)) = &self.limits else { return Ok(None) };
@@ -130,7 +131,7 @@ impl LimitArgs {
         Ok(Some(Question {
             limits,
             rms_of: self.rms_of.into(),
-            cutoffs_hz: cutoffs_hz.to_vec(),
+            filters: filters.to_vec(),
             repeats,
             walk,
             situations: situations.collect(),
@@ -143,17 +144,17 @@ impl LimitArgs {
     pub fn or_default(
         &self,
         scene: &Scene,
-        cutoffs_hz: &[f64],
+        filters: &[VelocitySettings],
         repeats: u32,
         plain: bool,
     ) -> Result<Option<Question>, Error> {
         if self.limits.is_some() {
-            return self.question(scene, cutoffs_hz, repeats);
+            return self.question(scene, filters, repeats);
         }
         Ok((!plain).then(|| Question {
             limits: vec![DEFAULT],
             rms_of: RmsOf::Motion,
-            cutoffs_hz: cutoffs_hz.to_vec(),
+            filters: filters.to_vec(),
             repeats: 1,
             walk: scene.walk,
             situations: PushBy::ALL.map(|push| Situation { push, arm: None }).to_vec(),
@@ -162,8 +163,8 @@ impl LimitArgs {
     }
 
     /// The limits of `--levers`: those that were asked for, else the scene's and the one of a plain sweep.
-    pub fn of_levers(&self, scene: &Scene, cutoffs_hz: &[f64]) -> Result<Vec<Limit>, Error> {
-        let asked = self.question(scene, cutoffs_hz, 1)?.map(|question| question.limits);
+    pub fn of_levers(&self, scene: &Scene) -> Result<Vec<Limit>, Error> {
+        let asked = self.question(scene, &[], 1)?.map(|question| question.limits);
         Ok(asked.unwrap_or_else(|| {
             let own = Limit::Rms(scene.wall_hit.rms_limit_m);
             if own == DEFAULT { vec![own] } else { vec![own, DEFAULT] }

@@ -5,6 +5,7 @@ use std::{fmt::Write as _, path::PathBuf};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
+use zwidth::VelocitySettings;
 
 use super::{
     Common,
@@ -122,8 +123,8 @@ struct Analysis {
 }
 
 pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
-    let Grid { scene, walls: Walls { cutoffs_hz, dampings, .. } } = args.at.load(&[0.0], None)?;
-    let points = cutoffs_hz.len() * dampings.len();
+    let Grid { scene, walls: Walls { filters, dampings, .. } } = args.at.load(&[0.0], None)?;
+    let points = filters.len() * dampings.len();
     if points > POINTS_MAX {
         return Err(Error::Input(format!(
             "--cutoffs and --dampings make {points} points, allowed {POINTS_MAX}"
@@ -134,9 +135,9 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
     let file = outputs.table(args.csv.as_ref(), Kind::Rows, Some(&scene))?;
     let plot = outputs.figure(args.plot.as_ref())?;
     let prepared = args.simulated.then(|| prepare(&scene)).transpose()?;
-    let analyses: Result<Vec<Analysis>, Error> = cutoffs_hz
+    let analyses: Result<Vec<Analysis>, Error> = filters
         .par_iter()
-        .map(|&cutoff_hz| analyse(&scene, cutoff_hz, &dampings, args, prepared.as_ref(), common))
+        .map(|&filter| analyse(&scene, filter, &dampings, args, prepared.as_ref(), common))
         .collect();
     let analyses = analyses?;
     if let Some(file) = file {
@@ -242,14 +243,15 @@ fn explanation(analyses: &[Analysis], scene: &scene::Scene) -> String {
 
 fn analyse(
     scene: &NamedScene,
-    cutoff_hz: f64,
+    filter: VelocitySettings,
     dampings: &[f64],
     args: &LinearArgs,
     prepared: Option<&PreparedScene>,
     common: &Common,
 ) -> Result<Analysis, Error> {
     let scene = &scene.scene;
-    let of = linear_loop(scene, cutoff_hz, args.multirate)?;
+    let of = linear_loop(scene, &filter, args.multirate)?;
+    let cutoff_hz = filter.cutoff_hz().unwrap_or_default();
     let own = scene.device.damping_n_s_per_m;
     let passivity = args.passivity.then(|| Passivity::new(&of)).transpose();
     let passivity = passivity.map_err(Error::input)?;
@@ -287,7 +289,7 @@ fn analyse(
             common.engine.into(),
             prepared,
             common.numeric,
-            cutoff_hz,
+            filter,
             &boundary,
             interrupt::flag(),
         )?,

@@ -10,7 +10,7 @@ use super::{
     limits::{Limits, Pair, pair, parse},
     list::{self, List},
     progress,
-    shared::check_cutoffs,
+    shared::check_filters,
 };
 use crate::{
     analysis::passive::{PassiveQuestion, passive},
@@ -30,7 +30,7 @@ use crate::{
         asked::{no_cutoff, prepare},
         limits::Limit,
         limits_asked::{Names, check, finer},
-        sweep::ascending,
+        sweep::filters,
     },
 };
 
@@ -105,20 +105,15 @@ pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
         Some(steps) => finer(&scene.scene, Some(steps.at_handle(&scene.scene)), None),
     };
     check(&scene.scene, &limits, walk, NAMES)?;
-    let cutoffs_hz = match (&args.cutoffs, scene.scene.velocity.has_cutoff()) {
-        (Some(list), true) => ascending(&list.0),
-        (None, true) => CUTOFFS_HZ.to_vec(),
-        (None, false) => vec![0.0],
-        (Some(_), false) => return Err(no_cutoff(&scene)),
-    };
-    check_cutoffs(&scene, &cutoffs_hz)?;
-    let question = PassiveQuestion {
-        limits,
-        cutoffs_hz: cutoffs_hz.clone(),
-        repeats: args.repeat,
-        walk,
-        table,
-    };
+    if args.cutoffs.is_some() && !scene.scene.velocity.has_cutoff() {
+        return Err(no_cutoff(&scene));
+    }
+    let cutoffs_hz = args.cutoffs.as_ref().map_or(&CUTOFFS_HZ[..], |list| &list.0);
+    let filters = filters(&scene.scene.velocity, cutoffs_hz);
+    check_filters(&scene, &filters)?;
+    let cutoffs: Vec<String> =
+        filters.iter().filter_map(|filter| Some(filter.cutoff_hz()?.to_string())).collect();
+    let question = PassiveQuestion { limits, filters, repeats: args.repeat, walk, table };
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("passivity");
     let folder = common.out.clone().unwrap_or_else(default);
     let mut outputs = common.outputs(&scene.files)?;
@@ -128,10 +123,9 @@ pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
         Some(Pair([k, b])) => format!(" --steps {k},{b}"),
         None => String::new(),
     };
-    let cutoffs: Vec<String> = cutoffs_hz.iter().map(f64::to_string).collect();
-    let cutoffs = match scene.scene.velocity.has_cutoff() {
-        true => format!(" --cutoffs {}", cutoffs.join(",")),
-        false => String::new(),
+    let cutoffs = match cutoffs.as_slice() {
+        [] => String::new(),
+        all => format!(" --cutoffs {}", all.join(",")),
     };
     let command = format!(
         "passivity {}{cutoffs} --limits {} --acceleration {acceleration_m_per_s2}{steps} --repeat {} --engine {}",

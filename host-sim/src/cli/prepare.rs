@@ -119,7 +119,8 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
         .map_err(|error| error.of(&scene.name))?;
     bar.finish_and_clear();
     let said = |board: &BoardTable| board.cutoff_hz.is_some() || board.design.is_some();
-    let asked = scene.scene.board.as_ref().is_some_and(said);
+    let asked =
+        scene.scene.board.as_ref().is_some_and(said) || scene.scene.velocity.cutoff_hz().is_some();
     let best = found.first().and_then(Found::best).filter(|_| !asked);
     let prepared = scene.prepared(&board, best.unwrap_or(first))?;
     let boundaries: Vec<Boundary<'_>> = found.iter().flat_map(Found::boundaries).collect();
@@ -147,17 +148,18 @@ fn beside(scene: &NamedScene) -> PathBuf {
 fn first_settings(scene: &Scene) -> Result<zwidth::VelocitySettings, Error> {
     let design = scene.board.as_ref().and_then(|board| board.design.as_ref());
     if let Some(design) = design.and_then(|name| scene.designs.get(name)) {
-        return Ok(design.settings());
+        return design
+            .settings()
+            .ok_or_else(|| Error::Internal("a design without a cutoff".into()));
     }
     let estimators = scene.board_estimators().map_err(Error::Input)?;
     let cutoffs = &scene.sweep.cutoffs_hz;
     let middle = cutoffs.get(cutoffs.len() / 2).copied().unwrap_or_default();
     let asked = scene.board.as_ref().and_then(|board| board.cutoff_hz);
-    let cutoff_hz = asked.unwrap_or(middle);
-    let own = scene.velocity.settings(cutoff_hz);
-    let first = estimators.first().copied().filter(|first| *first != own.name());
-    let choice = first.map_or(scene.velocity, |first| first.defaults().into());
-    Ok(choice.settings(cutoff_hz))
+    let cutoff_hz = asked.or(scene.velocity.cutoff_hz()).unwrap_or(middle);
+    let first = estimators.first().copied();
+    let first = first.filter(|first| *first != scene.velocity.estimator());
+    Ok(first.map_or(scene.velocity, |first| first.defaults().into()).at(cutoff_hz))
 }
 
 /// Highest speed with a starter's record, m/s.
@@ -417,7 +419,7 @@ impl Said<'_> {
 }
 
 fn cutoff(device: &Device<'_>) -> Option<f64> {
-    device.settings.velocity.tuning().filter(|(known, _)| known.is_frequency()).map(|(_, hz)| hz)
+    device.settings.velocity.cutoff_hz()
 }
 
 /// Largest K of any boundary of the walks.

@@ -27,9 +27,10 @@ pub struct ReplayArgs {
     /// Estimator; the scene's if not given.
     #[arg(long, value_name = "NAME")]
     estimator: Option<String>,
-    /// Nominal cutoff, Hz; what else tunes it is the scene's, or the default.
-    #[arg(long, value_name = "HZ", default_value_t = 1500.0)]
-    cutoff: f64,
+    /// Nominal cutoff, Hz [default: `velocity.cutoff_hz` of the scene, else 1500]; what else tunes it is the scene's, or the
+    /// default.
+    #[arg(long, value_name = "HZ")]
+    cutoff: Option<f64>,
     /// The scene that the board is built for.
     #[arg(long, default_value = "nucleo-f446re")]
     scene: String,
@@ -40,6 +41,9 @@ pub struct ReplayArgs {
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
 }
+
+/// Without `--cutoff` and `velocity.cutoff_hz`, Hz.
+const CUTOFF_HZ: f64 = 1500.0;
 
 pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {
     let name = args.capture.display();
@@ -54,18 +58,20 @@ pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {
     )?;
     let plot = outputs.figure(args.plot.as_ref())?;
     let scene = &scene.scene;
-    let velocity = velocity(scene, args.estimator.as_deref(), args.cutoff, "--estimator")?;
+    let cutoff_hz = args.cutoff.or(scene.velocity.cutoff_hz()).unwrap_or(CUTOFF_HZ);
+    let own = scene.velocity.at(cutoff_hz);
+    let velocity = velocity(own, args.estimator.as_deref(), "--estimator")?;
     let replayed = replay(&args.capture, scene, velocity, interrupt::flag())?;
     if let Some(csv) = csv {
         outputs.write(csv, in_units::csv(scene.units, replayed.csv()).as_bytes())?;
     }
     if let Some(plot) = plot {
-        let title = format!("{}, {} Hz beside the board's", velocity.name().text(), args.cutoff);
+        let title = format!("{}, {} Hz beside the board's", velocity.name().text(), cutoff_hz);
         let file = args.capture.file_name().unwrap_or_default().to_string_lossy().into_owned();
         outputs.draw(plot, &replay_figure(&replayed, [&title, &file], scene)?)?;
     }
     outputs.commit()?;
-    let told = Told::new(scene, velocity, args.cutoff, &replayed, interrupt::flag())?;
+    let told = Told::new(scene, velocity, cutoff_hz, &replayed, interrupt::flag())?;
     print_result(common.json, InUnits(scene.units, &told), || {
         let later = told.later_s.map_or_else(
             || "nothing moved".to_owned(),

@@ -2,6 +2,7 @@
 
 use clap::Args;
 use serde::Serialize;
+use zwidth::VelocitySettings;
 
 use super::{
     Common,
@@ -11,7 +12,7 @@ use crate::{
     error::Error,
     scene::NamedScene,
     simulation::prepared::WallHit,
-    study::asked::{self, Names, Walls},
+    study::asked::{self, Names, Walls, only_of_sweep},
 };
 
 /// Where a hit or a walk starts.
@@ -44,7 +45,8 @@ const LISTS: Names =
 pub struct AtCutoff {
     /// Built-in scene or scene file.
     scene: String,
-    /// Nominal cutoff of the velocity filter, Hz; estimators without one take none.
+    /// Nominal cutoff of the velocity filter, Hz [default: `velocity.cutoff_hz` of the scene]; estimators without one take
+    /// none.
     #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     cutoff: Option<f64>,
     #[command(flatten)]
@@ -58,6 +60,9 @@ impl AtCutoff {
         let units = scene.scene.units;
         let wall = wall.map(|[k, b]| [units.stiffness_n_per_m(k), units.damping_n_s_per_m(b)]);
         let hit = asked::hit(&scene, self.cutoff, wall, self.start.counts(), NAMES)?;
+        if self.cutoff.is_none() {
+            note_old_place(&scene);
+        }
         Ok((scene, hit))
     }
 }
@@ -74,15 +79,13 @@ pub struct Subject<'a> {
 }
 
 impl<'a> Subject<'a> {
-    pub fn new(scene: &'a NamedScene, cutoff_hz: f64, common: &Common) -> Self {
-        let velocity = scene.scene.velocity;
-        let of_cutoff = |hz: f64| velocity.has_cutoff().then_some(hz);
+    pub fn new(scene: &'a NamedScene, filter: &VelocitySettings, common: &Common) -> Self {
         Self {
             scene: &scene.name,
             numeric: common.numeric.name(),
-            estimator: velocity.name(),
-            cutoff_hz: of_cutoff(cutoff_hz),
-            true_cutoff_hz: of_cutoff(scene.scene.true_cutoff_hz(cutoff_hz)),
+            estimator: filter.name().text(),
+            cutoff_hz: filter.cutoff_hz(),
+            true_cutoff_hz: filter.true_cutoff_hz(scene.scene.control.rate_hz),
         }
     }
 }
@@ -92,7 +95,8 @@ impl<'a> Subject<'a> {
 pub struct AtCutoffs {
     /// Built-in scene or scene file.
     scene: String,
-    /// Nominal cutoffs, Hz: A,B,C or FROM:STEP:TO; estimators without a cutoff take none.
+    /// Nominal cutoffs, Hz: A,B,C or FROM:STEP:TO [default: `velocity.cutoff_hz` of the scene]; estimators without a cutoff
+    /// take none.
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     cutoffs: Option<List>,
     /// Dampings B of the wall, N s/m (of a rotary scene N m s/rad): A,B,C or FROM:STEP:TO.
@@ -110,31 +114,41 @@ impl AtCutoffs {
     /// Loads the scene and checks every value of every list, before the first one is used.
     pub fn load(&self, stiffnesses: &[f64], start: Option<Start>) -> Result<Grid, Error> {
         let scene = NamedScene::load(&self.scene)?;
-        let cutoffs_hz = match &self.cutoffs {
-            Some(_) if !scene.scene.velocity.has_cutoff() => return Err(asked::no_cutoff(&scene)),
-            Some(List(cutoffs_hz)) => cutoffs_hz.clone(),
-            None => vec![asked::cutoff(&scene, None)?],
+        let filters = match &self.cutoffs {
+            Some(List(cutoffs_hz)) => asked::filters(&scene, cutoffs_hz)?,
+            None => {
+                let filter = asked::filter(&scene, None)?;
+                note_old_place(&scene);
+                vec![filter]
+            }
         };
         let units = scene.scene.units;
         let dampings = self.dampings.0.iter().map(|&b| units.damping_n_s_per_m(b)).collect();
         let start_offset_counts = start.map_or(0.0, Start::counts);
         let stiffnesses = stiffnesses.iter().map(|&k| units.stiffness_n_per_m(k)).collect();
-        let walls = Walls { cutoffs_hz, dampings, stiffnesses, start_offset_counts };
+        let walls = Walls { filters, dampings, stiffnesses, start_offset_counts };
         walls.check(&scene, LISTS)?;
         Ok(Grid { scene, walls })
     }
 }
 
-/// The cutoffs of `--cutoffs` or of the scene, checked.
-pub fn check_cutoffs(scene: &NamedScene, cutoffs_hz: &[f64]) -> Result<(), Error> {
-    if !scene.scene.velocity.has_cutoff() {
-        return Err(asked::no_cutoff(scene));
+/// Says that the cutoff of a scene has a key of its own, where the only one of `[sweep]` was taken.
+fn note_old_place(scene: &NamedScene) {
+    if let Some(cutoff_hz) = only_of_sweep(&scene.scene).and_then(|filter| filter.cutoff_hz()) {
+        eprintln!(
+            "note: {}: cutoff {cutoff_hz} Hz, the only one of sweep.cutoffs_hz; its place is velocity.cutoff_hz",
+            scene.name
+        );
     }
-    let wall = |cutoff_hz| WallHit {
-        cutoff_hz,
+}
+
+/// Refuses a filter that is out of range.
+pub fn check_filters(scene: &NamedScene, filters: &[VelocitySettings]) -> Result<(), Error> {
+    let wall = |&velocity: &VelocitySettings| WallHit {
+        velocity,
         stiffness_n_per_m: 0.0,
         damping_n_s_per_m: 0.0,
         start_offset_counts: 0.0,
     };
-    cutoffs_hz.iter().try_for_each(|&hz| asked::check_wall(scene, &wall(hz), LISTS))
+    filters.iter().try_for_each(|filter| asked::check_wall(scene, &wall(filter), LISTS))
 }

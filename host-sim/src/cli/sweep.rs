@@ -4,6 +4,7 @@ use std::{collections::BTreeSet, fmt::Write as _, path::PathBuf};
 
 use clap::Args;
 use serde::Serialize;
+use zwidth::VelocitySettings;
 
 use super::{
     Common,
@@ -11,7 +12,7 @@ use super::{
     limits::LimitArgs,
     list::{self, List},
     progress,
-    shared::check_cutoffs,
+    shared::check_filters,
 };
 use crate::{
     engine::Engine,
@@ -30,13 +31,14 @@ use crate::{
     scene::{NamedScene, PushBy, STUDY, Units},
     simulation::prepared::PreparedScene,
     study::{
+        asked::no_cutoff,
         envelope::envelopes,
         levers::{Lever, LeverQuestion, levers, walk_levers},
         limits::{Question, limits},
         probability::{Draws, How, contour, maps, verdicts},
         rates::Rates,
         sensitivity::{Variant, variants},
-        sweep::{Plan, SweepResult, ascending, sweep},
+        sweep::{Plan, SweepResult, ascending, filters, sweep},
     },
 };
 
@@ -97,6 +99,7 @@ struct Job {
     scene: NamedScene,
     prepared: PreparedScene,
     cutoffs_hz: Vec<f64>,
+    filters: Vec<VelocitySettings>,
     variants: Vec<Variant>,
     question: Option<Question>,
     levers: Option<LeverQuestion>,
@@ -112,10 +115,10 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     for job in &jobs {
         let variants = job.variants.iter().map(|variant| &variant.prepared);
         for prepared in std::iter::once(&job.prepared).chain(variants) {
-            plans.push(Plan { name: &job.scene.name, prepared, cutoffs_hz: &job.cutoffs_hz });
+            plans.push(Plan { name: &job.scene.name, prepared, filters: &job.filters });
         }
     }
-    let walks: usize = plans.iter().map(|plan| plan.cutoffs_hz.len()).sum();
+    let walks: usize = plans.iter().map(|plan| plan.filters.len()).sum();
     let bar = progress::bar(walks as u64 * u64::from(args.repeat));
     let numeric = common.numeric;
     let engine = Engine::from(common.engine);
@@ -220,8 +223,12 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Err
     let mut outputs = common.outputs(&inputs)?;
     for scene in scenes {
         let asked = args.cutoffs.as_ref().map_or(&scene.scene.sweep.cutoffs_hz, |list| &list.0);
+        if !scene.scene.velocity.has_cutoff() {
+            return Err(no_cutoff(&scene));
+        }
         let cutoffs_hz = ascending(asked);
-        check_cutoffs(&scene, &cutoffs_hz)?;
+        let filters = filters(&scene.scene.velocity, &cutoffs_hz);
+        check_filters(&scene, &filters)?;
         let folder = match &common.out {
             None => PathBuf::from("zwidth-out").join(&scene.name),
             Some(out) if many => out.join(&scene.name),
@@ -229,12 +236,11 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Err
         };
         let variants = if args.sensitivity { variants(&scene.scene)? } else { vec![] };
         let prepared = crate::study::asked::prepare(&scene)?;
-        let question =
-            args.limits.or_default(&scene.scene, &cutoffs_hz, args.repeat, args.plain)?;
+        let question = args.limits.or_default(&scene.scene, &filters, args.repeat, args.plain)?;
         let question_of = |levers: Vec<Lever>| {
             Ok::<_, Error>(LeverQuestion {
                 levers,
-                limits: args.limits.of_levers(&scene.scene, &cutoffs_hz)?,
+                limits: args.limits.of_levers(&scene.scene)?,
                 pushes: PushBy::ALL.to_vec(),
                 cutoffs_hz: cutoffs_hz.clone(),
                 repeats: 1,
@@ -249,6 +255,7 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Err
             scene,
             prepared,
             cutoffs_hz,
+            filters,
             variants,
             question,
             levers,
@@ -260,7 +267,7 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Err
         jobs.push(job);
     }
     let walks_of = |job: &Job| {
-        let own = job.cutoffs_hz.len() * (1 + job.variants.len()) * args.repeat as usize;
+        let own = job.filters.len() * (1 + job.variants.len()) * args.repeat as usize;
         let asked = job.question.as_ref().filter(|_| args.limits.are_asked());
         let others = [&job.levers, &job.rates].into_iter().flatten();
         let others = others.map(LeverQuestion::walks).sum::<usize>();

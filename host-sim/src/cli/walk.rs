@@ -14,6 +14,7 @@ use crate::{
     error::Error,
     interrupt,
     output::{estimated::print_of, in_units, table::Kind},
+    scene::velocity::describe,
     study::{
         asked::{self, prepare},
         boundary::Boundary,
@@ -45,7 +46,7 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     let (scene, first) = args.at.load(None)?;
     let mut outputs = common.outputs(&scene.files)?;
     let file = outputs.table(args.csv.as_ref(), Kind::Rows, Some(&scene))?;
-    let (velocity, units) = (scene.scene.velocity, scene.scene.units);
+    let units = scene.scene.units;
     let prepared = prepare(&scene)?;
     let boundary = asked::boundary(
         &scene,
@@ -56,12 +57,12 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
         interrupt::flag(),
     )?;
     if let Some(file) = file {
-        let csv = csv(first.cutoff_hz, &boundary);
+        let csv = csv(first.velocity.cutoff_hz().unwrap_or_default(), &boundary);
         outputs.write(file, in_units::csv(units, csv).as_bytes())?;
     }
     outputs.commit()?;
     let json = Json {
-        subject: Subject::new(&scene, first.cutoff_hz, common),
+        subject: Subject::new(&scene, &first.velocity, common),
         area_n2_s_per_m2: boundary.area,
         stiffness_peak_n_per_m: boundary.stiffness_peak_n_per_m(),
         damping_max_n_s_per_m: boundary.damping_max_n_s_per_m(),
@@ -74,7 +75,7 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
              peak K {} N/m, largest B {} N s/m, {} hits, ended by: {}",
             scene.name,
             json.area_n2_s_per_m2,
-            velocity.describe(first.cutoff_hz, scene.scene.control.rate_hz),
+            describe(&first.velocity, scene.scene.control.rate_hz),
             json.stiffness_peak_n_per_m,
             json.damping_max_n_s_per_m,
             json.hits,

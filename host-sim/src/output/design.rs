@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     analysis::{
-        compare::with_estimator,
+        compare::with_filter,
         design::{
             DesignStudy, Designed, MISTUNED_BY, Tried,
             shape::{Second, Shape},
@@ -132,10 +132,11 @@ const BEST: &str = "best";
 pub fn best_scene(scene: &Scene, study: &Designs) -> Result<String, String> {
     let Some(best) = study.0.filters.first() else { return Err("there is no filter".into()) };
     let settings = best.shape.settings();
-    let (mut scene, _) = with_estimator(scene, &settings);
+    let mut scene = with_filter(scene, &settings);
+    scene.sweep.cutoffs_hz = vec![best.shape.frequency_hz];
     // One that stands there already has its name.
     scene.designs.remove(BEST);
-    let known = scene.designs.values().any(|design| design.settings() == settings);
+    let known = scene.designs.values().any(|design| design.settings() == Some(settings));
     if !known && scene.designs.len() < DESIGNS_MAX {
         scene.designs.insert(BEST.into(), settings.into());
     }

@@ -73,7 +73,8 @@ impl Grid {
             Ok(Verdict::NoContact) => self.counts.no_contact += 1,
             Err(_) => self.counts.out_of_range += 1,
         }
-        let &WallHit { cutoff_hz, damping_n_s_per_m, stiffness_n_per_m, .. } = wall;
+        let &WallHit { velocity, damping_n_s_per_m, stiffness_n_per_m, .. } = wall;
+        let cutoff_hz = velocity.cutoff_hz().unwrap_or_default();
         let mut row = format!("{cutoff_hz},{damping_n_s_per_m},{stiffness_n_per_m},{name},");
         let _ = rms_m.map_or(Ok(()), |rms_m| write!(row, "{rms_m}"));
         let _ = impedance_error.map_or(Ok(()), |error| write!(row, ",{error}"));

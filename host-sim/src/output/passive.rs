@@ -96,7 +96,7 @@ impl Passive {
             let cut = if row.boundaries.capped() > 0 { ">" } else { "" };
             let area = format!("{cut}{}", millions(row.boundaries.area()));
             let controller = if row.controller { "with" } else { "without" };
-            let cutoff = format!("{} Hz", row.cutoff_hz);
+            let cutoff = cutoff(row);
             for (of, hits) in ["without", "with"].into_iter().zip(&row.hits) {
                 if hits.walls == 0 {
                     continue;
@@ -118,7 +118,11 @@ impl Passive {
 
 fn told(row: &PassiveRow) -> String {
     let controller = if row.controller { "with" } else { "without" };
-    format!("{} Hz, {controller}", row.cutoff_hz)
+    format!("{}, {controller}", cutoff(row))
+}
+
+fn cutoff(row: &PassiveRow) -> String {
+    row.cutoff_hz.map_or_else(|| "no cutoff".into(), |cutoff_hz| format!("{cutoff_hz} Hz"))
 }
 
 fn area(row: &PassiveRow) -> PassiveArea {
@@ -126,7 +130,7 @@ fn area(row: &PassiveRow) -> PassiveArea {
     let [low, high] = row.boundaries.area_range();
     let [without, with] = row.hits;
     PassiveArea {
-        cutoff_hz: (row.cutoff_hz > 0.0).then_some(row.cutoff_hz),
+        cutoff_hz: row.cutoff_hz,
         limit,
         limit_unit,
         controller: row.controller,

@@ -163,7 +163,7 @@ impl ProbabilityStudy {
     pub fn envelope(&self) -> Vec<Envelope> {
         let tried = self.tried.as_ref().zip(self.recommended());
         let of = |(tried, map): (&Tried, &Map)| Envelope {
-            cutoff_hz: map.cutoff_hz,
+            velocity: map.velocity,
             intervals: tried.intervals.clone(),
         };
         tried.map(of).into_iter().collect()

@@ -317,15 +317,16 @@ impl Study {
             return Ok(None);
         };
         let found = self.result.cutoffs.iter().find(|result| result.cutoff_hz == ideal.cutoff_hz);
-        let points = found.and_then(|result| result.boundaries.first()).map(|first| &first.points);
-        let stiffest = points.and_then(|points| {
-            points.iter().max_by(|a, b| a.stiffness_n_per_m.total_cmp(&b.stiffness_n_per_m))
+        let stiffest = found.and_then(|result| {
+            let points = result.boundaries.first()?.points.iter();
+            let wall = points.max_by(|a, b| a.stiffness_n_per_m.total_cmp(&b.stiffness_n_per_m))?;
+            Some((result.velocity, wall))
         });
-        let Some(wall) = stiffest else {
+        let Some((velocity, wall)) = stiffest else {
             return Ok(None);
         };
         let hit = WallHit {
-            cutoff_hz: ideal.cutoff_hz,
+            velocity,
             stiffness_n_per_m: wall.stiffness_n_per_m,
             damping_n_s_per_m: wall.damping_n_s_per_m,
             start_offset_counts: 0.0,

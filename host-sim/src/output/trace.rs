@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use crate::{
     error::Error,
     output::figure::{Figure, TracePlot, hit_trace},
-    scene::NamedScene,
+    scene::{NamedScene, velocity::describe},
     simulation::{
         prepared::{HitReport, WallHit},
         trace::{Row, Trace},
@@ -48,7 +48,7 @@ pub fn figure(
             "K = {} N/m, B = {} N s/m, {}",
             hit.stiffness_n_per_m,
             hit.damping_n_s_per_m,
-            scene.scene.velocity.describe(hit.cutoff_hz, scene.scene.control.rate_hz)
+            describe(&hit.velocity, scene.scene.control.rate_hz)
         )),
         rate_hz: trace.rate_hz,
         positions_m: trace.rows.iter().map(|row| row.position_m).collect(),

@@ -174,7 +174,8 @@ pub fn rows(question: &Question) -> Answered {
 /// One wall hit by a board of its own, as `cargo board hit` runs it: the firmware's line, and all of its telemetry.
 pub fn hit(question: &Question, elf: Vec<u8>) -> Answered {
     let scene = question.scene()?;
-    let cutoff_hz = host_sim::study::asked::cutoff(&scene, question.cutoff_hz)?;
+    let filter = host_sim::study::asked::filter(&scene, question.cutoff_hz)?;
+    let cutoff_hz = filter.cutoff_hz().unwrap_or_default();
     let units = scene.scene.units;
     let wall =
         [cutoff_hz, units.stiffness_n_per_m(question.k), units.damping_n_s_per_m(question.b)];

@@ -15,12 +15,12 @@ use host_sim::{
         trace,
     },
     range::within,
-    scene::NamedScene,
+    scene::{NamedScene, VelocityTable},
     simulation::{prepared::Numeric, trace::Trace},
     study::{
         asked::{self, Names, Walls},
         boundary::{Boundary, BoundaryPoint},
-        sweep::{CutoffResult, Plan, SweepResult, ascending, sweep as walks},
+        sweep::{CutoffResult, Plan, SweepResult, ascending, filters, sweep as walks},
     },
 };
 use live::predicted::predict;
@@ -78,7 +78,7 @@ impl Walked {
         Self { cutoff_hz, true_cutoff_hz, settles_in_s, boundaries }
     }
 
-    fn result(&self) -> CutoffResult {
+    fn result(&self, velocity: &VelocityTable) -> CutoffResult {
         let boundary = |walk: &Walk| Boundary {
             points: walk
                 .points
@@ -93,6 +93,7 @@ impl Walked {
             ended: ENDS.into_iter().find(|ended| walk.ended.as_deref() == Some(ended.name())),
         };
         CutoffResult {
+            velocity: velocity.at(self.cutoff_hz),
             cutoff_hz: self.cutoff_hz,
             true_cutoff_hz: self.true_cutoff_hz,
             settles_in_s: self.settles_in_s,
@@ -105,7 +106,7 @@ impl Walked {
 pub fn scene(question: &Question) -> Answered {
     let NamedScene { name, scene, .. } = question.scene()?;
     let has_cutoff = scene.velocity.has_cutoff();
-    let (estimator, numbers) = EstimatorName::of(&scene.velocity.settings(0.0));
+    let (estimator, numbers) = EstimatorName::of(&scene.velocity.at(0.0));
     let wall = scene.units.command("position_m", scene.wall.position_m);
     let mut wanted = Map::from_iter([("estimator".to_owned(), json!(estimator.text()))]);
     let numbers = estimator.parameters().into_iter().flatten().zip(numbers);
@@ -154,7 +155,8 @@ pub fn walk(question: &Question) -> Answered {
     let scene = question.scene()?;
     let prepared = asked::prepare(&scene)?;
     let cutoffs_hz = question.cutoffs_hz.as_deref().unwrap_or_default();
-    let plan = Plan { name: &scene.name, prepared: &prepared, cutoffs_hz };
+    let filters = filters(&scene.scene.velocity, cutoffs_hz);
+    let plan = Plan { name: &scene.name, prepared: &prepared, filters: &filters };
     let repeat = repeats(question)?;
     let results = walks(Engine::lanes(), &[plan], Numeric::default(), repeat, &STOP, |_| ())?;
     let walked: Vec<Walked> =
@@ -173,7 +175,8 @@ fn repeats(question: &Question) -> Result<u32, Error> {
 /// What all cutoffs together say: `boundary.csv` and `areas.csv`.
 pub fn sweep(question: &Question) -> Answered {
     let scene = question.scene()?;
-    let mut cutoffs: Vec<CutoffResult> = question.walked.iter().map(Walked::result).collect();
+    let walked = question.walked.iter().map(|walked| walked.result(&scene.scene.velocity));
+    let mut cutoffs: Vec<CutoffResult> = walked.collect();
     cutoffs.sort_by(|a, b| a.cutoff_hz.total_cmp(&b.cutoff_hz));
     let units = scene.scene.units;
     let study = Study {
@@ -205,14 +208,15 @@ pub fn sweep(question: &Question) -> Answered {
 pub fn grid(question: &Question) -> Answered {
     let scene = question.scene()?;
     let units = scene.scene.units;
-    let cutoffs_hz = match (&question.cutoffs_hz, scene.scene.velocity.has_cutoff()) {
-        (Some(cutoffs_hz), true) => cutoffs_hz.clone(),
-        (None, false) => vec![0.0],
-        (Some(_), false) => return Err(asked::no_cutoff(&scene)),
-        (None, true) => return Err(Error::Input("cutoffs are missing".to_owned())),
+    let filters = match &question.cutoffs_hz {
+        Some(cutoffs_hz) => asked::filters(&scene, cutoffs_hz)?,
+        None => scene.scene.velocity.settings().into_iter().collect(),
     };
+    if filters.is_empty() {
+        return Err(Error::Input("cutoffs are missing".to_owned()));
+    }
     let walls = Walls {
-        cutoffs_hz,
+        filters,
         dampings: question.dampings.iter().map(|&b| units.damping_n_s_per_m(b)).collect(),
         stiffnesses: question.stiffnesses.iter().map(|&k| units.stiffness_n_per_m(k)).collect(),
         start_offset_counts: 0.0,

@@ -20,7 +20,7 @@ fn unfelt(scene: &Scene) -> Option<[f64; 2]> {
     let is_stable = |[cutoff_hz, damping_n_s_per_m]: &[f64; 2]| {
         [0.0, 0.25, 0.5, 0.75].into_iter().all(|start_offset_counts| {
             let hit = WallHit {
-                cutoff_hz: *cutoff_hz,
+                velocity: scene.velocity.at(*cutoff_hz),
                 stiffness_n_per_m: STIFFNESS_N_PER_M,
                 damping_n_s_per_m: *damping_n_s_per_m,
                 start_offset_counts,

@@ -1,6 +1,9 @@
 //! The tables of docs/criteria.md: minutes, so they wait for CI.
 
-use host_sim::{analysis::compare::with_estimator, study::limits::LimitResult};
+use host_sim::{
+    analysis::compare::with_filter,
+    study::{limits::LimitResult, sweep::filters},
+};
 use zwidth::VelocitySettings;
 
 use super::*;
@@ -27,7 +30,7 @@ fn table_in(
     let question = Question {
         limits: limits_.to_vec(),
         rms_of: RmsOf::Motion,
-        cutoffs_hz: cutoffs_hz.to_vec(),
+        filters: filters(&scene.velocity, cutoffs_hz),
         repeats: 4,
         walk: Walk {
             stiffness_start_n_per_m: starts[0],
@@ -133,7 +136,8 @@ fn by_hand_another_estimator_is_best() {
             224e6,
         ),
     ] {
-        let (scene, cutoff_hz) = with_estimator(&by_hand(paper("paper-1um")), &settings);
+        let scene = with_filter(&by_hand(paper("paper-1um")), &settings);
+        let cutoff_hz = settings.cutoff_hz().unwrap_or_default();
         hold_starts(&format!("by_hand/{name}"), &scene, cutoff_hz, expected);
     }
 }

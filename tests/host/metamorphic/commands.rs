@@ -12,7 +12,10 @@ use host_sim::{
         walk::walk,
     },
 };
-use zwidth::experiment::{Ended, Verdict};
+use zwidth::{
+    VelocitySettings,
+    experiment::{Ended, Verdict},
+};
 
 use crate::dice::{Dice, cases};
 
@@ -42,9 +45,8 @@ fn scene(dice: &mut Dice) -> Scene {
     scene
 }
 
-fn cutoff_hz(scene: &Scene, dice: &mut Dice) -> f64 {
-    let hz = dice.decades(100.0, 1500.0);
-    if scene.velocity.has_cutoff() { hz } else { 0.0 }
+fn filter(scene: &Scene, dice: &mut Dice) -> VelocitySettings {
+    scene.velocity.at(dice.decades(100.0, 1500.0))
 }
 
 /// The walk of theory.md over a table of verdicts: K up to the first unstable wall, and the K below it is the
@@ -105,7 +107,7 @@ fn a_walk_is_the_walls_of_a_grid_which_are_hits() {
     cases(5, |dice| {
         let scene = scene(dice);
         let prepared = PreparedScene::new(&scene).unwrap();
-        let cutoff_hz = cutoff_hz(&scene, dice);
+        let velocity = filter(&scene, dice);
         let start_offset_counts = dice.one_of(&[0.0, 0.25, 0.5]);
         let plan = &scene.walk;
         let rows = |first: f64, step: f64, max: f64| ((max - first) / step) as i32 + 1;
@@ -122,7 +124,7 @@ fn a_walk_is_the_walls_of_a_grid_which_are_hits() {
         let wall = |number: u64| {
             let (n, m) = (number as i32 % ks, number as i32 / ks);
             WallHit {
-                cutoff_hz,
+                velocity,
                 stiffness_n_per_m: plan.stiffness_start_n_per_m
                     + f64::from(n) * plan.stiffness_step_n_per_m,
                 damping_n_s_per_m: plan.damping_start_n_s_per_m
@@ -156,7 +158,7 @@ fn a_walk_is_the_walls_of_a_grid_which_are_hits() {
         let (points, hits, ended) = walked(&scene, |n, m| table[&(n, m)].0 == Verdict::Stable);
         for engine in [Engine::lanes(), Engine::Core] {
             let found =
-                walk(engine, &prepared, numeric, cutoff_hz, start_offset_counts, &STOP).unwrap();
+                walk(engine, &prepared, numeric, velocity, start_offset_counts, &STOP).unwrap();
             assert_eq!(
                 (pairs(&found), found.hits, found.ended),
                 (points.clone(), hits, ended),
@@ -177,16 +179,16 @@ fn a_sweep_of_one_cutoff_is_its_walks() {
     cases(4, |dice| {
         let scene = scene(dice);
         let prepared = PreparedScene::new(&scene).unwrap();
-        let cutoff_hz = cutoff_hz(&scene, dice);
+        let velocity = filter(&scene, dice);
         let repeats = 1 + dice.below(4);
-        let plan = Plan { name: "one", prepared: &prepared, cutoffs_hz: &[cutoff_hz] };
+        let plan = Plan { name: "one", prepared: &prepared, filters: &[velocity] };
         let engine = Engine::lanes();
         let swept = sweep(engine, &[plan], Numeric::Fixed, repeats, &STOP, |_| ()).unwrap();
         let [result] = &swept[0].cutoffs[..] else { panic!("one cutoff") };
         let walks = (0..repeats).map(|n| {
             let start = f64::from(n) / f64::from(repeats);
             assert_eq!(start, start_offset_counts(n, repeats));
-            walk(Engine::Core, &prepared, Numeric::Fixed, cutoff_hz, start, &STOP).unwrap()
+            walk(Engine::Core, &prepared, Numeric::Fixed, velocity, start, &STOP).unwrap()
         });
         let walks: Vec<Boundary> = walks.collect();
         assert_eq!(*result.boundaries, walks, "{}: {scene:?}", dice.name);

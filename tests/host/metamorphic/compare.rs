@@ -6,7 +6,7 @@ use std::{
 };
 
 use host_sim::{
-    analysis::compare::{roughness, signal, with_estimator},
+    analysis::compare::{roughness, signal},
     scene::{Rounding, Scene, element::EncoderError},
     simulation::prepared::{Numeric, PreparedScene, WallHit},
 };
@@ -15,8 +15,7 @@ use zwidth::VelocitySettings;
 use crate::dice::{Dice, cases};
 
 fn measured(scene: &Scene, settings: VelocitySettings) -> signal::Signal {
-    let (scene, cutoff_hz) = with_estimator(scene, &settings);
-    signal::measure(&scene, cutoff_hz).unwrap()
+    signal::measure(scene, settings).unwrap()
 }
 
 /// A second-order Butterworth after a difference, or a mean of so many differences.

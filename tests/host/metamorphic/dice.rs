@@ -3,7 +3,7 @@
 use host_sim::{
     numerics::integrator::Integrator,
     scene::{
-        NamedScene, Quantisation, Rounding, Scene,
+        NamedScene, Quantisation, Rounding, Scene, VelocityTable,
         element::{Amplifier, Arm, Cogging, EncoderError, Friction, Jitter, Mode, Travel},
     },
     simulation::{
@@ -12,7 +12,7 @@ use host_sim::{
     },
 };
 use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
-use zwidth::VelocitySettings;
+use zwidth::{VelocitySettings, velocity::EstimatorName};
 
 fn environment(name: &str) -> Option<u64> {
     let text = std::env::var(name).ok()?;
@@ -96,12 +96,13 @@ impl Dice {
         scene.wall_hit.push_n = self.between(0.2, 0.9) * scene.full_scale_n();
         scene.wall_hit.settle_s = 0.35;
         scene.wall_hit.window_s = 0.1;
-        scene.velocity = match self.below(4) {
-            0 => VelocitySettings::Difference {}.into(),
-            1 => VelocitySettings::FirstOrder { cutoff_hz: 0.0 }.into(),
-            2 => VelocitySettings::LeastSquares1 { window_samples: 1 + self.below(20) }.into(),
-            _ => VelocitySettings::Butterworth { cutoff_hz: 0.0 }.into(),
+        let filter = match self.below(4) {
+            0 => VelocitySettings::Difference {},
+            1 => EstimatorName::FirstOrder.defaults(),
+            2 => VelocitySettings::LeastSquares1 { window_samples: 1 + self.below(20) },
+            _ => EstimatorName::Butterworth.defaults(),
         };
+        scene.velocity = VelocityTable::from(filter).with_cutoff(None);
         if self.coin() {
             scene.output = Some(match self.coin() {
                 true => Quantisation::Dac { bits: 4 + self.below(12) },
@@ -168,10 +169,9 @@ impl Dice {
     /// A wall for such a scene, stable or not.
     pub fn wall(&mut self, scene: &Scene) -> WallHit {
         WallHit {
-            cutoff_hz: if scene.velocity.has_cutoff() {
-                scene.control.rate_hz * self.decades(0.005, 0.3)
-            } else {
-                0.0
+            velocity: match scene.velocity.settings() {
+                Some(filter) => filter,
+                None => scene.velocity.at(scene.control.rate_hz * self.decades(0.005, 0.3)),
             },
             stiffness_n_per_m: self.decades(300.0, 5e4),
             damping_n_s_per_m: self.one_of(&[0.0, 1.0]) * self.decades(1.0, 100.0),

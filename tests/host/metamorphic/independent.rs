@@ -2,13 +2,13 @@
 //! every few of them, an encoder, a filter, a wall. Nothing of the simulator is used but its scene.
 
 use host_sim::{
-    scene::{Rounding, Scene},
+    scene::{Rounding, Scene, VelocityTable},
     simulation::{
         Sample,
         prepared::{Numeric, WallHit},
     },
 };
-use zwidth::{VelocitySettings, units::Force};
+use zwidth::{units::Force, velocity::EstimatorName};
 
 use crate::dice::{cases, trace};
 
@@ -51,8 +51,9 @@ fn loop_of(scene: &Scene, hit: &WallHit, nudge_m: f64, samples: usize) -> Vec<(i
     let bits = f64::from(Force::FULL_SCALE.bits());
     let push_n = (scene.wall_hit.push_n / full_n * bits).round() / bits * full_n;
     // Butterworth by the bilinear transform, s = 2 (1 - z^-1) / (1 + z^-1) per sample
-    let w = std::f64::consts::TAU * hit.cutoff_hz / rate_hz;
-    let filtered = scene.velocity.has_cutoff();
+    let cutoff_hz = hit.velocity.cutoff_hz();
+    let w = std::f64::consts::TAU * cutoff_hz.unwrap_or_default() / rate_hz;
+    let filtered = cutoff_hz.is_some();
     let s2 = 2f64.sqrt();
     let (mut before, mut inputs, mut outputs) = (0.0, [0.0; 2], [0.0; 2]);
     let start_m = scene.device.start_position_m + hit.start_offset_counts * resolution_m;
@@ -105,11 +106,11 @@ fn the_loop_is_that_of_a_second_text() {
     cases(15, |dice| {
         let mut scene = dice.scene();
         scene.output = None;
-        scene.velocity = if dice.coin() {
-            VelocitySettings::Difference {}.into()
-        } else {
-            VelocitySettings::Butterworth { cutoff_hz: 0.0 }.into()
+        let filter = match dice.coin() {
+            true => EstimatorName::Difference.defaults(),
+            false => EstimatorName::Butterworth.defaults(),
         };
+        scene.velocity = VelocityTable::from(filter).with_cutoff(None);
         let hit = WallHit { start_offset_counts: dice.between(0.1, 0.4), ..dice.wall(&scene) };
         let full_n = scene.full_scale_n();
         let simulated = trace(&scene, &hit, Numeric::F64);

@@ -84,7 +84,10 @@ impl Larger {
 
     fn hit(self, hit: &WallHit) -> WallHit {
         WallHit {
-            cutoff_hz: hit.cutoff_hz / self.time,
+            velocity: match hit.velocity.cutoff_hz() {
+                Some(cutoff_hz) => hit.velocity.with_tuning(cutoff_hz / self.time),
+                None => hit.velocity,
+            },
             stiffness_n_per_m: hit.stiffness_n_per_m * self.force / self.length,
             damping_n_s_per_m: hit.damping_n_s_per_m * self.force * self.time / self.length,
             start_offset_counts: hit.start_offset_counts,
@@ -168,16 +171,18 @@ fn an_observers_mass_is_one_of_the_masses() {
         let mut scene = dice.scene();
         let mass_kg = scene.device.mass_kg;
         let bandwidth_hz = 0.02 * scene.control.rate_hz;
-        let observer = |mass_kg| VelocitySettings::Observer { bandwidth_hz: 0.0, mass_kg }.into();
-        scene.velocity = observer(mass_kg);
+        let observer = |mass_kg| VelocitySettings::Observer { bandwidth_hz, mass_kg };
+        scene.velocity = observer(mass_kg).into();
         scene.actuator.latency_known = dice.coin();
-        let hit = WallHit { cutoff_hz: bandwidth_hz, ..dice.wall(&scene) };
+        let hit = dice.wall(&scene);
         let force = dice.one_of(&POWERS);
         let larger = Larger { force, length: 1.0, time: 1.0 };
         let plain = trace(&scene, &hit, Numeric::Fixed);
         let mut other = larger.scene(&scene);
-        other.velocity = observer(mass_kg * force);
-        let other = trace(&other, &larger.hit(&hit), Numeric::Fixed);
+        let velocity = observer(mass_kg * force);
+        other.velocity = velocity.into();
+        let hit = WallHit { velocity, ..larger.hit(&hit) };
+        let other = trace(&other, &hit, Numeric::Fixed);
         for (one, other) in plain.iter().zip(&other) {
             assert_eq!((one.position_m, one.velocity), (other.position_m, other.velocity));
         }

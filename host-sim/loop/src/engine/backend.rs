@@ -13,7 +13,6 @@ use crate::{
     plant::AnyPlant,
     simulation::{
         prepared::{Numeric, PreparedScene},
-        senses::AnySensing,
         twin::Rounding,
     },
 };
@@ -128,10 +127,11 @@ fn form_for(prepared: &PreparedScene, numeric: Numeric) -> Option<Form> {
             | AnyPlant::Six(_)
             | AnyPlant::Seven(_)
     );
-    let form = Form::of(&prepared.scene().velocity.settings(0.0))?;
+    let estimator = prepared.scene().velocity.estimator();
+    let form = Form::of(estimator)?;
     let stated = numeric == Numeric::Fixed || form == Form::LowPass;
     let told = matches!(form, Form::Observer | Form::Fusion);
-    let seen = told || prepared.sensing() == AnySensing::Blind;
+    let seen = told || estimator.sense().is_none();
     let plain = prepared.scene().passivity.is_none();
     (linear && stated && seen && plain).then_some(form)
 }

@@ -2,7 +2,7 @@
 //!
 //! # What a lane is
 //! A lane holds one hit: plant, encoder, controller, commands on their way, the window's sums. All lanes of a
-//! batch share the scene and the clock (outputs are due in the same samples); cutoff, K, B and start differ
+//! batch share the scene and the clock (outputs are due in the same samples); filter, K, B and start differ
 //! from lane to lane. A lane whose hit is over takes the next hit at the next output; a walk keeps its lane to
 //! its end, so lanes hold different walks. `f64` lanes do the very operations of the scalar loop in the same
 //! order (nothing is contracted), fixed-point lanes the same integers.

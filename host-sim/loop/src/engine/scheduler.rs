@@ -8,6 +8,7 @@ use zwidth::{
 };
 
 use super::{
+    estimator::Form,
     lanes::{
         Actuation, Aligned, Chunk, Kept, LaneController, Motion, Moving, OutputStage, ROWS, Row,
         Shared, Watched, mask, place,
@@ -173,8 +174,13 @@ impl<'a, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, S, P, R> {
 
     /// Takes the next hit into a free lane; those that no lane can run are run at once.
     fn begin(&mut self, lane: usize, work: &mut dyn Work) {
+        let own = Form::of(self.task.prepared.scene().velocity.estimator());
         while let Some(hit) = work.next(lane) {
             let prepared = self.task.prepared;
+            if Form::of(hit.velocity.name()) != own {
+                work.done(lane, self.scalar(&hit));
+                continue;
+            }
             match self.controller.start(lane, prepared, &hit) {
                 Err(error) => {
                     self.tally.scalar += 1;

@@ -76,9 +76,18 @@ fn bits(outcome: &Result<Outcome, HitError>) -> Result<(Verdict, Vec<Option<u64>
     })
 }
 
+/// [`hold_with`] the scene's own filter at each hit's cutoff.
+fn hold(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
+    let own = |hit: &WallHit| {
+        let cutoff_hz = hit.velocity.cutoff_hz().unwrap();
+        WallHit { velocity: prepared.scene().velocity.at(cutoff_hz), ..*hit }
+    };
+    hold_with(prepared, &hits.iter().map(own).collect::<Vec<_>>())
+}
+
 /// Every engine and backend against the scalar loop. Returns how many hits stayed in their lanes on the worst of those
 /// that have lanes.
-fn hold(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
+fn hold_with(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
     let mut least = u64::MAX;
     for numeric in NUMERICS {
         for depth in [Depth::Whole, Depth::Bounded, Depth::Verdict] {
@@ -145,7 +154,7 @@ fn grid(cutoffs_hz: &[f64], ks: &[f64], bs: &[f64]) -> Vec<WallHit> {
             for &damping_n_s_per_m in bs {
                 let start_offset_counts = 0.25 * (hits.len() % 4) as f64;
                 hits.push(WallHit {
-                    cutoff_hz,
+                    velocity: VelocitySettings::Butterworth { cutoff_hz },
                     stiffness_n_per_m,
                     damping_n_s_per_m,
                     start_offset_counts,
@@ -215,8 +224,7 @@ fn what_has_no_lanes_runs_all_the_same() {
     friction.integrator =
         Some(crate::numerics::integrator::Integrator::Rk4 { steps_per_sample: 1 });
     let edges = Scene { velocity: EstimatorName::TimeStamps.defaults().into(), ..short(paper()) };
-    for mut scene in [friction, edges] {
-        scene.sweep.cutoffs_hz = vec![800.0];
+    for scene in [friction, edges] {
         let prepared = PreparedScene::new(&scene).unwrap();
         assert!(!lanes_for(&prepared, Numeric::Fixed));
         hold(&prepared, &hits);
@@ -260,6 +268,17 @@ fn every_estimator_with_lanes_keeps_its_hits_there() {
         let prepared = PreparedScene::new(&scene).unwrap();
         assert_eq!(hold(&prepared, &hits), hits.len() as u64, "{}", name.text());
     }
+}
+
+#[test]
+fn a_filter_of_another_form_than_the_scenes_runs_beside_the_lanes() {
+    let prepared = PreparedScene::new(&short(paper())).unwrap();
+    let mut hits = grid(&[800.0], &[2000.0, 25_000.0], &[10.0, 80.0]);
+    let filters = [EstimatorName::Kalman2, EstimatorName::TimeStamps, EstimatorName::FirstOrder];
+    for (hit, name) in hits.iter_mut().zip(filters) {
+        hit.velocity = name.defaults();
+    }
+    assert_eq!(hold_with(&prepared, &hits), 2, "the low-passes");
 }
 
 /// docs/batch.md names the others.

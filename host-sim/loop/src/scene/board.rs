@@ -380,7 +380,7 @@ impl Scene {
     /// One of them is none, or a board has not what it needs.
     pub fn board_estimators(&self) -> Result<Vec<EstimatorName>, String> {
         let named = self.board.as_ref().map_or(&[][..], |board| &board.estimators);
-        let own = self.velocity.settings(0.0).name();
+        let own = self.velocity.estimator();
         let names = named.iter().map(|name| {
             let known = EstimatorName::ALL.iter().map(|name| name.text());
             let known = || known.clone().collect::<Vec<_>>().join(", ");
@@ -418,7 +418,7 @@ impl BoardTable {
         }
         // What is not named is the scene's own estimator, which `prepare` judges: without a board it may be any.
         let estimators = match self.estimators.is_empty() {
-            true => vec![scene.velocity.settings(0.0).name()],
+            true => vec![scene.velocity.estimator()],
             false => scene.board_estimators()?,
         };
         let twice = |n: usize| estimators.iter().skip(n + 1).any(|other| *other == estimators[n]);
@@ -433,8 +433,7 @@ impl BoardTable {
         }
         if let Some(cutoff_hz) = self.cutoff_hz {
             let settings = estimators[0].defaults().with_tuning(cutoff_hz);
-            let velocity = super::EstimatorChoice::from(settings);
-            if !velocity.has_cutoff() {
+            if settings.cutoff_hz().is_none() {
                 let name = estimators[0].text();
                 return match self.estimators.is_empty() {
                     true => Ok(()), // it is for those that have one

@@ -2,7 +2,10 @@
 
 use zwidth::SettingsError;
 
-use super::{Criterion, LATENCY_KNOWN_MAX, PushBy, Scene};
+use super::{
+    Criterion, LATENCY_KNOWN_MAX, PushBy, Scene,
+    velocity::{CUTOFF, key_of},
+};
 use crate::range::{refused, within};
 
 /// Accepted ranges of what only the simulator knows.
@@ -52,6 +55,14 @@ impl Scene {
     /// # Errors
     /// One line: key, value, allowed range.
     pub fn check(&self) -> Result<(), String> {
+        self.check_loop().and_then(|()| self.check_sweep())
+    }
+
+    /// Checks every value but the cutoffs of the sweep, which a filter in the place of the scene's own need not have.
+    ///
+    /// # Errors
+    /// As [`check`](Self::check).
+    pub fn check_loop(&self) -> Result<(), String> {
         let Self { device, actuator, wall, .. } = self;
         within("device.mass_kg", device.mass_kg, ranges::MASS_KG)?;
         within("device.damping_n_s_per_m", device.damping_n_s_per_m, ranges::DAMPING_N_S_PER_M)?;
@@ -89,6 +100,12 @@ impl Scene {
         self.walk_plan().check().map_err(|error| {
             refused(&format!("walk.{}", error.parameter), error.value, &error.range)
         })?;
+        self.velocity.check().map_err(keyed)?;
+        let Some(filter) = self.velocity.settings() else { return Ok(()) };
+        self.settings(filter, 0.0, 0.0).build(&self.design()).map_err(keyed).map(|_| ())
+    }
+
+    fn check_sweep(&self) -> Result<(), String> {
         if self.sweep.cutoffs_hz.is_empty() {
             return Err("sweep.cutoffs_hz is empty, allowed one cutoff or more".into());
         }
@@ -97,9 +114,12 @@ impl Scene {
             let allowed = ranges::VALUES_MAX;
             return Err(format!("sweep.cutoffs_hz has {cutoffs} values, allowed 1 to {allowed}"));
         }
-        self.velocity.check().map_err(keyed)?;
         for &cutoff_hz in &self.sweep.cutoffs_hz {
-            self.settings(cutoff_hz, 0.0, 0.0).build(&self.design()).map_err(keyed)?;
+            let built = self.settings(self.velocity.at(cutoff_hz), 0.0, 0.0).build(&self.design());
+            built.map_err(|error| match key_of(error.parameter) {
+                Some(CUTOFF) => refused("sweep.cutoffs_hz", error.value, &error.range),
+                _ => in_scene(&error),
+            })?;
         }
         Ok(())
     }
@@ -119,7 +139,10 @@ fn in_scene(error: &SettingsError) -> String {
         "settle_s" => "wall_hit.settle_s",
         "window_s" => "wall_hit.window_s",
         "rms_limit_m" => "wall_hit.rms_limit_m",
-        other => &super::velocity::key_of(other).unwrap_or_else(|| other.into()),
+        other => match key_of(other) {
+            Some(key) => return refused(&format!("velocity.{key}"), error.value, &error.range),
+            None => other,
+        },
     };
     refused(key, error.value, &error.range)
 }

@@ -1,55 +1,23 @@
 //! `[designs.NAME]`: velocity filters with a name, among which a person chooses on the board, and `SCENE:NAME`.
 
-use serde::{Deserialize, Serialize};
 use zwidth::{
-    Settings, VelocitySettings,
     device::designs::{DESIGNS_MAX, NamedFilter, is_design_name},
     store::Name,
 };
 
-use super::{EstimatorChoice, NamedScene, Scene, velocity::key_of};
+use super::{
+    NamedScene, Scene,
+    velocity::{CUTOFF, VelocityTable, key_of},
+};
 use crate::{error::Error, range::refused};
 
-/// A design: the keys of `[velocity]`, and the cutoff.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DesignTable {
-    /// A value of `sweep.cutoffs_hz`, Hz; none for an estimator that has no cutoff.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub cutoff_hz: Option<f64>,
-    /// Estimator and its other parameters.
-    #[serde(flatten)]
-    pub velocity: EstimatorChoice,
-}
-
-impl From<VelocitySettings> for DesignTable {
-    fn from(settings: VelocitySettings) -> Self {
-        let (velocity, cutoff_hz) = EstimatorChoice::of(&settings);
-        Self { cutoff_hz, velocity }
-    }
-}
-
-impl DesignTable {
-    /// As the core takes it.
-    pub fn settings(&self) -> VelocitySettings {
-        self.velocity.settings(self.cutoff_hz.unwrap_or_default())
-    }
-
-    fn check(&self, key: &str, scene: &Scene) -> Result<(), String> {
-        match (self.velocity.has_cutoff(), self.cutoff_hz) {
-            (true, None) => return Err(format!("{key}.cutoff_hz is missing")),
-            (false, Some(cutoff_hz)) => {
-                let name = self.velocity.name();
-                return Err(format!(
-                    "{key}.cutoff_hz is {cutoff_hz}, the estimator {name} has none"
-                ));
-            }
-            _ => {}
-        }
-        let settings = Settings { velocity: self.settings(), ..scene.settings(0.0, 0.0, 0.0) };
-        let built = settings.build(&scene.design()).map(|_| ());
-        self.velocity.check().and(built).map_err(|error| {
-            let known = key_of(error.parameter).unwrap_or_default();
-            let own = known.strip_prefix("velocity.").unwrap_or("cutoff_hz");
+impl VelocityTable {
+    /// Checks the design of that name.
+    fn check_design(&self, key: &str, scene: &Scene) -> Result<(), String> {
+        let filter = self.settings().ok_or_else(|| format!("{key}.{CUTOFF} is missing"))?;
+        let built = scene.settings(filter, 0.0, 0.0).build(&scene.design()).map(|_| ());
+        self.check().and(built).map_err(|error| {
+            let own = key_of(error.parameter).unwrap_or(error.parameter);
             refused(&format!("{key}.{own}"), error.value, &error.range)
         })
     }
@@ -70,8 +38,8 @@ impl Scene {
                     "{key}: a design's name has 1 to {most} of a to z, 0 to 9 and -, and is not none"
                 ));
             }
-            design.check(&key, self)?;
-            let same = |other: &DesignTable| other.settings() == design.settings();
+            design.check_design(&key, self)?;
+            let same = |other: &VelocityTable| other.settings() == design.settings();
             if let Some((other, _)) = self.designs.iter().take(n).find(|(_, other)| same(other)) {
                 return Err(format!("{key} is the same filter as designs.{other}"));
             }
@@ -95,22 +63,22 @@ impl Scene {
 
     /// The designs as a device record has them, in the order of their names.
     pub fn named_filters(&self) -> Vec<NamedFilter> {
-        let named = |(name, design): (&String, &DesignTable)| {
-            Some(NamedFilter { name: Name::new(name)?, velocity: design.settings() })
+        let named = |(name, design): (&String, &VelocityTable)| {
+            Some(NamedFilter { name: Name::new(name)?, velocity: design.settings()? })
         };
         self.designs.iter().filter_map(named).collect()
     }
 
-    /// The scene with that design as its estimator, at its cutoff.
+    /// The scene with that design as its filter; its sweep has the design's cutoff only, since the filter may not have the
+    /// others.
     ///
     /// # Errors
     /// There is no such design.
     pub fn with_design(&self, name: &str) -> Result<Self, String> {
         let known = || format!("there is no design `{name}`, {}", self.known_designs());
-        let DesignTable { cutoff_hz, velocity } = *self.designs.get(name).ok_or_else(known)?;
         let mut scene = self.clone();
-        scene.velocity = velocity;
-        if let Some(cutoff_hz) = cutoff_hz {
+        scene.velocity = *self.designs.get(name).ok_or_else(known)?;
+        if let Some(cutoff_hz) = scene.velocity.cutoff_hz() {
             scene.sweep.cutoffs_hz = vec![cutoff_hz];
         }
         Ok(scene)
@@ -153,8 +121,7 @@ mod tests {
         for filter in filters {
             let one = named.clone().with_design(filter.name.text()).unwrap();
             assert_eq!(one.name, format!("my-{}", filter.name.text()));
-            let cutoff_hz = one.scene.sweep.cutoffs_hz[0];
-            assert_eq!(one.scene.velocity.settings(cutoff_hz), filter.velocity);
+            assert_eq!(one.scene.velocity.settings(), Some(filter.velocity));
             assert_eq!(one.scene.designs, named.scene.designs);
             // Its text says the same scene.
             assert_eq!(NamedScene::parse(one.name, one.text, "").unwrap().scene, one.scene);
@@ -171,7 +138,7 @@ mod tests {
             (format!("[designs.a]\n{low}cutoff_hz = 9000\n"), "designs.a.cutoff_hz is 9000, allowed "),
             (
                 "[designs.a]\nestimator = \"difference\"\ncutoff_hz = 5\n".into(),
-                "designs.a.cutoff_hz is 5, the estimator difference has none",
+                "cutoff_hz is 5, the estimator difference has none",
             ),
             (
                 "[designs.a]\nestimator = \"biquad\"\ncutoff_hz = 500\ndamping = 90\nlead_s = 0\nzero = 0\n".into(),

@@ -11,11 +11,11 @@ use std::{
 
 use serde::{Deserialize, Serialize};
 use zwidth::{
-    Design, HitSettings, Output, Settings, WallSettings, device::designs::is_design_name,
-    experiment::WalkSettings,
+    Design, HitSettings, Output, Settings, VelocitySettings, WallSettings,
+    device::designs::is_design_name, experiment::WalkSettings,
 };
 
-pub use crate::scene::velocity::EstimatorChoice;
+pub use crate::scene::velocity::VelocityTable;
 use crate::{
     error::Error,
     input,
@@ -46,7 +46,6 @@ pub mod velocity;
 pub use accelerometer::Accelerometer;
 pub use board::{BoardTable, MotorTable, OnBoard, ReturnTable, SafetyTable, Sign};
 pub use check::ranges;
-pub use designs::DesignTable;
 pub use elements::Quantisation;
 pub use felt::FeltCurve;
 pub use passivity::PassivityTable;
@@ -100,8 +99,8 @@ pub struct Scene {
     pub actuator: Actuator,
     /// Sampling.
     pub control: Sampling,
-    /// Velocity estimator.
-    pub velocity: EstimatorChoice,
+    /// Velocity filter.
+    pub velocity: VelocityTable,
     /// The virtual wall.
     pub wall: Wall,
     /// The wall-hit experiment.
@@ -127,7 +126,7 @@ pub struct Scene {
     pub arms: BTreeMap<String, Arm>,
     /// Velocity filters by name, for the board and for `SCENE:NAME`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub designs: BTreeMap<String, DesignTable>,
+    pub designs: BTreeMap<String, VelocityTable>,
     /// Optional element: a constant force on the device.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub offset: Option<Offset>,
@@ -386,12 +385,12 @@ impl Scene {
     /// The core's settings for one wall.
     pub fn settings(
         &self,
-        cutoff_hz: f64,
+        velocity: VelocitySettings,
         stiffness_n_per_m: f64,
         damping_n_s_per_m: f64,
     ) -> Settings {
         Settings {
-            velocity: self.velocity.settings(cutoff_hz),
+            velocity,
             wall: WallSettings {
                 position_m: self.wall.position_m,
                 stiffness_n_per_m,
@@ -399,6 +398,12 @@ impl Scene {
                 push_only: self.wall.push_only,
             },
         }
+    }
+
+    /// -3 dB frequency of its filter at that nominal cutoff, Hz.
+    pub fn true_cutoff_hz(&self, cutoff_hz: f64) -> f64 {
+        let filter = self.velocity.at(cutoff_hz);
+        filter.true_cutoff_hz(self.control.rate_hz).unwrap_or(cutoff_hz)
     }
 
     /// Names of the arms of `[arms]` and of the built-in ones.
@@ -445,10 +450,5 @@ impl Scene {
             damping_step_n_s_per_m: walk.damping_step_n_s_per_m,
             damping_max_n_s_per_m: walk.damping_max_n_s_per_m,
         }
-    }
-
-    /// Frequency at which the filter of that nominal cutoff is at -3 dB, Hz.
-    pub fn true_cutoff_hz(&self, cutoff_hz: f64) -> f64 {
-        self.velocity.true_cutoff_hz(cutoff_hz, self.control.rate_hz)
     }
 }

@@ -19,7 +19,7 @@ use zwidth::{
 
 use super::{
     BoardTable, MotorTable, PassivityTable, Quantisation, ReturnTable, SafetyTable, Scene, Sign,
-    record::board_facts,
+    VelocityTable, record::board_facts,
 };
 use crate::error::Error;
 
@@ -107,7 +107,8 @@ impl Scene {
             Output::Dac { bits } => Some(Quantisation::Dac { bits }),
             Output::Pwm { steps } => Some(Quantisation::Pwm { steps }),
         };
-        scene.velocity = settings.velocity.into();
+        let own = VelocityTable::from(settings.velocity);
+        scene.velocity = own.with_cutoff(None); // `[board]` has it
         scene.wall.position_m = settings.wall.position_m;
         scene.wall.push_only = settings.wall.push_only;
         scene.device.start_position_m = back.start_m;
@@ -134,8 +135,6 @@ impl Scene {
             plain().map(|key| key.cutoff_hz).filter(|hz| *hz > 0.0).collect();
         cutoffs.sort_by(f64::total_cmp);
         cutoffs.dedup();
-        let own = settings.velocity.tuning().filter(|(known, _)| known.is_frequency());
-        let cutoff_hz = own.map(|(_, hz)| hz);
         if !cutoffs.is_empty() {
             scene.sweep.cutoffs_hz = cutoffs;
         }
@@ -148,7 +147,7 @@ impl Scene {
         let sign = |reversed: bool| reversed.then_some(Sign::Minus);
         scene.board = Some(BoardTable {
             name: device.board.text().into(),
-            cutoff_hz,
+            cutoff_hz: own.cutoff_hz(),
             design: None,
             estimators,
             periods,

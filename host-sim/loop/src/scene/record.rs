@@ -115,8 +115,7 @@ impl NamedScene {
         let content = Scene { estimated: vec![], ..scene.clone() };
         let text = toml::to_string(&content)
             .map_err(|error| Error::Internal(format!("{}: {error}", self.name)))?;
-        let mut settings = scene.settings(0.0, 0.0, 0.0);
-        settings.velocity = velocity;
+        let settings = scene.settings(velocity, 0.0, 0.0);
         let mut hit = scene.hit_settings();
         hit.push_n = 0.0; // nothing pushes until somebody says so
         let device = Device {

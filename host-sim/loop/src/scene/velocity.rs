@@ -1,7 +1,7 @@
-//! The estimator of a scene: the core's table of estimators in the keys of `[velocity]`.
+//! The velocity filter of a scene: the core's table of estimators in the keys of `[velocity]` and `[designs.NAME]`.
 //!
-//! Names and keys are the table's. A parameter that is a frequency comes from the command line or from
-//! `[sweep]` instead.
+//! Names and keys are the table's; a frequency is called `cutoff_hz` whatever its name there. Without it the command line
+//! or `[sweep]` has the cutoff.
 
 use std::fmt;
 
@@ -13,7 +13,7 @@ use serde::{
 use toml::Value;
 use zwidth::{
     SettingsError, VelocitySettings,
-    velocity::{EstimatorName, PARAMETERS, Parameter, Sense, true_cutoff_hz},
+    velocity::{EstimatorName, PARAMETERS, Parameter, Sense},
 };
 
 /// What a key of a family tells its members by.
@@ -38,6 +38,8 @@ const FAMILIES: [(EstimatorName, &str, &str, Member); 8] = [
 const OPTIONAL: [&str; 3] = ["noise_counts", "lambda_ratio", "lead"];
 /// The key of the name.
 const TAG: &str = "estimator";
+/// The key of the frequency that tunes an estimator.
+pub const CUTOFF: &str = "cutoff_hz";
 
 /// The name in scenes, and the key with which it is this estimator.
 fn spelling(name: EstimatorName) -> (&'static str, Option<(&'static str, Member)>) {
@@ -52,63 +54,89 @@ fn members(family: &str) -> impl Iterator<Item = EstimatorName> {
     EstimatorName::ALL.iter().copied().filter(move |name| spelling(*name).0 == family)
 }
 
-/// The parameters that a scene has: key, parameter, place.
+/// Keys of an estimator's parameters with their places.
 fn keys(name: EstimatorName) -> impl Iterator<Item = (&'static str, Parameter, usize)> {
     let parameters = name.parameters().into_iter().flatten().enumerate();
     let keyed = name.keys().iter().zip(parameters);
-    keyed
-        .map(|(key, (place, parameter))| (*key, parameter, place))
-        .filter(|(_, p, _)| !p.is_frequency())
+    keyed.map(|(key, (place, parameter))| match parameter.is_frequency() {
+        true => (CUTOFF, parameter, place),
+        false => (*key, parameter, place),
+    })
 }
 
-/// The key of the scene for a parameter of the core, if it is one of an estimator's.
-pub fn key_of(parameter: &str) -> Option<String> {
-    let selects = FAMILIES.iter().any(|(_, _, key, _)| *key == parameter);
-    let mut all = EstimatorName::ALL
-        .iter()
-        .flat_map(|name| name.keys().iter().zip(name.parameters().into_iter().flatten()));
-    match all.find(|(key, _)| **key == parameter) {
-        Some((_, known)) if known.is_frequency() => Some("sweep.cutoffs_hz".into()),
-        None if !selects => None,
-        _ => Some(format!("velocity.{parameter}")),
+/// The key of `[velocity]` for a parameter of the core, if it is one of an estimator's.
+pub fn key_of(parameter: &str) -> Option<&str> {
+    if FAMILIES.iter().any(|(_, _, key, _)| *key == parameter) {
+        return Some(parameter);
     }
+    let own = |name: &EstimatorName| name.keys().iter().zip(keys(*name));
+    let mut all = EstimatorName::ALL.iter().flat_map(own);
+    all.find(|(core, _)| **core == parameter).map(|(_, (key, ..))| key)
 }
 
-/// A velocity estimator as a scene says it. Where it is tuned by a cutoff, that comes from the command
-/// line or from `[sweep]`; every other parameter stands here.
+/// A velocity filter as a scene says it, with its cutoff or without.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct EstimatorChoice {
-    /// A cutoff is 0.
-    settings: VelocitySettings,
+pub struct VelocityTable {
+    estimator: EstimatorName,
+    /// By their places; none where the estimator has no parameter, and for a cutoff that the scene does not have.
+    numbers: [Option<f64>; PARAMETERS],
     /// What the family's key says, if it has no such member: [`check`](Self::check) refuses it.
     stranger: Option<u32>,
 }
 
-impl From<VelocitySettings> for EstimatorChoice {
+impl From<VelocitySettings> for VelocityTable {
     fn from(settings: VelocitySettings) -> Self {
-        Self::of(&settings).0
+        let (estimator, numbers) = EstimatorName::of(&settings);
+        let mut table = Self { estimator, numbers: [None; PARAMETERS], stranger: None };
+        for (.., place) in keys(estimator) {
+            table.numbers[place] = Some(numbers[place]);
+        }
+        table
     }
 }
 
-impl EstimatorChoice {
-    /// The core's settings; `cutoff_hz` is for estimators that have a cutoff.
-    pub fn settings(self, cutoff_hz: f64) -> VelocitySettings {
-        if self.has_cutoff() { self.settings.with_tuning(cutoff_hz) } else { self.settings }
+impl VelocityTable {
+    /// The core's settings; none without a cutoff that the estimator needs.
+    pub fn settings(&self) -> Option<VelocitySettings> {
+        let whole = !self.has_cutoff() || self.cutoff_hz().is_some();
+        whole.then(|| self.estimator.settings(self.numbers.map(Option::unwrap_or_default)))
     }
 
-    /// The scene's form of those settings, and their cutoff if they have one.
-    pub fn of(settings: &VelocitySettings) -> (Self, Option<f64>) {
-        let cutoff_hz = settings.tuning().filter(|(parameter, _)| parameter.is_frequency());
-        let rest = cutoff_hz.map_or(*settings, |_| settings.with_tuning(0.0));
-        (Self { settings: rest, stranger: None }, cutoff_hz.map(|(_, value)| value))
+    /// The core's settings at that cutoff, which an estimator without one does not look at.
+    pub fn at(&self, cutoff_hz: f64) -> VelocitySettings {
+        let table = if self.has_cutoff() { self.with_cutoff(Some(cutoff_hz)) } else { *self };
+        self.estimator.settings(table.numbers.map(Option::unwrap_or_default))
+    }
+
+    /// Hz, if the estimator has one and the scene says it.
+    pub fn cutoff_hz(&self) -> Option<f64> {
+        self.cutoff_place().and_then(|place| self.numbers[place])
+    }
+
+    /// The same with another cutoff, or without, where the estimator has one.
+    #[must_use]
+    pub fn with_cutoff(mut self, cutoff_hz: Option<f64>) -> Self {
+        if let Some(place) = self.cutoff_place() {
+            self.numbers[place] = cutoff_hz;
+        }
+        self
+    }
+
+    /// Whether it is tuned by a cutoff.
+    pub fn has_cutoff(&self) -> bool {
+        self.cutoff_place().is_some()
+    }
+
+    fn cutoff_place(&self) -> Option<usize> {
+        keys(self.estimator).find(|(key, ..)| *key == CUTOFF).map(|(.., place)| place)
     }
 
     /// Says whether there is such an estimator; its parameters are for the core to check.
     ///
     /// # Errors
     /// Names the key, and its range.
-    pub fn check(self) -> Result<(), SettingsError> {
-        let (family, key) = spelling(self.settings.name());
+    pub fn check(&self) -> Result<(), SettingsError> {
+        let (family, key) = spelling(self.estimator);
         let (Some(value), Some((parameter, _))) = (self.stranger, key) else { return Ok(()) };
         let known = members(family).filter_map(|name| match spelling(name).1 {
             Some((_, Member::Number(number))) => Some(f64::from(number)),
@@ -120,44 +148,18 @@ impl EstimatorChoice {
     }
 
     /// What the estimator cannot do without, beside the position.
-    pub fn sense(self) -> Option<Sense> {
-        self.settings.name().sense()
+    pub fn sense(&self) -> Option<Sense> {
+        self.estimator.sense()
     }
 
-    /// Whether it is tuned by a cutoff.
-    pub fn has_cutoff(self) -> bool {
-        self.settings.tuning().is_some_and(|(parameter, _)| parameter.is_frequency())
+    /// Which estimator it is.
+    pub fn estimator(&self) -> EstimatorName {
+        self.estimator
     }
 
     /// Name in reports and in the envelope.
-    pub fn name(self) -> &'static str {
-        self.settings.name().text()
-    }
-
-    /// Name and cutoff, for people.
-    pub fn describe(self, cutoff_hz: f64, rate_hz: f64) -> String {
-        let name = self.name();
-        let parameter = match self.settings.tuning() {
-            Some((parameter, _)) if parameter.is_frequency() => parameter.name,
-            _ => return name.into(),
-        };
-        let true_hz = self.true_cutoff_hz(cutoff_hz, rate_hz);
-        if true_hz == cutoff_hz {
-            format!("{name}, {parameter} {cutoff_hz} Hz")
-        } else {
-            format!("{name}, {parameter} {cutoff_hz} Hz nominal (-3 dB at {true_hz:.1} Hz)")
-        }
-    }
-
-    /// -3 dB frequency of the digital filter of that nominal cutoff, Hz; the cutoff itself where the
-    /// estimator is no such filter.
-    pub fn true_cutoff_hz(self, cutoff_hz: f64, rate_hz: f64) -> f64 {
-        match self.settings {
-            VelocitySettings::Butterworth { .. } | VelocitySettings::FirstOrder { .. } => {
-                true_cutoff_hz(cutoff_hz, rate_hz, false)
-            }
-            _ => cutoff_hz,
-        }
+    pub fn name(&self) -> &'static str {
+        self.estimator.text()
     }
 
     /// From the keys of a scene, beside the name.
@@ -178,6 +180,9 @@ impl EstimatorChoice {
             wanted = Some(match selects.filter(|(known, _)| *known == key) {
                 Some((_, Member::Flag(_))) => Member::Flag(typed(value)?),
                 Some((_, Member::Number(_))) => Member::Number(typed(value)?),
+                None if key == CUTOFF => {
+                    return Err(format!("{CUTOFF} is {value}, the estimator {family} has none"));
+                }
                 None => {
                     let known = selects.iter().map(|(key, _)| *key);
                     let known: Vec<_> = known.chain(keys(first).map(|(key, ..)| key)).collect();
@@ -192,7 +197,7 @@ impl EstimatorChoice {
             _ => wanted,
         };
         for (key, parameter, place) in keys(first) {
-            if numbers[place].is_none() {
+            if numbers[place].is_none() && key != CUTOFF {
                 if !OPTIONAL.contains(&key) {
                     return missing(key);
                 }
@@ -205,8 +210,23 @@ impl EstimatorChoice {
             Some(Member::Number(number)) if meant.is_none() => Some(number),
             _ => None,
         };
-        let numbers = numbers.map(Option::unwrap_or_default);
-        Ok(Self { settings: meant.unwrap_or(first).settings(numbers), stranger })
+        Ok(Self { estimator: meant.unwrap_or(first), numbers, stranger })
+    }
+}
+
+/// Name and cutoff of a filter, for people.
+pub fn describe(filter: &VelocitySettings, rate_hz: f64) -> String {
+    let name = filter.name().text();
+    let (Some((parameter, _)), Some(cutoff_hz), Some(true_hz)) =
+        (filter.tuning(), filter.cutoff_hz(), filter.true_cutoff_hz(rate_hz))
+    else {
+        return name.into();
+    };
+    let parameter = parameter.name;
+    if true_hz == cutoff_hz {
+        format!("{name}, {parameter} {cutoff_hz} Hz")
+    } else {
+        format!("{name}, {parameter} {cutoff_hz} Hz nominal (-3 dB at {true_hz:.1} Hz)")
     }
 }
 
@@ -244,7 +264,7 @@ fn unknown(what: &str, name: &str, known: &[&str]) -> String {
     }
 }
 
-impl<'de> Deserialize<'de> for EstimatorChoice {
+impl<'de> Deserialize<'de> for VelocityTable {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let (family, given) = deserializer.deserialize_any(Table)?;
         Self::read(&family, given).map_err(de::Error::custom)
@@ -298,12 +318,17 @@ impl<'de> Deserialize<'de> for Family {
     }
 }
 
-impl Serialize for EstimatorChoice {
+impl Serialize for VelocityTable {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let (name, numbers) = EstimatorName::of(&self.settings);
-        let (family, selects) = spelling(name);
-        let fields = 1 + usize::from(selects.is_some()) + keys(name).count();
-        let mut table = serializer.serialize_struct("EstimatorChoice", fields)?;
+        let (family, selects) = spelling(self.estimator);
+        let others = || keys(self.estimator).filter(|(key, ..)| *key != CUTOFF);
+        let known = self.cutoff_hz();
+        let flags = usize::from(selects.is_some()) + usize::from(known.is_some());
+        let fields = 1 + flags + others().count();
+        let mut table = serializer.serialize_struct("VelocityTable", fields)?;
+        if let Some(cutoff_hz) = known {
+            table.serialize_field(CUTOFF, &cutoff_hz)?;
+        }
         table.serialize_field(TAG, family)?;
         match selects {
             Some((key, Member::Flag(flag))) => table.serialize_field(key, &flag)?,
@@ -312,18 +337,55 @@ impl Serialize for EstimatorChoice {
             }
             None => {}
         }
-        for (key, parameter, place) in keys(name) {
+        for (key, parameter, place) in others() {
+            let number = self.numbers[place].unwrap_or_default();
             if parameter.is_whole() {
                 #[expect(
                     clippy::cast_possible_truncation,
                     clippy::cast_sign_loss,
                     reason = "a whole parameter is a u32"
                 )]
-                table.serialize_field(key, &(numbers[place] as u32))?;
+                table.serialize_field(key, &(number as u32))?;
             } else {
-                table.serialize_field(key, &numbers[place])?;
+                table.serialize_field(key, &number)?;
             }
         }
         table.end()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::NamedScene;
+
+    /// Every estimator, with a cutoff and without: what is written is read as the same, and nothing stands for a cutoff
+    /// that is not there.
+    #[test]
+    fn a_table_is_read_as_it_was_written() {
+        for name in EstimatorName::ALL {
+            let settings = name.defaults();
+            let whole = VelocityTable::from(settings);
+            assert_eq!(
+                (whole.settings(), whole.cutoff_hz()),
+                (Some(settings), settings.cutoff_hz())
+            );
+            let open = whole.with_cutoff(None);
+            assert_eq!(open.settings().is_none(), whole.has_cutoff(), "{name:?}");
+            assert_eq!(open.at(20.0).cutoff_hz(), whole.has_cutoff().then_some(20.0));
+            for table in [whole, open] {
+                let text = toml::to_string(&table).unwrap();
+                assert_eq!(text.contains(CUTOFF), table.cutoff_hz().is_some(), "{text}");
+                assert_eq!(toml::from_str::<VelocityTable>(&text).unwrap(), table, "{text}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_built_in_scene_is_written_without_a_cutoff_of_its_filter() {
+        let NamedScene { scene, .. } = NamedScene::load("paper-1um").unwrap();
+        let written: toml::Table = toml::to_string(&scene).unwrap().parse().unwrap();
+        let velocity = written["velocity"].as_table().unwrap();
+        assert_eq!(velocity.keys().collect::<Vec<_>>(), ["estimator", "prewarp"]);
     }
 }

@@ -1,6 +1,6 @@
 //! One wall hit: what is hit, in which arithmetic, and what it showed.
 
-use zwidth::{SettingsError, experiment::Verdict, units::Position};
+use zwidth::{SettingsError, VelocitySettings, experiment::Verdict, units::Position};
 
 use super::{port::PortReport, twin, window::Measures};
 use crate::error::Error;
@@ -40,8 +40,8 @@ impl Numeric {
 /// One wall, hit from one place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WallHit {
-    /// Nominal cutoff, Hz.
-    pub cutoff_hz: f64,
+    /// The velocity filter.
+    pub velocity: VelocitySettings,
     /// K, N/m.
     pub stiffness_n_per_m: f64,
     /// B, N s/m.

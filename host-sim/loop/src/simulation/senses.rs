@@ -1,7 +1,7 @@
 //! What the controller senses beside the count: commanded force, acceleration, edge times.
 //!
 //! Nearly no estimator looks at it, so a run is compiled without ([`Blind`]) and with ([`Full`]);
-//! the prepared scene chooses once per run. Only the sense that the scene's estimator looks at is worked out.
+//! the prepared scene chooses once per run. Only the sense that the hit's estimator looks at is worked out.
 
 use zwidth::{
     units::Force,
@@ -60,7 +60,7 @@ impl Sensing for Blind {
     fn moved(&mut self, _: Handle, _: Handle) {}
 }
 
-/// What the scene's estimator looks at.
+/// What the estimator looks at.
 ///
 /// *Force*: what the firmware tells ([`zwidth::safety::GuardedSampler`]): the force last granted,
 /// saturated and held, as if it had acted since the last sample. The latency of our boards is below half
@@ -117,12 +117,12 @@ impl Told {
 }
 
 impl Full {
-    /// The senses of that scene, at rest before sample 0.
-    pub fn new(scene: &Scene) -> Self {
+    /// The senses of that scene for an estimator that looks at one of them, at rest before sample 0.
+    pub fn new(scene: &Scene, looks_at: Option<Sense>) -> Self {
         let design = scene.design();
         let (rate_hz, resolution_m) = (design.rate_hz, design.resolution_m);
         Self {
-            looks_at: scene.velocity.sense(),
+            looks_at,
             encoder: Quantiser::of(&scene.encoder),
             speed: 1.0 / (resolution_m * rate_hz),
             accelerometer: scene
@@ -212,11 +212,11 @@ pub enum AnySensing {
 }
 
 impl AnySensing {
-    /// The senses of that scene if its estimator needs one.
-    pub fn of(scene: &Scene) -> Self {
-        match scene.velocity.sense() {
+    /// The senses of that scene for an estimator that needs one of them, or none.
+    pub fn of(scene: &Scene, needed: Option<Sense>) -> Self {
+        match needed {
             None => Self::Blind,
-            Some(_) => Self::Full(Full::new(scene)),
+            Some(_) => Self::Full(Full::new(scene, needed)),
         }
     }
 }
@@ -259,7 +259,7 @@ mod tests {
     fn full(edit: impl FnOnce(&mut Scene)) -> Full {
         let mut scene = NamedScene::load("paper-1um").unwrap().scene;
         edit(&mut scene);
-        Full::new(&scene)
+        Full::new(&scene, scene.velocity.sense())
     }
 
     fn handle(position_m: f64, speed_m_per_s: f64) -> Handle {

@@ -9,6 +9,8 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use zwidth::VelocitySettings;
+
 use crate::{
     analysis::linear::{self, LinearError, passivity::Passivity},
     engine::Engine,
@@ -49,11 +51,11 @@ pub fn explain(
     engine: Engine,
     prepared: &PreparedScene,
     numeric: Numeric,
-    cutoff_hz: f64,
+    velocity: VelocitySettings,
     envelope: &linear::Boundary,
     stop: &AtomicBool,
 ) -> Result<Vec<Explained>, Error> {
-    let boundary = walk(engine, prepared, numeric, cutoff_hz, 0.0, stop)?;
+    let boundary = walk(engine, prepared, numeric, velocity, 0.0, stop)?;
     boundary
         .points
         .into_iter()
@@ -65,7 +67,7 @@ pub fn explain(
             let limit = envelope.at(damping_n_s_per_m).map_err(Error::input)?;
             let start_offset_counts = 0.0;
             let wall =
-                WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
+                WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
             let report = prepared.report(numeric, &wall)?;
             Ok(Explained {
                 point,
@@ -127,7 +129,7 @@ mod tests {
             Engine::lanes(),
             &PreparedScene::new(&scene).unwrap(),
             Numeric::Fixed,
-            cutoff_hz,
+            VelocitySettings::Butterworth { cutoff_hz },
             &envelope,
             &stop,
         )
@@ -141,7 +143,7 @@ mod tests {
         let strict = PreparedScene::new(&scene).unwrap();
         for e in above {
             let wall = WallHit {
-                cutoff_hz,
+                velocity: VelocitySettings::Butterworth { cutoff_hz },
                 stiffness_n_per_m: e.point.stiffness_n_per_m,
                 damping_n_s_per_m: e.point.damping_n_s_per_m,
                 start_offset_counts: 0.0,
@@ -169,7 +171,7 @@ mod tests {
             .hit(
                 Numeric::Fixed,
                 &WallHit {
-                    cutoff_hz: 1500.0,
+                    velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0 },
                     stiffness_n_per_m: 20_000.0,
                     damping_n_s_per_m: 50.0,
                     start_offset_counts: 0.0,

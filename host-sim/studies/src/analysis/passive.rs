@@ -7,6 +7,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::compare::roughness;
+use zwidth::VelocitySettings;
+
 use crate::{
     engine::Engine,
     error::Error,
@@ -29,7 +31,7 @@ pub struct PassiveQuestion {
     /// Limits of what counts as stable, of the motion.
     pub limits: Vec<Limit>,
     /// Nominal cutoffs, Hz.
-    pub cutoffs_hz: Vec<f64>,
+    pub filters: Vec<VelocitySettings>,
     /// Walks each.
     pub repeats: u32,
     /// Grid and caps of the walks.
@@ -41,7 +43,7 @@ pub struct PassiveQuestion {
 impl PassiveQuestion {
     /// Walks that it takes.
     pub fn walks(&self) -> u64 {
-        (2 * self.limits.len() * self.cutoffs_hz.len()) as u64 * u64::from(self.repeats)
+        (2 * self.limits.len() * self.filters.len()) as u64 * u64::from(self.repeats)
     }
 }
 
@@ -71,7 +73,7 @@ pub struct Hits {
 #[derive(Clone, Debug)]
 pub struct PassiveRow {
     /// Nominal cutoff, Hz; 0 without one.
-    pub cutoff_hz: f64,
+    pub cutoff_hz: Option<f64>,
     /// The limit.
     pub limit: Limit,
     /// With the controller.
@@ -112,7 +114,7 @@ pub fn passive(
     let asked = Question {
         limits: question.limits.clone(),
         rms_of: RmsOf::Motion,
-        cutoffs_hz: question.cutoffs_hz.clone(),
+        filters: question.filters.clone(),
         repeats: question.repeats,
         walk: question.walk,
         situations: vec![Situation { push: scene.wall_hit.push_by, arm: None }],
@@ -123,14 +125,14 @@ pub fn passive(
     let mut rows = vec![];
     for (before, after) in without.iter().zip(&passive) {
         for (plain_at, passive_at) in before.result.cutoffs.iter().zip(&after.result.cutoffs) {
-            let cutoff_hz = plain_at.cutoff_hz;
-            let walls = [plain_at, passive_at].map(|at| walls(&at.boundaries, cutoff_hz));
+            let velocity = plain_at.velocity;
+            let walls = [plain_at, passive_at].map(|at| walls(&at.boundaries, velocity));
             for (controller, scene, at) in [(false, &plain, plain_at), (true, &with, passive_at)] {
                 let prepared = PreparedScene::new(scene)?;
                 let [own, passive] = &walls;
                 let of = |walls: &[WallHit]| hits(&prepared, walls, reserve_j, stop);
                 rows.push(PassiveRow {
-                    cutoff_hz,
+                    cutoff_hz: velocity.cutoff_hz(),
                     limit: before.limit,
                     controller,
                     boundaries: at.boundaries.clone(),
@@ -143,11 +145,11 @@ pub fn passive(
 }
 
 /// Walls of the first boundary.
-fn walls(boundaries: &Boundaries, cutoff_hz: f64) -> Vec<WallHit> {
+fn walls(boundaries: &Boundaries, velocity: VelocitySettings) -> Vec<WallHit> {
     let Some(first) = boundaries.first() else { return vec![] };
     let step = first.points.len().div_ceil(WALLS).max(1);
     let hit = |point: &crate::study::boundary::BoundaryPoint| WallHit {
-        cutoff_hz,
+        velocity,
         stiffness_n_per_m: point.stiffness_n_per_m,
         damping_n_s_per_m: point.damping_n_s_per_m,
         start_offset_counts: 0.0,
@@ -214,13 +216,12 @@ impl PassiveStudy {
         for row in &self.rows {
             let (limit, unit) = row.limit.told();
             let [low, high] = row.boundaries.area_range();
-            let cutoff = (row.cutoff_hz > 0.0).then_some(row.cutoff_hz);
             for (walls_of, hits) in ["without", "with"].into_iter().zip(&row.hits) {
                 if walls_of == "with" && !row.controller {
                     continue;
                 }
                 table.rows.push(vec![
-                    Cell::number(cutoff),
+                    Cell::number(row.cutoff_hz),
                     limit.into(),
                     unit.into(),
                     row.controller.into(),

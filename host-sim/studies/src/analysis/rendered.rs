@@ -19,7 +19,7 @@
 use std::f64::consts::PI;
 
 use nalgebra::Complex;
-use zwidth::{units::Force, velocity::Sense};
+use zwidth::{VelocitySettings, units::Force, velocity::Sense};
 
 use crate::{
     error::Error,
@@ -134,7 +134,7 @@ impl<'a> Sine<'a> {
         let design = scene.design();
         let (resolution_m, rate_hz) = (design.resolution_m, design.rate_hz);
         let settings =
-            scene.settings(wall.cutoff_hz, wall.stiffness_n_per_m, wall.damping_n_s_per_m);
+            scene.settings(wall.velocity, wall.stiffness_n_per_m, wall.damping_n_s_per_m);
         let surface = settings.build(&design).map_err(Error::input)?.wall.surface().counts();
         let omega = self.omega();
         let centre = f64::from(surface) + 2.0 * AMPLITUDE_COUNTS;
@@ -150,7 +150,7 @@ impl<'a> Sine<'a> {
         let encoder = Encoder { scene, hit: random::bits(self.frequency_hz.to_bits(), 0) };
         let first = encoder.count(0, position_m);
         let mut core = Fixed::new(&settings, &design, Force::ZERO, first).map_err(Error::input)?;
-        let mut senses = Full::new(scene);
+        let mut senses = Full::new(scene, wall.velocity.name().sense());
         let latency = scene.actuator.latency;
         let period = f64::from(design.period);
         let settle = (SETTLE_S * rate_hz / period).round() * period;
@@ -227,19 +227,18 @@ pub struct Rendered {
 }
 
 impl Rendered {
-    /// Of the estimator of that scene, at that cutoff.
+    /// Of that filter in that scene.
     ///
     /// # Errors
     /// A setting is out of range.
-    pub fn of(scene: &Scene, cutoff_hz: f64) -> Result<Self, Error> {
+    pub fn of(scene: &Scene, velocity: VelocitySettings) -> Result<Self, Error> {
         let wall = |stiffness_n_per_m| WallHit {
-            cutoff_hz,
+            velocity,
             stiffness_n_per_m,
             damping_n_s_per_m: 0.0,
             start_offset_counts: 0.0,
         };
-        let is_told =
-            scene.velocity.settings(cutoff_hz).name().sense().is_some_and(|s| s == Sense::Force);
+        let is_told = velocity.name().sense() == Some(Sense::Force);
         let (free, spring) = (wall(0.0), wall(PROBE_N_PER_M));
         let scene = unlimited(scene, &spring, HZ[HZ.len() - 1]);
         let answer = |about_hz: f64| {
@@ -304,17 +303,11 @@ impl Sine<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        analysis::linear::transfer_function,
-        scene::{NamedScene, velocity::EstimatorChoice},
-    };
-    use zwidth::{VelocitySettings, velocity::EstimatorName};
+    use crate::{analysis::linear::transfer_function, scene::NamedScene};
+    use zwidth::velocity::EstimatorName;
 
-    fn with(settings: &VelocitySettings) -> (Scene, f64) {
-        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
-        let (velocity, cutoff_hz) = EstimatorChoice::of(settings);
-        scene.velocity = velocity;
-        (scene, cutoff_hz.unwrap_or(0.0))
+    fn paper() -> Scene {
+        NamedScene::load("paper-1um").unwrap().scene
     }
 
     /// Walls on both sides of K = w B, and of the sector's middle.
@@ -322,10 +315,10 @@ mod tests {
         [[20_000.0, 10.0], [20_000.0, 100.0], [20_000.0, 300.0], [5000.0, 300.0], [0.0, 50.0]];
 
     /// The same by the estimator's transfer function, at its frequencies.
-    fn linear(scene: &Scene, cutoff_hz: f64, [k, b]: [f64; 2]) -> Option<f64> {
+    fn linear(scene: &Scene, filter: VelocitySettings, [k, b]: [f64; 2]) -> Option<f64> {
         let design = scene.design();
-        let of = transfer_function(&scene.velocity.settings(cutoff_hz), &design).unwrap()?;
-        let rendered = Rendered::of(scene, cutoff_hz).unwrap();
+        let of = transfer_function(&filter, &design).unwrap()?;
+        let rendered = Rendered::of(scene, filter).unwrap();
         let error = |answer: &Answer| {
             let w = answer.omega_per_s;
             let velocity = of.at(Complex::from_polar(1.0, -w / design.rate_hz));
@@ -350,11 +343,11 @@ mod tests {
                 EstimatorName::Butterworth => VelocitySettings::Butterworth { cutoff_hz: 100.0 },
                 _ => name.defaults(),
             };
-            let (scene, cutoff_hz) = with(&settings);
+            let scene = paper();
             for wall in WALLS {
-                if let Some(theory) = linear(&scene, cutoff_hz, wall) {
+                if let Some(theory) = linear(&scene, settings, wall) {
                     let [k, b] = wall;
-                    let error = Rendered::of(&scene, cutoff_hz).unwrap().error(k, b);
+                    let error = Rendered::of(&scene, settings).unwrap().error(k, b);
                     assert!(
                         (error - theory).abs() < ROUNDING,
                         "{name:?} {wall:?}: {error} {theory}"
@@ -378,13 +371,13 @@ mod tests {
             EstimatorName::FoawEnd.defaults(),
             EstimatorName::Kalman3.defaults(),
         ] {
-            let (scene, cutoff_hz) = with(&settings);
-            let rendered = Rendered::of(&scene, cutoff_hz).unwrap();
+            let scene = paper();
+            let rendered = Rendered::of(&scene, settings).unwrap();
             for [stiffness_n_per_m, damping_n_s_per_m] in WALLS {
                 let (k, b) = (stiffness_n_per_m, damping_n_s_per_m);
                 let start_offset_counts = 0.0;
                 let wall = WallHit {
-                    cutoff_hz,
+                    velocity: settings,
                     stiffness_n_per_m,
                     damping_n_s_per_m,
                     start_offset_counts,
@@ -411,10 +404,10 @@ mod tests {
 
     #[test]
     fn a_slow_output_and_an_amplifier_take_from_the_magnitude() {
-        let (mut scene, cutoff_hz) = with(&VelocitySettings::Butterworth { cutoff_hz: 1500.0 });
-        let spring = |scene: &Scene| Rendered::of(scene, cutoff_hz).unwrap().error(20_000.0, 0.0);
+        let (mut scene, filter) = (paper(), VelocitySettings::Butterworth { cutoff_hz: 1500.0 });
+        let spring = |scene: &Scene| Rendered::of(scene, filter).unwrap().error(20_000.0, 0.0);
         (scene.actuator.period, scene.actuator.latency) = (100, 0.0);
-        let half = PI * Sine::new(&scene, &free(cutoff_hz), 30.0).frequency_hz / 100.0;
+        let half = PI * Sine::new(&scene, &free(filter), 30.0).frequency_hz / 100.0;
         let held = 1.0 - half.sin() / half;
         assert!(
             held > 0.1 && (spring(&scene) - held).abs() < ROUNDING,
@@ -427,9 +420,9 @@ mod tests {
         assert!((spring(&scene) - lag).abs() < 2.0 * ROUNDING, "{} {lag}", spring(&scene));
     }
 
-    fn free(cutoff_hz: f64) -> WallHit {
+    fn free(velocity: VelocitySettings) -> WallHit {
         WallHit {
-            cutoff_hz,
+            velocity,
             stiffness_n_per_m: 0.0,
             damping_n_s_per_m: 0.0,
             start_offset_counts: 0.0,
@@ -438,8 +431,8 @@ mod tests {
 
     #[test]
     fn without_a_model_the_error_depends_on_the_ratio_of_k_and_b() {
-        let (scene, cutoff_hz) = with(&VelocitySettings::Butterworth { cutoff_hz: 100.0 });
-        let rendered = Rendered::of(&scene, cutoff_hz).unwrap();
+        let filter = VelocitySettings::Butterworth { cutoff_hz: 100.0 };
+        let rendered = Rendered::of(&paper(), filter).unwrap();
         let one = rendered.error(20_000.0, 100.0);
         assert!((one / rendered.error(2000.0, 10.0) - 1.0).abs() < 1e-12);
         // a delay of 2.3 ms: at K = w B half of w times that, at 30 Hz

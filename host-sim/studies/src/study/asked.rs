@@ -2,6 +2,8 @@
 
 use std::sync::atomic::AtomicBool;
 
+use zwidth::VelocitySettings;
+
 use super::{
     boundary::Boundary,
     walk::{settles_in_s, walk},
@@ -11,7 +13,7 @@ use crate::{
     engine::Engine,
     error::Error,
     range::{refused, within},
-    scene::{self, NamedScene},
+    scene::{self, NamedScene, velocity::describe},
     simulation::prepared::{Numeric, PreparedScene, WallHit},
 };
 
@@ -38,24 +40,36 @@ pub fn prepare(scene: &NamedScene) -> Result<PreparedScene, Error> {
     Ok(prepared)
 }
 
-/// The cutoff that was asked for, Hz, which an estimator that has one needs, unless its scene knows one only, and another one refuses; 0 stands for
-/// none.
+/// The scene's filter at the cutoff that was asked for, else at that of `[velocity]`, else at the only one of `[sweep]`.
 ///
 /// # Errors
-/// It is missing, or there is none to be set.
-pub fn cutoff(scene: &NamedScene, asked: Option<f64>) -> Result<f64, Error> {
-    let estimator = scene.scene.velocity;
-    match (estimator.has_cutoff(), asked) {
-        (true, Some(cutoff_hz)) => Ok(cutoff_hz),
-        (false, None) => Ok(0.0),
-        (true, None) if let [only] = scene.scene.sweep.cutoffs_hz.as_slice() => Ok(*only),
-        (true, None) => Err(Error::Input(format!(
-            "{}: a cutoff is missing, the estimator {} needs it",
-            scene.name,
-            estimator.name()
-        ))),
-        (false, Some(_)) => Err(no_cutoff(scene)),
+/// There is none of them, or the estimator has no cutoff to be set.
+pub fn filter(scene: &NamedScene, asked_hz: Option<f64>) -> Result<VelocitySettings, Error> {
+    let velocity = &scene.scene.velocity;
+    if asked_hz.is_some() && !velocity.has_cutoff() {
+        return Err(no_cutoff(scene));
     }
+    let asked = asked_hz.map(|cutoff_hz| velocity.at(cutoff_hz));
+    asked.or(velocity.settings()).or(only_of_sweep(&scene.scene)).ok_or_else(|| {
+        let (scene, estimator) = (&scene.name, velocity.name());
+        Error::Input(format!("{scene}: a cutoff is missing, the estimator {estimator} needs it"))
+    })
+}
+
+/// The filter of a scene that has its cutoff in `[sweep]`, as the only one.
+pub fn only_of_sweep(scene: &scene::Scene) -> Option<VelocitySettings> {
+    match (scene.velocity.settings(), scene.sweep.cutoffs_hz.as_slice()) {
+        (None, [only]) => Some(scene.velocity.at(*only)),
+        _ => None,
+    }
+}
+
+/// The scene's filters at those cutoffs; none where it has no cutoff.
+///
+/// # Errors
+/// There are cutoffs, and the estimator has none.
+pub fn filters(scene: &NamedScene, cutoffs_hz: &[f64]) -> Result<Vec<VelocitySettings>, Error> {
+    cutoffs_hz.iter().map(|&cutoff_hz| filter(scene, Some(cutoff_hz))).collect()
 }
 
 /// Why a cutoff is refused.
@@ -88,7 +102,7 @@ pub fn check_start(scene: &NamedScene, offset_counts: f64, names: Names) -> Resu
 pub fn check_wall(scene: &NamedScene, wall: &WallHit, names: Names) -> Result<(), Error> {
     scene
         .scene
-        .settings(wall.cutoff_hz, wall.stiffness_n_per_m, wall.damping_n_s_per_m)
+        .settings(wall.velocity, wall.stiffness_n_per_m, wall.damping_n_s_per_m)
         .build(&scene.scene.design())
         .map(|_| ())
         .map_err(|error| {
@@ -132,8 +146,8 @@ pub fn hit(
     let walk = &scene.scene.walk;
     let [stiffness_n_per_m, damping_n_s_per_m] =
         wall.unwrap_or([walk.stiffness_start_n_per_m, walk.damping_start_n_s_per_m]);
-    let cutoff_hz = cutoff(scene, asked_cutoff)?;
-    let hit = WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
+    let velocity = filter(scene, asked_cutoff)?;
+    let hit = WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
     check_wall(scene, &hit, names)?;
     check_start(scene, start_offset_counts, names)?;
     Ok(hit)
@@ -151,13 +165,12 @@ pub fn boundary(
     first: &WallHit,
     stop: &AtomicBool,
 ) -> Result<Boundary, Error> {
-    let boundary =
-        walk(engine, prepared, numeric, first.cutoff_hz, first.start_offset_counts, stop)
-            .map_err(|error| error.of(&scene.name))?;
+    let boundary = walk(engine, prepared, numeric, first.velocity, first.start_offset_counts, stop)
+        .map_err(|error| error.of(&scene.name))?;
     if boundary.ended.is_some() {
         return Ok(boundary);
     }
-    let estimator = scene.scene.velocity.describe(first.cutoff_hz, scene.scene.control.rate_hz);
+    let estimator = describe(&first.velocity, scene.scene.control.rate_hz);
     let reason = match settles_in_s(prepared, numeric, first) {
         Some(settle_s) => format!(
             "still settles in the window with {estimator}; raise wall_hit.settle_s, {settle_s} is enough here"
@@ -178,13 +191,16 @@ pub fn boundary(
 ///
 /// # Errors
 /// The estimator is no linear function of the position alone, or its tuning is out of range.
-pub fn linear_loop(scene: &scene::Scene, cutoff_hz: f64, multirate: bool) -> Result<Loop, Error> {
+pub fn linear_loop(
+    scene: &scene::Scene,
+    filter: &VelocitySettings,
+    multirate: bool,
+) -> Result<Loop, Error> {
     let scene::Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m, .. } = scene.device;
     let device = Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m };
-    let estimator = transfer_function(&scene.velocity.settings(cutoff_hz), &scene.design())
-        .map_err(Error::input)?
-        .ok_or_else(|| {
-            let name = scene.velocity.name();
+    let estimator =
+        transfer_function(filter, &scene.design()).map_err(Error::input)?.ok_or_else(|| {
+            let name = filter.name().text();
             Error::Input(format!(
                 "the estimator {name} is no linear function of the position alone"
             ))
@@ -198,11 +214,11 @@ pub fn linear_loop(scene: &scene::Scene, cutoff_hz: f64, multirate: bool) -> Res
     Ok(of)
 }
 
-/// Walls of a grid, numbered: K runs fastest, then B, then the cutoff.
+/// Walls of a grid, numbered: K runs fastest, then B, then the filter.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Walls {
-    /// Nominal cutoffs, Hz; one 0 for an estimator without one.
-    pub cutoffs_hz: Vec<f64>,
+    /// Velocity filters.
+    pub filters: Vec<VelocitySettings>,
     /// Dampings B, N s/m.
     pub dampings: Vec<f64>,
     /// Stiffnesses K, N/m.
@@ -214,20 +230,18 @@ pub struct Walls {
 impl Walls {
     /// How many.
     pub fn count(&self) -> u64 {
-        [&self.cutoffs_hz, &self.dampings, &self.stiffnesses]
-            .map(|list| list.len() as u64)
-            .iter()
-            .product()
+        let lengths = [self.filters.len(), self.dampings.len(), self.stiffnesses.len()];
+        lengths.map(|length| length as u64).iter().product()
     }
 
     /// The wall of that number, below [`count`](Self::count).
     #[expect(clippy::cast_possible_truncation, reason = "remainders by lengths")]
     pub fn wall(&self, number: u64) -> WallHit {
-        let (per_cutoff, per_damping) =
+        let (per_filter, per_damping) =
             ((self.dampings.len() * self.stiffnesses.len()) as u64, self.stiffnesses.len() as u64);
         WallHit {
-            cutoff_hz: self.cutoffs_hz[(number / per_cutoff) as usize],
-            damping_n_s_per_m: self.dampings[(number % per_cutoff / per_damping) as usize],
+            velocity: self.filters[(number / per_filter) as usize],
+            damping_n_s_per_m: self.dampings[(number % per_filter / per_damping) as usize],
             stiffness_n_per_m: self.stiffnesses[(number % per_damping) as usize],
             start_offset_counts: self.start_offset_counts,
         }
@@ -239,7 +253,7 @@ impl Walls {
     /// One is out of range.
     pub fn check(&self, scene: &NamedScene, names: Names) -> Result<(), Error> {
         let first = self.wall(0);
-        let walls = (self.cutoffs_hz.iter().map(|&cutoff_hz| WallHit { cutoff_hz, ..first }))
+        let walls = (self.filters.iter().map(|&velocity| WallHit { velocity, ..first }))
             .chain(self.dampings.iter().map(|&b| WallHit { damping_n_s_per_m: b, ..first }))
             .chain(self.stiffnesses.iter().map(|&k| WallHit { stiffness_n_per_m: k, ..first }));
         for wall in walls {

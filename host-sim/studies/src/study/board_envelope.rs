@@ -11,11 +11,11 @@ use zwidth::{
 use crate::{
     engine::Engine,
     error::Error,
-    scene::Scene,
+    scene::{Scene, VelocityTable},
     simulation::prepared::{Numeric, PreparedScene},
     study::{
         envelope::{Interval, envelopes},
-        sweep::{Plan, SweepResult, ascending, sweep},
+        sweep::{Plan, SweepResult, filters, sweep},
     },
 };
 
@@ -33,7 +33,7 @@ pub struct Part {
     pub period: u32,
     /// The scene with both.
     scene: Scene,
-    cutoffs_hz: Vec<f64>,
+    filters: Vec<VelocitySettings>,
 }
 
 impl Part {
@@ -47,18 +47,15 @@ impl Part {
             let mut scene = scene;
             scene.actuator.period = period;
             scene.check().map_err(Error::Input)?;
-            let cutoffs_hz = match scene.velocity.has_cutoff() {
-                true => ascending(&scene.sweep.cutoffs_hz),
-                false => vec![0.0],
-            };
-            let estimator = scene.velocity.settings(0.0).name();
-            Ok::<Self, Error>(Self { estimator, design, period, scene, cutoffs_hz })
+            let filters = filters(&scene.velocity, &scene.sweep.cutoffs_hz);
+            let estimator = scene.velocity.estimator();
+            Ok::<Self, Error>(Self { estimator, design, period, scene, filters })
         };
         for estimator in scene.board_estimators().map_err(Error::Input)? {
             for period in scene.board_periods() {
                 let mut scene = scene.clone();
-                if scene.velocity.settings(0.0).name() != estimator {
-                    scene.velocity = estimator.defaults().into();
+                if scene.velocity.estimator() != estimator {
+                    scene.velocity = VelocityTable::from(estimator.defaults()).with_cutoff(None);
                 }
                 parts.push(part(scene, None, period)?);
             }
@@ -74,11 +71,7 @@ impl Part {
 
     /// Walks that its sweep makes.
     pub fn walks(&self) -> u64 {
-        self.cutoffs_hz.len() as u64 * u64::from(REPEATS)
-    }
-
-    fn velocity(&self, cutoff_hz: f64) -> VelocitySettings {
-        self.scene.velocity.settings(cutoff_hz)
+        self.filters.len() as u64 * u64::from(REPEATS)
     }
 }
 
@@ -106,7 +99,7 @@ impl Found {
 
     /// The estimator at the ideal cutoff, if any wall is stable.
     pub fn best(&self) -> Option<VelocitySettings> {
-        self.sweep.ideal.map(|ideal| self.part.velocity(ideal.cutoff_hz))
+        self.sweep.ideal.map(|ideal| self.part.scene.velocity.at(ideal.cutoff_hz))
     }
 }
 
@@ -125,12 +118,12 @@ pub fn board_envelope(
     for part in parts {
         let prepared = PreparedScene::new(&part.scene)?;
         prepared.check_approach()?;
-        let plan = Plan { name: "", prepared: &prepared, cutoffs_hz: &part.cutoffs_hz };
+        let plan = Plan { name: "", prepared: &prepared, filters: &part.filters };
         let results = sweep(engine, &[plan], numeric, REPEATS, stop, |_| done())?;
         let Some(swept) = results.into_iter().next() else { continue };
         let mut boundaries = vec![];
         for envelope in envelopes(engine, &prepared, numeric, &swept, stop)? {
-            let velocity = part.velocity(envelope.cutoff_hz);
+            let velocity = envelope.velocity;
             // Without a design the firmware's key has no further parameter: it knows walls for the defaults only.
             if part.design.is_none() && !velocity.differs_by_tuning_only() {
                 continue;

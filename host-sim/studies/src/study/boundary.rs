@@ -2,7 +2,10 @@
 
 use std::borrow::Cow;
 
-use zwidth::experiment::{Cell, Ended, Verdict, Walk, WalkError};
+use zwidth::{
+    VelocitySettings,
+    experiment::{Cell, Ended, Verdict, Walk, WalkError},
+};
 
 use crate::{
     error::Error,
@@ -169,16 +172,20 @@ pub struct Progress {
     walk: Walk,
     boundary: Boundary,
     last_stiffness: Option<i32>,
-    cutoff_hz: f64,
+    velocity: VelocitySettings,
     start_offset_counts: f64,
 }
 
 impl Progress {
-    /// The walk of that scene at `cutoff_hz`, its first hit still to come.
-    pub fn new(prepared: &PreparedScene, cutoff_hz: f64, start_offset_counts: f64) -> Self {
+    /// The walk of that scene with that filter, its first hit still to come.
+    pub fn new(
+        prepared: &PreparedScene,
+        velocity: VelocitySettings,
+        start_offset_counts: f64,
+    ) -> Self {
         let walk = Walk::new(prepared.scene().walk_plan());
         let boundary = Boundary { points: vec![], area: 0.0, hits: 0, ended: None };
-        Self { walk, boundary, last_stiffness: None, cutoff_hz, start_offset_counts }
+        Self { walk, boundary, last_stiffness: None, velocity, start_offset_counts }
     }
 
     /// The next hit.
@@ -205,7 +212,7 @@ impl Progress {
     /// The hit of a cell.
     pub(super) fn hit_at(&self, cell: Cell) -> WallHit {
         WallHit {
-            cutoff_hz: self.cutoff_hz,
+            velocity: self.velocity,
             stiffness_n_per_m: self.walk.plan().stiffness_n_per_m(cell),
             damping_n_s_per_m: self.walk.plan().damping_n_s_per_m(cell),
             start_offset_counts: self.start_offset_counts,
@@ -240,9 +247,10 @@ impl Progress {
                 } else {
                     format!("{error}; raise wall_hit.push_n or move wall.position_m closer")
                 };
+                let cutoff = self.velocity.cutoff_hz().map(|hz| format!("{hz} Hz, "));
                 return Some(Err(Error::Input(format!(
-                    "no_contact at {} Hz, K = {k} N/m, B = {b} N s/m: {reason}",
-                    self.cutoff_hz
+                    "no_contact at {}K = {k} N/m, B = {b} N s/m: {reason}",
+                    cutoff.unwrap_or_default()
                 ))));
             }
         };

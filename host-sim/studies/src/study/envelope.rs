@@ -10,7 +10,10 @@
 
 use std::{fmt::Write as _, sync::atomic::AtomicBool};
 
-use zwidth::experiment::{Cell, Verdict};
+use zwidth::{
+    VelocitySettings,
+    experiment::{Cell, Verdict},
+};
 
 use crate::{
     engine::{Depth, Engine, stream},
@@ -37,8 +40,8 @@ pub struct Interval {
 /// The envelope at one cutoff.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Envelope {
-    /// Nominal cutoff, Hz.
-    pub cutoff_hz: f64,
+    /// The filter.
+    pub velocity: VelocitySettings,
     /// Its intervals, B ascending.
     pub intervals: Vec<Interval>,
 }
@@ -49,11 +52,12 @@ pub fn rows(scene: &NamedScene, envelopes: &[Envelope]) -> String {
     let (device, actuator) = (&scene.name, scene.scene.actuator);
     let (latency, period) = (actuator.latency, actuator.period);
     let mut text = String::new();
-    for Envelope { cutoff_hz, intervals } in envelopes {
+    for Envelope { velocity, intervals } in envelopes {
         // The firmware's key has no further parameter: it knows walls for the defaults only.
-        if !scene.scene.velocity.settings(*cutoff_hz).differs_by_tuning_only() {
+        if !velocity.differs_by_tuning_only() {
             continue;
         }
+        let cutoff_hz = velocity.cutoff_hz().unwrap_or_default();
         for Interval { damping_n_s_per_m: b, low_n_per_m: low, high_n_per_m: high } in intervals {
             let _ = writeln!(
                 text,
@@ -81,7 +85,7 @@ pub fn envelopes(
 ) -> Result<Vec<Envelope>, Error> {
     let columns = |result: &CutoffResult| {
         let shortest = result.boundaries.iter().map(|boundary| boundary.points.len()).min();
-        let cutoff_hz = result.cutoff_hz;
+        let velocity = result.velocity;
         let lows = (0..shortest.unwrap_or(0)).step_by(STRIDE.unsigned_abs() as usize).map(|n| {
             // Every walk has one point per B, from the same first B on.
             let points = result.boundaries.iter().filter_map(|boundary| boundary.points.get(n));
@@ -91,17 +95,18 @@ pub fn envelopes(
         (0..)
             .step_by(STRIDE.unsigned_abs() as usize)
             .zip(lows)
-            .map(move |(n, low)| (cutoff_hz, n, low))
+            .map(move |(n, low)| (velocity, n, low))
             .collect::<Vec<_>>()
     };
-    let columns = sweep.cutoffs.iter().flat_map(columns).map(|(cutoff_hz, damping, boundary)| {
-        (cutoff_hz, Column::new(prepared, damping, boundary))
-    });
-    let columns: Vec<(f64, Column)> = columns.collect();
+    let columns =
+        sweep.cutoffs.iter().flat_map(columns).map(|(velocity, damping, boundary)| {
+            (velocity, Column::new(prepared, damping, boundary))
+        });
+    let columns: Vec<(VelocitySettings, Column)> = columns.collect();
     let mut hits = vec![];
-    for (cutoff_hz, column) in &columns {
+    for (velocity, column) in &columns {
         hits.extend(column.stiffnesses_n_per_m.iter().map(|&stiffness_n_per_m| WallHit {
-            cutoff_hz: *cutoff_hz,
+            velocity: *velocity,
             stiffness_n_per_m,
             damping_n_s_per_m: column.damping_n_s_per_m,
             start_offset_counts: 0.0,
@@ -117,11 +122,11 @@ pub fn envelopes(
     })?;
     let mut stable = stable.into_iter();
     let mut envelopes: Vec<Envelope> = vec![];
-    for (cutoff_hz, column) in columns {
+    for (velocity, column) in columns {
         let interval = column.longest(stable.by_ref());
         match envelopes.last_mut() {
-            Some(envelope) if envelope.cutoff_hz == cutoff_hz => envelope.intervals.push(interval),
-            _ => envelopes.push(Envelope { cutoff_hz, intervals: vec![interval] }),
+            Some(envelope) if envelope.velocity == velocity => envelope.intervals.push(interval),
+            _ => envelopes.push(Envelope { velocity, intervals: vec![interval] }),
         }
     }
     Ok(envelopes)
@@ -180,7 +185,7 @@ mod tests {
         let prepared = PreparedScene::new(&scene.scene).unwrap();
         let column = Column::new(&prepared, 38, 52_000.0);
         let hit = |stiffness_n_per_m: &f64| WallHit {
-            cutoff_hz: 4000.0,
+            velocity: scene.scene.velocity.at(4000.0),
             stiffness_n_per_m: *stiffness_n_per_m,
             damping_n_s_per_m: column.damping_n_s_per_m,
             start_offset_counts: 0.0,

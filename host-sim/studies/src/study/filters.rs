@@ -15,9 +15,9 @@ use crate::{
     simulation::prepared::{Numeric, PreparedScene},
 };
 
-/// Boundaries by scene, then by filter, from each of `starts` (counts beyond the scene's start). The filters are of one
-/// form, which is that of every scene's own estimator. The result depends neither on the number of threads nor on
-/// `engine`; `done` is called after each walk.
+/// Boundaries by scene, then by filter, from each of `starts` (counts beyond the scene's start). The result depends neither
+/// on the number of threads nor on `engine`; `done` is called after each walk. Filters of a form that is not that of the
+/// scene's own have no lanes.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
@@ -30,15 +30,10 @@ pub fn boundaries(
     stop: &AtomicBool,
     done: impl Fn(&Boundary) + Sync,
 ) -> Result<Vec<Vec<Boundaries>>, Error> {
-    let scenes: Vec<PreparedScene> =
-        scenes.iter().map(|scene| scene.clone().with_filters(filters)).collect();
-    let begins: Vec<Start> = (0u32..)
-        .zip(filters)
-        .flat_map(|(number, _)| {
-            starts.iter().map(move |&start_offset_counts| Start {
-                cutoff_hz: number.into(),
-                start_offset_counts,
-            })
+    let begins: Vec<Start> = filters
+        .iter()
+        .flat_map(|&velocity| {
+            starts.iter().map(move |&start_offset_counts| Start { velocity, start_offset_counts })
         })
         .collect();
     let queues: Vec<Queue<'_>> = scenes.iter().map(|scene| Queue::new(scene, &begins)).collect();

@@ -206,7 +206,7 @@ fn transmission(mass_kg: f64) -> Mode {
 /// Whether the loop takes that cutoff: one that looks less often takes none near its rate. What else is wrong is for the
 /// walk to say.
 pub(super) fn takes(scene: &Scene, cutoff_hz: f64) -> bool {
-    let settings = scene.velocity.settings(cutoff_hz);
+    let settings = scene.velocity.at(cutoff_hz);
     match settings.build(&scene.design()) {
         Ok(_) => true,
         Err(error) => settings.name().keys().first() != Some(&error.parameter),
@@ -290,7 +290,7 @@ pub fn walk_levers(
             let asked = Question {
                 limits: vec![limit],
                 rms_of: RmsOf::Motion,
-                cutoffs_hz: cutoffs.map(|(_, cutoff_hz)| *cutoff_hz).collect(),
+                filters: cutoffs.map(|(_, hz)| scene.velocity.at(*hz)).collect(),
                 repeats: question.repeats,
                 walk: grid(&scene.walk, size),
                 situations: vec![Situation { push, arm: None }],
@@ -314,11 +314,9 @@ pub fn walk_levers(
 }
 
 fn sweep_of(cutoffs: &[(f64, Walked)], scene: &Scene) -> SweepResult {
-    let cutoffs = cutoffs.iter().map(|(cutoff_hz, walked)| CutoffResult {
-        cutoff_hz: *cutoff_hz,
-        true_cutoff_hz: scene.true_cutoff_hz(*cutoff_hz),
-        boundaries: walked.boundaries.clone(),
-        settles_in_s: None,
+    let cutoffs = cutoffs.iter().map(|(cutoff_hz, walked)| {
+        let boundaries = walked.boundaries.clone();
+        CutoffResult::of(scene.velocity.at(*cutoff_hz), scene.control.rate_hz, boundaries)
     });
     SweepResult::of(cutoffs.collect())
 }

@@ -12,11 +12,11 @@ use std::{
     },
 };
 
-use zwidth::experiment::Verdict;
+use zwidth::{VelocitySettings, experiment::Verdict};
 
 use super::{
     boundary::{Boundaries, Boundary, Progress},
-    sweep::{CutoffResult, SweepResult, ascending, on_all_threads, start_offset_counts},
+    sweep::{CutoffResult, SweepResult, on_all_threads, start_offset_counts},
 };
 use crate::{
     engine::{Depth, Engine, Outcome, Work, run},
@@ -59,9 +59,9 @@ pub struct Question {
     pub limits: Vec<Limit>,
     /// What the RMS is taken of.
     pub rms_of: RmsOf,
-    /// Nominal cutoffs, Hz.
-    pub cutoffs_hz: Vec<f64>,
-    /// Walks per cutoff.
+    /// Velocity filters, from the lowest cutoff to the highest.
+    pub filters: Vec<VelocitySettings>,
+    /// Walks per filter.
     pub repeats: u32,
     /// Grid and caps of the walks.
     pub walk: Walk,
@@ -74,7 +74,7 @@ pub struct Question {
 impl Question {
     /// Walks that it takes.
     pub fn walks(&self) -> usize {
-        let rows = self.cutoffs_hz.len() + usize::from(self.told);
+        let rows = self.filters.len() + usize::from(self.told);
         self.situations.len() * self.limits.len() * rows * self.repeats as usize
     }
 }
@@ -143,15 +143,15 @@ type Shared = Mutex<HashMap<(i32, i32), Known>>;
 struct Field {
     prepared: PreparedScene,
     limits: Vec<Limit>,
-    cutoffs_hz: Vec<f64>,
-    /// Which shared hits are its first cutoff's and start's.
+    filters: Vec<VelocitySettings>,
+    /// Which shared hits are its first filter's and start's.
     shared: usize,
     begun: AtomicUsize,
 }
 
 impl Field {
     fn jobs(&self, repeats: usize) -> usize {
-        self.limits.len() * self.cutoffs_hz.len() * repeats
+        self.limits.len() * self.filters.len() * repeats
     }
 }
 
@@ -176,7 +176,6 @@ pub fn limits(
     stop: &AtomicBool,
     done: impl Fn() + Sync,
 ) -> Result<Vec<LimitResult>, Error> {
-    let question = &Question { cutoffs_hz: ascending(&question.cutoffs_hz), ..question.clone() };
     let (fields, hits) = fields(scene, question)?;
     let shared: Vec<Shared> = (0..hits).map(|_| Shared::default()).collect();
     // within a scene the levels come first, whose hits know all
@@ -202,16 +201,16 @@ pub fn limits(
         return Err(Error::Interrupted);
     }
     let mut of = |place: usize| -> Result<Vec<Vec<Boundaries>>, Error> {
-        // by limit, cutoff, repeat
+        // by limit, filter, repeat
         let field = &fields[place];
         let mut boundaries = (0..field.jobs(question.repeats as usize)).map(|number| {
             let none = || Err(Error::Internal("a walk has no result".into()));
             made.remove(&(place, number)).unwrap_or_else(none)
         });
-        let mut by_cutoff = || -> Result<Boundaries, Error> {
+        let mut by_filter = || -> Result<Boundaries, Error> {
             boundaries.by_ref().take(question.repeats as usize).collect()
         };
-        let mut by_limit = || field.cutoffs_hz.iter().map(|_| by_cutoff()).collect();
+        let mut by_limit = || field.filters.iter().map(|_| by_filter()).collect();
         field.limits.iter().map(|_| by_limit()).collect()
     };
     let kinds = kinds(question);
@@ -224,13 +223,10 @@ pub fn limits(
             let told = if question.told { of(place + kinds.len())? } else { vec![] };
             let mut told = told.into_iter();
             for (&limit, boundaries) in limits.iter().zip(estimated) {
-                let cutoffs = question.cutoffs_hz.iter().zip(boundaries);
-                let cutoffs = cutoffs.map(|(&cutoff_hz, boundaries)| CutoffResult {
-                    cutoff_hz,
-                    true_cutoff_hz: scene.true_cutoff_hz(cutoff_hz),
-                    boundaries,
-                    settles_in_s: None,
-                });
+                let rate_hz = scene.control.rate_hz;
+                let cutoffs = question.filters.iter().zip(boundaries);
+                let cutoffs = cutoffs
+                    .map(|(&velocity, boundaries)| CutoffResult::of(velocity, rate_hz, boundaries));
                 results.push(LimitResult {
                     situation: Some(situation.clone()),
                     limit,
@@ -291,8 +287,11 @@ fn fields(scene: &Scene, question: &Question) -> Result<(Vec<Field>, usize), Err
             if told && !question.told {
                 continue;
             }
-            let cutoffs_hz = if told { vec![0.0] } else { question.cutoffs_hz.clone() };
-            let groups = cutoffs_hz.len() * question.repeats as usize;
+            let filters = match told {
+                true => vec![VelocitySettings::Difference {}],
+                false => question.filters.clone(),
+            };
+            let groups = filters.len() * question.repeats as usize;
             for limits in kinds(question) {
                 let mut scene = scene.clone();
                 match limits[0] {
@@ -305,9 +304,9 @@ fn fields(scene: &Scene, question: &Question) -> Result<(Vec<Field>, usize), Err
                 let prepared =
                     if told { PreparedScene::told(&scene)? } else { PreparedScene::new(&scene)? };
                 let prepared = prepared.with_measures();
-                let cutoffs_hz = cutoffs_hz.clone();
+                let filters = filters.clone();
                 let begun = AtomicUsize::new(0);
-                fields.push(Field { prepared, limits, cutoffs_hz, shared, begun });
+                fields.push(Field { prepared, limits, filters, shared, begun });
             }
             shared += groups;
         }
@@ -347,14 +346,14 @@ impl<D: FnMut(&Job, Result<Boundary, Error>)> Walks<'_, D> {
         if number >= field.jobs(*repeats as usize) {
             return None;
         }
-        let groups = field.cutoffs_hz.len() * *repeats as usize;
+        let groups = field.filters.len() * *repeats as usize;
         let (limit, group) = (field.limits[number / groups], number % groups);
-        let cutoff_hz = field.cutoffs_hz[group / *repeats as usize];
+        let velocity = field.filters[group / *repeats as usize];
         #[expect(clippy::cast_possible_truncation, reason = "below `repeats`")]
         let repeat = (group % *repeats as usize) as u32;
         let start = start_offset_counts(repeat, *repeats);
         let job = Job { number, limit, shared: field.shared + group };
-        Some((job, Progress::new(&field.prepared, cutoff_hz, start)))
+        Some((job, Progress::new(&field.prepared, velocity, start)))
     }
 
     fn known(&self, job: &Job, place: (i32, i32)) -> Option<Known> {

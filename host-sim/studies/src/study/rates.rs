@@ -70,6 +70,7 @@ impl Rates {
                 changed.control.rate_hz = encoder;
                 changed.actuator.period = period;
                 changed.actuator.latency = own.actuator.latency * (encoder / own_hz);
+                changed.velocity = changed.velocity.with_cutoff(None); // the sweep has its own
                 let all = std::mem::take(&mut changed.sweep.cutoffs_hz);
                 changed.sweep.cutoffs_hz =
                     all.into_iter().filter(|hz| takes(&changed, *hz)).collect();

@@ -11,12 +11,13 @@ use std::{
 };
 
 use rayon::prelude::*;
-use zwidth::experiment::Ended;
+use zwidth::{VelocitySettings, experiment::Ended};
 
 pub use crate::numerics::statistics::{AS_GOOD_AS_BEST, LEVEL};
 use crate::{
     engine::Engine,
     error::Error,
+    scene::VelocityTable,
     simulation::prepared::{Numeric, PreparedScene},
     study::walk_lanes::{Queue, Start, walks},
     study::{
@@ -28,6 +29,8 @@ use crate::{
 /// All boundaries at one cutoff.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CutoffResult {
+    /// The filter.
+    pub velocity: VelocitySettings,
     /// Nominal cutoff, Hz.
     pub cutoff_hz: f64,
     /// -3 dB frequency of the digital filter, Hz.
@@ -88,11 +91,11 @@ pub struct Plan<'a> {
     pub name: &'a str,
     /// The prepared scene.
     pub prepared: &'a PreparedScene,
-    /// Nominal cutoffs, Hz, in any order.
-    pub cutoffs_hz: &'a [f64],
+    /// Velocity filters, from the lowest cutoff to the highest.
+    pub filters: &'a [VelocitySettings],
 }
 
-/// Makes several studies at once: at every cutoff of every plan `repeats` walks (one or more), on
+/// Makes several studies at once: with every filter of every plan `repeats` walks (one or more), on
 /// all threads of the current pool. `done` is called after each walk, from any thread. The result
 /// depends neither on the number of threads nor on `engine`.
 ///
@@ -106,8 +109,7 @@ pub fn sweep(
     stop: &AtomicBool,
     done: impl Fn(&Boundary) + Sync,
 ) -> Result<Vec<SweepResult>, Error> {
-    let sorted: Vec<Vec<f64>> = plans.iter().map(|plan| ascending(plan.cutoffs_hz)).collect();
-    let starts: Vec<Vec<Start>> = sorted.iter().map(|cutoffs| starts(cutoffs, repeats)).collect();
+    let starts: Vec<Vec<Start>> = plans.iter().map(|plan| starts(plan.filters, repeats)).collect();
     let queues: Vec<Queue<'_>> =
         plans.iter().zip(&starts).map(|(plan, starts)| Queue::new(plan.prepared, starts)).collect();
     let mut made = on_all_threads(queues.len(), |plan, made| {
@@ -122,22 +124,23 @@ pub fn sweep(
         return Err(Error::Interrupted);
     }
     let mut results = Vec::with_capacity(plans.len());
-    for (place, (plan, cutoffs_hz)) in plans.iter().zip(sorted).enumerate() {
-        let mut cutoffs = Vec::with_capacity(cutoffs_hz.len());
+    for (place, plan) in plans.iter().enumerate() {
+        let mut cutoffs = Vec::with_capacity(plan.filters.len());
         let mut walks = 0..;
-        for cutoff_hz in cutoffs_hz {
+        for &velocity in plan.filters {
             let mut boundary = |walk| match made.remove(&(place, walk)) {
                 Some(boundary) => boundary.map_err(|error| error.of(plan.name)),
                 None => Err(Error::Internal("a walk has no result".into())),
             };
             let walks = walks.by_ref().take(repeats as usize);
             let boundaries = walks.map(&mut boundary).collect::<Result<Boundaries, _>>()?;
-            let true_cutoff_hz = plan.prepared.scene().true_cutoff_hz(cutoff_hz);
             let settles_in_s = match boundaries.iter().all(|boundary| boundary.ended.is_none()) {
-                true => settles_in_s(plan.prepared, numeric, &first_hit(plan.prepared, cutoff_hz)),
+                true => settles_in_s(plan.prepared, numeric, &first_hit(plan.prepared, velocity)),
                 false => None,
             };
-            cutoffs.push(CutoffResult { cutoff_hz, true_cutoff_hz, boundaries, settles_in_s });
+            let rate_hz = plan.prepared.design().rate_hz;
+            let result = CutoffResult::of(velocity, rate_hz, boundaries);
+            cutoffs.push(CutoffResult { settles_in_s, ..result });
         }
         results.push(SweepResult::of(cutoffs));
     }
@@ -167,14 +170,14 @@ pub(super) fn on_all_threads(
 }
 
 /// All walks of a scene, in the order of the result.
-fn starts(cutoffs_hz: &[f64], repeats: u32) -> Vec<Start> {
-    let of_cutoff = |&cutoff_hz: &f64| {
+fn starts(filters: &[VelocitySettings], repeats: u32) -> Vec<Start> {
+    let of_filter = |&velocity: &VelocitySettings| {
         (0..repeats).map(move |repeat| {
             let start_offset_counts = start_offset_counts(repeat, repeats);
-            Start { cutoff_hz, start_offset_counts }
+            Start { velocity, start_offset_counts }
         })
     };
-    cutoffs_hz.iter().flat_map(of_cutoff).collect()
+    filters.iter().flat_map(of_filter).collect()
 }
 
 /// Where a repeat starts: `repeat / repeats` of a count beyond the scene's start.
@@ -188,6 +191,23 @@ pub fn ascending(cutoffs_hz: &[f64]) -> Vec<f64> {
     sorted.sort_by(f64::total_cmp);
     sorted.dedup();
     sorted
+}
+
+/// The scene's filters at those cutoffs, each once, from low to high; its only one where it has no cutoff.
+pub fn filters(velocity: &VelocityTable, cutoffs_hz: &[f64]) -> Vec<VelocitySettings> {
+    match velocity.has_cutoff() {
+        true => ascending(cutoffs_hz).into_iter().map(|hz| velocity.at(hz)).collect(),
+        false => velocity.settings().into_iter().collect(),
+    }
+}
+
+impl CutoffResult {
+    /// Of walks that nothing more is known of.
+    pub(super) fn of(velocity: VelocitySettings, rate_hz: f64, boundaries: Boundaries) -> Self {
+        let cutoff_hz = velocity.cutoff_hz().unwrap_or_default();
+        let true_cutoff_hz = velocity.true_cutoff_hz(rate_hz).unwrap_or_default();
+        Self { velocity, cutoff_hz, true_cutoff_hz, boundaries, settles_in_s: None }
+    }
 }
 
 fn ideal(cutoffs: &[CutoffResult]) -> Option<Ideal> {
@@ -313,7 +333,7 @@ mod tests {
     fn cutoff(cutoff_hz: f64, areas: &[f64]) -> CutoffResult {
         let boundary = |&area: &f64| Boundary { points: vec![], area, hits: 1, ended: None };
         let boundaries = areas.iter().map(boundary).collect();
-        CutoffResult { cutoff_hz, true_cutoff_hz: cutoff_hz, boundaries, settles_in_s: None }
+        CutoffResult::of(VelocitySettings::ButterworthPrewarped { cutoff_hz }, 1e4, boundaries)
     }
 
     /// Areas of that mean, spread evenly over +-1 %.
@@ -402,10 +422,11 @@ mod tests {
             scene.walk.stiffness_step_n_per_m = 8000.0;
             scene.walk.damping_step_n_s_per_m = 80.0;
         }
+        let filters = filters(&scenes[0].velocity, &[200.0, 1500.0, 4000.0]);
         let prepared = scenes.map(|scene| PreparedScene::new(&scene).unwrap());
         let plans: Vec<Plan<'_>> = prepared
             .iter()
-            .map(|prepared| Plan { name: "s", prepared, cutoffs_hz: &[200.0, 1500.0, 4000.0] })
+            .map(|prepared| Plan { name: "s", prepared, filters: &filters })
             .collect();
         let stop = std::sync::atomic::AtomicBool::new(false);
         for numeric in [Numeric::Fixed, Numeric::F64] {

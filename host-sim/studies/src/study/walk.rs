@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use zwidth::experiment::Verdict;
+use zwidth::{VelocitySettings, experiment::Verdict};
 
 use super::{
     boundary::{Boundary, Progress},
@@ -14,7 +14,7 @@ use crate::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
-/// Follows the boundary at `cutoff_hz`. A first point that is unstable gives an empty boundary; a
+/// Follows the boundary with the filter `velocity`. A first point that is unstable gives an empty boundary; a
 /// hit that leaves the core's range counts as unstable.
 /// `stop` is looked at between two hits.
 ///
@@ -24,11 +24,11 @@ pub fn walk(
     engine: Engine,
     prepared: &PreparedScene,
     numeric: Numeric,
-    cutoff_hz: f64,
+    velocity: VelocitySettings,
     start_offset_counts: f64,
     stop: &AtomicBool,
 ) -> Result<Boundary, Error> {
-    let starts = [Start { cutoff_hz, start_offset_counts }];
+    let starts = [Start { velocity, start_offset_counts }];
     let mut found = Err(Error::Interrupted);
     walks(engine, numeric, &Queue::new(prepared, &starts), stop, |_, boundary| found = boundary);
     found
@@ -37,12 +37,12 @@ pub fn walk(
 /// [`walk`] by other hits, one by one.
 pub(crate) fn walk_with(
     prepared: &PreparedScene,
-    cutoff_hz: f64,
+    velocity: VelocitySettings,
     start_offset_counts: f64,
     stop: &AtomicBool,
     verdict: impl Fn(&WallHit) -> Result<Verdict, HitError>,
 ) -> Result<Boundary, Error> {
-    let mut progress = Progress::new(prepared, cutoff_hz, start_offset_counts);
+    let mut progress = Progress::new(prepared, velocity, start_offset_counts);
     loop {
         if stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
@@ -55,8 +55,8 @@ pub(crate) fn walk_with(
 }
 
 /// The first hit of the walk from the scene's own start.
-pub fn first_hit(prepared: &PreparedScene, cutoff_hz: f64) -> WallHit {
-    Progress::new(prepared, cutoff_hz, 0.0).hit()
+pub fn first_hit(prepared: &PreparedScene, velocity: VelocitySettings) -> WallHit {
+    Progress::new(prepared, velocity, 0.0).hit()
 }
 
 /// The settle time with which a wall that is unstable in the window is stable: the handle was still coming to rest.
@@ -84,12 +84,13 @@ mod tests {
     fn a_walk_that_looks_ahead_is_the_walk_hit_by_hit() {
         for (name, cutoff_hz, offset) in [("paper-1um", 200.0, 0.0), ("paper-2um", 1500.0, 0.75)] {
             let prepared = PreparedScene::new(&NamedScene::load(name).unwrap().scene).unwrap();
+            let velocity = prepared.scene().velocity.at(cutoff_hz);
             let stop = AtomicBool::new(false);
             let [ahead, core] = [Engine::lanes(), Engine::Core].map(|engine| {
-                walk(engine, &prepared, Numeric::Fixed, cutoff_hz, offset, &stop).unwrap()
+                walk(engine, &prepared, Numeric::Fixed, velocity, offset, &stop).unwrap()
             });
             let verdict = |hit: &WallHit| prepared.verdict(Numeric::Fixed, hit);
-            let plain = walk_with(&prepared, cutoff_hz, offset, &stop, verdict).unwrap();
+            let plain = walk_with(&prepared, velocity, offset, &stop, verdict).unwrap();
             assert_eq!(ahead, plain);
             assert_eq!(core, plain);
             assert!(plain.hits > 40 && plain.points.len() > 10, "{}", plain.hits);

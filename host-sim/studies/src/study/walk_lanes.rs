@@ -6,7 +6,10 @@ use std::{
     sync::atomic::{AtomicBool, AtomicUsize, Ordering},
 };
 
-use zwidth::experiment::{Cell, Verdict, Walk};
+use zwidth::{
+    VelocitySettings,
+    experiment::{Cell, Verdict, Walk},
+};
 
 use super::{
     ahead::{Guide, Walking, likeliest},
@@ -21,8 +24,8 @@ use crate::{
 /// Where a walk begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
-    /// Nominal cutoff, Hz.
-    pub cutoff_hz: f64,
+    /// The velocity filter.
+    pub velocity: VelocitySettings,
     /// Counts beyond the scene's start.
     pub start_offset_counts: f64,
 }
@@ -123,8 +126,8 @@ impl<D: FnMut(usize, Result<Boundary, Error>)> Walks<'_, D> {
             return Some(waiting);
         }
         if let Some(walk) = self.queue.next() {
-            let Start { cutoff_hz, start_offset_counts } = *self.queue.starts.get(walk)?;
-            let progress = Progress::new(self.queue.prepared, cutoff_hz, start_offset_counts);
+            let Start { velocity, start_offset_counts } = *self.queue.starts.get(walk)?;
+            let progress = Progress::new(self.queue.prepared, velocity, start_offset_counts);
             let cell = progress.walk().cell();
             let (guide, neighbour) = (Guide::default(), self.last.clone());
             let (known, running) = (BTreeMap::new(), vec![]);

@@ -1,6 +1,6 @@
 //! Estimators of the fixed-point core in lanes.
 
-use zwidth::{VelocitySettings, velocity::Estimator};
+use zwidth::velocity::{Estimator, EstimatorName};
 
 use super::{
     lanes::Row,
@@ -48,33 +48,31 @@ pub enum Form {
 
 impl Form {
     /// `None` where there are no lanes.
-    pub fn of(settings: &VelocitySettings) -> Option<Self> {
-        match settings {
-            VelocitySettings::Butterworth { .. }
-            | VelocitySettings::ButterworthPrewarped { .. }
-            | VelocitySettings::FirstOrder { .. }
-            | VelocitySettings::FirstOrderPrewarped { .. }
-            | VelocitySettings::Difference {}
-            | VelocitySettings::Biquad { .. } => Some(Self::LowPass),
-            VelocitySettings::Kalman2 { .. } | VelocitySettings::Kalman3 { .. } => {
-                Some(Self::Kalman)
-            }
-            VelocitySettings::TrackingLoop { .. }
-            | VelocitySettings::TrackingLead { .. }
-            | VelocitySettings::Smoothing { .. }
-            | VelocitySettings::SecondOrder { .. } => Some(Self::LikeLowPass),
-            VelocitySettings::WindowDifference { .. } => Some(Self::Mean),
-            VelocitySettings::Biquad2 { .. } => Some(Self::Cascade),
-            VelocitySettings::Taylor2 {}
-            | VelocitySettings::Taylor3 {}
-            | VelocitySettings::LeastSquares1 { .. }
-            | VelocitySettings::LeastSquares2 { .. } => Some(Self::Fir),
-            VelocitySettings::FoawEnd { .. } => Some(Self::FoawEnd),
-            VelocitySettings::FoawBest { .. } => Some(Self::FoawBest),
-            VelocitySettings::LevantExplicit { .. } => Some(Self::LevantExplicit),
-            VelocitySettings::LevantImplicit { .. } => Some(Self::LevantImplicit),
-            VelocitySettings::Observer { .. } => Some(Self::Observer),
-            VelocitySettings::Fusion { .. } => Some(Self::Fusion),
+    pub fn of(estimator: EstimatorName) -> Option<Self> {
+        match estimator {
+            EstimatorName::Butterworth
+            | EstimatorName::ButterworthPrewarped
+            | EstimatorName::FirstOrder
+            | EstimatorName::FirstOrderPrewarped
+            | EstimatorName::Difference
+            | EstimatorName::Biquad => Some(Self::LowPass),
+            EstimatorName::Kalman2 | EstimatorName::Kalman3 => Some(Self::Kalman),
+            EstimatorName::TrackingLoop
+            | EstimatorName::TrackingLead
+            | EstimatorName::Smoothing
+            | EstimatorName::SecondOrder => Some(Self::LikeLowPass),
+            EstimatorName::WindowDifference => Some(Self::Mean),
+            EstimatorName::Biquad2 => Some(Self::Cascade),
+            EstimatorName::Taylor2
+            | EstimatorName::Taylor3
+            | EstimatorName::LeastSquares1
+            | EstimatorName::LeastSquares2 => Some(Self::Fir),
+            EstimatorName::FoawEnd => Some(Self::FoawEnd),
+            EstimatorName::FoawBest => Some(Self::FoawBest),
+            EstimatorName::LevantExplicit => Some(Self::LevantExplicit),
+            EstimatorName::LevantImplicit => Some(Self::LevantImplicit),
+            EstimatorName::Observer => Some(Self::Observer),
+            EstimatorName::Fusion => Some(Self::Fusion),
             _ => None,
         }
     }

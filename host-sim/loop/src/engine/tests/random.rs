@@ -178,13 +178,22 @@ pub(super) fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> Velocity
 fn walls() -> impl Strategy<Value = Vec<WallHit>> {
     let wall = (0.0..1.0f64, 0.0..6.5f64, -1.0..4.0f64, 0.0..1.0f64).prop_map(
         |(cutoff, stiffness, damping, start)| WallHit {
-            cutoff_hz: cutoff, // of the range, see below
+            velocity: VelocitySettings::Butterworth { cutoff_hz: cutoff }, // of the range, see below
             stiffness_n_per_m: 10f64.powf(stiffness),
             damping_n_s_per_m: 10f64.powf(damping),
             start_offset_counts: start,
         },
     );
     prop::collection::vec(wall, 1..20)
+}
+
+/// Cutoffs of 0 to 1 become the scene's from 4e-5 of the rate to that part of it.
+fn spread(hits: &mut [WallHit], scene: &Scene, highest: f64) {
+    for hit in hits {
+        let place = hit.velocity.cutoff_hz().unwrap();
+        let cutoff_hz = scene.control.rate_hz * 4e-5 * (highest / 4e-5).powf(place);
+        hit.velocity = hit.velocity.with_tuning(cutoff_hz);
+    }
 }
 
 /// A scene that has lanes, and its lanes.
@@ -199,11 +208,8 @@ proptest! {
     #[test]
     fn random_scenes_are_the_same_bit_for_bit(scene in scenes(), mut hits in walls()) {
         prop_assume!(scene.check().is_ok());
-        let rate_hz = scene.control.rate_hz;
-        for hit in &mut hits {
-            // from the lowest to the highest cutoff that is accepted with and without pre-warping
-            hit.cutoff_hz = rate_hz * 4e-5 * (0.379f64 / 4e-5).powf(hit.cutoff_hz);
-        }
+        // from the lowest to the highest cutoff that is accepted with and without pre-warping
+        spread(&mut hits, &scene, 0.379);
         hold_in_lanes(&PreparedScene::new(&scene).unwrap(), &hits);
     }
 
@@ -214,14 +220,11 @@ proptest! {
         name in select(in_lanes().collect::<Vec<_>>()),
         (tuning, late) in (0.0..1.0f64, any::<bool>()),
     ) {
-        let rate_hz = scene.control.rate_hz;
         let velocity = tuned(name, tuning, &scene);
         let mut scene = with_estimator(scene, velocity);
         scene.actuator.latency_known = name.sense() == Some(Sense::Force) && late;
         prop_assume!(scene.check().is_ok());
-        for hit in &mut hits {
-            hit.cutoff_hz = rate_hz * 4e-5 * (0.24f64 / 4e-5).powf(hit.cutoff_hz);
-        }
+        spread(&mut hits, &scene, 0.24);
         hold_in_lanes(&PreparedScene::new(&scene).unwrap(), &hits);
     }
 
@@ -234,9 +237,7 @@ proptest! {
         let velocity = tuned(EstimatorName::WindowDifference, tuning, &scene);
         let scene = with_estimator(scene, velocity);
         prop_assume!(scene.check().is_ok());
-        for hit in &mut hits {
-            hit.cutoff_hz = scene.control.rate_hz * 4e-5 * (0.24f64 / 4e-5).powf(hit.cutoff_hz);
-        }
+        spread(&mut hits, &scene, 0.24);
         hold_in_lanes(&PreparedScene::new(&scene).unwrap(), &hits);
     }
 
@@ -251,7 +252,7 @@ proptest! {
         scene.actuator.latency_known = late;
         prop_assume!(scene.check().is_ok());
         for hit in &mut hits {
-            hit.cutoff_hz = 0.1 * scene.control.rate_hz;
+            hit.velocity = hit.velocity.with_tuning(0.1 * scene.control.rate_hz);
         }
         hold_in_lanes(&PreparedScene::new(&scene).unwrap(), &hits);
     }
@@ -268,7 +269,7 @@ proptest! {
         scene.mode = mode.then_some(body);
         prop_assume!(scene.check().is_ok());
         for hit in &mut hits {
-            hit.cutoff_hz = 0.1 * scene.control.rate_hz;
+            hit.velocity = hit.velocity.with_tuning(0.1 * scene.control.rate_hz);
         }
         hold_in_lanes(&PreparedScene::new(&scene).unwrap(), &hits);
     }
@@ -287,9 +288,7 @@ proptest! {
         hit.settle_s = 0.02;
         hit.window_s = if criterion == Criterion::Felt { 0.5 } else { 0.07 };
         prop_assume!(scene.check().is_ok());
-        for hit in &mut hits {
-            hit.cutoff_hz = scene.control.rate_hz * 4e-5 * (0.379f64 / 4e-5).powf(hit.cutoff_hz);
-        }
+        spread(&mut hits, &scene, 0.379);
         hits.truncate(6);
         let told = told.then(|| PreparedScene::told(&scene)).transpose().unwrap();
         hold_in_lanes(&told.unwrap_or_else(|| PreparedScene::new(&scene).unwrap()), &hits);

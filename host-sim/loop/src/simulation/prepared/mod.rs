@@ -42,8 +42,6 @@ pub struct PreparedScene {
     passivity: Option<Passivity>,
     /// The wall is told the true velocity.
     is_told: bool,
-    /// Estimators in the place of the scene's; the cutoff of a hit is the number of its one.
-    filters: Arc<[VelocitySettings]>,
     /// The accelerometer's readings of a hit, once lanes ask for them.
     readings: Arc<OnceLock<Option<Readings>>>,
 }
@@ -57,7 +55,7 @@ impl PreparedScene {
     /// # Errors
     /// [`Error::Input`] if a value is out of range.
     pub fn new(scene: &Scene) -> Result<Self, Error> {
-        scene.check().map_err(Error::Input)?;
+        scene.check_loop().map_err(Error::Input)?;
         let design = scene.design();
         let plan = scene.hit_settings().build(&design).map_err(Error::input)?;
         let passivity = scene.passivity().map_err(Error::input)?;
@@ -76,16 +74,8 @@ impl PreparedScene {
             period: design.period,
         };
         let (scene, judge) = (scene.clone(), Judge::of(scene));
-        let (is_told, filters, readings) = (false, Arc::default(), Arc::default());
-        Ok(Self { scene, design, plan, parts, judge, passivity, is_told, filters, readings })
-    }
-
-    /// The same with those estimators side by side in the place of the scene's, which all have its form: the cutoff of
-    /// a hit is the number of its estimator.
-    #[must_use]
-    pub fn with_filters(mut self, filters: &[VelocitySettings]) -> Self {
-        self.filters = filters.into();
-        self
+        let (is_told, readings) = (false, Arc::default());
+        Ok(Self { scene, design, plan, parts, judge, passivity, is_told, readings })
     }
 
     /// The same with the sensation level of every whole hit, where the window allows one.
@@ -178,7 +168,7 @@ impl PreparedScene {
     /// A setting of `hit` is out of range.
     pub fn fixed(&self, hit: &WallHit) -> Result<Simulation<Fixed>, SettingsError> {
         let parts = self.parts.clone();
-        Ok(Simulation::new(parts, self.core(hit)?, self.sensing(), self.start_m(hit)))
+        Ok(Simulation::new(parts, self.core(hit)?, self.sensing(hit), self.start_m(hit)))
     }
 
     /// The loop around the `f64` twin, ready for sample 0 of a hit.
@@ -191,16 +181,16 @@ impl PreparedScene {
         rounding: twin::Rounding,
     ) -> Result<Simulation<Twin>, SettingsError> {
         let twin = self.twin_of_core(hit, rounding)?;
-        Ok(Simulation::new(self.parts.clone(), twin, self.sensing(), self.start_m(hit)))
+        Ok(Simulation::new(self.parts.clone(), twin, self.sensing(hit), self.start_m(hit)))
     }
 
-    pub(crate) fn sensing(&self) -> AnySensing {
-        AnySensing::of(&self.scene)
+    pub(crate) fn sensing(&self, hit: &WallHit) -> AnySensing {
+        AnySensing::of(&self.scene, hit.velocity.name().sense())
     }
 
     /// The scene's accelerometer for lanes, made once.
     pub(crate) fn readings(&self) -> Option<&Readings> {
-        let readings = || Full::new(&self.scene).readings(self.samples());
+        let readings = || Full::new(&self.scene, None).readings(self.samples());
         self.readings.get_or_init(readings).as_ref()
     }
 
@@ -245,12 +235,6 @@ impl PreparedScene {
     }
 
     fn settings(&self, hit: &WallHit) -> zwidth::Settings {
-        let WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, .. } = *hit;
-        let mut settings = self.scene.settings(cutoff_hz, stiffness_n_per_m, damping_n_s_per_m);
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number")]
-        if let Some(filter) = self.filters.get(cutoff_hz as usize) {
-            settings.velocity = *filter;
-        }
-        settings
+        self.scene.settings(hit.velocity, hit.stiffness_n_per_m, hit.damping_n_s_per_m)
     }
 }

@@ -135,7 +135,7 @@ impl PreparedScene {
         bounded: bool,
     ) -> Result<Option<HitReport>, HitError> {
         let start_m = self.start_m(hit);
-        if let AnySensing::Full(full) = self.sensing() {
+        if let AnySensing::Full(full) = self.sensing(hit) {
             let parts = self.parts.clone();
             let simulation = Simulation::new(parts, controller, full, start_m);
             return self.run_whole(hit, simulation, observe, bounded);
@@ -156,7 +156,7 @@ impl PreparedScene {
         bounded: bool,
     ) -> Result<Option<HitReport>, HitError> {
         let parts = self.parts.clone();
-        let simulation = Simulation::new(parts, controller, self.sensing(), self.start_m(hit));
+        let simulation = Simulation::new(parts, controller, self.sensing(hit), self.start_m(hit));
         self.run_whole(hit, simulation, observe, bounded)
     }
 
@@ -196,7 +196,7 @@ impl PreparedScene {
         early: bool,
     ) -> Result<(Verdict, Hit), HitError> {
         let start_m = self.start_m(hit);
-        match (self.sensing(), &self.parts.plant) {
+        match (self.sensing(hit), &self.parts.plant) {
             (AnySensing::Blind, _) => {}
             (AnySensing::Full(full), AnyPlant::Plain(plant)) => {
                 let parts = self.parts.with(plant);

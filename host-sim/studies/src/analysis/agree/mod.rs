@@ -23,6 +23,8 @@ pub use measured::Measured;
 pub use suspects::{Suspect, suspects};
 pub use told::{SuspectRow, Told, WallRow};
 
+use zwidth::VelocitySettings;
+
 use crate::{
     engine::Engine,
     error::Error,
@@ -112,7 +114,7 @@ type Stiffnesses = Vec<f64>;
 
 struct Walker<'a, D> {
     engine: Engine,
-    cutoff_hz: f64,
+    velocity: VelocitySettings,
     stop: &'a AtomicBool,
     done: D,
 }
@@ -121,8 +123,7 @@ impl<D: Fn() + Sync> Walker<'_, D> {
     /// Walks from those starts, in counts.
     fn walk(&self, prepared: &PreparedScene, starts: &[f64]) -> Result<Vec<Stiffnesses>, Error> {
         let of = |&start: &f64| {
-            let walk =
-                walk(self.engine, prepared, Numeric::Fixed, self.cutoff_hz, start, self.stop);
+            let walk = walk(self.engine, prepared, Numeric::Fixed, self.velocity, start, self.stop);
             (self.done)();
             Ok(stiffnesses(prepared.scene(), &walk?))
         };
@@ -229,9 +230,9 @@ pub fn agree(
         damping: "damping",
         start_offset: "start",
     };
-    let cutoff_hz = asked::hit(scene, asked_cutoff, None, 0.0, names)?.cutoff_hz;
+    let velocity = asked::hit(scene, asked_cutoff, None, 0.0, names)?.velocity;
     let prepared = asked::prepare(scene)?;
-    let walker = Walker { engine, cutoff_hz, stop, done };
+    let walker = Walker { engine, velocity, stop, done };
     let own: Vec<Stiffnesses> = starts(STARTS)
         .par_iter()
         .map(|&start| Ok(walker.walk(&prepared, &[start])?.remove(0)))

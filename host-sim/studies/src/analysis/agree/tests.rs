@@ -19,7 +19,8 @@ fn compared(named: &NamedScene, measured: &Measured) -> Agreement {
 /// The walk of a scene, from a start that is none of those of the prediction.
 fn measured(scene: &Scene, cutoff_hz: f64, start: f64) -> Measured {
     let (prepared, stop) = (PreparedScene::new(scene).unwrap(), AtomicBool::new(false));
-    let found = walk(Engine::lanes(), &prepared, Numeric::Fixed, cutoff_hz, start, &stop).unwrap();
+    let filter = scene.velocity.at(cutoff_hz);
+    let found = walk(Engine::lanes(), &prepared, Numeric::Fixed, filter, start, &stop).unwrap();
     Measured { cutoff_hz, points: found.points }
 }
 

@@ -26,6 +26,8 @@ use std::{f64::consts::PI, sync::atomic::AtomicBool};
 use nalgebra::Complex;
 
 use super::Wall;
+use zwidth::VelocitySettings;
+
 use crate::{
     analysis::rendered::{Sine, unlimited},
     error::Error,
@@ -71,17 +73,17 @@ pub const FLOOR: f64 = 1e-3;
 pub const LEFT_OUT: &str =
     "saturation, push-only, output quantisation, mode, arm, friction, cogging, travel limits";
 
-/// Measures the estimator of that scene, at that cutoff, at those walls.
+/// Measures that filter in that scene at those walls.
 ///
 /// # Errors
 /// A parameter is out of range, or `stop` was set.
 pub fn measure(
     scene: &Scene,
-    cutoff_hz: f64,
+    velocity: VelocitySettings,
     walls: &[Wall],
     stop: &AtomicBool,
 ) -> Result<Fidelity, Error> {
-    let each = walls.iter().map(|wall| at_wall(scene, cutoff_hz, wall, stop));
+    let each = walls.iter().map(|wall| at_wall(scene, velocity, wall, stop));
     let points = each.collect::<Result<Vec<_>, Error>>()?.concat();
     let mean = |of: fn(&Point) -> f64| {
         #[expect(clippy::cast_precision_loss, reason = "a handful of points")]
@@ -98,11 +100,11 @@ pub fn measure(
 
 fn at_wall(
     scene: &Scene,
-    cutoff_hz: f64,
+    velocity: VelocitySettings,
     at: &Wall,
     stop: &AtomicBool,
 ) -> Result<Vec<Point>, Error> {
-    let wall = &at.hit(cutoff_hz);
+    let wall = &at.hit(velocity);
     let (k, b) = (wall.stiffness_n_per_m, wall.damping_n_s_per_m);
     let scene = unlimited(scene, wall, FREQUENCIES_HZ[FREQUENCIES_HZ.len() - 1]);
     let mut points = vec![];
@@ -141,7 +143,6 @@ mod tests {
         NamedScene, Rounding,
         element::{Amplifier, EncoderError, EncoderNoise, Jitter},
     };
-    use zwidth::VelocitySettings;
 
     const WALL: Wall = Wall { stiffness_n_per_m: 20_000.0, damping_n_s_per_m: 50.0 };
 
@@ -150,7 +151,7 @@ mod tests {
     }
 
     fn of(scene: &Scene, cutoff_hz: f64, walls: &[Wall]) -> Fidelity {
-        measure(scene, cutoff_hz, walls, &AtomicBool::new(false)).unwrap()
+        measure(scene, scene.velocity.at(cutoff_hz), walls, &AtomicBool::new(false)).unwrap()
     }
 
     fn at_4000(scene: &Scene) -> Fidelity {

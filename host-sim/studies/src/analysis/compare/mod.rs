@@ -49,7 +49,7 @@ use crate::{
     error::Error,
     interrupt,
     numerics::statistics::Repeats,
-    scene::{LATENCY_KNOWN_MAX, NamedScene, Scene, velocity::EstimatorChoice},
+    scene::{LATENCY_KNOWN_MAX, NamedScene, Scene},
     simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::{
         boundary::{Boundaries, Boundary},
@@ -208,9 +208,9 @@ pub struct Wall {
 
 impl Wall {
     /// A hit of it, from the scene's own start.
-    pub fn hit(&self, cutoff_hz: f64) -> WallHit {
+    pub fn hit(&self, velocity: VelocitySettings) -> WallHit {
         let Self { stiffness_n_per_m, damping_n_s_per_m } = *self;
-        WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
+        WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
     }
 }
 
@@ -271,15 +271,9 @@ impl Compared {
     }
 }
 
-/// The scene with that estimator, and the cutoff to run it with.
-pub fn with_estimator(scene: &Scene, settings: &VelocitySettings) -> (Scene, f64) {
-    let (velocity, cutoff_hz) = EstimatorChoice::of(settings);
-    let mut scene = scene.clone();
-    scene.velocity = velocity;
-    if let Some(cutoff_hz) = cutoff_hz {
-        scene.sweep.cutoffs_hz = vec![cutoff_hz];
-    }
-    (scene, cutoff_hz.unwrap_or(0.0))
+/// The scene with that filter.
+pub fn with_filter(scene: &Scene, settings: &VelocitySettings) -> Scene {
+    Scene { velocity: (*settings).into(), ..scene.clone() }
 }
 
 /// The estimator that gives the wall at which contacts are compared.
@@ -351,7 +345,7 @@ pub fn compare(
         .into_par_iter()
         .map(|repeat| {
             let start = start_offset_counts(repeat, budget.repeats);
-            walk(engine, &told, Numeric::Fixed, 0.0, start, stop)
+            walk(engine, &told, Numeric::Fixed, VelocitySettings::Difference {}, start, stop)
         })
         .collect();
     done(budget.repeats.into());
@@ -361,16 +355,16 @@ pub fn compare(
         .par_iter()
         .zip(found)
         .map(|(&entry, (settings, tuned))| {
-            let (with, cutoff_hz) = with_estimator(&entry.told(scene), &settings);
+            let with = with_filter(&entry.told(scene), &settings);
             interrupt::unless(stop)?;
             let prepared = PreparedScene::new(&with)?;
-            let signal = signal::measure(&with, cutoff_hz).map_err(Error::input)?;
+            let signal = signal::measure(&with, settings).map_err(Error::input)?;
             let contact = |wall: Wall| {
-                roughness::measure(&prepared, Numeric::Fixed, &wall.hit(cutoff_hz), stop)
+                roughness::measure(&prepared, Numeric::Fixed, &wall.hit(settings), stop)
             };
             let [soft, middle, hard] = walls.map(contact);
             let contacts = [soft?, middle?, hard?];
-            let fidelity = fidelity::measure(&with, cutoff_hz, &walls, stop)?;
+            let fidelity = fidelity::measure(&with, settings, &walls, stop)?;
             let cost = cost::of(settings.name());
             Ok(Compared { entry, settings, tuned, signal, contacts, fidelity, cost })
         })

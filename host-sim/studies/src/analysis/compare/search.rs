@@ -21,7 +21,7 @@ use super::{
     bandwidth::bandwidth_hz,
     looked::{Look, Looked},
     tuned::{Edge, Tried, Tuned},
-    with_estimator,
+    with_filter,
 };
 use crate::{
     engine::{Engine, lanes_for},
@@ -98,7 +98,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         starts: &[f64],
     ) -> Result<Vec<Boundaries>, Error> {
         let Some(first) = settings.first() else { return Ok(vec![]) };
-        let scenes = [PreparedScene::new(&with_estimator(self.scene, first).0)?];
+        let scenes = [PreparedScene::new(&with_filter(self.scene, first))?];
         let (numeric, done) = (Numeric::Fixed, |_: &_| (self.done)(1));
         let made = boundaries(self.engine, &scenes, numeric, settings, starts, self.stop, done)?;
         Ok(made.into_iter().flatten().collect())
@@ -156,8 +156,8 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
     /// # Errors
     /// The scene is out of range with it.
     pub fn has_lanes(&self, settings: &VelocitySettings) -> Result<bool, Error> {
-        let (scene, _) = with_estimator(self.scene, settings);
-        Ok(lanes_for(&PreparedScene::new(&scene)?, Numeric::Fixed))
+        let prepared = PreparedScene::new(&with_filter(self.scene, settings))?;
+        Ok(lanes_for(&prepared, Numeric::Fixed))
     }
 
     /// How long the search of that estimator takes.

@@ -16,7 +16,7 @@
 
 use std::f64::consts::PI;
 
-use zwidth::{SettingsError, units::Force};
+use zwidth::{SettingsError, VelocitySettings, units::Force};
 
 use crate::{
     scene::{Rounding, Scene},
@@ -69,12 +69,12 @@ const SPEEDS: [f64; 6] = [0.010_618, 0.038_197, 0.123_606, 0.381_966, 1.127_3, 2
 /// at a sample.
 type Motion<'a> = dyn FnMut(u32) -> [f64; 2] + 'a;
 
-/// Measures the estimator of that scene at that cutoff.
+/// Measures that filter in that scene.
 ///
 /// # Errors
 /// A parameter is out of range.
-pub fn measure(scene: &Scene, cutoff_hz: f64) -> Result<Signal, SettingsError> {
-    let bench = Bench { scene, cutoff_hz };
+pub fn measure(scene: &Scene, velocity: VelocitySettings) -> Result<Signal, SettingsError> {
+    let bench = Bench { scene, velocity };
     let count_per_sample = scene.encoder.resolution_m * scene.control.rate_hz;
     let rate_hz = scene.control.rate_hz;
     let driven = |frequency: f64, scale: f64| {
@@ -92,7 +92,7 @@ pub fn measure(scene: &Scene, cutoff_hz: f64) -> Result<Signal, SettingsError> {
         [if state >> 40 & 1 == 1 { 1.25 } else { 0.75 }, 0.0]
     };
     let still = Scene { encoder_error: None, ..scene.clone() };
-    let at_rest = Bench { scene: &still, cutoff_hz }.noise(&mut flicker, 0.0)?;
+    let at_rest = Bench { scene: &still, velocity }.noise(&mut flicker, 0.0)?;
     let mut in_motion = 0f64;
     for speed in SPEEDS {
         in_motion = in_motion.max(bench.noise(&mut |n| [speed * f64::from(n), speed], speed)?);
@@ -107,7 +107,7 @@ pub fn measure(scene: &Scene, cutoff_hz: f64) -> Result<Signal, SettingsError> {
 
 struct Bench<'a> {
     scene: &'a Scene,
-    cutoff_hz: f64,
+    velocity: VelocitySettings,
 }
 
 impl Bench<'_> {
@@ -185,9 +185,9 @@ impl Bench<'_> {
             encoder.count(position_m + error_m)
         };
         let mut here = motion(0);
-        let settings = scene.settings(self.cutoff_hz, 0.0, 0.0);
+        let settings = scene.settings(self.velocity, 0.0, 0.0);
         let mut core = Fixed::new(&settings, &scene.design(), Force::ZERO, count(here))?;
-        let mut senses = Full::new(scene);
+        let mut senses = Full::new(scene, self.velocity.name().sense());
         let latency = scene.actuator.latency_samples();
         for n in 1..WARM_UP + SAMPLES {
             let force_n = match by {
@@ -222,7 +222,6 @@ mod tests {
     use super::*;
     use crate::scene::{NamedScene, element::EncoderError};
     use nalgebra::Complex;
-    use zwidth::VelocitySettings;
 
     fn signal(settings: VelocitySettings) -> Signal {
         of(0.0, false, settings)
@@ -232,8 +231,7 @@ mod tests {
         let mut scene = NamedScene::load("paper-1um").unwrap().scene;
         scene.actuator.latency = latency;
         scene.actuator.latency_known = latency_known;
-        let (scene, cutoff_hz) = crate::analysis::compare::with_estimator(&scene, &settings);
-        measure(&scene, cutoff_hz).unwrap()
+        measure(&scene, settings).unwrap()
     }
 
     #[test]
@@ -242,8 +240,7 @@ mod tests {
         let measured = |edit: fn(&mut Scene)| {
             let mut scene = NamedScene::load("paper-1um").unwrap().scene;
             edit(&mut scene);
-            let (scene, cutoff_hz) = crate::analysis::compare::with_estimator(&scene, &settings);
-            measure(&scene, cutoff_hz).unwrap()
+            measure(&scene, settings).unwrap()
         };
         let plain = measured(|_| ());
         // a count that is rounded is that of a place half a count on
@@ -273,9 +270,8 @@ mod tests {
         for resolution_m in [1e-6, 1e-5, 2e-5, 4e-5] {
             let mut scene = NamedScene::load("paper-1um").unwrap().scene;
             scene.encoder.resolution_m = resolution_m;
-            let settings = VelocitySettings::Difference {};
-            let (scene, cutoff_hz) = crate::analysis::compare::with_estimator(&scene, &settings);
-            let phase = measure(&scene, cutoff_hz).unwrap().phase_100_hz_deg.hand;
+            let phase =
+                measure(&scene, VelocitySettings::Difference {}).unwrap().phase_100_hz_deg.hand;
             assert!((phase + 1.8).abs() < 0.05, "{resolution_m}: {phase}");
         }
     }

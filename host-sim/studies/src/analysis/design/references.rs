@@ -9,7 +9,7 @@ use super::{
     shape::{NUMBERS, Second, Shape},
 };
 use crate::{
-    analysis::compare::{Wall, roughness, with_estimator},
+    analysis::compare::{Wall, roughness, with_filter},
     error::Error,
     numerics::statistics::Repeats,
     scene::Scene,
@@ -30,12 +30,12 @@ pub(super) fn with_biquad(scene: &Scene, numbers: usize) -> Scene {
         zero: 0.0,
         second: (numbers > NUMBERS).then_some(second),
     };
-    with_estimator(scene, &own.settings()).0
+    with_filter(scene, &own.settings())
 }
 
 pub(super) fn with_low_pass(scene: &Scene) -> Scene {
     let settings = VelocitySettings::Butterworth { cutoff_hz: 0.05 * scene.control.rate_hz };
-    with_estimator(scene, &settings).0
+    with_filter(scene, &settings)
 }
 
 /// The best cutoff of `[sweep]` in each condition, from one start on the scene's grid, walked again.
@@ -111,8 +111,7 @@ pub(super) fn rough(
     wall: Wall,
     stop: &AtomicBool,
 ) -> Result<Option<f64>, Error> {
-    let (scene, cutoff_hz) = with_estimator(scene, settings);
-    let prepared = PreparedScene::new(&scene)?;
-    let contact = roughness::measure(&prepared, Numeric::Fixed, &wall.hit(cutoff_hz), stop)?;
+    let prepared = PreparedScene::new(&with_filter(scene, settings))?;
+    let contact = roughness::measure(&prepared, Numeric::Fixed, &wall.hit(*settings), stop)?;
     Ok(contact.stable.then(|| Repeats::of(contact.roughness_n.into_iter()).mean))
 }

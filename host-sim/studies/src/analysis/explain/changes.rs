@@ -83,7 +83,7 @@ fn render_cycles() -> Option<f64> {
 /// Cycles in a second that an estimator adds to the scene's own.
 fn estimator_cycles(scene: &Scene, name: EstimatorName) -> Option<f64> {
     let cycles = |cost: Option<Cost>| cost.map(|cost| cost.cycles);
-    let own = cycles(cost::of(scene.velocity.settings(0.0).name()))?;
+    let own = cycles(cost::of(scene.velocity.estimator()))?;
     Some((cycles(cost::of(name))? - own) * scene.control.rate_hz)
 }
 
@@ -298,7 +298,7 @@ pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
         all.push(of_estimators("estimator", "the best estimator", String::new(), estimators));
     }
     let observer = EstimatorName::Observer;
-    if scene.velocity.settings(0.0).name() != observer {
+    if scene.velocity.estimator() != observer {
         let (cost, cycles_per_s) = cost_of_estimator(scene, observer);
         let cost =
             format!("{cost}; needs the mass, and a hand feels another wall than was asked for");

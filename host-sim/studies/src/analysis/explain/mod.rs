@@ -21,7 +21,7 @@ pub use changes::{CLOCK_HZ, Change, Kind, changes, cost_of_estimator};
 use super::compare::{
     Entry, damping_of,
     search::{Budget, Walker},
-    settings_of, signal, with_estimator,
+    settings_of, signal,
 };
 use crate::{
     engine::Engine,
@@ -130,7 +130,7 @@ impl Explanation {
 
 /// Estimators that take the place of the scene's: those that need the position only, but for its own.
 pub fn estimators(scene: &Scene) -> Vec<EstimatorName> {
-    let own = scene.velocity.settings(0.0).name();
+    let own = scene.velocity.estimator();
     let named = Entry::usual(scene).into_iter().filter_map(|entry| match entry {
         Entry::Tuned(name) if name != own => Some(name),
         _ => None,
@@ -178,8 +178,7 @@ pub fn explain(
     let conclude = |change: Option<Change>, found: (VelocitySettings, super::compare::Tuned)| {
         let (settings, tuned) = found;
         let own = change.as_ref().map_or(scene, |change| &change.scene);
-        let (with, cutoff_hz) = with_estimator(own, &settings);
-        let signal = signal::measure(&with, cutoff_hz).map_err(Error::input)?;
+        let signal = signal::measure(own, settings).map_err(Error::input)?;
         Ok::<_, Error>(Explained {
             change,
             settings,
@@ -190,8 +189,8 @@ pub fn explain(
             hits: tuned.hits,
         })
     };
-    let cutoff_hz = scene.sweep.cutoffs_hz.first().copied().unwrap_or_default();
-    let own = scene.velocity.settings(cutoff_hz);
+    let first = || scene.velocity.at(scene.sweep.cutoffs_hz[0]);
+    let own = scene.velocity.settings().unwrap_or_else(first);
     let names = estimators(scene);
     let asked: Vec<Option<Change>> =
         [None].into_iter().chain(changes(scene, &names).into_iter().map(Some)).collect();

@@ -13,18 +13,17 @@ use crate::{
     scene::Scene,
 };
 
-/// The estimator of that name, or the scene's, at that cutoff; what else tunes it is the scene's or the default. `option`
-/// is what messages call the name.
+/// The estimator of that name at the cutoff of the scene's filter, or that filter; what else tunes it is the default.
+/// `option` is what messages call the name.
 ///
 /// # Errors
 /// There is no such estimator, or a capture does not have what it looks at.
 pub fn velocity(
-    scene: &Scene,
+    own: VelocitySettings,
     estimator: Option<&str>,
-    cutoff_hz: f64,
     option: &str,
 ) -> Result<VelocitySettings, Error> {
-    let mut velocity = scene.velocity.settings(cutoff_hz);
+    let mut velocity = own;
     if let Some(wanted) = estimator {
         let found = EstimatorName::ALL.iter().find(|name| name.text() == wanted);
         let estimator = found.ok_or_else(|| {

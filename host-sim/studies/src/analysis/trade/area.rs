@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use filter_forms::Filter;
 use rayon::prelude::*;
-use zwidth::{units::Velocity, velocity::Senses};
+use zwidth::{VelocitySettings, units::Velocity, velocity::Senses};
 
 use super::{Bench, Variant};
 use crate::{
@@ -112,7 +112,7 @@ impl Areas {
 /// The scene with the finite difference alone, made ready.
 pub fn prepare(scene: &Scene) -> Result<PreparedScene, Error> {
     let mut scene = scene.clone();
-    scene.velocity = zwidth::VelocitySettings::Difference {}.into();
+    scene.velocity = VelocitySettings::Difference {}.into();
     PreparedScene::new(&scene)
 }
 
@@ -123,11 +123,10 @@ pub fn prepare(scene: &Scene) -> Result<PreparedScene, Error> {
 pub fn boundary(
     prepared: &PreparedScene,
     filter: &Filter,
-    cutoff_hz: f64,
     start: f64,
     stop: &AtomicBool,
 ) -> Result<Boundary, Error> {
-    walk_with(prepared, cutoff_hz, start, stop, |hit| {
+    walk_with(prepared, VelocitySettings::Difference {}, start, stop, |hit| {
         let core = prepared.core(hit).map_err(HitError::Settings)?;
         prepared.early_verdict(hit, Filtered::new(core, *filter))
     })
@@ -160,7 +159,7 @@ pub fn measure(
             let start = start_offset_counts(repeat, repeats);
             let area = filter
                 .ok()
-                .map(|filter| boundary(prepared, &filter, cutoff_hz, start, stop).map(|b| b.area))
+                .map(|filter| boundary(prepared, &filter, start, stop).map(|b| b.area))
                 .transpose();
             done();
             area
@@ -194,17 +193,17 @@ mod tests {
             Engine::lanes(),
             &PreparedScene::new(&scene).unwrap(),
             Numeric::Fixed,
-            1500.0,
+            scene.velocity.at(1500.0),
             0.25,
             &stop,
         )
         .unwrap();
         let prepared = prepare(&scene).unwrap();
         let filter = bench.filter(Variant::ALL[0], 1500.0).unwrap();
-        assert_eq!(boundary(&prepared, &filter, 1500.0, 0.25, &stop).unwrap(), core);
+        assert_eq!(boundary(&prepared, &filter, 0.25, &stop).unwrap(), core);
         assert!(core.area > 1e7, "{core:?}");
         // another filter has another boundary: the velocity that is used is that of the filter
         let low = bench.filter(Variant::ALL[0], 50.0).unwrap();
-        assert!(boundary(&prepared, &low, 50.0, 0.25, &stop).unwrap().area < 0.2 * core.area);
+        assert!(boundary(&prepared, &low, 0.25, &stop).unwrap().area < 0.2 * core.area);
     }
 }

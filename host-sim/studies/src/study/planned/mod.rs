@@ -13,12 +13,13 @@ use std::path::PathBuf;
 
 use rayon::prelude::*;
 use toml::{Table, Value};
+use zwidth::VelocitySettings;
 
 pub use file::{Changes, Measure, StudyFile};
 
 use crate::{
     error::Error,
-    scene::{NamedScene, Units},
+    scene::{NamedScene, Scene, Units},
     simulation::prepared::WallHit,
     study::asked::{self, Names, Walls},
 };
@@ -60,9 +61,8 @@ pub struct Block {
     pub units: Units,
     /// Name of the estimator.
     pub estimator: &'static str,
-    /// Nominal cutoffs, Hz; one 0 for an estimator without one.
-    pub cutoffs_hz: Vec<f64>,
-    has_cutoff: bool,
+    /// Nominal cutoffs, Hz; one `None` for an estimator without one.
+    pub cutoffs_hz: Vec<Option<f64>>,
     /// Number of its first point in the study.
     pub first_point: u64,
     /// Number of its first unit in the study.
@@ -89,14 +89,37 @@ pub struct Study {
 }
 
 /// One point: a scene and what is done with it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Point {
     /// Number in the study.
     pub number: u64,
     /// Which scene with changes of its block.
     pub variant: u64,
-    /// Cutoff, wall and start; of a sweep only the number counts.
-    pub hit: WallHit,
+    /// Nominal cutoff, Hz; `None` of an estimator without one, and of a sweep.
+    pub cutoff_hz: Option<f64>,
+    /// K, in the scene's units; of a hit only.
+    pub stiffness: f64,
+    /// B, in the scene's units; of a hit only.
+    pub damping: f64,
+    /// Counts beyond the scene's start.
+    pub start_offset_counts: f64,
+}
+
+/// The scene's filter at a point's cutoff.
+fn filter(scene: &Scene, cutoff_hz: Option<f64>) -> VelocitySettings {
+    scene.velocity.at(cutoff_hz.unwrap_or_default())
+}
+
+impl Point {
+    /// Its hit in that scene.
+    fn hit(&self, scene: &Scene) -> WallHit {
+        WallHit {
+            velocity: filter(scene, self.cutoff_hz),
+            stiffness_n_per_m: scene.units.stiffness_n_per_m(self.stiffness),
+            damping_n_s_per_m: scene.units.damping_n_s_per_m(self.damping),
+            start_offset_counts: self.start_offset_counts,
+        }
+    }
 }
 
 impl Study {
@@ -135,7 +158,7 @@ impl Study {
                 format!("scenes has {first} and {other}, one of them rotary; allowed is one kind");
             return Err(refused(what));
         }
-        if file.cutoffs_hz.is_some() && !blocks.iter().any(|block| block.has_cutoff) {
+        if file.cutoffs_hz.is_some() && !blocks.iter().any(|block| block.cutoffs_hz[0].is_some()) {
             let what =
                 format!("cutoffs_hz is given, but the estimator {} has none", blocks[0].estimator);
             return Err(refused(what));
@@ -194,11 +217,12 @@ impl Study {
             ),
             _ => (vec![walk.damping_start_n_s_per_m], vec![walk.stiffness_start_n_per_m]),
         };
-        let cutoffs_hz = block.cutoffs_hz.clone();
+        let filters = block.cutoffs_hz.iter().map(|&hz| filter(&scene.scene, hz));
+        let filters: Vec<VelocitySettings> = filters.collect();
         for &start_offset_counts in &self.file.starts_counts {
-            let (cutoffs_hz, dampings, stiffnesses) =
-                (cutoffs_hz.clone(), Vec::clone(&dampings), Vec::clone(&stiffnesses));
-            let walls = Walls { cutoffs_hz, dampings, stiffnesses, start_offset_counts };
+            let (filters, dampings, stiffnesses) =
+                (filters.clone(), Vec::clone(&dampings), Vec::clone(&stiffnesses));
+            let walls = Walls { filters, dampings, stiffnesses, start_offset_counts };
             walls.check(&scene, NAMES).map_err(named)?;
         }
         asked::prepare(&scene).map_err(named)?;
@@ -226,21 +250,16 @@ impl Study {
             rest /= length.max(1) as u64;
             digit as usize
         };
-        let mut hit = WallHit {
-            cutoff_hz: 0.0,
-            stiffness_n_per_m: 0.0,
-            damping_n_s_per_m: 0.0,
-            start_offset_counts: 0.0,
-        };
+        let mut of = Point::default();
         if file.measure != Measure::Sweep {
             if file.measure == Measure::Hit {
-                hit.stiffness_n_per_m = file.stiffnesses[digit(file.stiffnesses.len())];
-                hit.damping_n_s_per_m = file.dampings[digit(file.dampings.len())];
+                of.stiffness = file.stiffnesses[digit(file.stiffnesses.len())];
+                of.damping = file.dampings[digit(file.dampings.len())];
             }
-            hit.start_offset_counts = file.starts_counts[digit(file.starts_counts.len())];
-            hit.cutoff_hz = block.cutoffs_hz[digit(block.cutoffs_hz.len())];
+            of.start_offset_counts = file.starts_counts[digit(file.starts_counts.len())];
+            of.cutoff_hz = block.cutoffs_hz[digit(block.cutoffs_hz.len())];
         }
-        Point { number: block.first_point + within, variant: rest, hit }
+        Point { number: block.first_point + within, variant: rest, ..of }
     }
 }
 
@@ -313,11 +332,10 @@ impl StudyFile {
         };
         let with = NamedScene::of_table(scene.name.clone(), table.clone(), &origin)?;
         let velocity = with.scene.velocity;
-        let has_cutoff = velocity.has_cutoff();
-        let cutoffs_hz = match &self.cutoffs_hz {
-            Some(cutoffs_hz) if has_cutoff => cutoffs_hz.clone(),
-            None if has_cutoff => with.scene.sweep.cutoffs_hz.clone(),
-            _ => vec![0.0],
+        let own = self.cutoffs_hz.as_ref().unwrap_or(&with.scene.sweep.cutoffs_hz);
+        let cutoffs_hz = match velocity.has_cutoff() {
+            true => own.iter().copied().map(Some).collect(),
+            false => vec![None],
         };
         let (walls, starts) = match self.measure {
             Measure::Hit => {
@@ -346,7 +364,6 @@ impl StudyFile {
             units: with.scene.units,
             estimator: velocity.name(),
             cutoffs_hz,
-            has_cutoff,
             first_point: 0,
             first_unit: 0,
             points,

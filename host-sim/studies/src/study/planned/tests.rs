@@ -62,9 +62,9 @@ fn points_run_in_the_order_that_the_page_says() {
     assert_eq!((study.points, study.file.variants()), (2 * 2 * 4 * 2 * 2 * 4, 8));
     let block = &study.blocks[0];
     let hit = |n: u64| {
-        let WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts } =
-            study.point(block, n).hit;
-        [cutoff_hz, start_offset_counts, damping_n_s_per_m, stiffness_n_per_m]
+        let Point { cutoff_hz, stiffness, damping, start_offset_counts, .. } =
+            study.point(block, n);
+        [cutoff_hz.unwrap(), start_offset_counts, damping, stiffness]
     };
     assert_eq!(hit(0), [500.0, 0.0, 10.0, 1000.0]);
     assert_eq!(hit(1), [500.0, 0.0, 10.0, 2000.0]);
@@ -98,13 +98,14 @@ fn a_walk_and_a_sweep_of_a_study_are_those_of_their_commands() {
     assert_eq!(scene.scene.wall_hit.settle_s, 0.6);
     let prepared = asked::prepare(&scene).unwrap();
     let numeric = Numeric::Fixed;
-    let boundary = walk(Engine::Core, &prepared, numeric, 500.0, 0.25, &stop).unwrap();
+    let filter = scene.scene.velocity.at(500.0);
+    let boundary = walk(Engine::Core, &prepared, numeric, filter, 0.25, &stop).unwrap();
     let row = made(&of_walk, Engine::lanes(), 2).remove(0).table.rows.remove(0);
     assert_eq!(row[9], table::Cell::Number(boundary.area));
     assert_eq!(row[12], table::Cell::Whole(boundary.hits));
     let of_sweep =
         study(&text.replace("walk\"", "sweep\"").replace("starts_counts = [0.25]\n", "")).unwrap();
-    let plan = [Plan { name: "s", prepared: &prepared, cutoffs_hz: &[500.0] }];
+    let plan = [Plan { name: "s", prepared: &prepared, filters: &[filter] }];
     let swept = crate::study::sweep::sweep(Engine::Core, &plan, numeric, 4, &stop, |_| ()).unwrap();
     let row = made(&of_sweep, Engine::lanes(), 1).remove(0).table.rows.remove(0);
     assert_eq!(row[9], table::Cell::Number(swept[0].cutoffs[0].boundaries.area()));

@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use rayon::prelude::*;
 use sha2::{Digest as _, Sha256};
 use toml::Value;
-use zwidth::experiment::Ended;
+use zwidth::{VelocitySettings, experiment::Ended};
 
 use super::{Block, Measure, Point, SCHEMA, SOURCES, Study};
 use crate::{
@@ -16,7 +16,7 @@ use crate::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
     study::{
         boundary::Boundary,
-        sweep::{Plan, SweepResult, ascending, on_all_threads, sweep},
+        sweep::{Plan, SweepResult, filters, on_all_threads, sweep},
         walk_lanes::{Queue, Start, walks},
     },
     table::{Cell, Column, Kind, Table},
@@ -77,6 +77,12 @@ fn scene_part(hash: &mut Hash, block: &Block) {
     hash.part(block.curve.as_deref().unwrap_or_default());
 }
 
+/// One 0 for an estimator without a cutoff.
+fn cutoffs_part(hash: &mut Hash, block: &Block) {
+    let cutoffs_hz = block.cutoffs_hz.iter().map(|hz| hz.unwrap_or_default());
+    numbers_part(hash, &cutoffs_hz.collect::<Vec<_>>());
+}
+
 fn numbers_part(hash: &mut Hash, numbers: &[f64]) {
     hash.part(numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>());
 }
@@ -98,7 +104,7 @@ impl Study {
         let file = &self.file;
         for block in &self.blocks {
             scene_part(&mut hash, block);
-            numbers_part(&mut hash, &block.cutoffs_hz);
+            cutoffs_part(&mut hash, block);
             hash.part(block.points_per_unit.to_le_bytes());
         }
         for numbers in [&file.starts_counts, &file.stiffnesses, &file.dampings] {
@@ -122,7 +128,7 @@ impl Study {
         let block = self.block_of(unit);
         scene_part(&mut hash, block);
         if self.file.measure == Measure::Sweep {
-            numbers_part(&mut hash, &block.cutoffs_hz);
+            cutoffs_part(&mut hash, block);
             hash.part(self.file.repeat.to_le_bytes());
         }
         let mut last = None;
@@ -134,10 +140,9 @@ impl Study {
                     hash.part(value.to_string());
                 }
             }
-            let WallHit { cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts } =
-                point.hit;
             hash.part(point.number.to_le_bytes());
-            let numbers = [cutoff_hz, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts];
+            let Point { cutoff_hz, stiffness, damping, start_offset_counts, .. } = point;
+            let numbers = [cutoff_hz.unwrap_or_default(), stiffness, damping, start_offset_counts];
             numbers_part(&mut hash, &numbers);
         }
         hash.hex()
@@ -281,10 +286,6 @@ impl Variant<'_> {
         cells
     }
 
-    fn cutoff(&self, cutoff_hz: f64) -> Cell {
-        Cell::number(self.block.has_cutoff.then_some(cutoff_hz))
-    }
-
     /// A number of that column in the units of the scene.
     fn told(&self, column: &str, value: f64) -> Cell {
         let factor = self.scene.scene.units.key(column).map_or(1.0, |(_, factor)| factor);
@@ -293,12 +294,14 @@ impl Variant<'_> {
 }
 
 fn walk(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Error> {
-    let start = |point: &Point| {
-        let WallHit { cutoff_hz, start_offset_counts, .. } = point.hit;
-        Start { cutoff_hz, start_offset_counts }
+    let starts = |variant: &Variant<'_>| {
+        let start = |point: &Point| {
+            let WallHit { velocity, start_offset_counts, .. } = point.hit(&variant.scene.scene);
+            Start { velocity, start_offset_counts }
+        };
+        variant.points.iter().map(start).collect()
     };
-    let starts: Vec<Vec<Start>> =
-        variants.iter().map(|variant| variant.points.iter().map(start).collect()).collect();
+    let starts: Vec<Vec<Start>> = variants.iter().map(starts).collect();
     let queues: Vec<Queue<'_>> = variants
         .iter()
         .zip(&starts)
@@ -320,8 +323,8 @@ fn walk(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), E
             let boundary: Boundary = boundary.map_err(|error| error.of(&variant.name))?;
             let mut row = variant.cells(point);
             row.extend([
-                variant.cutoff(point.hit.cutoff_hz),
-                Cell::Number(point.hit.start_offset_counts),
+                Cell::number(point.cutoff_hz),
+                Cell::Number(point.start_offset_counts),
                 variant.told("area_n2_s_per_m2", boundary.area),
                 variant.told("stiffness_peak_n_per_m", boundary.stiffness_peak_n_per_m()),
                 variant.told("damping_max_n_s_per_m", boundary.damping_max_n_s_per_m()),
@@ -342,13 +345,8 @@ const OUT_OF_RANGE: &str = "out_of_range";
 
 fn hit(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Error> {
     let rows = |variant: &Variant<'_>| -> Result<Vec<Vec<Cell>>, Error> {
-        let units = variant.scene.scene.units;
-        let asked = |point: &Point| WallHit {
-            stiffness_n_per_m: units.stiffness_n_per_m(point.hit.stiffness_n_per_m),
-            damping_n_s_per_m: units.damping_n_s_per_m(point.hit.damping_n_s_per_m),
-            ..point.hit
-        };
-        let hits: Vec<WallHit> = variant.points.iter().map(asked).collect();
+        let of = |point: &Point| point.hit(&variant.scene.scene);
+        let hits: Vec<WallHit> = variant.points.iter().map(of).collect();
         let mut rows = Vec::with_capacity(hits.len());
         #[expect(clippy::cast_possible_truncation, reason = "an index of a vector")]
         let wall = |number: u64| hits[number as usize];
@@ -361,10 +359,10 @@ fn hit(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Er
             let point = &variant.points[rows.len()];
             let mut row = variant.cells(point);
             row.extend([
-                variant.cutoff(point.hit.cutoff_hz),
-                Cell::Number(point.hit.start_offset_counts),
-                Cell::Number(point.hit.damping_n_s_per_m),
-                Cell::Number(point.hit.stiffness_n_per_m),
+                Cell::number(point.cutoff_hz),
+                Cell::Number(point.start_offset_counts),
+                Cell::Number(point.damping),
+                Cell::Number(point.stiffness),
                 Cell::Text(verdict.into()),
                 rms_m.map_or(Cell::Empty, |rms_m| variant.told("rms_m", rms_m)),
             ]);
@@ -385,28 +383,32 @@ fn hit(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Er
 }
 
 fn swept(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Error> {
-    let plan = |variant: &'_ Variant<'_>| -> Vec<f64> { ascending(&variant.block.cutoffs_hz) };
-    let cutoffs: Vec<Vec<f64>> = variants.iter().map(plan).collect();
+    let of = |variant: &Variant<'_>| {
+        let cutoffs_hz: Vec<f64> = variant.block.cutoffs_hz.iter().flatten().copied().collect();
+        filters(&variant.scene.scene.velocity, &cutoffs_hz)
+    };
+    let asked: Vec<Vec<VelocitySettings>> = variants.iter().map(of).collect();
     let plans: Vec<Plan<'_>> = variants
         .iter()
-        .zip(&cutoffs)
-        .map(|(Variant { name, prepared, .. }, cutoffs_hz)| Plan { name, prepared, cutoffs_hz })
+        .zip(&asked)
+        .map(|(Variant { name, prepared, .. }, filters)| Plan { name, prepared, filters })
         .collect();
     let Some(repeat) = variants.first().map(|variant| variant.study.file.repeat) else {
         return Ok(());
     };
     let results = sweep(how.engine, &plans, how.numeric, repeat, how.stop, |_| ())?;
     for (variant, SweepResult { cutoffs, ideal }) in variants.iter().zip(results) {
+        let has_cutoff = variant.scene.scene.velocity.has_cutoff();
         let ideal = |of: fn(&crate::study::sweep::Ideal) -> f64| {
-            Cell::number(ideal.as_ref().filter(|_| variant.block.has_cutoff).map(of))
+            Cell::number(ideal.as_ref().filter(|_| has_cutoff).map(of))
         };
         for result in cutoffs {
             let boundaries = &result.boundaries;
             let mut row = variant.cells(&variant.points[0]);
             let [low, high] = boundaries.area_range();
             row.extend([
-                variant.cutoff(result.cutoff_hz),
-                variant.cutoff(result.true_cutoff_hz),
+                Cell::number(has_cutoff.then_some(result.cutoff_hz)),
+                Cell::number(has_cutoff.then_some(result.true_cutoff_hz)),
                 variant.told("area_n2_s_per_m2", boundaries.area()),
                 variant.told("area_low_n2_s_per_m2", low),
                 variant.told("area_high_n2_s_per_m2", high),

@@ -9,6 +9,8 @@ use rayon::prelude::*;
 use statrs::distribution::{Beta, ContinuousCDF as _};
 
 use super::{Draws, How, Map, held};
+use zwidth::VelocitySettings;
+
 use crate::{
     error::Error, numerics::random, simulation::prepared::WallHit, study::envelope::Interval,
 };
@@ -117,7 +119,7 @@ fn place(intervals: &[Interval], number: u64) -> Option<([f64; 2], f64)> {
 fn tried(
     how: How<'_>,
     draws: &Draws,
-    cutoff_hz: f64,
+    velocity: VelocitySettings,
     intervals: &[Interval],
     lengths: &[f64],
     numbers: std::ops::Range<u32>,
@@ -132,7 +134,7 @@ fn tried(
         let tasks = drawn.iter().zip(part).filter_map(|(drawn, &number)| {
             let ([low, high], damping_n_s_per_m) = place(intervals, number)?;
             let hit = |length: &f64| WallHit {
-                cutoff_hz,
+                velocity,
                 stiffness_n_per_m: low + length * (high - low),
                 damping_n_s_per_m,
                 start_offset_counts: drawn.starts[0],
@@ -157,12 +159,12 @@ pub fn fitted(how: How<'_>, draws: &Draws, map: &Map) -> Result<Option<Tried>, E
     if intervals.len() < 2 {
         return Ok(None);
     }
-    let counts = tried(how, draws, map.cutoff_hz, &intervals, &LENGTHS, 0..FITTED)?;
+    let counts = tried(how, draws, map.velocity, &intervals, &LENGTHS, 0..FITTED)?;
     let enough = |count: u32| f64::from(count) >= SHARE * f64::from(FITTED);
     let [mut length, mut beyond] = bracket(&counts.into_iter().map(enough).collect::<Vec<bool>>());
     while beyond - length > LAST {
         let middle = 0.5 * (length + beyond);
-        let count = tried(how, draws, map.cutoff_hz, &intervals, &[middle], 0..FITTED)?[0];
+        let count = tried(how, draws, map.velocity, &intervals, &[middle], 0..FITTED)?[0];
         if enough(count) { length = middle } else { beyond = middle }
     }
     let shorter = |interval: &Interval| Interval {
@@ -170,7 +172,7 @@ pub fn fitted(how: How<'_>, draws: &Draws, map: &Map) -> Result<Option<Tried>, E
         ..*interval
     };
     let intervals: Vec<Interval> = intervals.iter().map(shorter).collect();
-    let held = tried(how, draws, map.cutoff_hz, &intervals, &[1.0], FITTED..FITTED + TRIED)?[0];
+    let held = tried(how, draws, map.velocity, &intervals, &[1.0], FITTED..FITTED + TRIED)?[0];
     Ok(Some(Tried { intervals, length, draws: TRIED, held }))
 }
 
@@ -193,6 +195,7 @@ mod tests {
         let shares = [[20, 20, 20, 20, 10, 0], [0, 20, 20, 19, 15, 0], [20, 0, 0, 20, 20, 20]];
         let mut map = Map {
             cutoff_hz: 500.0,
+            velocity: VelocitySettings::Butterworth { cutoff_hz: 500.0 },
             step: [100.0, 10.0],
             cells: [6, 3],
             trials: 20,

@@ -12,9 +12,9 @@ pub mod contour;
 use std::{collections::BTreeMap, sync::atomic::AtomicBool};
 
 use rayon::prelude::*;
-use zwidth::experiment::Verdict;
+use zwidth::{VelocitySettings, experiment::Verdict};
 
-use super::sweep::SweepResult;
+use super::sweep::{CutoffResult, SweepResult};
 use crate::{
     engine::{Depth, Engine, Outcome, Work, run},
     error::Error,
@@ -185,22 +185,22 @@ fn held(how: How<'_>, tasks: &[(&PreparedScene, Vec<WallHit>)]) -> Result<Vec<Ve
 pub fn at_walls(
     how: How<'_>,
     draws: &Draws,
-    cutoff_hz: f64,
+    filter: VelocitySettings,
     walls: &[[f64; 2]],
 ) -> Result<Vec<Vec<bool>>, Error> {
-    holds(how, &draws.all()?, cutoff_hz, walls)
+    holds(how, &draws.all()?, filter, walls)
 }
 
 fn holds(
     how: How<'_>,
     drawn: &[Drawn],
-    cutoff_hz: f64,
+    velocity: VelocitySettings,
     walls: &[[f64; 2]],
 ) -> Result<Vec<Vec<bool>>, Error> {
     let hits = |drawn: &Drawn| {
         let of_wall = |&[stiffness_n_per_m, damping_n_s_per_m]: &[f64; 2]| {
             drawn.starts.clone().into_iter().map(move |start_offset_counts| WallHit {
-                cutoff_hz,
+                velocity,
                 stiffness_n_per_m,
                 damping_n_s_per_m,
                 start_offset_counts,
@@ -226,6 +226,8 @@ fn holds(
 pub struct Map {
     /// Nominal cutoff, Hz.
     pub cutoff_hz: f64,
+    /// The filter.
+    pub velocity: VelocitySettings,
     /// Size of a cell: K, N/m, and B, N s/m. A wall stands in the middle of its cell.
     pub step: [f64; 2],
     /// Cells in K and in B.
@@ -303,7 +305,7 @@ pub fn maps(
     for cutoff in &swept.cutoffs {
         let extent =
             [cutoff.boundaries.stiffness_peak_n_per_m(), cutoff.boundaries.damping_max_n_s_per_m()];
-        maps.push(map(how, draws, &drawn, cutoff.cutoff_hz, extent)?);
+        maps.push(map(how, draws, &drawn, cutoff, extent)?);
         done();
     }
     Ok(maps)
@@ -313,7 +315,7 @@ fn map(
     how: How<'_>,
     draws: &Draws,
     drawn: &[Drawn],
-    cutoff_hz: f64,
+    &CutoffResult { velocity, cutoff_hz, .. }: &CutoffResult,
     extent: [f64; 2],
 ) -> Result<Map, Error> {
     let walk = &draws.scene.walk;
@@ -326,6 +328,7 @@ fn map(
     let trials = draws.count();
     let mut map = Map {
         cutoff_hz,
+        velocity,
         step,
         cells: [0, 0],
         trials,
@@ -340,7 +343,7 @@ fn map(
             .filter(|[k, b]| *k >= map.cells[0] || *b >= map.cells[1])
             .collect();
         let walls: Vec<[f64; 2]> = fresh.iter().map(|&cell| map.wall(cell)).collect();
-        for (cell, holds) in fresh.iter().zip(holds(how, drawn, cutoff_hz, &walls)?) {
+        for (cell, holds) in fresh.iter().zip(holds(how, drawn, velocity, &walls)?) {
             let mut count = 0;
             for (area, _) in map.areas.iter_mut().zip(&holds).filter(|(_, holds)| **holds) {
                 *area += step[0] * step[1];

@@ -1,7 +1,7 @@
 use super::*;
 use crate::{
     scene::NamedScene,
-    study::sweep::{Plan, sweep},
+    study::sweep::{Plan, filters, sweep},
 };
 
 fn short() -> Scene {
@@ -29,9 +29,10 @@ fn each_wall_holds_for_the_draws_that_hit_it_alone() {
     let stop = AtomicBool::new(false);
     let scene = uncertain(&short());
     let draws = Draws::new(&scene, 3, 2).unwrap();
+    let filter = scene.velocity.at(1500.0);
     let walls = [[20_000.0, 100.0], [60_000.0, 300.0], [90_000.0, 300.0], [3000.0, 700.0]];
-    let lanes = at_walls(how(Engine::lanes(), &stop), &draws, 1500.0, &walls).unwrap();
-    assert_eq!(lanes, at_walls(how(Engine::Core, &stop), &draws, 1500.0, &walls).unwrap());
+    let lanes = at_walls(how(Engine::lanes(), &stop), &draws, filter, &walls).unwrap();
+    assert_eq!(lanes, at_walls(how(Engine::Core, &stop), &draws, filter, &walls).unwrap());
     let mut expected = vec![];
     for [stiffness_n_per_m, damping_n_s_per_m] in walls {
         let mut of_wall = vec![];
@@ -40,7 +41,7 @@ fn each_wall_holds_for_the_draws_that_hit_it_alone() {
             for start in 0..2u32 {
                 let start_offset_counts = (f64::from(start) + random::uniform(STARTS, n)) / 2.0;
                 let hit = WallHit {
-                    cutoff_hz: 1500.0,
+                    velocity: filter,
                     stiffness_n_per_m,
                     damping_n_s_per_m,
                     start_offset_counts,
@@ -60,7 +61,8 @@ fn a_map_reaches_beyond_the_walks_and_adds_up() {
     let stop = AtomicBool::new(false);
     let scene = short();
     let prepared = PreparedScene::new(&scene).unwrap();
-    let plan = Plan { name: "s", prepared: &prepared, cutoffs_hz: &[200.0, 1500.0] };
+    let filters = filters(&scene.velocity, &[200.0, 1500.0]);
+    let plan = Plan { name: "s", prepared: &prepared, filters: &filters };
     let swept = sweep(Engine::lanes(), &[plan], Numeric::Fixed, 1, &stop, |_| {}).unwrap();
     let draws = Draws::new(&scene, 0, 2).unwrap();
     let maps = maps(how(Engine::lanes(), &stop), &draws, &swept[0], || {}).unwrap();
@@ -84,6 +86,7 @@ fn a_map_reaches_beyond_the_walks_and_adds_up() {
 fn the_worst_draws_choose_the_recommendation() {
     let map = |cutoff_hz: f64, areas: &[f64]| Map {
         cutoff_hz,
+        velocity: VelocitySettings::Butterworth { cutoff_hz },
         step: [1.0, 1.0],
         cells: [1, 1],
         trials: 4,
@@ -125,7 +128,7 @@ fn areas_and_best_cutoffs_are_those_of_an_independent_program() {
     ] {
         let scene = NamedScene::load(name).unwrap().scene;
         let prepared = PreparedScene::new(&scene).unwrap();
-        let plan = Plan { name, prepared: &prepared, cutoffs_hz: &[cutoff_hz] };
+        let plan = Plan { name, prepared: &prepared, filters: &[scene.velocity.at(cutoff_hz)] };
         let swept = sweep(how.engine, &[plan], Numeric::Fixed, 1, &stop, |_| {}).unwrap();
         let draws = Draws::new(&scene, 0, 16).unwrap();
         let area = maps(how, &draws, &swept[0], || {}).unwrap()[0].area();
@@ -142,9 +145,9 @@ fn areas_and_best_cutoffs_are_those_of_an_independent_program() {
     let devices: Vec<PreparedScene> =
         (0..40).map(|n| PreparedScene::new(&scene.drawn(DEVICES, n).unwrap()).unwrap()).collect();
     // the only ones that are ideal for any of them
-    let cutoffs_hz = &[1000.0, 1200.0, 1500.0, 1700.0, 2000.0];
+    let filters = &filters(&scene.velocity, &[1000.0, 1200.0, 1500.0, 1700.0, 2000.0]);
     let plans: Vec<Plan<'_>> =
-        devices.iter().map(|prepared| Plan { name: "drawn", prepared, cutoffs_hz }).collect();
+        devices.iter().map(|prepared| Plan { name: "drawn", prepared, filters }).collect();
     let swept = sweep(how.engine, &plans, Numeric::Fixed, 1, &stop, |_| {}).unwrap();
     let mut best: BTreeMap<i64, u32> = BTreeMap::new();
     let mut areas = vec![];

@@ -11,17 +11,18 @@ use std::{f64::consts::PI, sync::atomic::AtomicBool};
 use rayon::prelude::*;
 use zwidth::{VelocitySettings, velocity::RATIO};
 
-use super::with_estimator;
+use super::with_filter;
 use crate::{
     engine::Engine,
     error::Error,
-    scene::{NamedScene, RmsOf, Scene, Walk},
+    scene::{NamedScene, RmsOf, Scene, Walk, velocity::describe},
     simulation::prepared::Numeric,
     study::{
         boundary::Boundaries,
         limits::{Limit, LimitResult, Question, Situation, limits},
         limits_asked::{LimitAsked, Names, check, finer},
         loops::boards,
+        sweep::filters,
     },
 };
 
@@ -216,8 +217,8 @@ pub struct PeerQuestion {
     pub loops: Vec<Loop>,
     /// The limits: of the RMS of the motion, of what is felt.
     pub limits: Vec<Limit>,
-    /// Cutoffs of the scene's own estimator, Hz.
-    pub own_hz: Vec<f64>,
+    /// The scene's own estimator, at some cutoffs.
+    pub own: Vec<VelocitySettings>,
     /// Grid and caps of the walks.
     pub walk: Walk,
     /// Walks each.
@@ -240,15 +241,14 @@ impl PeerQuestion {
         let walk = finer(&scene.scene, steps, None);
         check(&scene.scene, &limits, walk, names)?;
         let (velocity, design) = (scene.scene.velocity, scene.scene.design());
-        let is_possible = |hz: &f64| velocity.settings(*hz).build(&design).is_ok();
-        let own_hz = if velocity.has_cutoff() { OWN_HZ.to_vec() } else { vec![0.0] };
-        let own_hz = own_hz.into_iter().filter(is_possible).collect();
-        Ok(Self { loops: loops(scene)?, limits, own_hz, walk, repeats })
+        let own = filters(&velocity, &OWN_HZ).into_iter();
+        let own = own.filter(|filter| filter.build(&design).is_ok()).collect();
+        Ok(Self { loops: loops(scene)?, limits, own, walk, repeats })
     }
 
     /// Walks that it takes.
     pub fn walks(&self) -> u64 {
-        let rows = (PEERS.len() + self.own_hz.len() + 1) * self.loops.len();
+        let rows = (PEERS.len() + self.own.len() + 1) * self.loops.len();
         (rows * self.limits.len()) as u64 * u64::from(self.repeats)
     }
 }
@@ -275,14 +275,14 @@ impl PeerStudy {
 /// Name of the row of the true velocity.
 pub const TOLD: &str = "true-velocity";
 
-/// What is walked for a row: name, text, source, scene and cutoff.
+/// What is walked for a row: name, text, source, scene and filter.
 struct Job {
     of_loop: usize,
     name: String,
     does: String,
     source: &'static str,
     scene: Scene,
-    cutoff_hz: f64,
+    velocity: VelocitySettings,
 }
 
 /// Walks every default, the scene's own estimator and the true velocity in all loops. `done` is called after each walk.
@@ -311,18 +311,18 @@ pub fn compare_peers(
                 }
                 continue;
             };
-            let (scene, cutoff_hz) = with_estimator(scene, &settings);
+            let (scene, velocity) = (with_filter(scene, &settings), settings);
             let (name, does) = (peer.name.to_owned(), peer.does.to_owned());
-            jobs.push(Job { of_loop, name, does, source: peer.source, scene, cutoff_hz });
+            jobs.push(Job { of_loop, name, does, source: peer.source, scene, velocity });
         }
-        for &cutoff_hz in &question.own_hz {
+        for &velocity in &question.own {
             let scene = scene.clone();
-            let does = scene.velocity.describe(cutoff_hz, scene.control.rate_hz);
-            let name = match scene.velocity.has_cutoff() {
-                true => format!("{}-{cutoff_hz}", scene.velocity.name()),
-                false => scene.velocity.name().into(),
+            let does = describe(&velocity, scene.control.rate_hz);
+            let name = match velocity.cutoff_hz() {
+                Some(cutoff_hz) => format!("{}-{cutoff_hz}", scene.velocity.name()),
+                None => scene.velocity.name().into(),
             };
-            jobs.push(Job { of_loop, name, does, source: "", scene, cutoff_hz });
+            jobs.push(Job { of_loop, name, does, source: "", scene, velocity });
         }
     }
     let ask = |job: &Job, told: bool| -> Result<Vec<LimitResult>, Error> {
@@ -331,7 +331,7 @@ pub fn compare_peers(
         let question = Question {
             limits: asked.clone(),
             rms_of: RmsOf::Motion,
-            cutoffs_hz: vec![job.cutoff_hz],
+            filters: vec![job.velocity],
             repeats: *repeats,
             walk: *walk,
             situations: vec![Situation { push, arm: None }],

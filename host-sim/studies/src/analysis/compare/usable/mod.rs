@@ -16,7 +16,7 @@ use super::{
     Entry,
     looked::{Looked, Walked},
     search::{Budget, OF_TWO, Search, WALKS_OF_A_TRY, Walker},
-    settings_of, with_estimator,
+    settings_of,
 };
 use crate::{
     analysis::rendered::Rendered,
@@ -214,8 +214,7 @@ fn of_entry(
     let scene = &entry.told(scene);
     let walker = Walker { engine, scene, stop, done };
     let judged = |settings: &VelocitySettings, boundaries: Boundaries| {
-        let (scene, cutoff_hz) = with_estimator(scene, settings);
-        let rendered = Rendered::of(&scene, cutoff_hz)?;
+        let rendered = Rendered::of(scene, *settings)?;
         let of = |boundary: Boundary| (parts(&boundary, &rendered, limits), boundary);
         Ok::<_, Error>(boundaries.into_iter().map(of).collect::<Vec<Judged>>())
     };
@@ -278,7 +277,7 @@ fn of_entry(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{NamedScene, velocity::EstimatorChoice};
+    use crate::scene::NamedScene;
     use zwidth::experiment::Ended;
 
     /// Columns of one height.
@@ -291,9 +290,9 @@ mod tests {
 
     #[test]
     fn what_is_not_rendered_as_commanded_is_a_sector_of_the_plane() {
-        let mut scene = NamedScene::load("paper-1um").unwrap().scene;
-        scene.velocity = EstimatorChoice::of(&VelocitySettings::Butterworth { cutoff_hz: 200.0 }).0;
-        let rendered = Rendered::of(&scene, 200.0).unwrap();
+        let scene = NamedScene::load("paper-1um").unwrap().scene;
+        let filter = VelocitySettings::Butterworth { cutoff_hz: 200.0 };
+        let rendered = Rendered::of(&scene, filter).unwrap();
         let boundary = rectangle(40_000.0, 40);
         let limits = [f64::INFINITY, 0.1, 0.05, 1e-6];
         let parts = parts(&boundary, &rendered, &limits);

@@ -17,7 +17,7 @@ mod replay;
 use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
-use zwidth::experiment::Verdict;
+use zwidth::{VelocitySettings, experiment::Verdict};
 
 pub use replay::{Recorded, Replayed};
 
@@ -169,16 +169,15 @@ pub struct Plants {
     pub area_chaotic: f64,
 }
 
-/// The cutoff in the middle of the scene's own.
-pub fn cutoff_hz(scene: &Scene) -> f64 {
+/// The scene's filter, at the cutoff in the middle of its sweep where it has one.
+pub fn filter(scene: &Scene) -> VelocitySettings {
     let cutoffs = &scene.sweep.cutoffs_hz;
-    let middle = cutoffs.get(cutoffs.len() / 2).copied().unwrap_or(0.0);
-    if scene.velocity.has_cutoff() { middle } else { 0.0 }
+    scene.velocity.at(cutoffs[cutoffs.len() / 2])
 }
 
 struct Reference<'a> {
     scene: &'a Scene,
-    cutoff_hz: f64,
+    velocity: VelocitySettings,
     stop: &'a AtomicBool,
     engine: Engine,
     hits: Vec<WallHit>,
@@ -199,9 +198,10 @@ pub fn measure(
     let Some(&first) = methods.first() else {
         return Err(Error::Internal("no method".into()));
     };
-    let cutoff_hz = cutoff_hz(scene);
+    let velocity = filter(scene);
+    let cutoff_hz = velocity.cutoff_hz().unwrap_or_default();
     let prepared = PreparedScene::new(&first.scene(scene))?;
-    let fine = walk(engine, &prepared, Numeric::Fixed, cutoff_hz, 0.0, stop)?;
+    let fine = walk(engine, &prepared, Numeric::Fixed, velocity, 0.0, stop)?;
     let Some(peak) =
         fine.points.iter().max_by(|a, b| a.stiffness_n_per_m.total_cmp(&b.stiffness_n_per_m))
     else {
@@ -210,7 +210,7 @@ pub fn measure(
         )));
     };
     let middle = WallHit {
-        cutoff_hz,
+        velocity,
         stiffness_n_per_m: 0.5 * peak.stiffness_n_per_m,
         damping_n_s_per_m: peak.damping_n_s_per_m,
         start_offset_counts: 0.0,
@@ -226,7 +226,7 @@ pub fn measure(
     });
     let hits: Vec<WallHit> = beside.filter(|hit| hit.stiffness_n_per_m > 0.0).collect();
     let recorded = Recorded::new(&prepared, &middle).map_err(Error::from)?;
-    let reference = Reference { scene, cutoff_hz, stop, engine, hits, recorded };
+    let reference = Reference { scene, velocity, stop, engine, hits, recorded };
     let ((expected, nudged), (area, area_nudged)) = rayon::join(
         || [0.0, NUDGE_COUNTS].map(|nudge| reference.verdicts(&prepared, nudge)).into(),
         || [0.0, NUDGE_COUNTS].map(|nudge| reference.area(first, nudge)).into(),
@@ -321,7 +321,7 @@ impl Reference<'_> {
             .with_max_len(1)
             .map(|repeat| {
                 let start = start_offset_counts(repeat, REPEATS) + nudge_counts;
-                walk(self.engine, &prepared, Numeric::Fixed, self.cutoff_hz, start, self.stop)
+                walk(self.engine, &prepared, Numeric::Fixed, self.velocity, start, self.stop)
                     .map(|b| b.area)
             })
             .collect::<Result<_, _>>()?;
@@ -336,7 +336,7 @@ mod tests {
 
     fn recorded(scene: &Scene) -> Recorded {
         let hit = WallHit {
-            cutoff_hz: 1500.0,
+            velocity: scene.velocity.at(1500.0),
             stiffness_n_per_m: 30_000.0,
             damping_n_s_per_m: 200.0,
             start_offset_counts: 0.0,
