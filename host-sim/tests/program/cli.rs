@@ -7,6 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use serde_json::Value;
 use tempfile::TempDir;
 
 use crate::page;
@@ -80,6 +81,14 @@ fn bad_scenes_are_refused_with_file_key_value_and_range() {
         ("latency = 10.0", "latency = 1001", "actuator.latency is 1001, allowed 0 to 1000"),
         ("period = 10", "period = 0", "actuator.period is 0, allowed 1 to 1000"),
         ("3000, 4000]", "3000, 6000]", "sweep.cutoffs_hz is 6000, allowed 0.35 to 4990"),
+        ("prewarp = false", "cutoff_hz = 6e3", "velocity.cutoff_hz is 6000, allowed 0.35 to 4990"),
+        ("prewarp = false", "cutoff_hz = nan", "velocity.cutoff_hz is NaN, allowed 0.35 to 4990"),
+        ("prewarp = false", "cutoff_hz = \"low\"", "invalid type: string"),
+        (
+            "estimator = \"butterworth\"\nprewarp = false",
+            "estimator = \"difference\"\ncutoff_hz = 500",
+            "cutoff_hz is 500, the estimator difference has none",
+        ),
         ("[50, 100, 200, 500, 1000, 1200, 1500, 1700, 2000, 2500, 3000, 4000]", "[]", "empty"),
         ("push_n = 2.835", "push_n = 7.0", "wall_hit.push_n is 7, allowed -5.906 to 5.906"),
         ("settle_s = 4.0", "settle_s = nan", "wall_hit.settle_s is NaN"),
@@ -160,6 +169,36 @@ fn bad_arguments_are_refused_with_option_value_and_range() {
     }
 }
 
+/// What `hit` runs with: its cutoff, or why it does not run, and what it notes.
+fn cutoff_of(folder: &Path, option: &[&str]) -> (Value, String) {
+    let args = [&["hit", "mine.toml", "--json"], &WALL[2..], option].concat();
+    let output = sim(folder, &args);
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
+    (json["cutoff_hz"].clone(), String::from_utf8(output.stderr).unwrap())
+}
+
+#[test]
+fn the_cutoff_is_the_options_then_the_scenes_then_the_only_one_of_its_sweep() {
+    let with_key = scene("prewarp = false", "prewarp = false\ncutoff_hz = 700");
+    assert_eq!(cutoff_of(with_key.path(), &[]), (700.0.into(), String::new()));
+    assert_eq!(cutoff_of(with_key.path(), &["--cutoff", "500"]), (500.0.into(), String::new()));
+    let args = ["grid", "mine.toml", "--dampings", "20", "--stiffnesses", "4000", "--csv", "g.csv"];
+    assert!(sim(with_key.path(), &args).status.success());
+    let csv = fs::read_to_string(with_key.path().join("g.csv")).unwrap();
+    assert!(csv.lines().nth(1).unwrap().starts_with("700,20,4000,"), "{csv}");
+    let all = "[50, 100, 200, 500, 1000, 1200, 1500, 1700, 2000, 2500, 3000, 4000]";
+    let only = scene(all, "[1200]");
+    let (cutoff_hz, note) = cutoff_of(only.path(), &[]);
+    assert_eq!(cutoff_hz, 1200.0);
+    assert!(note.starts_with("note: mine: ") && note.contains("velocity.cutoff_hz"), "{note}");
+    assert_eq!(note.lines().count(), 1, "{note}");
+    assert_eq!(cutoff_of(only.path(), &["--cutoff", "500"]), (500.0.into(), String::new()));
+    // a sweep has its own list
+    let args = ["sweep", "mine.toml", "--cutoffs", "1500", "--repeat", "1", "--plain", "--json"];
+    let swept: Value = serde_json::from_slice(&sim(with_key.path(), &args).stdout).unwrap();
+    assert_eq!(swept["scenes"][0]["ideal_cutoff_hz"], 1500.0);
+}
+
 #[test]
 fn an_option_that_a_command_does_not_obey_is_refused() {
     let folder = TempDir::new().unwrap();
@@ -201,7 +240,7 @@ fn an_unstable_first_point_in_a_sweep_is_an_area_of_zero_and_a_note() {
     let args = ["sweep", "mine.toml", "--cutoffs", "50,2000", "--repeat", "1", "--json"];
     let output = sim(folder.path(), &args);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
     let summary = &json["scenes"][0];
     assert_eq!(summary["cutoffs"][0]["area_n2_s_per_m2"], 0.0);
     assert_eq!(summary["ideal_cutoff_hz"], 2000.0);
@@ -217,7 +256,7 @@ fn a_hit_prints_one_json_object_and_writes_its_trace() {
     let args: Vec<&str> = args.iter().map(String::as_str).collect();
     let output = sim(folder.path(), &args);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(json["schema_version"], 2);
     assert_eq!(json["verdict"], "stable");
     page::has_keys_of("## `hit SCENE", &json);
@@ -332,7 +371,7 @@ fn results_are_complete_the_same_for_any_thread_count_and_not_replaced_unasked()
         let hit =
             ["hit", "paper-2um", "--cutoff", "200", "--damping", "60", "--stiffness", stiffness];
         let output = sim(folder.path(), &[&hit[..], &["--json"]].concat());
-        let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let json: Value = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!(json["stable"], true, "{stiffness}");
     }
     let again = ["sweep", "paper-2um", "--cutoffs", "100", "--out", "one"];
@@ -395,7 +434,7 @@ fn linear_gives_the_known_boundary_and_says_where_the_gain_margin_fails() {
     let args = ["linear", "paper-1um", "--cutoffs", "20,2000", "--dampings", "0,100", "--json"];
     let output = sim(folder.path(), &[&args[..], &["--csv", "k.csv", "--plot", "k.svg"]].concat());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
     let row = |n: usize| &json["rows"][n];
     // exact eigenvalues of the paper's loop at 10 kHz
     for (n, known) in [(0, 110_414.0), (1, 0.0), (2, 110_414.0), (3, 1_895_897.0)] {
@@ -413,7 +452,7 @@ fn linear_gives_the_known_boundary_and_says_where_the_gain_margin_fails() {
     // passivity of a loop that the scene's is not: the list says so
     let passive = ["linear", "paper-1um", "--cutoffs", "2000", "--dampings", "0", "--passivity"];
     let output = sim(folder.path(), &[&passive[..], &["--json", "--csv", "p.csv"]].concat());
-    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
     let k = json["rows"][0]["stiffness_passive_n_per_m"].as_f64().unwrap();
     assert!((k / 110_390.0 - 1.0).abs() < 1e-3, "2 b / T: {k}");
     let left_out = serde_json::json!(["actuator.period", "actuator.latency"]);
@@ -426,7 +465,7 @@ fn linear_gives_the_known_boundary_and_says_where_the_gain_margin_fails() {
     assert!(text.contains("not part of the passivity condition: actuator.period"), "{text}");
     // of the scene's own loop: K < b / (T/2 + t_d) = 5.5195 / 1.5 ms, just inside its envelope of 3693 N/m
     let output = sim(folder.path(), &[&passive[..], &["--json", "--multirate"]].concat());
-    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
     let row = &json["rows"][0];
     let k = row["stiffness_passive_n_per_m"].as_f64().unwrap();
     assert!((k / 3679.67 - 1.0).abs() < 1e-4, "{k}");

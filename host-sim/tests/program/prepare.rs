@@ -29,6 +29,19 @@ fn scene(edits: &[(&str, &str)]) -> TempDir {
 }
 
 #[test]
+fn the_first_cutoff_is_the_boards_then_the_filters() {
+    let first = |edits: &[(&str, &str)]| {
+        let folder = scene(edits);
+        let output = sim(folder.path(), &["prepare", "mine.toml", "--json"]);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice::<Value>(&output.stdout).unwrap()["cutoff_hz"].clone()
+    };
+    let of_filter = ("prewarp = false", "prewarp = false\ncutoff_hz = 800");
+    assert_eq!(first(&[of_filter]), 1500.0);
+    assert_eq!(first(&[("cutoff_hz = 1500 #", "#"), of_filter]), 800.0);
+}
+
+#[test]
 #[ignore = "two envelopes; CI runs it"]
 fn the_records_of_the_images_are_what_their_scenes_give() {
     let folder = TempDir::new().unwrap();
