@@ -112,8 +112,8 @@ impl Device<'_> {
     pub const TRAVEL_MAX_M: f64 = 10.0;
     /// Highest speed that a record may believe, m/s.
     pub const SPEED_MAX_M_PER_S: f64 = 100.0;
-    /// Masses of the heaviest handle, kg.
-    pub const HEAVIEST_MASS_KG: RangeInclusive<f64> = 1e-4..=1e3;
+    /// Masses of the heaviest handle, kg. The highest stands for one that nobody knows.
+    pub const HEAVIEST_MASS_KG: RangeInclusive<f64> = 1e-4..=1e6;
 
     /// The design with the force at full command that was calibrated.
     ///

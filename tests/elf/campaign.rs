@@ -24,7 +24,7 @@ fn a_fault_is_off_in_time_bounded_or_unnoticed_as_the_plant_says() {
         ("no sample is due", Class::OffInTime, Class::OffInTime),
         ("enable's pin high, then stop", Class::OffInTime, Class::OffInTime),
         ("count frozen", Class::OffInTime, Class::Unnoticed),
-        ("RTT: block zeroed", Class::NoEffect, Class::NoEffect),
+        ("RTT: block zeroed", Class::OffInTime, Class::OffInTime),
         ("crystal stops", Class::OffInTime, Class::OffInTime),
         ("an order comes again", Class::OffInTime, Class::OffInTime),
         ("a core that sleeps deep", Class::NoEffect, Class::NoEffect),

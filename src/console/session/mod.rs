@@ -343,6 +343,9 @@ impl<P: Port> Console<P> {
     /// The output task has taken those settings.
     fn keep_changed(&mut self, stored: Stored, changed: ChangedSetting) {
         let signs = self.stored.signs;
+        if stored.period != self.stored.period {
+            self.flush();
+        }
         self.stored.set(stored);
         self.design = self.device.designs.number_of(&stored.settings.velocity);
         match changed {

@@ -133,9 +133,9 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Sends what is gathered.
+    /// Sends what is gathered: outputs of one period.
     #[inline(never)] // its frame is not needed below `report`
-    fn flush(&mut self) {
+    pub(in crate::console) fn flush(&mut self) {
         let Stream { outputs, pushes, port, count, .. } = self.stream;
         self.stream.count = 0;
         let Some((newest, earlier)) = outputs.get(..count).and_then(<[Record]>::split_last) else {

@@ -154,7 +154,7 @@ fn a_device_that_nobody_holds_is_refused() {
         ("travel_low_m", |device| device.safety.travel_low_m = -11.0),
         ("travel_high_m", |device| device.safety.travel_high_m = 1000.0),
         ("heaviest_mass_kg", |device| device.safety.heaviest_mass_kg = 1e-5),
-        ("heaviest_mass_kg", |device| device.safety.heaviest_mass_kg = 2e3),
+        ("heaviest_mass_kg", |device| device.safety.heaviest_mass_kg = 2e6),
         ("radius_m", |device| device.radius_m = 1e-300),
         ("radius_m", |device| device.radius_m = -0.01),
         ("speed_believable_m_per_s", |device| device.safety.speed_believable_m_per_s = 101.0),

@@ -19,10 +19,11 @@ each_board!(
     tasks_and_memory_stay_in_their_budget
 );
 
-/// Cycles from exception entry to return that the sampling task may take, by DESIGN.
-const SAMPLE_CYCLES: u64 = 270;
+/// Cycles from exception entry to return that the sampling task may take: 261 before what the estimator remembers had a
+/// seal, which costs 15 in a quiet sample.
+const SAMPLE_CYCLES: u64 = 330;
 /// Cycles of it that `Sampler::sample` may take: encoder, velocity, what is due.
-const CORE_CYCLES: u64 = 110;
+const CORE_CYCLES: u64 = 140;
 
 fn tasks_and_memory_stay_in_their_budget(board: Board) {
     println!("board           sample      of it core  render      link        stack  flash   RAM");

@@ -10,7 +10,7 @@ use virtual_board::{
 use crate::firmware::{Firmware, ok};
 
 each_board!(
-    a_channel_whose_buffer_is_not_its_own_is_left_alone,
+    a_channel_whose_buffer_is_not_its_own_is_left_alone_and_ends_in_off,
     a_board_without_its_clock_says_so,
     an_image_for_another_chip_says_so,
     the_stack_ends_in_a_guard
@@ -23,7 +23,7 @@ fn word(world: &World<'_>, at: u32) -> u32 {
     u32::from_le_bytes(bytes)
 }
 
-fn a_channel_whose_buffer_is_not_its_own_is_left_alone(board: Board) {
+fn a_channel_whose_buffer_is_not_its_own_is_left_alone_and_ends_in_off(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();
     let block = firmware.elf.address_of("_SEGGER_RTT").unwrap();
@@ -31,9 +31,13 @@ fn a_channel_whose_buffer_is_not_its_own_is_left_alone(board: Board) {
     let (_, render, _) = symbols.find(|(name, ..)| name.contains("local_resource_render")).unwrap();
     let before = world.snapshot();
     // Up 1 carries telemetry all the time, up 0 and 2 a reply.
-    for (channel, place, value) in
-        [(1, 1, *render), (1, 2, 8192 | 1 << 16), (0, 1, *render), (2, 2, 1 << 20)]
-    {
+    for (channel, place, value) in [
+        (1, 1, *render),
+        (1, 2, 8192 | 1 << 16),
+        (0, 1, *render),
+        (2, 2, 1 << 20),
+        (3, 2, 256 | 1 << 20),
+    ] {
         world.restore(&before);
         let base = block + 24 + 24 * channel;
         world.powered.mcu.write(base + 4 * place, &value.to_le_bytes());
@@ -44,7 +48,7 @@ fn a_channel_whose_buffer_is_not_its_own_is_left_alone(board: Board) {
             world.sample().unwrap();
         }
         assert_eq!(word(&world, base + 12), written, "channel {channel}: something was written");
-        assert!(world.powered.amplifier.is_enabled(), "channel {channel}");
+        assert!(!world.powered.amplifier.is_enabled(), "channel {channel}");
     }
     world.restore(&before);
     world.run(100).unwrap();

@@ -4,6 +4,7 @@ use std::{cell::RefCell, rc::Rc, sync::LazyLock};
 
 use proptest::prelude::*;
 use zwidth::{
+    LoopParameters,
     Design, Settings, VelocitySettings, WallSettings,
     console::{Console, Port},
     device::Device,
