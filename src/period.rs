@@ -41,12 +41,12 @@ pub const fn cycles_allowed(period: u32) -> u32 {
 /// Estimators whose longest update takes more than is allowed at some of the periods, and its cycles, as measured
 /// (docs/estimators.md). All others take less.
 pub const SLOW: [(&str, u32); 6] = [
-    ("least-squares-1", 1593),
-    ("least-squares-2", 1593),
-    ("foaw-end", 2368),
-    ("foaw-best", 3473),
-    ("time-stamps", 1584),
-    ("window-difference", 2963),
+    ("least-squares-1", 1726),
+    ("least-squares-2", 1726),
+    ("foaw-end", 2592),
+    ("foaw-best", 3311),
+    ("time-stamps", 1715),
+    ("window-difference", 3025),
 ];
 
 /// An estimator that leaves no time for an output period.

@@ -1,7 +1,7 @@
 //! How much of the time the host may take: what it sends waits in its channel meanwhile, nothing is refused for it.
 
 /// Lines and answers take one part in so many of the time. At output period 1 telemetry takes half as much again.
-const PARTS: u16 = 5;
+const PARTS: u16 = 6;
 /// No line waits longer than this for those before it, ticks: should `rest` be damaged, the board hears all the same.
 const LONGEST: u16 = 1200;
 
@@ -49,7 +49,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_take_a_fifth_of_the_time() {
+    fn lines_take_a_sixth_of_the_time() {
         for each in [4, 8, 20, 40] {
             for line in 0..80 {
                 let time = between(each, line);

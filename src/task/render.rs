@@ -247,12 +247,9 @@ impl Render {
         self.numbers_next = !self.numbers_next;
         let whole = !(all || self.numbers_next)
             || self.renderer.is_whole(self.ends.sampling.control.newest())
-                && self
-                    .ends
-                    .sampler
-                    .read()
-                    .sampler()
-                    .remembers(self.ends.sampling.control.newest())
+                && self.ends.sampler.look(|sampler| {
+                    sampler.sampler().remembers(self.ends.sampling.control.newest())
+                })
                 && self.acts.is_whole()
                 && self.outputs.set_up.channels_hold();
         let set_up = !all && self.numbers_next || self.outputs.set_up.holds();

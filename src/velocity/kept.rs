@@ -73,7 +73,7 @@ macro_rules! integers {
 
 integers! {
     u16: |value| value.into();
-    i16: |value| value.cast_unsigned().into();
+    i16: |value| i32::from(value).cast_unsigned();
     u32: |value| value;
     i32: |value| value.cast_unsigned();
     i64: |value| (value as u32).wrapping_add((value >> 32) as u32);

@@ -166,8 +166,8 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
         crate::figure::figure(&format!("elf/control_path/{name}"), total(name));
     }
     // No loop in it, so this bounds what runs. DESIGN allows the core's part 150 cycles per sample.
-    assert!((80..=130).contains(&total("zwidth_sample")));
+    assert!((80..=150).contains(&total("zwidth_sample")));
     // The guard, its record and all that it does rarely come on top, inlined; what runs of it in a
     // sample is counted in tests/elf/control.
-    assert!((130..=280).contains(&total("zwidth_guarded_sample")));
+    assert!((130..=300).contains(&total("zwidth_guarded_sample")));
 }
