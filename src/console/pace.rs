@@ -1,7 +1,7 @@
 //! How much of the time the host may take: what it sends waits in its channel meanwhile, nothing is refused for it.
 
-/// Lines and answers take one part in so many of the time. At output period 1 telemetry takes half as much again.
-const PARTS: u16 = 6;
+/// Lines and answers take four parts in so many of the time. At output period 1 telemetry takes half as much again.
+const PARTS: u16 = 21;
 /// No line waits longer than this for those before it, ticks: should `rest` be damaged, the board hears all the same.
 const LONGEST: u16 = 1200;
 
@@ -25,7 +25,7 @@ impl Pace {
     /// It is over, and has taken bytes or answered.
     pub fn end(&mut self, clock: u16) {
         let spent = clock.wrapping_sub(self.begun).max(1);
-        self.rest = self.rest.saturating_add(spent.saturating_mul(PARTS));
+        self.rest = self.rest.saturating_add(spent.saturating_mul(PARTS) / 4);
     }
 }
 
@@ -49,12 +49,12 @@ mod tests {
     }
 
     #[test]
-    fn lines_take_a_sixth_of_the_time() {
+    fn lines_take_a_fifth_of_the_time() {
         for each in [4, 8, 20, 40] {
             for line in 0..80 {
                 let time = between(each, line);
-                assert!(time >= line * PARTS && time >= PARTS, "{each} {line}: {time}");
-                assert!(time < line.max(1) * PARTS + each, "{each} {line}: {time}");
+                assert!(time >= line * PARTS / 4 && time >= PARTS / 4, "{each} {line}: {time}");
+                assert!(time < line.max(1) * PARTS / 4 + each, "{each} {line}: {time}");
             }
         }
     }

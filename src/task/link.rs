@@ -1,6 +1,6 @@
 //! `link`: pended by `render` with every output, priority 1. Moves what goes between the console and the probe link.
 //!
-//! The host has a sixth of the time ([`Pace`]), one line a pass: what it sends beyond that waits in its channel, until
+//! The host has a fifth of the time ([`Pace`]), one line a pass: what it sends beyond that waits in its channel, until
 //! the host has to. Telemetry comes beside that.
 
 use core::sync::atomic::Ordering::Relaxed;
