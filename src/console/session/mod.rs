@@ -246,9 +246,6 @@ impl<P: Port> Console<P> {
 
     /// Gives the order for those settings, whose answer is then awaited.
     pub(super) fn order_settings(&mut self, stored: &Stored, order: Order, awaited: Awaited) {
-        if !self.is_whole() {
-            return self.lose();
-        }
         if let (Order::LoopParameters(parameters, _), Ok(design)) =
             (&order, self.device.design(stored))
         {
@@ -280,8 +277,9 @@ impl<P: Port> Console<P> {
         parameters.is_ok_and(|parameters| self.port.is_in_force(&parameters))
     }
 
-    /// Off, by the fault of a bit that has flipped.
+    /// Off, by the fault of a bit that has flipped, in the place of any settings that were proposed.
     fn trip(&mut self) {
+        self.stream.answered(false);
         if self.port.order(Order::Request(Request::Trip(Fault::Memory))) {
             self.awaited = Some(Awaited::Quiet);
         }
