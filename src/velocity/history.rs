@@ -79,8 +79,12 @@ impl<const LENGTH: usize> Ring<LENGTH> {
             *place = difference;
         }
         // Each takes along what the ones before it have left over, so that is what they come to.
-        #[expect(clippy::cast_possible_truncation, reason = "at most 256 times 15 bits")]
-        let sum = (i64::from(bits) * LENGTH as i64 >> Velocity::FRACTION_BITS) as i32;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_possible_wrap,
+            reason = "at most 256 times 15 bits"
+        )]
+        let sum = ((i64::from(bits) * LENGTH as i64) >> Velocity::FRACTION_BITS) as i32;
         state.sum = sum.cast_unsigned();
         #[expect(clippy::cast_possible_truncation, reason = "at most 255")]
         let newest = (LENGTH - 1) as u8;

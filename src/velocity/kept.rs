@@ -76,7 +76,12 @@ integers! {
     i16: |value| i32::from(value).cast_unsigned();
     u32: |value| value;
     i32: |value| value.cast_unsigned();
-    i64: |value| (value as u32).wrapping_add((value >> 32) as u32);
+    i64: |value| {
+        let value = value.cast_unsigned();
+        #[expect(clippy::cast_possible_truncation, reason = "its halves are meant")]
+        let [low, high] = [value as u32, (value >> 32) as u32];
+        low.wrapping_add(high)
+    };
 }
 
 /// A struct whose fields are all remembered.
