@@ -149,7 +149,8 @@ fn a_number_that_is_none_is_refused_wherever_it_stands() {
 /// Numbers by which no fault would ever be found, or nothing be held.
 #[test]
 fn a_device_that_nobody_holds_is_refused() {
-    let edits: [(&str, fn(&mut Device<'static>)); 8] = [
+    type Edit = fn(&mut Device<'static>);
+    let edits: [(&str, Edit); 8] = [
         ("latency_samples", |device| device.latency_samples = 1e300),
         ("travel_low_m", |device| device.safety.travel_low_m = -11.0),
         ("travel_high_m", |device| device.safety.travel_high_m = 1000.0),
