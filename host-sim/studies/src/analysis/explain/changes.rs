@@ -388,7 +388,10 @@ mod tests {
         let cycles = often.cycles_per_s.unwrap();
         assert_eq!(cycles, 9000.0 * render_cycles().unwrap());
         assert!((1000.0..6000.0).contains(&render_cycles().unwrap()));
-        let estimator = cost_of_estimator(&often.scene, EstimatorName::Kalman3);
-        assert!(estimator.1.unwrap() > 1e6 && estimator.0.contains("547 cycles"), "{estimator:?}");
+        let (text, cycles_per_s) = cost_of_estimator(&often.scene, EstimatorName::Kalman3);
+        let of = |name| cost::of(name).unwrap().cycles;
+        let (own, other) = (of(often.scene.velocity.estimator()), of(EstimatorName::Kalman3));
+        assert!(own < other && text.starts_with(&format!("{other} cycles a sample")), "{text}");
+        assert_eq!(cycles_per_s, Some((other - own) * 10_000.0));
     }
 }
