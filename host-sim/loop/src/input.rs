@@ -5,6 +5,8 @@ use std::{fs::File, io::Read as _, path::Path};
 
 use crate::{error::Error, interrupt};
 
+pub mod table;
+
 /// What a file holds, and how much of it is read at most.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Kind {
@@ -59,10 +61,29 @@ pub fn read(path: &Path, kind: Kind) -> Result<Vec<u8>, Error> {
 /// # Errors
 /// As [`read`], and [`Error::Input`] if it is not UTF-8.
 pub fn read_text(path: &Path, kind: Kind) -> Result<String, Error> {
-    String::from_utf8(read(path, kind)?).map_err(|error| {
-        let at = error.utf8_error().valid_up_to();
-        Error::Input(format!("{} is not UTF-8 text: byte {}", path.display(), at + 1))
-    })
+    let bytes = read(path, kind)?;
+    utf8(&bytes).map(str::to_owned).map_err(|why| Error::Input(why).of(&path.display().to_string()))
+}
+
+/// Bytes as text.
+///
+/// # Errors
+/// One line: the first byte that is none, from 1 on, and what the text seems to be.
+pub fn utf8(bytes: &[u8]) -> Result<&str, String> {
+    let at = match std::str::from_utf8(bytes) {
+        Ok(text) => match text.find('\0') {
+            Some(at) => at,
+            None => return Ok(text),
+        },
+        Err(error) => error.valid_up_to(),
+    };
+    let control = |byte: &u8| byte.is_ascii_control() && !b"\t\r\n".contains(byte);
+    let seems = match bytes {
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] | [0, ..] | [_, 0, ..] => ": UTF-16?",
+        _ if bytes.iter().any(control) => "",
+        _ => ": Windows-1252?",
+    };
+    Err(format!("not UTF-8, byte {}{seems}", at + 1))
 }
 
 #[cfg(test)]
@@ -84,6 +105,22 @@ mod tests {
         assert!(error.ends_with("file is larger than a test may be, allowed 2 MiB"), "{error}");
         std::fs::write(&path, b"ab\xff").unwrap();
         let error = read_text(&path, kind).unwrap_err().to_string();
-        assert!(error.ends_with("is not UTF-8 text: byte 3"), "{error}");
+        assert!(error.ends_with("file: not UTF-8, byte 3: Windows-1252?"), "{error}");
+    }
+
+    #[test]
+    fn what_is_no_text_is_named_by_its_first_byte() {
+        for (bytes, why) in [
+            (&b"\xff\xfea\0"[..], "not UTF-8, byte 1: UTF-16?"),
+            (b"\xfe\xff\0a", "not UTF-8, byte 1: UTF-16?"),
+            (b"a\0b\0", "not UTF-8, byte 2: UTF-16?"),
+            (b"\0a\0b", "not UTF-8, byte 1: UTF-16?"),
+            (b"a\tb\r\n5 \xb5m", "not UTF-8, byte 8: Windows-1252?"),
+            (b"\x80\x01", "not UTF-8, byte 1"),
+            (b"a,b\n\0\0", "not UTF-8, byte 5"),
+        ] {
+            assert_eq!(utf8(bytes).unwrap_err(), why);
+        }
+        assert_eq!(utf8("5 \u{b5}m".as_bytes()), Ok("5 \u{b5}m"));
     }
 }

@@ -208,7 +208,10 @@ fn bad_input_is_refused_in_one_line() {
             with("broken.csv", &gain),
             "broken.csv: line 5002: time_s is `x`, allowed any finite number",
         ),
-        (with("binary", &gain), "neither a log with the columns"),
+        (
+            with("binary", &gain),
+            "binary: not UTF-8, byte 1: UTF-16?; no telemetry: no frame of layout",
+        ),
         (with("empty.csv", &gain), "empty.csv: the file is empty"),
         (with("log.csv", &["--gain", "nan"]), "--gain is NaN, allowed 0.000001 to 1000000"),
         (with("log.csv", &["--gain", "0"]), "--gain is 0, allowed"),
@@ -227,7 +230,15 @@ fn bad_input_is_refused_in_one_line() {
             with("log.csv", &["--gain", "0.5N/V"]),
             "'0.5N/V' for '--gain <N_PER_V>': it has to be a number, without a unit",
         ),
-        (with("log.csv", &["--gain", "1", "--from", "0.9", "--to", "0.1"]), "no row of data"),
+        (
+            with("log.csv", &["--gain", "1", "--from", "0.9", "--to", "0.1"]),
+            "no row of data between --from and --to, allowed 0 to ",
+        ),
+        (with("log.csv", &["--gain", "1", "--from", "1.7e9"]), "no row of data between --from and"),
+        (
+            with("log.csv", &["--gain", "1", "--from", "nan"]),
+            "--from is NaN, allowed any finite number of s",
+        ),
         (with("log.csv", &["--gain", "1", "--from", "1.0"]), "no excitation"),
         (with("log.csv", &["--gain", "1", "--base", "none"]), "none cannot be read: "),
         (

@@ -3,13 +3,17 @@
 //! The curve that is built in is a model (`host-sim/data/felt-model.csv` says what of); `wall_hit.felt_curve` names
 //! another one.
 
-use std::{path::Path, sync::Arc};
+use std::{ops::RangeInclusive, path::Path, sync::Arc};
 
-use crate::{error::Error, input};
+use crate::{
+    error::Error,
+    input::{self, table::Table},
+};
 
 /// What is felt unless a scene names a curve.
 const MODEL: &str = include_str!("../../../data/felt-model.csv");
-const HEADER: &str = "frequency_hz,threshold_rms_m";
+const COLUMNS: [(&str, RangeInclusive<f64>); 2] =
+    [("frequency_hz", 1e-3..=1e6), ("threshold_rms_m", 1e-12..=1.0)];
 
 /// Frequencies and thresholds: straight lines between them in log-log, constant beyond its ends.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,7 +37,7 @@ impl FeltCurve {
     /// The file cannot be read, or is no curve.
     pub fn load(path: &Path) -> Result<Self, Error> {
         let text = input::read_text(path, input::CURVE)?;
-        let points = parse(&text).map_err(|e| Error::Input(format!("{}:{e}", path.display())))?;
+        let points = parse(&text).map_err(|e| Error::Input(e).of(&path.display().to_string()))?;
         Ok(Self { points: points.into(), text: Some(text.into()) })
     }
 
@@ -61,33 +65,23 @@ impl FeltCurve {
 
 /// The points of a curve, or the line and what is wrong with it.
 fn parse(text: &str) -> Result<Vec<[f64; 2]>, String> {
-    let mut points: Vec<[f64; 2]> = vec![];
-    let mut lines = text.lines().zip(1..).filter(|(line, _)| {
-        let line = line.trim();
-        !line.is_empty() && !line.starts_with('#')
-    });
-    let header = lines.next().map_or("", |(line, _)| line.trim());
-    if header != HEADER {
-        return Err(format!("1: the first line is `{header:.40}`, allowed `{HEADER}`"));
+    let table = Table::new(text)?;
+    let rows = table.numbers(&COLUMNS)?;
+    if table.header().len() > COLUMNS.len() {
+        let (line, header) = (table.line(), table.header().join(","));
+        return Err(format!("line {line}: columns {header}, allowed frequency_hz,threshold_rms_m"));
     }
-    for (line, number) in lines {
-        let values: Vec<f64> = line.split(',').map_while(|cell| cell.trim().parse().ok()).collect();
-        let wrong = |what: &str| format!("{number}: `{:.40}`: {what}", line.trim());
-        let [hz, threshold_m] = values[..] else {
-            return Err(wrong("allowed two numbers, Hz and m RMS"));
-        };
-        if !((1e-3..=1e6).contains(&hz) && (1e-12..=1.0).contains(&threshold_m)) {
-            return Err(wrong("allowed 0.001 to 1e6 Hz and 1e-12 to 1 m"));
-        }
-        if points.last().is_some_and(|[last_hz, _]| *last_hz >= hz) {
-            return Err(wrong("frequencies must rise"));
-        }
-        points.push([hz, threshold_m]);
+    if let Some([(_, [last, _]), (line, [hz, _])]) =
+        rows.array_windows().find(|[(_, last), (_, next)]| last[0] >= next[0])
+    {
+        return Err(format!(
+            "line {line}: frequency_hz is {hz}, allowed above {last}: it must rise"
+        ));
     }
-    if points.is_empty() || points.len() > 10_000 {
-        return Err(format!("1: {} points, allowed 1 to 10000", points.len()));
+    if rows.is_empty() || rows.len() > 10_000 {
+        return Err(format!("{} points, allowed 1 to 10000", rows.len()));
     }
-    Ok(points)
+    Ok(rows.into_iter().map(|(_, point)| point).collect())
 }
 
 #[cfg(test)]
@@ -111,14 +105,15 @@ mod tests {
 
     #[test]
     fn what_is_no_curve_is_refused_with_its_line() {
-        let refused = |rows: &str| parse(&format!("# x\n{HEADER}\n{rows}")).unwrap_err();
-        assert_eq!(refused("10,1e-6\n10,1e-6"), "4: `10,1e-6`: frequencies must rise");
-        assert!(refused("10").starts_with("3: `10`: allowed two numbers"));
-        assert!(refused("10,x").contains("allowed two numbers"));
-        assert!(refused("10,1e-6,3").contains("allowed two numbers"));
-        assert!(refused("0,1e-6").contains("allowed 0.001"));
-        assert!(refused("10,0").contains("allowed 0.001"));
+        let refused =
+            |rows: &str| parse(&format!("# x\nfrequency_hz,threshold_rms_m\n{rows}")).unwrap_err();
+        let falls = "line 4: frequency_hz is 10, allowed above 10: it must rise";
+        assert_eq!(refused("10,1e-6\n10,1e-6"), falls);
+        let least = "line 3: frequency_hz is `0`, allowed 0.001 to 1000000";
+        assert_eq!(refused("0,1e-6"), least);
+        assert!(refused("10,0").contains("threshold_rms_m is `0`, allowed 0.000000000001 to 1"));
         assert!(refused("").contains("0 points"));
-        assert!(parse("a,b\n1,2").unwrap_err().contains("allowed `frequency_hz"));
+        let text = "frequency_hz,threshold_rms_m,x\n10,1e-6,3";
+        assert!(parse(text).unwrap_err().starts_with("line 1: columns frequency_hz,"));
     }
 }

@@ -4,6 +4,8 @@
 pub mod agree;
 pub mod compare;
 pub mod design;
+#[cfg(test)]
+mod doors;
 pub mod explain;
 pub mod identify;
 pub mod linear;

@@ -28,7 +28,6 @@ use zwidth::VelocitySettings;
 use crate::{
     engine::Engine,
     error::Error,
-    input,
     scene::{NamedScene, Scene},
     simulation::prepared::{Numeric, PreparedScene},
     study::{asked, boundary::Boundary, walk::walk},
@@ -202,11 +201,11 @@ pub fn agree_with_file(
     stop: &AtomicBool,
     done: impl Fn() + Sync,
 ) -> Result<(Measured, Agreement), Error> {
-    let name = path.display().to_string();
-    let text = input::read_text(path, input::RECORD)?;
-    let measured = Measured::parse(&name, &text, scene)?;
+    let measured = Measured::load(path, scene)?;
     let found = agree(engine, scene, &measured, stop, done).map_err(|error| match error {
-        Error::Input(why) if why.starts_with("cutoff_hz") => Error::Input(format!("{name}: {why}")),
+        Error::Input(why) if why.starts_with("cutoff_hz") => {
+            Error::Input(why).of(&path.display().to_string())
+        }
         other => other,
     })?;
     Ok((measured, found))

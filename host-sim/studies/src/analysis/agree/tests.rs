@@ -87,16 +87,15 @@ fn a_wall_that_only_one_walk_has_counts_and_a_step_does_not() {
 fn a_file_is_read_in_the_units_of_its_scene_and_refused_with_its_line() {
     let named = scene();
     let head = "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m";
-    let read = |text: &str| Measured::parse("walk.csv", text, &named);
+    let read = |text: &str| Measured::parse(text, &named);
     let good = read(&format!("{head}\n1500,10,4000\n1500,110,8000\n")).unwrap();
     assert_eq!((good.cutoff_hz, good.points.len()), (1500.0, 2));
     for (text, why) in [
-        (String::new(), "the column cutoff_hz is missing"),
-        (head.replace("stiffness", "k"), "the column stiffness_n_per_m is missing"),
         (head.into(), "no wall in it"),
-        (format!("{head}\n1500,10,x"), "line 2: stiffness_n_per_m is `x`, allowed a number"),
-        (format!("{head}\n1500,10,-1"), "line 2: stiffness_n_per_m is `-1`"),
-        (format!("{head}\n1500,10"), "line 2: stiffness_n_per_m is ``"),
+        (
+            format!("{head}\n1500,10,-1"),
+            "line 2: stiffness_n_per_m is `-1`, allowed a number from 0 on",
+        ),
         (
             format!("{head}\n1500,11,1"),
             "damping_n_s_per_m is 11, allowed 10 to 410 in steps of 100",
@@ -105,8 +104,8 @@ fn a_file_is_read_in_the_units_of_its_scene_and_refused_with_its_line() {
         (format!("{head}\n1500,10,1\n1500,10,2"), "line 3: damping_n_s_per_m is 10 a second time"),
         (format!("{head}\n1500,10,1\n900,110,2"), "line 3: cutoff_hz is 900, allowed 1500"),
     ] {
-        let error = read(&text).unwrap_err().to_string();
-        assert!(error.starts_with("walk.csv: ") && error.contains(why), "{error}");
+        let error = read(&text).unwrap_err();
+        assert!(error.contains(why), "{error}");
     }
     let paddle = NamedScene::load("hapkit").unwrap();
     let plan = paddle.scene.walk_plan();
@@ -118,7 +117,7 @@ fn a_file_is_read_in_the_units_of_its_scene_and_refused_with_its_line() {
         typed(b),
         typed(k)
     );
-    let point = Measured::parse("walk.csv", &text, &paddle).unwrap().points[0];
+    let point = Measured::parse(&text, &paddle).unwrap().points[0];
     assert!((point.damping_n_s_per_m / b - 1.0).abs() < 1e-9);
     assert!((point.stiffness_n_per_m / k - 1.0).abs() < 1e-9);
 }

@@ -4,7 +4,7 @@ use std::{ops::RangeInclusive, path::Path, sync::atomic::AtomicBool};
 
 use super::{
     Gain, Identification, Options, OutputScale, Record, Span, Terms, from_capture,
-    from_capture_csv, identified,
+    from_capture_csv, identified, telemetry::is_capture_csv,
 };
 use crate::{
     error::Error,
@@ -137,7 +137,11 @@ impl Asked {
             };
         }
         for (option, time_s) in [("--from", self.span.from_s), ("--to", self.span.to_s)] {
-            in_range(option, time_s.unwrap_or(0.0), -1e9..=1e9, "s")?;
+            if let Some(time_s) = time_s.filter(|time_s| !time_s.is_finite()) {
+                return Err(Error::Input(format!(
+                    "{option} is {time_s}, allowed any finite number of s"
+                )));
+            }
         }
         // Refuses it before any record is read.
         let gain = options.gain.known_n_per_v();
@@ -160,15 +164,9 @@ pub fn read(
     let bytes = input::read(path, input::RECORD)?;
     let scale = OutputScale::of_scene(scene, options.resolution_m)
         .map_err(|error| Error::Input(error).of(base_name))?;
-    let telemetry = |header: &str| header.contains("position_counts");
-    let record = match std::str::from_utf8(&bytes) {
-        Ok(text) if text.lines().next().is_some_and(telemetry) => {
-            from_capture_csv(&name, text, &scale, span)
-        }
-        Ok(text) if scene.units.is_rotary() => {
-            Record::from_rotary_csv(&name, text, span, scene.units.radius_m())
-        }
-        Ok(text) => Record::from_csv(&name, text, span),
+    let record = match input::utf8(&bytes) {
+        Ok(text) if is_capture_csv(text) => from_capture_csv(&name, text, &scale, span),
+        Ok(text) => Record::from_csv(&name, text, span, scene.units, options.resolution_m),
         Err(_) => from_capture(&name, &bytes, &scale, span),
     };
     record.map_err(|error| Error::Input(error).of(&name))

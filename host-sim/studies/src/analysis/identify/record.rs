@@ -2,16 +2,21 @@
 
 use std::{fmt::Write as _, ops::RangeInclusive};
 
+use crate::{
+    input::table::{FINITE, Table},
+    scene::Units,
+};
+
 /// Fewest rows of a record.
 pub const FEWEST_ROWS: usize = 100;
 /// Most rows of a record: 100 s at 10 kHz, which take half a minute.
 pub const MOST_ROWS: usize = 1_000_000;
-/// Most rows of a file, of which a part may be the record.
-const ROWS_MAX: usize = 8_000_000;
 /// Largest deviation of a time stamp from an even grid, in steps. Time stamps of few digits stay below it.
 const JITTER_MAX: f64 = 0.1;
 /// Steps of time between rows, s: up to 100 kHz, and slow enough for any hand-held device.
 const STEP_S: RangeInclusive<f64> = 1e-5..=0.1;
+/// Counts that a counter of 16 bits loses or gains when it wraps.
+const WRAP: f64 = 65_536.0;
 /// Columns of a log.
 pub const COLUMNS: [&str; 3] = ["time_s", "voltage_v", "position_m"];
 
@@ -52,54 +57,66 @@ pub struct Span {
 }
 
 impl Span {
-    pub(super) fn holds(&self, time_s: f64) -> bool {
-        self.from_s.is_none_or(|from_s| time_s >= from_s)
-            && self.to_s.is_none_or(|to_s| time_s <= to_s)
+    /// The rows of that part.
+    pub(super) fn of<T>(
+        &self,
+        mut rows: Vec<T>,
+        time_s: impl Fn(&T) -> f64,
+    ) -> Result<Vec<T>, String> {
+        let [Some(first), Some(last)] = [rows.first(), rows.last()].map(|row| row.map(&time_s))
+        else {
+            return Err("no row of data".into());
+        };
+        rows.retain(|row| {
+            let time_s = time_s(row);
+            self.from_s.is_none_or(|from_s| time_s >= from_s)
+                && self.to_s.is_none_or(|to_s| time_s <= to_s)
+        });
+        if rows.is_empty() {
+            return Err(format!(
+                "no row of data between --from and --to, allowed {first} to {last} s"
+            ));
+        }
+        Ok(rows)
     }
 }
 
 impl Record {
-    /// Reads a log with the columns `time_s,voltage_v,position_m` in any order; further columns are ignored, and
-    /// so are empty lines and lines that begin with `#`.
+    /// Reads a log with the columns `time_s,voltage_v,position_m`, of a rotary device `position_rad`, in any order;
+    /// further columns are ignored. A resolution of 0 is that of a sensor without counts.
     ///
     /// # Errors
     /// One line: what is wrong, and where.
-    pub fn from_csv(name: &str, text: &str, span: Span) -> Result<Self, String> {
-        Self::from_columns(name, text, span, (COLUMNS[2], 1.0))
-    }
-
-    /// The same with the column `position_rad` of a handle at this radius in place of `position_m`.
-    ///
-    /// # Errors
-    /// As [`from_csv`](Self::from_csv).
-    pub fn from_rotary_csv(
+    pub fn from_csv(
         name: &str,
         text: &str,
         span: Span,
-        radius_m: f64,
+        units: Units,
+        resolution_m: f64,
     ) -> Result<Self, String> {
-        Self::from_columns(name, text, span, ("position_rad", radius_m))
-    }
-
-    fn from_columns(
-        name: &str,
-        text: &str,
-        span: Span,
-        (position, metres): (&str, f64),
-    ) -> Result<Self, String> {
-        let table = Table::new(text, &[COLUMNS[0], COLUMNS[1], position])?;
-        let rows = table.rows.into_iter().map(|(line, [time_s, voltage_v, position])| Row {
+        let (position, metres) = match units {
+            Units::Linear => (COLUMNS[2], 1.0),
+            Units::Rotary { radius_m } => ("position_rad", radius_m),
+        };
+        let columns = [COLUMNS[0], COLUMNS[1], position].map(|column| (column, FINITE));
+        let rows = Table::new(text)?.numbers(&columns)?;
+        let rows = rows.into_iter().map(|(line, [time_s, voltage_v, position])| Row {
             line,
             time_s,
             voltage_v,
             position_m: position * metres,
         });
-        let rows: Vec<Row> = rows.filter(|row| span.holds(row.time_s)).collect();
-        Self::even(name, &rows, "line")
+        let rows = span.of(rows.collect(), |row: &Row| row.time_s)?;
+        Self::even(name, &rows, resolution_m, "line")
     }
 
     /// The record of rows whose time stamps must be even; `place` is what a row's number is called.
-    pub(super) fn even(name: &str, rows: &[Row], place: &str) -> Result<Self, String> {
+    pub(super) fn even(
+        name: &str,
+        rows: &[Row],
+        resolution_m: f64,
+        place: &str,
+    ) -> Result<Self, String> {
         let (Some(first), Some(last)) = (rows.first(), rows.last()) else {
             return Err("no row of data".into());
         };
@@ -144,6 +161,12 @@ impl Record {
                     row.line, row.time_s, off
                 ));
             }
+        }
+        if let Some((line, counts)) = wrap(rows, resolution_m) {
+            return Err(format!(
+                "{place} {line}: the position goes by {counts} counts, as a counter of 16 bits does when it wraps; \
+                 allowed are positions without wraps"
+            ));
         }
         Ok(Self {
             name: name.into(),
@@ -204,71 +227,21 @@ fn in_range(step_s: f64) -> Result<(), String> {
     }
 }
 
-/// Without the blanks at both ends. What else does not print stays, and is refused as a value.
-fn trim(text: &str) -> &str {
-    text.trim_matches([' ', '\t', '\r'])
-}
-
-/// The wanted columns of a text with a header.
-pub(super) struct Table<const N: usize> {
-    /// Line of the file, values.
-    pub rows: Vec<(usize, [f64; N])>,
-}
-
-impl<const N: usize> Table<N> {
-    pub(super) fn new(text: &str, columns: &[&str; N]) -> Result<Self, String> {
-        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-        let lines = text.lines().map(trim).enumerate();
-        let mut lines = lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
-        let (_, header) = lines.next().ok_or("the file is empty")?;
-        let names: Vec<&str> = header.split(',').map(trim).collect();
-        if let (1, Some(separator)) = (names.len(), header.find([';', '\t', '|', ' '])) {
-            let separator = header[separator..].chars().next().unwrap_or_default();
-            return Err(format!("columns are separated by `{separator}`, allowed `,`"));
-        }
-        if let Some(column) =
-            columns.iter().find(|column| names.iter().filter(|name| name == column).count() > 1)
-        {
-            return Err(format!("the first line has several columns {column}, allowed one"));
-        }
-        let mut places = [0; N];
-        for (place, column) in places.iter_mut().zip(columns) {
-            *place = names.iter().position(|name| name == column).ok_or_else(|| {
-                format!(
-                    "no column {column} in the first line; the columns are {}",
-                    columns.join(",")
-                )
-            })?;
-        }
-        let (mut rows, mut fields) = (vec![], vec![]);
-        for (index, line) in lines {
-            fields.clear();
-            fields.extend(line.split(',').map(trim));
-            let line = index + 1;
-            if rows.len() == ROWS_MAX {
-                return Err(format!("line {line}: more rows than are read, allowed {ROWS_MAX}"));
-            }
-            if fields.len() != names.len() {
-                return Err(format!(
-                    "line {line}: {} fields, the first line has {}",
-                    fields.len(),
-                    names.len()
-                ));
-            }
-            let mut values = [0.0; N];
-            for ((value, place), column) in values.iter_mut().zip(places).zip(columns) {
-                let field = fields[place];
-                *value = field.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(
-                    || {
-                        let field: String = field.chars().take(30).collect();
-                        format!("line {line}: {column} is `{field}`, allowed any finite number")
-                    },
-                )?;
-            }
-            rows.push((line, values));
-        }
-        Ok(Self { rows })
-    }
+/// Line and counts of a step of about 2^16 counts among steps that are small.
+fn wrap(rows: &[Row], resolution_m: f64) -> Option<(usize, f64)> {
+    let steps = rows.windows(2).map(|pair| {
+        let moved_m = pair[1].position_m - pair[0].position_m;
+        (pair[1].line, (moved_m / resolution_m).round())
+    });
+    let steps: Vec<(usize, f64)> = steps.collect();
+    let is_small =
+        |step: Option<&(usize, f64)>| step.is_none_or(|(_, step)| step.abs() < 0.25 * WRAP);
+    let is_wrap = |(n, (_, step)): &(usize, &(usize, f64))| {
+        (step.abs() - WRAP).abs() < 0.25 * WRAP
+            && is_small(n.checked_sub(1).and_then(|n| steps.get(n)))
+            && is_small(steps.get(n + 1))
+    };
+    steps.iter().enumerate().find(is_wrap).map(|(_, step)| *step)
 }
 
 #[cfg(test)]
@@ -287,7 +260,7 @@ mod tests {
     }
 
     fn read(text: &str) -> Result<Record, String> {
-        Record::from_csv("log", text, Span::default())
+        Record::from_csv("log", text, Span::default(), Units::Linear, 1e-6)
     }
 
     #[test]
@@ -298,20 +271,8 @@ mod tests {
         let again = read(&record.csv()).unwrap();
         assert_eq!((&again.voltage_v, &again.position_m), (&record.voltage_v, &record.position_m));
         let part = Span { from_s: Some(0.005), to_s: Some(0.0151) };
-        let part = Record::from_csv("log", &record.csv(), part).unwrap();
+        let part = Record::from_csv("log", &record.csv(), part, Units::Linear, 1e-6).unwrap();
         assert_eq!((part.len(), part.start_s), (102, 0.005));
-    }
-
-    #[test]
-    fn other_columns_orders_and_line_ends_are_taken() {
-        let text = log(120, |_, fields| fields.reverse());
-        let text = text.replacen("time_s,voltage_v,position_m", "position_m,voltage_v,time_s", 1);
-        assert_eq!(read(&text).unwrap().len(), 120);
-        let text = format!(
-            "\u{feff}# made by hand\r\n\r\n{}",
-            log(120, |_, _| ()).replace('\n', ",9\r\n")
-        );
-        assert_eq!(read(&text.replacen(",9", ",extra", 1)).unwrap().len(), 120);
     }
 
     #[test]
@@ -324,21 +285,8 @@ mod tests {
             })
         };
         for (text, wanted) in [
-            (String::new(), "the file is empty"),
-            ("time,u,x\n0,0,0\n".into(), "no column time_s in the first line"),
-            (log(9, |_, _| ()).replace(',', ";"), "columns are separated by `;`, allowed `,`"),
-            (log(9, |_, _| ()).replace(',', "\t"), "columns are separated by `\t`, allowed `,`"),
-            (
-                log(9, |_, _| ()).replacen("voltage_v", "time_s", 1),
-                "the first line has several columns time_s, allowed one",
-            ),
-            (set(7, 2, "\u{a0}1"), "line 9: position_m is `\u{a0}1`"),
             (log(0, |_, _| ()), "no row of data"),
             (log(99, |_, _| ()), "99 rows of data, at least 100 are needed"),
-            (set(7, 2, "nan"), "line 9: position_m is `nan`, allowed any finite number"),
-            (set(7, 1, "inf"), "line 9: voltage_v is `inf`"),
-            (set(7, 1, ""), "line 9: voltage_v is ``"),
-            (set(7, 1, "1,2"), "line 9: 4 fields, the first line has 3"),
             (set(7, 0, "0.0006"), "line 9: time goes from 0.0006 s to 0.0006 s; it must rise"),
             (set(199, 0, "0.5"), "line 201: the time stamps are not even: from 0.0198 s to 0.5 s"),
             (
@@ -355,5 +303,43 @@ mod tests {
             let error = read(&text).unwrap_err();
             assert!(error.contains(wanted), "{error} should say {wanted}");
         }
+    }
+
+    #[test]
+    fn a_part_is_of_any_time_that_the_file_has() {
+        let text = log(200, |n, fields| fields[0] = format!("{:.4}", 1.7e9 + n as f64 * 1e-3));
+        let part = |from_s, to_s| {
+            let span = Span { from_s: Some(from_s), to_s: Some(to_s) };
+            Record::from_csv("log", &text, span, Units::Linear, 1e-6)
+        };
+        let record = part(1.7e9 + 0.0499, 1.7e9 + 0.1501).unwrap();
+        assert_eq!((record.len(), record.start_s), (101, 1.7e9 + 0.05));
+        let none = "no row of data between --from and --to, allowed 1700000000 to 1700000000.199 s";
+        assert_eq!(part(0.0, 1.0).unwrap_err(), none);
+    }
+
+    #[test]
+    fn a_wrap_of_16_bits_is_named_with_its_line() {
+        let counts = |of: fn(f64) -> f64, resolution: f64| {
+            let text = log(200, |n, fields| {
+                fields[2] = format!("{}", of(n as f64 * 300.0) * resolution);
+            });
+            Record::from_csv("log", &text, Span::default(), Units::Linear, resolution)
+        };
+        let unsigned = |count: f64| (count + 30_000.0).rem_euclid(65_536.0);
+        let error = counts(unsigned, 1e-6).unwrap_err();
+        // The 119th row is the first from 65,536 on: 30,000 + 300 * 119.
+        let wrapped = "line 121: the position goes by -65236 counts, as a counter of 16 bits";
+        assert!(error.starts_with(wrapped), "{error}");
+        let signed = |count: f64| (count + 32_768.0).rem_euclid(65_536.0) - 32_768.0;
+        assert!(counts(signed, 1e-4).unwrap_err().starts_with("line 112: "));
+        let down = |count: f64| (-count).rem_euclid(65_536.0);
+        assert!(counts(down, 1e-4).unwrap_err().contains("goes by 65236 counts"));
+        // Neither a counter without wraps, nor a sensor without counts, nor a handle that is as fast all the time.
+        assert!(counts(|count| count, 1e-6).is_ok());
+        assert!(counts(|count| 200.0 * count, 1e-9).is_ok());
+        let text =
+            log(200, |n, fields| fields[2] = format!("{}", unsigned(n as f64 * 300.0) * 1e-6));
+        assert!(Record::from_csv("log", &text, Span::default(), Units::Linear, 0.0).is_ok());
     }
 }

@@ -6,8 +6,15 @@ use zwidth::{
     units::{Force, Position},
 };
 
-use super::record::{Record, Row, Span, Table};
-use crate::{analysis::telemetry::Capture, scene::Scene};
+use super::record::{Record, Row, Span};
+use crate::{
+    analysis::telemetry::Capture,
+    input::{
+        self,
+        table::{FINITE, Table},
+    },
+    scene::Scene,
+};
 
 /// Columns of the CSV of `telemetry` that matter here.
 const COLUMNS: [&str; 5] = ["sample", "position_counts", "force_q30", "command", "flags"];
@@ -83,8 +90,9 @@ pub fn from_capture(
 ) -> Result<Record, String> {
     let capture = Capture::decode(bytes);
     if capture.frames.is_empty() {
+        let no_text = input::utf8(bytes).err().map_or_else(String::new, |why| why + "; ");
         return Err(format!(
-            "neither a log with the columns time_s,voltage_v,position_m nor telemetry: no frame of layout 1 or 2 in {} bytes",
+            "{no_text}no telemetry: no frame of layout 1 or 2 in {} bytes",
             bytes.len()
         ));
     }
@@ -103,6 +111,11 @@ pub fn from_capture(
     record(name, sent.collect(), scale, span, "frame")
 }
 
+/// Whether a text is what `telemetry --csv` writes.
+pub(super) fn is_capture_csv(text: &str) -> bool {
+    Table::new(text).is_ok_and(|table| table.header().iter().any(|column| column == COLUMNS[1]))
+}
+
 /// The record in the CSV that `telemetry --csv` writes.
 ///
 /// # Errors
@@ -113,8 +126,8 @@ pub fn from_capture_csv(
     scale: &OutputScale,
     span: Span,
 ) -> Result<Record, String> {
-    let table = Table::new(text, &COLUMNS)?;
-    let sent = table.rows.into_iter().map(|(line, [sample, counts, force, command, flags])| {
+    let rows = Table::new(text)?.numbers(&COLUMNS.map(|column| (column, FINITE)))?;
+    let sent = rows.into_iter().map(|(line, [sample, counts, force, command, flags])| {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
         let flags = Flags::from_bits(flags as u16);
         Sent { line, sample, counts, force, command, flags }
@@ -130,7 +143,7 @@ fn record(
     place: &str,
 ) -> Result<Record, String> {
     let live = sent.into_iter().filter(|sent| !sent.flags.contains(Flags::REPLAY));
-    let inside: Vec<Sent> = live.filter(|sent| span.holds(sent.sample / scale.rate_hz)).collect();
+    let inside = span.of(live.collect(), |sent: &Sent| sent.sample / scale.rate_hz)?;
     if let Some(off) = inside.iter().find(|sent| !sent.flags.contains(Flags::ON)) {
         let time_s = off.sample / scale.rate_hz;
         let on: Vec<f64> = inside
@@ -159,7 +172,7 @@ fn record(
         ));
     }
     let rows: Vec<Row> = inside.iter().map(|sent| scale.row(sent)).collect();
-    Ok(Record { may_clip: false, ..Record::even(name, &rows, place)? })
+    Ok(Record { may_clip: false, ..Record::even(name, &rows, scale.resolution_m, place)? })
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@ use super::{
 use crate::{
     error::Error,
     plant::{Plant as _, PlantStep},
-    scene::{NamedScene, Scene, Units},
+    scene::{NamedScene, Scene},
 };
 
 /// Cases of the short search; `IDENTIFY_CASES` asks for more.
@@ -254,10 +254,7 @@ fn record(dice: &mut Dice, base: &Scene, resolution_m: f64) -> Result<Record, St
         from_s: dice.maybe(0.1, |dice| dice.between(-1.0, 2.0)),
         to_s: dice.maybe(0.1, |dice| dice.between(-1.0, 2.0)),
     };
-    match units {
-        Units::Rotary { .. } => Record::from_rotary_csv("made", &text, span, radius_m),
-        Units::Linear => Record::from_csv("made", &text, span),
-    }
+    Record::from_csv("made", &text, span, units, resolution_m)
 }
 
 fn terms(dice: &mut Dice) -> Terms {

@@ -1,0 +1,334 @@
+//! Every table that a user names, at its own door: the same files are taken everywhere, and the same are refused.
+
+use std::{collections::BTreeMap, fs, path::Path};
+
+use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
+use tempfile::TempDir;
+use zwidth::telemetry::Flags;
+
+use super::{
+    agree::Measured,
+    identify::{self, Gain, Options, Span},
+};
+use crate::{
+    error::Error,
+    scene::{FeltCurve, NamedScene},
+};
+
+/// Cells of a table, its header first.
+type Cells = Vec<Vec<String>>;
+/// What a door makes of a file.
+type Found = Result<String, Error>;
+
+/// A place that reads tables.
+struct Door {
+    name: &'static str,
+    good: Cells,
+    read: Box<dyn Fn(&Path) -> Found>,
+    /// Takes columns that it does not know.
+    others: bool,
+}
+
+fn cells(header: &str, rows: impl IntoIterator<Item = Vec<f64>>) -> Cells {
+    let header = header.split(',').map(str::to_owned).collect();
+    let row = |row: Vec<f64>| row.iter().map(f64::to_string).collect();
+    std::iter::once(header).chain(rows.into_iter().map(row)).collect()
+}
+
+fn log(scene: &str, position: &str, size: f64) -> Door {
+    let row =
+        |n: u32| vec![1.5 + f64::from(n) * 1e-3, 0.5 * f64::from(n % 3), f64::from(n % 7) * size];
+    Door {
+        name: if position == "position_m" { "log" } else { "rotary log" },
+        good: cells(&format!("time_s,voltage_v,{position}"), (0..120).map(row)),
+        read: identify(scene),
+        others: true,
+    }
+}
+
+fn identify(scene: &str) -> Box<dyn Fn(&Path) -> Found> {
+    let base = NamedScene::load(scene).unwrap();
+    Box::new(move |path| {
+        let options = Options::of_scene(&base.scene, Gain::Given(1.0));
+        identify::read(path, (&base, "base"), &options, Span::default())
+            .map(|record| format!("{record:?}"))
+    })
+}
+
+fn doors() -> [Door; 5] {
+    let paper = NamedScene::load("paper-1um").unwrap();
+    let plan = paper.scene.walk_plan();
+    let b = move |n: u32| plan.damping_start_n_s_per_m + f64::from(n) * plan.damping_step_n_s_per_m;
+    let columns = "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m";
+    let walk = cells(columns, (0..6).map(|n| vec![1500.0, b(n), 4000.5 + f64::from(n)]));
+    let curve = (1..6).map(|n| vec![10.5 * f64::from(n), 4e-6 / f64::from(n)]);
+    let frame = |n: u32| {
+        vec![f64::from(10_000 + 10 * n), f64::from(n % 9), -250.0, 0.0, f64::from(Flags::ON.bits())]
+    };
+    [
+        Door {
+            name: "walk",
+            good: walk,
+            read: Box::new(move |path| {
+                Measured::load(path, &paper).map(|found| format!("{found:?}"))
+            }),
+            others: true,
+        },
+        Door {
+            name: "felt curve",
+            good: cells("frequency_hz,threshold_rms_m", curve),
+            read: Box::new(|path| {
+                let curve = FeltCurve::load(path)?;
+                Ok(format!("{:?}", [1.0, 10.5, 17.0, 52.5, 99.0].map(|hz| curve.threshold_m(hz))))
+            }),
+            others: false,
+        },
+        log("paper-1um", "position_m", 1e-6),
+        log("hapkit", "position_rad", 0.001),
+        Door {
+            name: "telemetry",
+            good: cells("sample,position_counts,force_q30,command,flags", (0..120).map(frame)),
+            read: identify("paper-1um"),
+            others: true,
+        },
+    ]
+}
+
+fn joined(cells: &Cells, between: &str, end: &str) -> String {
+    cells.iter().map(|row| row.join(between) + end).collect()
+}
+
+fn plain(cells: &Cells) -> String {
+    joined(cells, ",", "\n")
+}
+
+fn each(cells: &Cells, change: impl Fn(&str) -> String) -> Cells {
+    cells.iter().map(|row| row.iter().map(|cell| change(cell)).collect()).collect()
+}
+
+/// What every door takes as it takes the good table.
+fn taken(good: &Cells, others: bool) -> BTreeMap<&'static str, String> {
+    let commas = each(good, |cell| cell.replace('.', ","));
+    let noted = plain(good).replace('\n', "\n\t # a, \"b;\n\n  \t \n#\n");
+    let mut taken = BTreeMap::from([
+        ("as it is", plain(good)),
+        ("byte-order mark", format!("\u{feff}{}", plain(good))),
+        ("byte-order mark, comment", format!("\u{feff}# x\n{}", plain(good))),
+        ("CRLF", joined(good, ",", "\r\n")),
+        ("CR", joined(good, ",", "\r")),
+        ("no last line end", plain(good).trim_end().to_owned()),
+        ("comments and blank lines", format!("# \u{b5}m, \"\n \n{noted}")),
+        ("comments in CR", format!("# x\r{}", noted.replace('\n', "\r"))),
+        ("quotes", plain(&each(good, |cell| format!("\"{cell}\"")))),
+        ("blanks", plain(&each(good, |cell| format!("  {cell}\t ")))),
+        ("quotes after blanks", plain(&each(good, |cell| format!(" \"{cell}\" ")))),
+        ("semicolons", joined(good, ";", "\n")),
+        ("tabs", joined(good, "\t", "\n")),
+        ("decimal commas, semicolons", joined(&commas, ";", "\n")),
+        ("decimal commas, tabs", joined(&commas, "\t", "\n")),
+        ("a spreadsheet's", format!("\u{feff}{}", joined(&commas, ";", "\r\n"))),
+        (
+            "exponents",
+            plain(&each(good, |cell| match cell.parse::<f64>() {
+                Ok(number) => format!("{number:+e}"),
+                Err(_) => cell.to_owned(),
+            })),
+        ),
+        (
+            "another order",
+            plain(&good.iter().map(|row| row.iter().rev().cloned().collect()).collect()),
+        ),
+    ]);
+    if others {
+        let mut more = good.clone();
+        for row in &mut more {
+            row.insert(1, "\"a, \"\"b\"\"; c\"".into());
+            row.push(String::new());
+        }
+        taken.insert("unknown columns", plain(&more));
+    }
+    taken
+}
+
+/// What no door takes, and what each says.
+fn refused(good: &Cells) -> Vec<(Vec<u8>, String)> {
+    let header = &good[0];
+    let (first, last) = (&header[0], &header[header.len() - 1]);
+    let columns = header.len();
+    let with = |line: usize, change: &dyn Fn(&mut Vec<String>)| {
+        let mut cells = good.clone();
+        change(&mut cells[line - 1]);
+        cells
+    };
+    let wide = |text: &str, order: fn(u16) -> [u8; 2]| {
+        text.encode_utf16().flat_map(order).collect::<Vec<u8>>()
+    };
+    let good_text = plain(good);
+    let mut refused = vec![
+        (
+            wide(&format!("\u{feff}{good_text}"), u16::to_le_bytes),
+            "not UTF-8, byte 1: UTF-16?".into(),
+        ),
+        (wide(&good_text, u16::to_le_bytes), "not UTF-8, byte 2: UTF-16?".into()),
+        (wide(&good_text, u16::to_be_bytes), "not UTF-8, byte 1: UTF-16?".into()),
+        ([b"# \xb5m\n", good_text.as_bytes()].concat(), "not UTF-8, byte 3: Windows-1252?".into()),
+    ];
+    let mut text = |text: String, why: String| refused.push((text.into_bytes(), why));
+    text(String::new(), "the file is empty".into());
+    text("# only\n\n".into(), "the file is empty".into());
+    let names = header.join(",");
+    text(
+        plain(&with(3, &|row| row.push("000".into()))),
+        format!("line 3: {} cells, allowed {columns} cells: {names}", columns + 1),
+    );
+    let missing = format!("line 3: no cell for {last}, allowed {columns} cells: {names}");
+    let short = with(3, &|row| drop(row.pop()));
+    text(plain(&short), missing.clone());
+    for end in ["\r\n", "\r"] {
+        text(joined(&short, "\t", end), missing.clone());
+    }
+    text(format!("#\r\r# x\r{}", joined(&short, ";", "\r")), missing.replace("line 3", "line 6"));
+    text(
+        plain(&with(3, &|row| row[0].insert(0, '"'))),
+        "line 3: a quote is open at its end".into(),
+    );
+    text(
+        plain(&good.iter().map(|row| [&row[..], &row[..1]].concat()).collect()),
+        format!("line 1: several columns {first}, allowed one"),
+    );
+    for (column, name) in header.iter().enumerate() {
+        for cell in [
+            "",
+            "x",
+            "nan",
+            "inf",
+            "-inf",
+            "1e999",
+            "1.5.2",
+            "\u{a0}1",
+            "\u{2212}1",
+            "0x1",
+            "1 000",
+        ] {
+            let shown = format!("line 3: {name} is `{cell}`, allowed ");
+            text(plain(&with(3, &|row| row[column] = cell.into())), shown);
+        }
+        text(
+            plain(&with(4, &|row| row[column] = "\"1,5\"".into())),
+            format!("line 4: {name} is `1,5`, allowed "),
+        );
+        for cell in ["1,000,5", "1.000,5", "1,000.5"] {
+            let shown = format!("line 2: {name} is `{cell}`, allowed ");
+            text(joined(&with(2, &|row| row[column] = cell.into()), ";", "\n"), shown);
+        }
+        // Telemetry without its counts is a log without its time.
+        if name != "position_counts" {
+            text(
+                plain(&with(1, &|row| row[column] = "other".into())),
+                format!("line 1: no column {name} in `"),
+            );
+        }
+    }
+    refused
+}
+
+/// In memory where there is such a place.
+fn folder() -> TempDir {
+    tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
+}
+
+/// The door's answer to a file of that content.
+fn answer(door: &Door, folder: &Path, content: &[u8]) -> Found {
+    let path = folder.join("table.csv");
+    fs::write(&path, content).unwrap();
+    (door.read)(&path)
+}
+
+#[test]
+fn every_door_takes_the_same_tables() {
+    let folder = folder();
+    for door in doors() {
+        let good = answer(&door, folder.path(), plain(&door.good).as_bytes()).unwrap();
+        for (kind, text) in taken(&door.good, door.others) {
+            let found = answer(&door, folder.path(), text.as_bytes());
+            let found = found.unwrap_or_else(|error| panic!("{}: {kind}: {error}", door.name));
+            assert_eq!(found, good, "{}: {kind}", door.name);
+        }
+    }
+}
+
+#[test]
+fn every_door_refuses_the_same_tables_by_line_and_column() {
+    let folder = folder();
+    for door in doors() {
+        for (content, why) in refused(&door.good) {
+            let said = match answer(&door, folder.path(), &content) {
+                Err(Error::Input(said)) => said,
+                other => panic!("{}: {other:?} should be refused: {why}", door.name),
+            };
+            let file = folder.path().join("table.csv").display().to_string();
+            assert!(said.starts_with(&file) && said.contains(&why), "{}: {said}\n{why}", door.name);
+        }
+    }
+}
+
+/// A table with bytes flipped, inserted and deleted, rows doubled and cells swapped.
+fn spoiled(good: &Cells, random: &mut Xoshiro256PlusPlus) -> Vec<u8> {
+    const INSERTED: &[u8] = b",;\t\"#\r\n\0 -.e9\xff\xef\xbb\xbf";
+    let mut cells = good.clone();
+    for _ in 0..random.random_range(0..3) {
+        let (row, other) =
+            (random.random_range(0..cells.len()), random.random_range(0..cells.len()));
+        let (column, to) =
+            (random.random_range(0..good[0].len()), random.random_range(0..good[0].len()));
+        if random.random() {
+            let doubled = cells[row].clone();
+            cells.insert(other, doubled);
+        } else {
+            let cell = cells[row][column].clone();
+            cells[row][column] = std::mem::replace(&mut cells[other][to], cell);
+        }
+    }
+    let between = [",", ";", "\t"][random.random_range(0..3)];
+    let end = ["\n", "\r\n", "\r"][random.random_range(0..3)];
+    let mut bytes = joined(&cells, between, end).into_bytes();
+    for _ in 0..random.random_range(0..6) {
+        let at = random.random_range(0..bytes.len() - 1);
+        match random.random_range(0..4) {
+            0 => bytes[at] ^= 1 << random.random_range(0..8),
+            1 => bytes.insert(at, INSERTED[random.random_range(0..INSERTED.len())]),
+            2 => drop(bytes.remove(at)),
+            _ if random.random_range(0..10) == 0 => bytes.truncate(at + 2),
+            _ => {}
+        }
+    }
+    bytes
+}
+
+fn none_panics(cases: u32) {
+    let folder = folder();
+    for door in doors() {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(1);
+        let mut taken = 0;
+        for _ in 0..cases {
+            match answer(&door, folder.path(), &spoiled(&door.good, &mut random)) {
+                Ok(_) => taken += 1,
+                Err(Error::Input(_)) => {}
+                Err(other) => panic!("{}: {other}", door.name),
+            }
+        }
+        println!("{}: {taken} of {cases} taken", door.name);
+        assert!(taken > cases / 20 && taken < cases / 2, "{}: {taken} taken", door.name);
+    }
+}
+
+#[test]
+fn no_spoiled_table_is_a_panic() {
+    none_panics(2000);
+}
+
+#[test]
+#[ignore = "a hundred times as many; minutes"]
+fn no_spoiled_table_of_many_is_a_panic() {
+    none_panics(200_000);
+}
