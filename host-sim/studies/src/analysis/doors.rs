@@ -293,12 +293,13 @@ fn spoiled(good: &Cells, random: &mut Xoshiro256PlusPlus) -> Vec<u8> {
     let end = ["\n", "\r\n", "\r"][random.random_range(0..3)];
     let mut bytes = joined(&cells, between, end).into_bytes();
     for _ in 0..random.random_range(0..6) {
-        let at = random.random_range(0..bytes.len() - 1);
+        let Some(last) = bytes.len().checked_sub(1) else { break };
+        let at = random.random_range(0..=last);
         match random.random_range(0..4) {
             0 => bytes[at] ^= 1 << random.random_range(0..8),
             1 => bytes.insert(at, INSERTED[random.random_range(0..INSERTED.len())]),
             2 => drop(bytes.remove(at)),
-            _ if random.random_range(0..10) == 0 => bytes.truncate(at + 2),
+            _ if random.random_range(0..10) == 0 => bytes.truncate(at + 1),
             _ => {}
         }
     }
@@ -328,7 +329,7 @@ fn no_spoiled_table_is_a_panic() {
 }
 
 #[test]
-#[ignore = "a hundred times as many; minutes"]
+#[ignore = "twenty times as many; .ci/long runs it"]
 fn no_spoiled_table_of_many_is_a_panic() {
-    none_panics(200_000);
+    none_panics(40_000);
 }
