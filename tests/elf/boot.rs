@@ -166,6 +166,6 @@ fn the_encoders_error_and_noise_reach_the_board_and_what_it_has_not_is_refused()
     };
     refused(|scene| scene.jitter = Some(Jitter { peak_s: 1e-6, seed: 1 }), "[jitter]");
     refused(|scene| scene.wall_hit.push_by = PushBy::Hand, "wall_hit");
-    refused(|scene| scene.wall_hit.rms_of = RmsOf::Motion, "wall_hit");
+    refused(|scene| scene.wall_hit.rms_of = Some(RmsOf::Motion), "wall_hit");
     refused(|scene| scene.wall_hit.criterion = Criterion::Felt, "wall_hit");
 }

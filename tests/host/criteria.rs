@@ -206,7 +206,7 @@ fn limits_that_share_hits_are_the_walks_one_by_one() {
         let mut own = scene.clone();
         own.walk = grid;
         own.wall_hit.push_by = asked.push;
-        own.wall_hit.rms_of = RmsOf::Motion;
+        own.wall_hit.rms_of = Some(RmsOf::Motion);
         own.arm = asked.arm.map(|name| scene.arms[&name]);
         match result.limit {
             Limit::Rms(limit_m) => own.wall_hit.rms_limit_m = limit_m,
@@ -264,7 +264,7 @@ fn each_criterion_is_what_its_hit_shows() {
             for limit in [0.9, 1.1] {
                 let mut scene = scene.clone();
                 let by = &mut scene.wall_hit;
-                (by.criterion, by.rms_of) = (criterion, rms_of);
+                by.judge(criterion, Some(rms_of));
                 let counts = rms_of == RmsOf::Counts;
                 let rms_m = if counts { report.rms_m } else { report.rms_motion_m };
                 by.rms_limit_m = (limit * rms_m).max(1e-8);

@@ -117,7 +117,7 @@ fn quiet_walls_have_their_filter_too() {
     for (name, theirs) in [("paper-1um", 15.8), ("paper-2um", 9.9)] {
         let mut scene = scene(name);
         scene.wall_hit.rms_limit_m = 1e-6;
-        scene.wall_hit.rms_of = RmsOf::Motion;
+        scene.wall_hit.rms_of = Some(RmsOf::Motion);
         scene.walk.stiffness_start_n_per_m = 1000.0;
         scene.walk.stiffness_step_n_per_m = 1000.0;
         scene.walk.damping_start_n_s_per_m = 5.0;

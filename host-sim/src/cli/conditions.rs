@@ -3,7 +3,7 @@
 
 use clap::{Args, ValueEnum};
 
-use super::limits::{Asked, Limits, RmsOfArg, parse};
+use super::limits::{Limits, RmsOfArg, parse};
 use crate::{
     error::Error,
     scene::{Criterion, PushBy, Scene},
@@ -40,6 +40,7 @@ enum CriterionArg {
     Rms,
     Unsaturated,
     Felt,
+    Quiet,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -61,26 +62,17 @@ impl Conditions {
     /// # Errors
     /// There is no such arm, or the scene cannot have them.
     pub fn apply(&self, scene: &mut Scene) -> Result<(), Error> {
+        if let Some(limit) = self.limit.as_ref().and_then(|limits| limits.0.first()) {
+            limit.of(scene).set(&mut scene.wall_hit);
+        }
         let hit = &mut scene.wall_hit;
-        match self.limit.as_ref().and_then(|limits| limits.0.first()) {
-            None => {}
-            Some(Asked::Felt) => hit.criterion = Criterion::Felt,
-            Some(Asked::FeltAt(level_db)) => {
-                hit.criterion = Criterion::Felt;
-                hit.felt_limit_db = *level_db;
-            }
-            Some(Asked::Rms(limit_m)) => hit.rms_limit_m = *limit_m,
-        }
-        if let Some(rms_of) = self.rms_of {
-            hit.rms_of = rms_of.into();
-        }
-        if let Some(criterion) = self.criterion {
-            hit.criterion = match criterion {
-                CriterionArg::Rms => Criterion::Rms,
-                CriterionArg::Unsaturated => Criterion::Unsaturated,
-                CriterionArg::Felt => Criterion::Felt,
-            };
-        }
+        let criterion = self.criterion.map_or(hit.criterion, |criterion| match criterion {
+            CriterionArg::Rms => Criterion::Rms,
+            CriterionArg::Unsaturated => Criterion::Unsaturated,
+            CriterionArg::Felt => Criterion::Felt,
+            CriterionArg::Quiet => Criterion::Quiet,
+        });
+        hit.judge(criterion, self.rms_of.map(Into::into).or(hit.rms_of));
         if let Some(push) = self.push {
             hit.push_by = match push {
                 PushArg::Motor => PushBy::Motor,

@@ -178,7 +178,7 @@ impl DesignArgs {
     fn conditions(&self, scene: &Scene) -> Result<Vec<Condition>, Error> {
         let mut base = scene.clone();
         if let Some(rms_of) = self.rms_of {
-            base.wall_hit.rms_of = rms_of.into();
+            base.wall_hit.judge(base.wall_hit.criterion, Some(rms_of.into()));
         }
         if self.unsaturated {
             base.wall_hit.criterion = Criterion::Unsaturated;
@@ -221,21 +221,14 @@ impl DesignArgs {
                             name += &format!(", arm {arm}");
                         }
                     }
-                    match limit {
-                        None => {}
-                        Some(Asked::Felt) => {
-                            scene.wall_hit.criterion = Criterion::Felt;
-                            name += ", felt";
-                        }
-                        Some(Asked::FeltAt(level_db)) => {
-                            scene.wall_hit.criterion = Criterion::Felt;
-                            scene.wall_hit.felt_limit_db = *level_db;
-                            name += &format!(", felt {level_db} dB");
-                        }
-                        Some(Asked::Rms(limit_m)) => {
-                            scene.wall_hit.rms_limit_m = *limit_m;
-                            name += &format!(", {limit_m:e} m");
-                        }
+                    if let Some(limit) = limit {
+                        limit.of(&scene).set(&mut scene.wall_hit);
+                        name += &match limit {
+                            Asked::Felt => ", felt".to_owned(),
+                            Asked::FeltAt(level_db) => format!(", felt {level_db} dB"),
+                            Asked::Rms(limit_m) => format!(", {limit_m:e} m"),
+                            Asked::Quiet => ", quiet".to_owned(),
+                        };
                     }
                     scene.check().map_err(Error::Input)?;
                     conditions.push(Condition { name, scene });

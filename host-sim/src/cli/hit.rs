@@ -59,6 +59,11 @@ struct Json<'a> {
     window_at_limit_fraction: f64,
     /// `null` if the window has none.
     sensation_db: Option<f64>,
+    force_rms_n: f64,
+    /// `null` if the wall has no force.
+    penetration_ratio: Option<f64>,
+    /// One for each push that the wall was judged at.
+    pushes: Vec<Push>,
     /// By the wall's force and the counts, in the last contact.
     port_taken_j: f64,
     /// The most beyond that, in any contact.
@@ -68,6 +73,17 @@ struct Json<'a> {
     port_limited_fraction: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     port_withheld_fraction: Option<f64>,
+}
+
+/// What a hit at one push showed.
+#[derive(Serialize)]
+struct Push {
+    push_n: f64,
+    verdict: &'static str,
+    rms_m: f64,
+    rms_motion_m: f64,
+    force_rms_n: f64,
+    penetration_ratio: Option<f64>,
 }
 
 pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
@@ -93,13 +109,15 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
         report
     };
     outputs.commit()?;
-    print(&scene, &hit, &report, common)
+    let pushes = prepared.reports(numeric, &hit)?;
+    print(&scene, &hit, &report, &pushes, common)
 }
 
 fn print(
     scene: &NamedScene,
     hit: &WallHit,
     report: &HitReport,
+    pushes: &[(f64, HitReport)],
     common: &Common,
 ) -> Result<(), Error> {
     let passive = scene.scene.passivity.is_some();
@@ -116,10 +134,23 @@ fn print(
         contact_fraction: report.contact_fraction,
         velocity_clipped_fraction: report.velocity_clipped_fraction,
         criterion: scene.scene.wall_hit.criterion.name(),
-        rms_of: scene.scene.wall_hit.rms_of.name(),
+        rms_of: scene.scene.wall_hit.rms_of().name(),
         rms_motion_m: report.rms_motion_m,
         window_at_limit_fraction: report.at_limit_fraction,
         sensation_db: report.sensation_db,
+        force_rms_n: report.force_rms_n,
+        penetration_ratio: report.penetration_ratio,
+        pushes: pushes
+            .iter()
+            .map(|&(push_n, of)| Push {
+                push_n,
+                verdict: of.verdict.name(),
+                rms_m: of.rms_m,
+                rms_motion_m: of.rms_motion_m,
+                force_rms_n: of.force_rms_n,
+                penetration_ratio: of.penetration_ratio,
+            })
+            .collect(),
         port_taken_j: report.port.taken_j,
         port_given_j: report.port.given_j,
         port_limited_fraction: passive.then_some(report.port.limited_fraction),

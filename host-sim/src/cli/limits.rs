@@ -111,7 +111,7 @@ impl LimitArgs {
             .flat_map(|limit| match limit {
                 Asked::Rms(limit_m) => vec![Limit::Rms(*limit_m)],
                 Asked::Felt => LEVELS_DB.iter().map(|db| Limit::Felt(felt_db + db)).collect(),
-                Asked::FeltAt(level_db) => vec![Limit::Felt(*level_db)],
+                Asked::FeltAt(_) | Asked::Quiet => vec![limit.of(scene)],
             })
             .collect();
         let at_handle = |pair: Option<Pair>| pair.map(|pair| pair.at_handle(scene));

@@ -396,8 +396,12 @@ impl Said<'_> {
         let wall_hit = &self.scene.wall_hit;
         let limit = match wall_hit.criterion {
             Criterion::Felt => format!("motion felt below {} dB", wall_hit.felt_limit_db),
+            Criterion::Quiet => {
+                let limit_n = zwidth::shorten(wall_hit.force_rms_limit_n());
+                format!("quiet, RMS of the force below {limit_n} N")
+            }
             criterion => {
-                let of = wall_hit.rms_of.name();
+                let of = wall_hit.rms_of().name();
                 let limit = zwidth::shorten(1e6 * wall_hit.rms_limit_m);
                 let unsaturated = criterion == Criterion::Unsaturated;
                 let more = if unsaturated { ", no output at the limit" } else { "" };

@@ -63,6 +63,7 @@ pub(super) fn name(limit: Limit) -> String {
             format!("{um} um")
         }
         Limit::Felt(db) => format!("felt, {db} dB"),
+        Limit::Quiet(newtons) => format!("quiet, {newtons:.3} N"),
     }
 }
 

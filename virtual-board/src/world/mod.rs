@@ -178,7 +178,7 @@ impl<'a> World<'a> {
             return Err("[jitter]: a board samples when it samples; leave it out".to_owned());
         }
         let hit = &scene.wall_hit;
-        let by_counts = hit.criterion == Criterion::Rms && hit.rms_of == RmsOf::Counts;
+        let by_counts = hit.criterion == Criterion::Rms && hit.rms_of() == RmsOf::Counts;
         if hit.push_by == PushBy::Hand || !by_counts {
             return Err("wall_hit: on a board the motor pushes and the RMS of counts decides; leave out push_by, \
                         criterion and rms_of"

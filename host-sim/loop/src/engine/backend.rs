@@ -7,7 +7,7 @@ use super::{
     lanes::LaneController,
     scheduler,
     simd_ops::SimdOps,
-    work::{Depth, Tally, Task, Work, one_by_one},
+    work::{Depth, Pushes, Tally, Task, Work, one_by_one},
 };
 use crate::{
     plant::AnyPlant,
@@ -144,6 +144,7 @@ pub fn run(
     depth: Depth,
     work: &mut dyn Work,
 ) -> Tally {
+    let work = &mut Pushes::new(prepared, work);
     let numeric = if prepared.is_told() { Numeric::Fixed } else { numeric };
     let task = Task { prepared, numeric, depth };
     let Engine::Lanes(backend) = engine else { return one_by_one(task, work) };
@@ -169,11 +170,11 @@ pub fn run(
     }
 }
 
-fn each_numeric<S: SimdOps, const R: usize>(
+fn each_numeric<'a, S: SimdOps, const R: usize>(
     simd: S,
-    task: Task<'_>,
+    task: Task<'a>,
     form: Form,
-    work: &mut dyn Work,
+    work: &mut Pushes<'a>,
 ) -> Tally {
     let float = |rounding| Box::new(FloatLoop::<S, R>::new(simd, rounding));
     let mut controller: Box<dyn LaneController<S, R>> = match task.numeric {
@@ -186,11 +187,11 @@ fn each_numeric<S: SimdOps, const R: usize>(
 
 /// Plants of four and six states run as those of five and seven: half as many kinds of lanes to compile for little more
 /// work of each.
-fn each_plant<S: SimdOps, const R: usize>(
+fn each_plant<'a, S: SimdOps, const R: usize>(
     simd: S,
-    task: Task<'_>,
+    task: Task<'a>,
     controller: &mut dyn LaneController<S, R>,
-    work: &mut dyn Work,
+    work: &mut Pushes<'a>,
 ) -> Tally {
     use scheduler::run;
     match &task.prepared.parts().plant {

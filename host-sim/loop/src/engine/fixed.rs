@@ -83,9 +83,10 @@ fn begin<'a>(
     Ok(Begin { control, beside: Beside { late, readings } })
 }
 
-/// Stiffness and damping, a lane each.
+/// Push, stiffness and damping, a lane each.
 #[derive(Clone, Copy)]
 struct Wall<S: SimdOps> {
+    push: S::u64s,
     stiffness: GainLanes<S>,
     damping: GainLanes<S>,
 }
@@ -100,7 +101,7 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> FixedLoop<S, F, R> {
             forms: std::array::from_fn(|_| F::at_rest(simd).0),
             gains: [gains; R],
             velocity: [simd.splat_u64s(0); R],
-            walls: [Wall { stiffness: gain, damping: gain }; R],
+            walls: [Wall { push: simd.splat_u64s(0), stiffness: gain, damping: gain }; R],
         }
     }
 }
@@ -117,6 +118,8 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> LaneController<S, R> for Fixe
         let gains = &mut self.gains[vector];
         self.forms[vector].start(self.simd, gains, place, &control.estimator, beside);
         lanes_mut::<_, u64>(&mut self.velocity[vector])[place] = 0;
+        let push = i64::from(prepared.plan().push.bits()).cast_unsigned();
+        lanes_mut::<_, u64>(&mut self.walls[vector].push)[place] = push;
         self.walls[vector].stiffness.set(place, control.wall.stiffness());
         self.walls[vector].damping.set(place, control.wall.damping());
         Ok(control.wall.surface().counts())
@@ -201,7 +204,7 @@ impl<S: SimdOps> Wall<S> {
         let total = simd.larger(simd.add_u64s(spring, damper), stage.least);
         let wall = simd.select_u64s(inside, total, zero);
         let full = simd.splat_u64s(Force::FULL_SCALE.bits().unsigned_abs().into());
-        let wanted = simd.sub_u64s(stage.push_bits, wall);
+        let wanted = simd.sub_u64s(self.push, wall);
         simd.smaller(simd.larger(wanted, simd.sub_u64s(zero, full)), full)
     }
 }

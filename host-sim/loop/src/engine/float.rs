@@ -8,7 +8,7 @@ use super::{
     simd_ops::{SIGN, SimdOps, lanes_mut},
 };
 use crate::simulation::{
-    controller::Controller as _,
+    controller::{Controller as _, Replaceable},
     prepared::{PreparedScene, WallHit},
     twin::{FLUSH_BELOW, LowPass, Rounding},
 };
@@ -31,6 +31,7 @@ struct TwinGains<S: SimdOps> {
     a: [S::f64s; 2],
     stiffness: S::f64s,
     damping: S::f64s,
+    push: S::f64s,
 }
 
 /// What the samples left behind, a lane each.
@@ -45,8 +46,9 @@ impl<S: SimdOps, const R: usize> FloatLoop<S, R> {
     pub fn new(simd: S, rounding: Rounding) -> Self {
         let zero = simd.splat_f64s(0.0);
         let state = TwinState { x: [zero; 2], y: [zero; 2] };
+        let (pair, gain) = ([zero; 2], zero);
         let gains =
-            TwinGains { past: [zero; 2], b0: zero, a: [zero; 2], stiffness: zero, damping: zero };
+            TwinGains { past: pair, b0: gain, a: pair, stiffness: gain, damping: gain, push: gain };
         Self { simd, rounding, states: [state; R], gains: [gains; R] }
     }
 }
@@ -63,10 +65,20 @@ impl<S: SimdOps, const R: usize> LaneController<S, R> for FloatLoop<S, R> {
         let (state, gains) = (&mut self.states[vector], &mut self.gains[vector]);
         if let Some(LowPass { past, b0, a }) = twin.low_pass() {
             let [stiffness, damping] = twin.wall_gains();
+            let push = Replaceable::push(&twin);
             let [p1, p2] = &mut gains.past;
             let [a1, a2] = &mut gains.a;
-            let places = [p1, p2, &mut gains.b0, a1, a2, &mut gains.stiffness, &mut gains.damping];
-            let values = [past[0], past[1], b0, a[0], a[1], stiffness, damping];
+            let places = [
+                p1,
+                p2,
+                &mut gains.b0,
+                a1,
+                a2,
+                &mut gains.stiffness,
+                &mut gains.damping,
+                &mut gains.push,
+            ];
+            let values = [past[0], past[1], b0, a[0], a[1], stiffness, damping, push];
             for (vector, value) in places.into_iter().zip(values) {
                 lanes_mut(vector)[place] = value;
             }
@@ -185,7 +197,7 @@ impl<S: SimdOps> TwinState<S> {
             simd.mul_f64s(gains.damping, velocity),
         );
         let one_sided = simd.max_of(total, stage.least_wall);
-        let wanted = simd.sub_f64s(stage.push, simd.choose(inside, one_sided, zero));
+        let wanted = simd.sub_f64s(gains.push, simd.choose(inside, one_sided, zero));
         let one = simd.splat_f64s(1.0);
         let force = simd.min_of(simd.max_of(wanted, simd.splat_f64s(-1.0)), one);
         match stage.codes_f64 {

@@ -71,8 +71,6 @@ pub fn place<S: SimdOps>(lane: usize) -> (usize, usize) {
 /// What all lanes share at an output.
 #[derive(Clone, Copy)]
 pub struct OutputStage<S: SimdOps> {
-    pub push: S::f64s,
-    pub push_bits: S::u64s,
     /// 0 with `push_only`, else the least number there is.
     pub least: S::u64s,
     pub least_wall: S::f64s,
@@ -95,7 +93,6 @@ pub struct Shared<S: SimdOps, const P: usize> {
     pub gamma: [S::f64s; P],
     pub before: [S::f64s; P],
     pub after: [S::f64s; P],
-    pub hand: [S::f64s; P],
     pub rest_m: S::f64s,
     pub resolution_m: S::f64s,
     /// Counts that are added before the encoder floors: 1/2 where it rounds, else 0, which changes nothing.
@@ -110,8 +107,9 @@ pub struct Shared<S: SimdOps, const P: usize> {
 #[repr(align(64))]
 pub struct Moving<S: SimdOps, const P: usize> {
     pub state: [S::f64s; P],
-    /// What the acting force and a hand's add to the state in a sample.
+    /// What the acting force and a hand's add to the state in a sample, and what the hand's alone adds.
     pub pushed: [S::f64s; P],
+    pub hand: [S::f64s; P],
     /// Force that acts, N.
     pub acting_n: S::f64s,
     pub counted: Counted<S>,
@@ -230,9 +228,10 @@ impl<S: SimdOps, const P: usize> Moving<S, P> {
     pub fn new(simd: S) -> Self {
         let zero = simd.splat_f64s(0.0);
         let counted = Counted { count: zero, jump: zero, sum: zero, squares: zero, deepest: zero };
-        let (state, pushed) = ([zero; P], [zero; P]);
-        let watched = Watched { sum_m: zero, squares: zero, at_limit: zero };
-        Self { state, pushed, acting_n: zero, counted, watched }
+        let nothing = [zero; P];
+        let watched = Watched::new(simd);
+        let (state, pushed, hand) = (nothing, nothing, nothing);
+        Self { state, pushed, hand, acting_n: zero, counted, watched }
     }
 
     #[inline(always)]
@@ -252,10 +251,10 @@ impl<S: SimdOps, const P: usize> Moving<S, P> {
         for (state, effect) in self.state.iter_mut().zip(&shared.before) {
             *state = simd.add_f64s(*state, simd.mul_f64s(*effect, self.acting_n));
         }
-        let after = pushed(simd, &shared.after, force_n, &shared.hand);
+        let after = pushed(simd, &shared.after, force_n, &self.hand);
         self.state = plus(simd, self.state, after);
         self.acting_n = force_n;
-        self.pushed = pushed(simd, &shared.gamma, force_n, &shared.hand);
+        self.pushed = pushed(simd, &shared.gamma, force_n, &self.hand);
     }
 }
 

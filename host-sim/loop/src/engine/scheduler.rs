@@ -11,19 +11,19 @@ use super::{
     estimator::Form,
     lanes::{
         Actuation, Aligned, Chunk, Kept, LaneController, Motion, Moving, OutputStage, ROWS, Row,
-        Shared, Watched, mask, place,
+        Shared, mask, place,
     },
     simd_ops::{SimdOps, lanes, lanes_mut},
-    work::{Depth, Outcome, Tally, Task, Work, scalar},
+    work::{Depth, Outcome, Pushes, Tally, Task, scalar},
 };
 use crate::{
     plant::LinearStep,
     scene::Rounding,
     simulation::{
         controller::lsb_per_m_per_s,
-        prepared::{HitError, Numeric, WallHit},
+        prepared::{HitError, Numeric, PreparedScene, WallHit},
         twin,
-        window::Watch,
+        window::{Stiff, Watch},
     },
 };
 
@@ -39,8 +39,10 @@ const SQUARES_MAX: f64 = (1u64 << 53) as f64;
 
 /// A hit in a lane.
 #[derive(Clone, Debug)]
-struct Running {
+struct Running<'a> {
     hit: WallHit,
+    /// The scene at its push.
+    prepared: &'a PreparedScene,
     /// Taken so far.
     samples: u32,
     surface: i32,
@@ -51,7 +53,7 @@ struct Running {
     contact: bool,
 }
 
-struct Scheduler<'a, S: SimdOps, const P: usize, const R: usize> {
+struct Scheduler<'a, 'c, S: SimdOps, const P: usize, const R: usize> {
     simd: S,
     task: Task<'a>,
     step: LinearStep<P>,
@@ -61,20 +63,20 @@ struct Scheduler<'a, S: SimdOps, const P: usize, const R: usize> {
     shared: Shared<S, P>,
     kept: [Kept<S>; R],
     moving: [Moving<S, P>; R],
-    controller: &'a mut dyn LaneController<S, R>,
+    controller: &'c mut dyn LaneController<S, R>,
     actuation: Actuation<S, R>,
     motion: Option<Motion<S, R>>,
     speeds: Option<Box<[Row<S, R>; ROWS]>>,
-    running: Vec<Option<Running>>,
+    running: Vec<Option<Running<'a>>>,
 }
 
 /// Runs the hits of `work` in lanes, all in this thread.
-pub fn run<S: SimdOps, const P: usize, const R: usize>(
+pub fn run<'a, S: SimdOps, const P: usize, const R: usize>(
     simd: S,
-    task: Task<'_>,
+    task: Task<'a>,
     step: &LinearStep<P>,
     controller: &mut dyn LaneController<S, R>,
-    work: &mut dyn Work,
+    work: &mut Pushes<'a>,
 ) -> Tally {
     let mut scheduler = Scheduler::<S, P, R>::new(simd, task, step, controller);
     for lane in 0..scheduler.running.len() {
@@ -95,7 +97,7 @@ pub fn run<S: SimdOps, const P: usize, const R: usize>(
                         scheduler.tally.in_lanes += 1;
                         Ok(outcome)
                     }
-                    (None, Some(running)) => scheduler.scalar(&running.hit),
+                    (None, Some(running)) => scheduler.scalar(running.prepared, &running.hit),
                     (None, None) => continue,
                 };
                 work.done(lane, outcome);
@@ -113,12 +115,12 @@ pub fn run<S: SimdOps, const P: usize, const R: usize>(
     scheduler.tally
 }
 
-impl<'a, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, S, P, R> {
+impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P, R> {
     fn new(
         simd: S,
         task: Task<'a>,
         step: &LinearStep<P>,
-        controller: &'a mut dyn LaneController<S, R>,
+        controller: &'c mut dyn LaneController<S, R>,
     ) -> Self {
         let parts = task.prepared.parts();
         let zero = simd.splat_f64s(0.0);
@@ -132,7 +134,6 @@ impl<'a, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, S, P, R> {
             gamma: each(simd, &step.gamma),
             before: each(simd, &step.before),
             after: each(simd, &step.after),
-            hand: each(simd, &step.hand),
             rest_m: splat(step.rest_m[0]),
             resolution_m: splat(parts.encoder.resolution_m),
             bias: splat(if parts.encoder.rounding == Rounding::Round { 0.5 } else { 0.0 }),
@@ -167,18 +168,17 @@ impl<'a, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, S, P, R> {
         }
     }
 
-    fn scalar(&mut self, hit: &WallHit) -> Result<Outcome, HitError> {
+    fn scalar(&mut self, prepared: &PreparedScene, hit: &WallHit) -> Result<Outcome, HitError> {
         self.tally.scalar += 1;
-        scalar(self.task, hit)
+        scalar(Task { prepared, ..self.task }, hit)
     }
 
     /// Takes the next hit into a free lane; those that no lane can run are run at once.
-    fn begin(&mut self, lane: usize, work: &mut dyn Work) {
+    fn begin(&mut self, lane: usize, work: &mut Pushes<'a>) {
         let own = Form::of(self.task.prepared.scene().velocity.estimator());
-        while let Some(hit) = work.next(lane) {
-            let prepared = self.task.prepared;
+        while let Some((hit, prepared)) = work.next(lane) {
             if Form::of(hit.velocity.name()) != own {
-                work.done(lane, self.scalar(&hit));
+                work.done(lane, self.scalar(prepared, &hit));
                 continue;
             }
             match self.controller.start(lane, prepared, &hit) {
@@ -187,16 +187,15 @@ impl<'a, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, S, P, R> {
                     work.done(lane, Err(error.into()));
                 }
                 Ok(_) if f64::from(prepared.first_count(&hit)).abs() > COUNT_MAX => {
-                    work.done(lane, self.scalar(&hit));
+                    work.done(lane, self.scalar(prepared, &hit));
                 }
-                Ok(surface) => return self.start(lane, hit, surface),
+                Ok(surface) => return self.start(lane, prepared, hit, surface),
             }
         }
         self.idle(lane);
     }
 
-    fn start(&mut self, lane: usize, hit: WallHit, surface: i32) {
-        let prepared = self.task.prepared;
+    fn start(&mut self, lane: usize, prepared: &'a PreparedScene, hit: WallHit, surface: i32) {
         let (vector, place) = place::<S>(lane);
         let (kept, moving) = (&mut self.kept[vector], &mut self.moving[vector]);
         let state = self.step.at_rest(prepared.start_m(&hit));
@@ -204,8 +203,10 @@ impl<'a, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, S, P, R> {
         for (vector, value) in moving.state.iter_mut().zip(state) {
             set(vector, value);
         }
-        for (vector, hand) in moving.pushed.iter_mut().zip(self.step.hand) {
-            set(vector, 0.0 + hand);
+        let hand = prepared.parts().plant.hand();
+        for ((pushed, of_hand), hand) in moving.pushed.iter_mut().zip(&mut moving.hand).zip(hand) {
+            set(pushed, 0.0 + hand);
+            set(of_hand, hand);
         }
         for vector in [&mut moving.acting_n, &mut moving.counted.jump] {
             set(vector, 0.0);
@@ -219,6 +220,7 @@ impl<'a, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, S, P, R> {
         }
         self.running[lane] = Some(Running {
             hit,
+            prepared,
             samples: 0,
             surface,
             origin: 0,
@@ -235,7 +237,7 @@ impl<'a, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, S, P, R> {
         for (vector, value) in moving.state.iter_mut().zip(still.state) {
             lanes_mut::<_, f64>(vector)[place] = lanes::<_, f64>(&value)[place];
         }
-        for vector in &mut moving.pushed {
+        for vector in moving.pushed.iter_mut().chain(&mut moving.hand) {
             lanes_mut(vector)[place] = 0.0;
         }
         lanes_mut(&mut moving.acting_n)[place] = 0.0;
@@ -271,10 +273,7 @@ impl<'a, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, S, P, R> {
             let at_m = get(&moving.position_m(self.simd, &self.shared));
             lanes_mut(&mut kept.origin_m)[place] = at_m;
             lanes_mut(&mut kept.watching)[place] = mask(true);
-            let Watched { sum_m, squares, at_limit } = &mut moving.watched;
-            for sum in [sum_m, squares, at_limit] {
-                lanes_mut(sum)[place] = 0.0;
-            }
+            moving.watched.clear(place);
         }
         if running.samples <= settle {
             return None;
@@ -295,13 +294,13 @@ impl<'a, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, S, P, R> {
         let watch = moving.watched.lane(place, get(&kept.origin_m));
         let motion = self.motion.as_ref();
         let motion = || motion.map_or(vec![], |motion| motion.lane(vector, place));
-        running.judge(self.task, &watch, motion).map(Some)
+        running.judge(self.task.depth, &watch, motion).map(Some)
     }
 }
 
 /// Samples until one of these hits has to be looked at: before the first sample of its window, if it is watched, after
 /// it, which gives the origin, and at its end.
-fn soonest(running: &[Option<Running>], plan: &HitPlan, watches: bool) -> Option<u32> {
+fn soonest(running: &[Option<Running<'_>>], plan: &HitPlan, watches: bool) -> Option<u32> {
     let next = |running: &Running| match running.samples {
         n if watches && n < plan.settle => plan.settle - n,
         n if n <= plan.settle => plan.settle + 1 - n,
@@ -310,7 +309,7 @@ fn soonest(running: &[Option<Running>], plan: &HitPlan, watches: bool) -> Option
     running.iter().flatten().map(next).min()
 }
 
-impl Running {
+impl Running<'_> {
     /// The window begins with this count.
     fn open_window(&mut self, count: f64) {
         #[expect(clippy::cast_possible_truncation, reason = "whole and below 2^30")]
@@ -336,11 +335,11 @@ impl Running {
     /// The hit's outcome, if it is over or certain.
     fn judge(
         &self,
-        task: Task<'_>,
+        depth: Depth,
         watch: &Watch,
         motion: impl FnOnce() -> Vec<f64>,
     ) -> Option<Outcome> {
-        let Task { prepared, depth, .. } = task;
+        let prepared = self.prepared;
         let hit = Hit::in_window(*prepared.plan(), u32::from(self.contact), self.variance);
         if !hit.is_over() {
             let early = depth != Depth::Whole;
@@ -351,8 +350,10 @@ impl Running {
         if plain && depth != Depth::Whole {
             return Some(Outcome::of(hit.verdict()));
         }
-        let measures = prepared.judge().measures(&hit, watch, motion);
-        let verdict = prepared.judge().verdict(&hit, &measures);
+        let stiffness_n_per_m = self.hit.stiffness_n_per_m;
+        let wall = Stiff { stiffness_n_per_m, surface: self.surface };
+        let measures = prepared.judge().measures(&hit, wall, watch, motion);
+        let verdict = prepared.judge().verdict(&hit, wall, &measures);
         let shown = match depth {
             Depth::Verdict => false,
             Depth::Bounded => verdict != Verdict::Unstable,
@@ -379,8 +380,6 @@ fn each<S: SimdOps, const P: usize>(simd: S, numbers: &[f64; P]) -> [S::f64s; P]
 fn stage<S: SimdOps>(simd: S, task: Task<'_>) -> OutputStage<S> {
     let Task { prepared, numeric, .. } = task;
     let splat = |value: f64| simd.splat_f64s(value);
-    let push_bits = i64::from(prepared.plan().push.bits());
-    let full_bits = f64::from(Force::FULL_SCALE.bits());
     let push_only = prepared.scene().wall.push_only;
     let codes = match prepared.design().output {
         Output::Continuous => None,
@@ -389,8 +388,6 @@ fn stage<S: SimdOps>(simd: S, task: Task<'_>) -> OutputStage<S> {
     let codes = codes.map(|actuator| actuator.codes_per_full_scale());
     let per_full_scale = codes.unwrap_or(Force::FULL_SCALE.bits().unsigned_abs());
     OutputStage {
-        push: splat(push_bits as f64 / full_bits),
-        push_bits: simd.splat_u64s(push_bits.cast_unsigned()),
         least: simd.splat_u64s(if push_only { 0 } else { i64::MIN.cast_unsigned() }),
         least_wall: splat(if push_only { 0.0 } else { f64::NEG_INFINITY }),
         codes: codes.map(|codes| simd.splat_u64s(codes.into())),

@@ -36,6 +36,12 @@ impl Outcome {
     pub fn of(verdict: Verdict) -> Self {
         Self { verdict, rms_m: None, measures: None }
     }
+
+    /// The one of two whose force is less quiet, the first if they are alike.
+    fn or_louder(self, other: Self) -> Self {
+        let force_n = |of: &Self| of.measures.map(|measures| measures.force_rms_n);
+        if force_n(&other) > force_n(&self) { other } else { self }
+    }
 }
 
 /// Where hits were run.
@@ -64,14 +70,69 @@ pub struct Task<'a> {
 }
 
 /// Runs all hits in the scalar loop.
-pub fn one_by_one(task: Task<'_>, work: &mut dyn Work) -> Tally {
+pub fn one_by_one(task: Task<'_>, work: &mut Pushes<'_>) -> Tally {
     let mut tally = Tally::default();
-    while let Some(hit) = work.next(0) {
+    while let Some((hit, prepared)) = work.next(0) {
         tally.scalar += 1;
-        let outcome = scalar(task, &hit);
+        let outcome = scalar(Task { prepared, ..task }, &hit);
         work.done(0, outcome);
     }
     tally
+}
+
+/// Work whose walls are hit at each push of the scene, one after another in a lane, until one is not held.
+pub struct Pushes<'a> {
+    work: &'a mut dyn Work,
+    pushes: &'a [PreparedScene],
+    lanes: Vec<Option<Begun>>,
+}
+
+/// A wall that has been held at the first pushes.
+struct Begun {
+    hit: WallHit,
+    next: usize,
+    /// The outcome whose force is the least quiet.
+    worst: Option<Outcome>,
+}
+
+impl<'a> Pushes<'a> {
+    pub fn new(prepared: &'a PreparedScene, work: &'a mut dyn Work) -> Self {
+        Self { work, pushes: prepared.pushes(), lanes: vec![] }
+    }
+
+    /// The next hit for a free lane, and the scene at its push. A lane that gets `None` is not asked again.
+    pub fn next(&mut self, lane: usize) -> Option<(WallHit, &'a PreparedScene)> {
+        if self.lanes.len() <= lane {
+            self.lanes.resize_with(lane + 1, || None);
+        }
+        let begun = self.lanes.get_mut(lane)?;
+        if begun.is_none() {
+            let hit = self.work.next(lane)?;
+            *begun = Some(Begun { hit, next: 0, worst: None });
+        }
+        let begun = begun.as_ref()?;
+        Some((begun.hit, self.pushes.get(begun.next)?))
+    }
+
+    /// The last hit of that lane is over.
+    pub fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>) {
+        let Some(place) = self.lanes.get_mut(lane) else { return };
+        let Some(begun) = place else { return };
+        begun.next += 1;
+        let outcome = match outcome {
+            Ok(held) if held.verdict == Verdict::Stable => {
+                let worst = begun.worst.map_or(held, |worst| worst.or_louder(held));
+                begun.worst = Some(worst);
+                if begun.next < self.pushes.len() {
+                    return;
+                }
+                Ok(worst)
+            }
+            failed => failed,
+        };
+        *place = None;
+        self.work.done(lane, outcome);
+    }
 }
 
 /// A hit in the scalar loop.

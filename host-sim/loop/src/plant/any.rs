@@ -132,6 +132,19 @@ impl<P: Plant + Debug + Send + Sync> OtherPlant for P {
 }
 
 impl AnyPlant {
+    /// What a hand's constant force adds to the states in a sample, if the step is linear.
+    pub(crate) fn hand(&self) -> [f64; 7] {
+        match self {
+            Self::Plain(step) => step.linear().padded::<7>().hand,
+            Self::Three(step) => step.linear().padded::<7>().hand,
+            Self::Four(step) => step.linear().padded::<7>().hand,
+            Self::Five(step) => step.linear().padded::<7>().hand,
+            Self::Six(step) => step.linear().padded::<7>().hand,
+            Self::Seven(step) => step.linear().padded::<7>().hand,
+            Self::Other(_) => [0.0; 7],
+        }
+    }
+
     /// The plant of a scene, sampled every `sample_s`, with a command taking effect at `fraction` (0 to
     /// below 1) of it, and what its encoder reads.
     pub fn of(scene: &Scene, sample_s: f64, fraction: f64) -> Self {

@@ -28,6 +28,8 @@ pub mod ranges {
     pub const VALUES_MAX: usize = 10_000;
     /// Limit of the sensation level, dB.
     pub const FELT_DB: RangeInclusive<f64> = -60.0..=120.0;
+    /// Limit of the force's RMS, N.
+    pub const FORCE_RMS_N: RangeInclusive<f64> = 1e-9..=1e6;
     /// Push of a hand, N.
     pub const HAND_N: RangeInclusive<f64> = -1e5..=1e5;
     /// Delay from encoder reading to force, in samples.
@@ -89,6 +91,14 @@ impl Scene {
         if self.wall_hit.criterion == Criterion::Felt {
             let (window_s, [least_s, most_s]) = (self.wall_hit.window_s, self.felt_window_s());
             within("wall_hit.window_s with criterion = \"felt\"", window_s, least_s..=most_s)?;
+        }
+        if let Some(limit_n) = self.wall_hit.force_rms_limit_n {
+            within("wall_hit.force_rms_limit_n", limit_n, ranges::FORCE_RMS_N)?;
+        }
+        if self.wall_hit.criterion == Criterion::Quiet {
+            let most_n = self.full_scale_n() / Criterion::QUIET_PUSHES[3];
+            let key = "wall_hit.push_n with criterion = \"quiet\", which also tries 3 % more";
+            within(key, self.push_n(PushBy::Motor), -most_n..=most_n)?;
         }
         self.check_elements()?;
         self.check_accelerometer()?;

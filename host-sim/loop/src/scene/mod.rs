@@ -275,6 +275,7 @@ impl NamedScene {
         };
         let checked = scene.check().and_then(|()| scene.check_start());
         checked.map_err(|error| refused(scene.units, &error))?;
+        scene.wall_hit.judge(scene.wall_hit.criterion, scene.wall_hit.rms_of);
         let curve = scene.wall_hit.felt_curve.as_ref();
         let curve = curve.map(|path| folder.unwrap_or(Path::new("")).join(path));
         if let Some(path) = &curve {

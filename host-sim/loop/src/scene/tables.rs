@@ -109,9 +109,9 @@ pub struct WallHit {
     pub window_s: f64,
     /// `stable` is an RMS below this, m.
     pub rms_limit_m: f64,
-    /// What the RMS is taken of.
-    #[serde(default, skip_serializing_if = "RmsOf::is_counts")]
-    pub rms_of: RmsOf,
+    /// What the RMS is taken of: counts without, and the motion with the criterion `quiet`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rms_of: Option<RmsOf>,
     /// What counts as stable.
     #[serde(default, skip_serializing_if = "Criterion::is_rms")]
     pub criterion: Criterion,
@@ -121,9 +121,42 @@ pub struct WallHit {
     /// With the criterion `felt`, `stable` is a sensation level below this, dB.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub felt_limit_db: f64,
+    /// With the criterion `quiet`, `stable` is an RMS of the force below this, N; 7 % of the push without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub force_rms_limit_n: Option<f64>,
     /// What `felt_curve` holds.
     #[serde(skip)]
     pub felt: FeltCurve,
+}
+
+/// From this share of a force on people tell two forces apart (Weber fraction; Jones, Percept. Psychophys. 45, 1989).
+const FORCE_SHARE: f64 = 0.07;
+
+impl WallHit {
+    /// What the RMS is taken of.
+    pub fn rms_of(&self) -> RmsOf {
+        self.rms_of.unwrap_or(match self.criterion {
+            Criterion::Quiet => RmsOf::Motion,
+            Criterion::Rms | Criterion::Unsaturated | Criterion::Felt => RmsOf::Counts,
+        })
+    }
+
+    /// Judged by that; what goes without saying is not said.
+    pub fn judge(&mut self, criterion: Criterion, rms_of: Option<RmsOf>) {
+        (self.criterion, self.rms_of) = (criterion, None);
+        self.rms_of = rms_of.filter(|rms_of| *rms_of != self.rms_of());
+    }
+
+    /// With the criterion `quiet`, `stable` is an RMS of the force below this, N.
+    pub fn force_rms_limit_n(&self) -> f64 {
+        self.force_rms_limit_n.unwrap_or(FORCE_SHARE * self.push_n.abs())
+    }
+
+    /// The same with a push of another size, and the limits of this one.
+    pub(crate) fn with_push(&self, share: f64) -> Self {
+        let force_rms_limit_n = Some(self.force_rms_limit_n());
+        Self { push_n: share * self.push_n, force_rms_limit_n, ..self.clone() }
+    }
 }
 
 /// What the RMS of a window is taken of.
@@ -145,10 +178,6 @@ impl RmsOf {
             Self::Motion => "motion",
         }
     }
-
-    fn is_counts(&self) -> bool {
-        *self == Self::Counts
-    }
 }
 
 /// When a wall that was touched counts as stable.
@@ -162,15 +191,23 @@ pub enum Criterion {
     Unsaturated,
     /// The motion's sensation level is below its limit.
     Felt,
+    /// At each of [four pushes](Self::QUIET_PUSHES) handle and force rest, and the wall stands.
+    Quiet,
 }
 
 impl Criterion {
+    /// Shares of the scene's push that `quiet` tries: at one push a force can rest on a whole count by luck.
+    pub const QUIET_PUSHES: [f64; 4] = [0.97, 0.99, 1.0, 1.03];
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Rms, Self::Unsaturated, Self::Felt, Self::Quiet];
+
     /// As in scenes.
     pub fn name(self) -> &'static str {
         match self {
             Self::Rms => "rms",
             Self::Unsaturated => "unsaturated",
             Self::Felt => "felt",
+            Self::Quiet => "quiet",
         }
     }
 

@@ -71,6 +71,12 @@ pub struct HitReport {
     pub at_limit_fraction: f64,
     /// Sensation level of the window's motion, dB, if it was asked for.
     pub sensation_db: Option<f64>,
+    /// Population RMS of the outputs about their mean over the window, N.
+    pub force_rms_n: f64,
+    /// Mean force of the wall over the window, N.
+    pub wall_force_n: f64,
+    /// K times the mean penetration over that force: 1 for a wall that stands. `None` where it has no force.
+    pub penetration_ratio: Option<f64>,
     /// Samples with more counts since the last one than the core's velocity can say, as a fraction of the whole hit.
     pub velocity_clipped_fraction: f64,
     /// What wall and hand have exchanged by force and counts; of the wall's force, without the push.
@@ -81,10 +87,24 @@ impl HitReport {
     /// What its window showed.
     pub fn measures(&self) -> Measures {
         let Self { rms_m, rms_motion_m, at_limit_fraction, sensation_db, .. } = *self;
-        Measures { rms_m, rms_motion_m, at_limit_fraction, sensation_db }
+        let Self { force_rms_n, wall_force_n, penetration_ratio, .. } = *self;
+        Measures {
+            rms_m,
+            rms_motion_m,
+            at_limit_fraction,
+            sensation_db,
+            force_rms_n,
+            wall_force_n,
+            penetration_ratio,
+        }
     }
 
-    /// In contact, and the RMS stayed below the limit.
+    /// The one of two whose force is less quiet, the first if they are alike.
+    pub(super) fn or_louder(self, other: Self) -> Self {
+        if other.force_rms_n > self.force_rms_n { other } else { self }
+    }
+
+    /// It was held.
     pub fn is_stable(&self) -> bool {
         self.verdict == Verdict::Stable
     }

@@ -4,15 +4,17 @@
 //! |----------|------------------------------|
 //! | RMS of the motion | true positions about their mean |
 //! | at the limit | outputs at the actuator's limit, as a share |
+//! | RMS of the force | what safety grants, as the output rounds it, about its mean over the outputs of the window |
+//! | penetration ratio | K times the mean of the counts behind the surface, over the mean force of the wall |
 //! | sensation level | energy of the motion over what a hand just feels, dB |
 
 use std::sync::Arc;
 
-use zwidth::experiment::{Hit, Verdict};
+use zwidth::experiment::{Hit, RmsLimit, Verdict};
 
 use crate::{
     numerics::fft::RealSpectrum,
-    scene::{Criterion, FeltCurve, RmsOf, Scene},
+    scene::{Criterion, FeltCurve, PushBy, RmsOf, Scene},
 };
 
 /// Frequencies that are felt, Hz.
@@ -33,6 +35,12 @@ pub struct Watch {
     pub squares: f64,
     /// Outputs at the actuator's limit.
     pub at_limit: f64,
+    /// Outputs.
+    pub outputs: f64,
+    /// Their sum, fractions of full scale.
+    pub forces: f64,
+    /// Sum of their squares.
+    pub force_squares: f64,
 }
 
 impl Watch {
@@ -50,6 +58,14 @@ impl Watch {
         if output.abs() >= 1.0 {
             self.at_limit += 1.0;
         }
+        self.outputs += 1.0;
+        self.forces += output;
+        self.force_squares += output * output;
+    }
+
+    /// Sum of the squares of the outputs about their mean, fractions of full scale.
+    fn force_scatter(&self) -> f64 {
+        (self.force_squares - self.forces * self.forces / self.outputs.max(1.0)).max(0.0)
     }
 
     /// Sum of the squares about the mean of `samples` positions, m^2.
@@ -69,7 +85,27 @@ pub struct Measures {
     pub at_limit_fraction: f64,
     /// Sensation level of the motion, dB; `None` where nobody asked for it.
     pub sensation_db: Option<f64>,
+    /// Population RMS of the force, N.
+    pub force_rms_n: f64,
+    /// Mean force of the wall, N.
+    pub wall_force_n: f64,
+    /// K times the mean penetration over that force; `None` where there is none.
+    pub penetration_ratio: Option<f64>,
 }
+
+/// The wall of a hit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stiff {
+    /// K, N/m.
+    pub stiffness_n_per_m: f64,
+    /// Its surface, counts.
+    pub surface: i32,
+}
+
+/// A quiet handle moves less than this, m RMS, or less than a count.
+const QUIET_M: f64 = 1e-6;
+/// A wall stands if its penetration is off by less than this share, or by less than a count.
+const STANDS: f64 = 0.1;
 
 /// How a scene's windows are judged.
 #[derive(Clone, Debug)]
@@ -77,6 +113,13 @@ pub struct Judge {
     criterion: Criterion,
     rms_of: RmsOf,
     limit_m: f64,
+    /// Limits of a quiet wall: of the motion, m, the same in counts, and of the force as a fraction of full scale.
+    quiet_m: f64,
+    quiet_counts: RmsLimit,
+    quiet_force: f64,
+    /// The motor's push, fraction of full scale.
+    push: f64,
+    full_scale_n: f64,
     felt_limit_db: f64,
     resolution_m: f64,
     period: u32,
@@ -88,11 +131,17 @@ pub struct Judge {
 impl Judge {
     /// That of a scene; the level is worked out where it decides.
     pub fn of(scene: &Scene) -> Self {
-        let hit = &scene.wall_hit;
+        let (hit, full_scale_n) = (&scene.wall_hit, scene.full_scale_n());
+        let quiet_m = scene.encoder.resolution_m.max(QUIET_M);
         let judge = Self {
             criterion: hit.criterion,
-            rms_of: hit.rms_of,
+            rms_of: hit.rms_of(),
             limit_m: hit.rms_limit_m,
+            quiet_m,
+            quiet_counts: RmsLimit::from_counts(quiet_m / scene.encoder.resolution_m),
+            quiet_force: hit.force_rms_limit_n() / full_scale_n,
+            push: scene.push_n(PushBy::Motor) / full_scale_n,
+            full_scale_n,
             felt_limit_db: hit.felt_limit_db,
             resolution_m: scene.encoder.resolution_m,
             period: scene.actuator.period,
@@ -124,25 +173,45 @@ impl Judge {
         self.felt.is_some()
     }
 
-    /// What a window of the hit showed; `motion` are its positions, if they are needed.
+    /// What a window of the hit of that wall showed; `motion` are its positions, if they are needed.
     pub fn measures(
         &self,
         hit: &Hit,
+        wall: Stiff,
         watch: &Watch,
         motion: impl FnOnce() -> Vec<f64>,
     ) -> Measures {
         let samples = hit.scatter().samples();
         let outputs = f64::from(samples) / f64::from(self.period);
+        let wall_force_n = (self.push - watch.forces / watch.outputs.max(1.0)) * self.full_scale_n;
+        let behind = hit.scatter().mean_counts() - f64::from(wall.surface);
+        let spring_n = wall.stiffness_n_per_m * behind * self.resolution_m;
         Measures {
             rms_m: hit.scatter().rms_counts() * self.resolution_m,
             rms_motion_m: libm::sqrt(watch.scatter(samples) / f64::from(samples.max(1))),
             at_limit_fraction: (watch.at_limit / outputs).min(1.0),
             sensation_db: self.felt.as_ref().map(|felt| felt.level_db(motion())),
+            force_rms_n: libm::sqrt(watch.force_scatter() / watch.outputs.max(1.0))
+                * self.full_scale_n,
+            wall_force_n,
+            penetration_ratio: (wall_force_n != 0.0).then(|| spring_n / wall_force_n),
         }
     }
 
+    /// Handle and force rest, and the wall stands.
+    fn is_quiet(&self, hit: &Hit, wall: Stiff, measures: &Measures) -> bool {
+        let rests = match self.rms_of {
+            RmsOf::Counts => hit.scatter().is_below(self.quiet_counts),
+            RmsOf::Motion => measures.rms_motion_m < self.quiet_m,
+        };
+        let count_n = wall.stiffness_n_per_m * self.resolution_m;
+        let off = STANDS.max(count_n / measures.wall_force_n.abs());
+        let stands = measures.penetration_ratio.is_some_and(|ratio| (ratio - 1.0).abs() <= off);
+        rests && measures.force_rms_n < self.quiet_force * self.full_scale_n && stands
+    }
+
     /// The verdict of a whole window.
-    pub fn verdict(&self, hit: &Hit, measures: &Measures) -> Verdict {
+    pub fn verdict(&self, hit: &Hit, wall: Stiff, measures: &Measures) -> Verdict {
         let counts = hit.verdict();
         if counts == Verdict::NoContact {
             return counts;
@@ -155,6 +224,7 @@ impl Judge {
             Criterion::Rms => quiet,
             Criterion::Unsaturated => quiet && measures.at_limit_fraction == 0.0,
             Criterion::Felt => measures.sensation_db.is_some_and(|db| db < self.felt_limit_db),
+            Criterion::Quiet => self.is_quiet(hit, wall, measures),
         };
         if stable { Verdict::Stable } else { Verdict::Unstable }
     }
@@ -163,11 +233,13 @@ impl Judge {
     /// be weighted more.
     pub fn certain_verdict(&self, hit: &Hit, watch: &Watch, window: u32) -> Option<Verdict> {
         let by_counts = || hit.certain_verdict();
-        let by_motion = || {
-            let needed = self.limit_m * self.limit_m * f64::from(window) * SURE;
-            let certain = watch.scatter(hit.scatter().samples()) > needed;
-            (hit.contact_samples() > 0 && certain).then_some(Verdict::Unstable)
+        let moves = |limit_m: f64| {
+            let needed = limit_m * limit_m * f64::from(window) * SURE;
+            watch.scatter(hit.scatter().samples()) > needed
         };
+        let unstable =
+            |certain: bool| (hit.contact_samples() > 0 && certain).then_some(Verdict::Unstable);
+        let by_motion = || unstable(moves(self.limit_m));
         let by_rms = || match self.rms_of {
             RmsOf::Counts => by_counts(),
             RmsOf::Motion => by_motion(),
@@ -179,6 +251,15 @@ impl Judge {
             }
             Criterion::Unsaturated => by_rms(),
             Criterion::Felt => None,
+            Criterion::Quiet => {
+                let moves = match self.rms_of {
+                    RmsOf::Counts => hit.scatter().must_reach(self.quiet_counts, window),
+                    RmsOf::Motion => moves(self.quiet_m),
+                };
+                let outputs = f64::from(window.div_ceil(self.period));
+                let needed = self.quiet_force * self.quiet_force * outputs * SURE;
+                unstable(moves || watch.force_scatter() > needed)
+            }
         }
     }
 }

@@ -21,7 +21,7 @@ use super::{
 use crate::{
     engine::{Depth, Engine, Outcome, Work, run},
     error::Error,
-    scene::{Criterion, PushBy, RmsOf, Scene, Walk},
+    scene::{self, Criterion, PushBy, RmsOf, Scene, Walk},
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
@@ -32,11 +32,33 @@ pub enum Limit {
     Rms(f64),
     /// Of the sensation level, dB.
     Felt(f64),
+    /// Of the force's RMS, N, with all else that makes a [quiet](Criterion::Quiet) wall.
+    Quiet(f64),
 }
 
 impl Limit {
     fn is_felt(self) -> bool {
         matches!(self, Self::Felt(_))
+    }
+
+    /// Of two of one kind the larger finds hits for the smaller.
+    fn is_like(self, other: Self) -> bool {
+        std::mem::discriminant(&self) == std::mem::discriminant(&other)
+    }
+
+    /// Into a scene, in the place of what it has.
+    pub fn set(self, hit: &mut scene::WallHit) {
+        match self {
+            Self::Rms(limit_m) => hit.rms_limit_m = limit_m,
+            Self::Felt(limit_db) => {
+                hit.criterion = Criterion::Felt;
+                hit.felt_limit_db = limit_db;
+            }
+            Self::Quiet(limit_n) => {
+                hit.criterion = Criterion::Quiet;
+                hit.force_rms_limit_n = Some(limit_n);
+            }
+        }
     }
 
     fn value(self) -> f64 {
@@ -48,6 +70,7 @@ impl Limit {
         match self {
             Self::Rms(metres) => (metres, "m"),
             Self::Felt(db) => (db, "dB"),
+            Self::Quiet(newtons) => (newtons, "N"),
         }
     }
 }
@@ -122,11 +145,17 @@ struct Known {
     no_contact: bool,
     rms_m: Option<f64>,
     level_db: Option<f64>,
+    /// Of the only limit of its kind.
+    quiet: Option<Verdict>,
 }
 
 impl Known {
     fn verdict(&self, limit: Limit) -> Option<Verdict> {
-        let value = if limit.is_felt() { self.level_db } else { self.rms_m };
+        let value = match limit {
+            Limit::Felt(_) => self.level_db,
+            Limit::Rms(_) => self.rms_m,
+            Limit::Quiet(_) => return self.quiet,
+        };
         let stable = value? < limit.value();
         Some(match (self.no_contact, stable) {
             (true, _) => Verdict::NoContact,
@@ -194,7 +223,14 @@ pub fn limits(
             },
         };
         let levels = field.limits.iter().any(|limit| limit.is_felt());
-        let depth = if levels { Depth::Whole } else { Depth::Bounded };
+        let quiet = matches!(field.limits[..], [Limit::Quiet(_)]);
+        let depth = if levels {
+            Depth::Whole
+        } else if quiet {
+            Depth::Verdict
+        } else {
+            Depth::Bounded
+        };
         run(engine, &field.prepared, numeric, depth, &mut work);
     });
     if stop.load(Ordering::Relaxed) {
@@ -268,14 +304,15 @@ fn worst(results: &[LimitResult], limit: Limit) -> Option<LimitResult> {
 
 /// The limits by kind, levels first, each from the largest on: the later walks find hits of the earlier ones.
 fn kinds(question: &Question) -> Vec<Vec<Limit>> {
-    let of = |felt: bool| {
+    let of = |kind: Limit| {
         let mut limits: Vec<Limit> = question.limits.clone();
-        limits.retain(|limit| limit.is_felt() == felt);
+        limits.retain(|limit| limit.is_like(kind));
         limits.sort_by(|a, b| b.value().total_cmp(&a.value()));
         limits.dedup();
         limits
     };
-    [true, false].map(of).into_iter().filter(|limits| !limits.is_empty()).collect()
+    let kinds = [Limit::Felt(0.0), Limit::Rms(0.0), Limit::Quiet(0.0)];
+    kinds.map(of).into_iter().filter(|limits| !limits.is_empty()).collect()
 }
 
 /// By situation, then with an estimate and with the true velocity, then by kind of limit; and how many hits they share.
@@ -294,13 +331,7 @@ fn fields(scene: &Scene, question: &Question) -> Result<(Vec<Field>, usize), Err
             let groups = filters.len() * question.repeats as usize;
             for limits in kinds(question) {
                 let mut scene = scene.clone();
-                match limits[0] {
-                    Limit::Rms(limit_m) => scene.wall_hit.rms_limit_m = limit_m,
-                    Limit::Felt(limit_db) => {
-                        scene.wall_hit.criterion = Criterion::Felt;
-                        scene.wall_hit.felt_limit_db = limit_db;
-                    }
-                }
+                limits[0].set(&mut scene.wall_hit);
                 let prepared =
                     if told { PreparedScene::told(&scene)? } else { PreparedScene::new(&scene)? };
                 let prepared = prepared.with_measures();
@@ -320,7 +351,7 @@ impl Situation {
         let mut scene = scene.clone();
         scene.wall_hit.push_by = self.push;
         scene.wall_hit.criterion = Criterion::Rms;
-        scene.wall_hit.rms_of = question.rms_of;
+        scene.wall_hit.rms_of = Some(question.rms_of);
         scene.walk = question.walk;
         if let Some(name) = &self.arm {
             scene.arm = Some(scene.named_arm(name).map_err(Error::Input)?);
@@ -363,24 +394,34 @@ impl<D: FnMut(&Job, Result<Boundary, Error>)> Walks<'_, D> {
 
     /// Takes what a hit came to. A level is always known; a hit without measures is beyond the largest RMS.
     fn learn(&self, job: &Job, place: (i32, i32), outcome: &Result<Outcome, HitError>) {
-        let beyond =
-            Known { no_contact: false, rms_m: Some(f64::INFINITY), level_db: Some(f64::INFINITY) };
+        let beyond = Known {
+            no_contact: false,
+            rms_m: Some(f64::INFINITY),
+            level_db: Some(f64::INFINITY),
+            quiet: None,
+        };
         let known = match outcome {
+            outcome if matches!(job.limit, Limit::Quiet(_)) => Known {
+                quiet: Some(outcome.as_ref().map_or(Verdict::Unstable, |outcome| outcome.verdict)),
+                ..Known::default()
+            },
             Err(_) => beyond,
             Ok(Outcome { measures: None, .. }) => Known { level_db: None, ..beyond },
             Ok(Outcome { verdict, measures: Some(measures), .. }) => Known {
                 no_contact: *verdict == Verdict::NoContact,
-                rms_m: Some(match self.field.prepared.scene().wall_hit.rms_of {
+                rms_m: Some(match self.field.prepared.scene().wall_hit.rms_of() {
                     RmsOf::Counts => measures.rms_m,
                     RmsOf::Motion => measures.rms_motion_m,
                 }),
                 level_db: measures.sensation_db,
+                quiet: None,
             },
         };
         if let Some(shared) = self.shared.get(job.shared) {
             let mut shared = shared.lock().unwrap_or_else(PoisonError::into_inner);
             let entry = shared.entry(place).or_default();
-            entry.no_contact = known.no_contact;
+            entry.no_contact |= known.no_contact;
+            entry.quiet = entry.quiet.or(known.quiet);
             entry.rms_m = entry.rms_m.or(known.rms_m);
             entry.level_db = entry.level_db.or(known.level_db);
         }

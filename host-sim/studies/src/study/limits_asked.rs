@@ -6,7 +6,7 @@ use std::fmt;
 use super::limits::Limit;
 use crate::{
     error::Error,
-    scene::{Criterion, Scene, Walk},
+    scene::{Scene, Walk},
 };
 
 /// The walks' own steps: the scene's K over this, and its B over half of it.
@@ -21,6 +21,8 @@ pub enum LimitAsked {
     Felt,
     /// A level over the threshold, dB: the threshold curve moved by as much.
     FeltAt(f64),
+    /// A quiet wall, by the scene's limit of the force.
+    Quiet,
 }
 
 impl LimitAsked {
@@ -34,10 +36,11 @@ impl LimitAsked {
             one.strip_prefix("felt=").map_or((false, one), |number| (true, number));
         match number.parse::<f64>() {
             _ if one == "felt" => Ok(Self::Felt),
+            _ if one == "quiet" => Ok(Self::Quiet),
             Ok(level_db) if level && level_db.is_finite() => Ok(Self::FeltAt(level_db)),
             Ok(limit_m) if !level && limit_m.is_finite() && limit_m > 0.0 => Ok(Self::Rms(limit_m)),
             _ => Err(format!(
-                "`{one}` is no limit, allowed an RMS in m above 0, felt, or felt=DB over the threshold"
+                "`{one}` is no limit, allowed an RMS in m above 0, quiet, felt, or felt=DB over the threshold"
             )),
         }
     }
@@ -48,6 +51,7 @@ impl LimitAsked {
             Self::Rms(limit_m) => Limit::Rms(limit_m),
             Self::Felt => Limit::Felt(scene.wall_hit.felt_limit_db),
             Self::FeltAt(level_db) => Limit::Felt(level_db),
+            Self::Quiet => Limit::Quiet(scene.wall_hit.force_rms_limit_n()),
         }
     }
 }
@@ -58,6 +62,7 @@ impl fmt::Display for LimitAsked {
             Self::Rms(limit_m) => write!(f, "{limit_m:e}"),
             Self::Felt => f.write_str("felt"),
             Self::FeltAt(level_db) => write!(f, "felt={level_db}"),
+            Self::Quiet => f.write_str("quiet"),
         }
     }
 }
@@ -95,13 +100,8 @@ pub fn check(scene: &Scene, limits: &[Limit], walk: Walk, names: Names) -> Resul
     let mut changed = Scene { walk, ..scene.clone() };
     changed.check().map_err(|error| refused(names.steps, error))?;
     for limit in limits {
-        match limit {
-            Limit::Rms(limit_m) => changed.wall_hit.rms_limit_m = *limit_m,
-            Limit::Felt(limit_db) => {
-                changed.wall_hit.criterion = Criterion::Felt;
-                changed.wall_hit.felt_limit_db = *limit_db;
-            }
-        }
+        changed.wall_hit = scene.wall_hit.clone();
+        limit.set(&mut changed.wall_hit);
         changed.check().map_err(|error| refused(names.limits, error))?;
     }
     Ok(())

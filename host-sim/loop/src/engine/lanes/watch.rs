@@ -3,7 +3,7 @@
 
 use super::{Aligned, Chunk, Row, each_field};
 use crate::{
-    engine::simd_ops::{SimdOps, lanes},
+    engine::simd_ops::{SimdOps, lanes, lanes_mut},
     simulation::window::Watch,
 };
 
@@ -14,23 +14,59 @@ pub struct Watched<S: SimdOps> {
     pub sum_m: S::f64s,
     pub squares: S::f64s,
     pub at_limit: S::f64s,
+    pub outputs: S::f64s,
+    pub forces: S::f64s,
+    pub force_squares: S::f64s,
 }
 
 impl<S: SimdOps> Watched<S> {
-    /// Counts an output at the actuator's limit, where the lane watches.
+    /// Nothing yet.
+    pub fn new(simd: S) -> Self {
+        let zero = simd.splat_f64s(0.0);
+        Self {
+            sum_m: zero,
+            squares: zero,
+            at_limit: zero,
+            outputs: zero,
+            forces: zero,
+            force_squares: zero,
+        }
+    }
+
+    /// Nothing yet in one lane.
+    pub fn clear(&mut self, place: usize) {
+        let Self { sum_m, squares, at_limit, outputs, forces, force_squares } = self;
+        for sum in [sum_m, squares, at_limit, outputs, forces, force_squares] {
+            lanes_mut(sum)[place] = 0.0;
+        }
+    }
+
+    /// Takes an output, where the lane watches.
     #[inline(always)]
     pub fn output(&mut self, simd: S, output: S::f64s, watching: S::u64s) {
         let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
         let inside = simd.less_than_f64s(simd.magnitude(output), one);
         let counts = simd.masked(simd.choose(inside, zero, one), watching);
         self.at_limit = simd.add_f64s(self.at_limit, counts);
+        self.outputs = simd.add_f64s(self.outputs, simd.masked(one, watching));
+        let force = simd.masked(output, watching);
+        self.forces = simd.add_f64s(self.forces, force);
+        self.force_squares = simd.add_f64s(self.force_squares, simd.mul_f64s(force, force));
     }
 
     /// One lane.
     pub fn lane(&self, place: usize, origin_m: f64) -> Watch {
         let get = |vector: &S::f64s| lanes::<_, f64>(vector)[place];
-        let Self { sum_m, squares, at_limit } = self;
-        Watch { origin_m, sum_m: get(sum_m), squares: get(squares), at_limit: get(at_limit) }
+        let Self { sum_m, squares, at_limit, outputs, forces, force_squares } = self;
+        Watch {
+            origin_m,
+            sum_m: get(sum_m),
+            squares: get(squares),
+            at_limit: get(at_limit),
+            outputs: get(outputs),
+            forces: get(forces),
+            force_squares: get(force_squares),
+        }
     }
 }
 

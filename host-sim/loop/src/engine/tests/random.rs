@@ -278,13 +278,14 @@ proptest! {
     fn every_criterion_is_the_same_bit_for_bit(
         mut scene in scenes(),
         mut hits in walls(),
-        criterion in select(&[Criterion::Rms, Criterion::Unsaturated, Criterion::Felt][..]),
+        criterion in select(&Criterion::ALL[..]),
         (motion, told, limit) in (any::<bool>(), any::<bool>(), -2.0..2.0f64),
     ) {
         let hit = &mut scene.wall_hit;
-        (hit.criterion, hit.rms_of) = (criterion, if motion { RmsOf::Motion } else { RmsOf::Counts });
+        hit.judge(criterion, Some(if motion { RmsOf::Motion } else { RmsOf::Counts }));
         hit.rms_limit_m = scene.encoder.resolution_m * 10f64.powf(limit);
         hit.felt_limit_db = 20.0 * limit;
+        hit.force_rms_limit_n = Some(hit.push_n.abs().max(1e-3) * 10f64.powf(limit - 1.0));
         hit.settle_s = 0.02;
         hit.window_s = if criterion == Criterion::Felt { 0.5 } else { 0.07 };
         prop_assume!(scene.check().is_ok());

@@ -15,7 +15,7 @@ use zwidth::{
 use crate::{
     error::Error,
     plant::{AnyPlant, Moment, Plant},
-    scene::Scene,
+    scene::{Criterion, Scene},
     simulation::{
         Parts, Simulation,
         accelerometer::Readings,
@@ -44,6 +44,8 @@ pub struct PreparedScene {
     is_told: bool,
     /// The accelerometer's readings of a hit, once lanes ask for them.
     readings: Arc<OnceLock<Option<Readings>>>,
+    /// The scene at each of its pushes, if its criterion asks for more than one.
+    pushes: Vec<PreparedScene>,
 }
 
 /// No handle comes to its wall faster, m/s.
@@ -56,6 +58,19 @@ impl PreparedScene {
     /// [`Error::Input`] if a value is out of range.
     pub fn new(scene: &Scene) -> Result<Self, Error> {
         scene.check_loop().map_err(Error::Input)?;
+        let own = Self::of_one_push(scene)?;
+        if scene.wall_hit.criterion != Criterion::Quiet {
+            return Ok(own);
+        }
+        let pushes = Criterion::QUIET_PUSHES.iter().map(|share| {
+            let wall_hit = scene.wall_hit.with_push(*share);
+            let of = Self::of_one_push(&Scene { wall_hit, ..scene.clone() })?;
+            Ok(Self { readings: Arc::clone(&own.readings), ..of })
+        });
+        Ok(Self { pushes: pushes.collect::<Result<_, Error>>()?, ..own })
+    }
+
+    fn of_one_push(scene: &Scene) -> Result<Self, Error> {
         let design = scene.design();
         let plan = scene.hit_settings().build(&design).map_err(Error::input)?;
         let passivity = scene.passivity().map_err(Error::input)?;
@@ -74,20 +89,29 @@ impl PreparedScene {
             period: design.period,
         };
         let (scene, judge) = (scene.clone(), Judge::of(scene));
-        let (is_told, readings) = (false, Arc::default());
-        Ok(Self { scene, design, plan, parts, judge, passivity, is_told, readings })
+        let (is_told, readings, pushes) = (false, Arc::default(), vec![]);
+        Ok(Self { scene, design, plan, parts, judge, passivity, is_told, readings, pushes })
+    }
+
+    /// The same scene at each push that a wall is judged at.
+    pub(crate) fn pushes(&self) -> &[Self] {
+        if self.pushes.is_empty() { std::slice::from_ref(self) } else { &self.pushes }
+    }
+
+    /// The same with something else at each push.
+    fn each(mut self, change: impl Fn(Self) -> Self) -> Self {
+        let pushes = std::mem::take(&mut self.pushes);
+        Self { pushes: pushes.into_iter().map(&change).collect(), ..change(self) }
     }
 
     /// The same with the sensation level of every whole hit, where the window allows one.
-    pub fn with_felt(mut self) -> Self {
-        self.judge = self.judge.with_felt(&self.scene);
-        self
+    pub fn with_felt(self) -> Self {
+        self.each(|of| Self { judge: of.judge.clone().with_felt(&of.scene), ..of })
     }
 
     /// The same with the measures of the window, whatever the verdict is by.
-    pub fn with_measures(mut self) -> Self {
-        self.judge = self.judge.with_measures();
-        self
+    pub fn with_measures(self) -> Self {
+        self.each(|of| Self { judge: of.judge.clone().with_measures(), ..of })
     }
 
     /// The scene with the true velocity in place of an estimate, always by the core itself: a sensor without noise,
@@ -98,7 +122,7 @@ impl PreparedScene {
     pub fn told(scene: &Scene) -> Result<Self, Error> {
         let velocity = VelocitySettings::Difference {}.into();
         let prepared = Self::new(&Scene { velocity, ..scene.clone() })?;
-        Ok(Self { is_told: true, ..prepared })
+        Ok(prepared.each(|of| Self { is_told: true, ..of }))
     }
 
     /// Whether the wall is told the true velocity.

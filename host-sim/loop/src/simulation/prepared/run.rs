@@ -16,6 +16,7 @@ use crate::{
         hit::{HitError, HitReport, Numeric, WallHit},
         passive::Passive,
         senses::{AnySensing, Blind, Sensing},
+        window::Stiff,
     },
 };
 
@@ -26,7 +27,7 @@ type Observer<'a> = dyn FnMut(&Sample) + 'a;
 const EARLY_CHECK_SAMPLES: u32 = 256;
 
 impl PreparedScene {
-    /// Runs a whole hit; `observe` sees every sample.
+    /// Runs a whole hit; `observe` sees every sample, with several pushes those of the scene's own.
     ///
     /// # Errors
     /// A setting is out of range, or the handle leaves the core's range.
@@ -36,7 +37,8 @@ impl PreparedScene {
         hit: &WallHit,
         mut observe: impl FnMut(&Sample),
     ) -> Result<HitReport, HitError> {
-        self.observed_hit(numeric, hit, Some(&mut observe))
+        let own = self.observed_hit(numeric, hit, Some(&mut observe))?;
+        if self.pushes.is_empty() { Ok(own) } else { self.report(numeric, hit) }
     }
 
     /// [`hit`](Self::hit) that nobody needs to look at.
@@ -44,7 +46,42 @@ impl PreparedScene {
     /// # Errors
     /// As [`hit`](Self::hit).
     pub fn report(&self, numeric: Numeric, hit: &WallHit) -> Result<HitReport, HitError> {
-        self.observed_hit(numeric, hit, None)
+        let bounded = self.until_one_fails(|of| of.observed_hit(numeric, hit, None).map(Some))?;
+        bounded.ok_or(HitError::OutOfRange(0)) // never: each was run to its end
+    }
+
+    /// Each push that the wall is judged at, N, and what it showed.
+    ///
+    /// # Errors
+    /// As [`hit`](Self::hit).
+    pub fn reports(
+        &self,
+        numeric: Numeric,
+        hit: &WallHit,
+    ) -> Result<Vec<(f64, HitReport)>, HitError> {
+        let report = |of: &Self| {
+            let report = of.observed_hit(numeric, hit, None)?;
+            Ok((of.scene.wall_hit.push_n, report))
+        };
+        self.pushes().iter().map(report).collect()
+    }
+
+    /// Hits at one push after the other until the wall is not held: the report of that push, or the one whose force is
+    /// the least quiet.
+    fn until_one_fails(
+        &self,
+        hit: impl Fn(&Self) -> Result<Option<HitReport>, HitError>,
+    ) -> Result<Option<HitReport>, HitError> {
+        let mut worst: Option<HitReport> = None;
+        for of in self.pushes() {
+            match hit(of)? {
+                Some(report) if report.is_stable() => {
+                    worst = Some(worst.map_or(report, |worst| worst.or_louder(report)));
+                }
+                failed => return Ok(failed),
+            }
+        }
+        Ok(worst)
     }
 
     /// Whether the handle comes to the wall at all, within the window or before it.
@@ -68,7 +105,7 @@ impl PreparedScene {
     /// # Errors
     /// As [`verdict`](Self::verdict).
     pub fn bounded(&self, numeric: Numeric, hit: &WallHit) -> Result<Option<HitReport>, HitError> {
-        self.by(numeric, hit, None, true)
+        self.until_one_fails(|of| of.by(numeric, hit, None, true))
     }
 
     /// A hit by the controller of that arithmetic.
@@ -252,8 +289,9 @@ impl PreparedScene {
         let hit = judged.hit();
         let scatter = hit.scatter();
         let motion = || std::mem::take(&mut shown.motion);
-        let measures = self.judge.measures(&hit, &shown.watch, motion);
-        let verdict = self.judge.verdict(&hit, &measures);
+        let wall = Stiff { stiffness_n_per_m: of.stiffness_n_per_m, surface };
+        let measures = self.judge.measures(&hit, wall, &shown.watch, motion);
+        let verdict = self.judge.verdict(&hit, wall, &measures);
         let report = HitReport {
             verdict,
             rms_m: measures.rms_m,
@@ -264,6 +302,9 @@ impl PreparedScene {
             rms_motion_m: measures.rms_motion_m,
             at_limit_fraction: measures.at_limit_fraction,
             sensation_db: measures.sensation_db,
+            force_rms_n: measures.force_rms_n,
+            wall_force_n: measures.wall_force_n,
+            penetration_ratio: measures.penetration_ratio,
             velocity_clipped_fraction: f64::from(shown.clipped) / f64::from(self.samples()),
             port: port.report(shown.last),
         };

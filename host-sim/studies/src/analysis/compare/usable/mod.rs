@@ -330,7 +330,7 @@ mod tests {
         let mut scene = NamedScene::load("paper-1um").unwrap().scene;
         (scene.wall_hit.settle_s, scene.wall_hit.window_s) = (1.5, 0.5);
         scene.wall_hit.rms_limit_m = 1e-6;
-        scene.wall_hit.rms_of = crate::scene::RmsOf::Motion;
+        scene.wall_hit.rms_of = Some(crate::scene::RmsOf::Motion);
         (scene.walk.stiffness_step_n_per_m, scene.walk.damping_step_n_s_per_m) = (4000.0, 40.0);
         let question = UsableQuestion {
             entries: vec![Entry::Tuned(EstimatorName::Butterworth)],
