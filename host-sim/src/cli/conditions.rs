@@ -9,18 +9,43 @@ use crate::{
     scene::{Criterion, PushBy, Scene},
 };
 
-/// In the place of what the scene says.
-#[derive(Clone, Debug, Args)]
-pub struct Conditions {
-    /// Limit in the place of the scene's: an RMS in m, or `felt` for wall_hit.felt_limit_db.
-    #[arg(long, value_name = "LIMIT", value_parser = one)]
-    limit: Option<Limits>,
+/// When a wall counts as stable.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct Judged {
     /// What the RMS is taken of, in the place of the scene's; counts resolve no limit near one of them.
     #[arg(long, value_enum)]
     rms_of: Option<RmsOfArg>,
     /// When a wall counts as stable, in the place of the scene's.
-    #[arg(long, value_enum, conflicts_with = "limit")]
+    #[arg(long, value_enum)]
     criterion: Option<CriterionArg>,
+}
+
+impl Judged {
+    /// Puts it into the scene.
+    ///
+    /// # Errors
+    /// The scene cannot have it.
+    pub fn apply(self, scene: &mut Scene) -> Result<(), Error> {
+        let hit = &mut scene.wall_hit;
+        let criterion = self.criterion.map_or(hit.criterion, |criterion| match criterion {
+            CriterionArg::Rms => Criterion::Rms,
+            CriterionArg::Unsaturated => Criterion::Unsaturated,
+            CriterionArg::Felt => Criterion::Felt,
+            CriterionArg::Quiet => Criterion::Quiet,
+        });
+        hit.judge(criterion, self.rms_of.map(Into::into).or(hit.rms_of));
+        scene.check().map_err(Error::Input)
+    }
+}
+
+/// In the place of what the scene says.
+#[derive(Clone, Debug, Args)]
+pub struct Conditions {
+    /// Limit in the place of the scene's: an RMS in m, or `felt` for wall_hit.felt_limit_db.
+    #[arg(long, value_name = "LIMIT", value_parser = one, conflicts_with = "criterion")]
+    limit: Option<Limits>,
+    #[command(flatten)]
+    judged: Judged,
     /// Who pushes, in the place of the scene's.
     #[arg(long, value_enum)]
     push: Option<PushArg>,
@@ -65,16 +90,8 @@ impl Conditions {
         if let Some(limit) = self.limit.as_ref().and_then(|limits| limits.0.first()) {
             limit.of(scene).set(&mut scene.wall_hit);
         }
-        let hit = &mut scene.wall_hit;
-        let criterion = self.criterion.map_or(hit.criterion, |criterion| match criterion {
-            CriterionArg::Rms => Criterion::Rms,
-            CriterionArg::Unsaturated => Criterion::Unsaturated,
-            CriterionArg::Felt => Criterion::Felt,
-            CriterionArg::Quiet => Criterion::Quiet,
-        });
-        hit.judge(criterion, self.rms_of.map(Into::into).or(hit.rms_of));
         if let Some(push) = self.push {
-            hit.push_by = match push {
+            scene.wall_hit.push_by = match push {
                 PushArg::Motor => PushBy::Motor,
                 PushArg::Hand => PushBy::Hand,
             };
@@ -89,17 +106,18 @@ impl Conditions {
         if let Some(period) = self.period {
             scene.actuator.period = period;
         }
-        scene.check().map_err(Error::Input)
+        self.judged.apply(scene)
     }
 
     /// As on the command line.
     pub fn as_typed(&self) -> String {
         let name =
             |value: Option<clap::builder::PossibleValue>| value.map(|v| v.get_name().to_owned());
+        let Judged { rms_of, criterion } = self.judged;
         let typed = [
             ("limit", self.limit.as_ref().map(Limits::as_typed)),
-            ("rms-of", name(self.rms_of.and_then(|value| value.to_possible_value()))),
-            ("criterion", name(self.criterion.and_then(|value| value.to_possible_value()))),
+            ("rms-of", name(rms_of.and_then(|value| value.to_possible_value()))),
+            ("criterion", name(criterion.and_then(|value| value.to_possible_value()))),
             ("push", name(self.push.and_then(|value| value.to_possible_value()))),
             ("arm", self.arm.clone()),
             ("latency", self.latency.map(|latency| latency.to_string())),

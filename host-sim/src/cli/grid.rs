@@ -9,6 +9,7 @@ use zwidth::VelocitySettings;
 
 use super::{
     Common,
+    conditions::Judged,
     draws::DrawArgs,
     list::{self, List},
     progress,
@@ -39,6 +40,8 @@ use crate::{
 pub struct GridArgs {
     #[command(flatten)]
     at: AtCutoffs,
+    #[command(flatten)]
+    judged: Judged,
     /// Stiffnesses K of the wall, N/m: A,B,C or FROM:STEP:TO.
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     stiffnesses: List,
@@ -71,7 +74,8 @@ struct Json<'a> {
 const WITHIN: [f64; 3] = [0.05, 0.1, 0.2];
 
 pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
-    let Grid { scene, walls } = args.at.load(&args.stiffnesses.0, Some(args.start))?;
+    let Grid { mut scene, walls } = args.at.load(&args.stiffnesses.0, Some(args.start))?;
+    args.judged.apply(&mut scene.scene)?;
     let prepared = prepare(&scene)?;
     let mut outputs = common.outputs(&scene.files)?;
     let csv = outputs.table(args.csv.as_ref(), Kind::Rows, Some(&scene))?;

@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::{
     Common,
+    conditions::Judged,
     shared::{AtCutoff, Subject},
 };
 use crate::{
@@ -25,6 +26,8 @@ use crate::{
 pub struct HitArgs {
     #[command(flatten)]
     at: AtCutoff,
+    #[command(flatten)]
+    judged: Judged,
     /// Stiffness of the wall, N/m; of a rotary scene N m/rad.
     #[arg(long, value_name = "K", allow_negative_numbers = true)]
     stiffness: f64,
@@ -87,7 +90,8 @@ struct Push {
 }
 
 pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
-    let (scene, hit) = args.at.load(Some([args.stiffness, args.damping]))?;
+    let (mut scene, hit) = args.at.load(Some([args.stiffness, args.damping]))?;
+    args.judged.apply(&mut scene.scene)?;
     let units = scene.scene.units;
     let kind = Kind::Moments { rate_hz: scene.scene.control.rate_hz };
     let mut outputs = common.outputs(&scene.files)?;
@@ -156,7 +160,7 @@ fn print(
         port_limited_fraction: passive.then_some(report.port.limited_fraction),
         port_withheld_fraction: passive.then_some(report.port.withheld_fraction),
     };
-    let limit_um = scene.scene.wall_hit.rms_limit_m * 1e6;
+    let limit_um = scene.scene.rms_limit_m() * 1e6;
     // four digits, and no zeros behind them
     let limit_um: f64 = format!("{limit_um:.3e}").parse().unwrap_or(limit_um);
     let clipped = json.velocity_clipped_fraction * 100.0;
@@ -174,6 +178,10 @@ fn print(
         };
         window += &format!(", {level_db:.1} dB over {curve}");
     }
+    window += &format!("\nRMS of the force {:.3} N", json.force_rms_n);
+    if let Some(ratio) = json.penetration_ratio {
+        window += &format!(", K times the penetration is {ratio:.3} of the wall's force");
+    }
     let mut port = format!(
         "the wall has taken {:.3e} J in the last contact, and given at most {:.3e} J in one",
         json.port_taken_j, json.port_given_j
@@ -189,6 +197,19 @@ fn print(
     }
     if json.criterion != "rms" || json.rms_of != "counts" {
         window += &format!("\njudged by: {}, RMS of {}", json.criterion, json.rms_of);
+    }
+    if json.criterion == "quiet" {
+        let limit_n = scene.scene.wall_hit.force_rms_limit_n();
+        window += &format!(", of the force below {limit_n:.3} N");
+        for push in &json.pushes {
+            window += &format!(
+                "\n  pushed with {:.3} N: {}, RMS {:.3} um and {:.3} N",
+                push.push_n,
+                push.verdict,
+                push.rms_motion_m * 1e6,
+                push.force_rms_n
+            );
+        }
     }
     print_of(common.json, &scene.scene, &json, || {
         scene.scene.units.text(&format!(

@@ -37,6 +37,7 @@ use crate::{
         limits::{Question, limits},
         probability::{Draws, How, contour, maps, verdicts},
         rates::Rates,
+        recommended::recommended,
         sensitivity::{Variant, variants},
         sweep::{Plan, SweepResult, ascending, filters, sweep},
     },
@@ -164,6 +165,12 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
         let how = How { engine, numeric, stop: interrupt::flag() };
         let probability = draws.map(|draws| probability(how, &draws, &result)).transpose();
         let probability = probability.map_err(|error| error.of(&scene.name))?;
+        let bar = progress::bar(cutoffs_hz.len() as u64);
+        let goes_on = args.cutoffs.is_none();
+        let quiet =
+            (!args.plain).then(|| recommended(how, &scene, &cutoffs_hz, goes_on, || bar.inc(1)));
+        let quiet = quiet.transpose().map_err(|error| error.of(&scene.name))?;
+        bar.finish_and_clear();
         let study = Study {
             envelopes,
             levers,
@@ -171,6 +178,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             probability,
             limits,
             limits_left_out,
+            quiet,
             numeric,
             repeats: args.repeat,
             variants: variants.collect(),
@@ -321,6 +329,9 @@ fn table(study: &Study, folder: &str) -> String {
     let mut text = String::new();
     let name = &study.scene.name;
     match ideal {
+        _ if study.quiet.is_some() => {
+            let _ = writeln!(text, "{name}: walls by the scene's own criterion");
+        }
         None => {
             let _ = writeln!(text, "{name}: no stable wall at any cutoff");
         }
@@ -374,6 +385,7 @@ fn table(study: &Study, folder: &str) -> String {
     for note in study.notes() {
         let _ = writeln!(text, "  note: {note}");
     }
-    let _ = write!(text, "  report: {folder}/report.html");
-    text
+    let _ = writeln!(text, "  report: {folder}/report.html");
+    text.push_str(&study.answers().join("\n"));
+    text.trim_end().to_owned()
 }

@@ -8,6 +8,7 @@ use zwidth::experiment::Ended;
 
 use super::{
     Common,
+    conditions::Judged,
     shared::{AtCutoff, Subject},
 };
 use crate::{
@@ -26,6 +27,8 @@ use crate::{
 pub struct WalkArgs {
     #[command(flatten)]
     at: AtCutoff,
+    #[command(flatten)]
+    judged: Judged,
     /// Write the boundary as CSV.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
@@ -43,7 +46,8 @@ struct Json<'a> {
 }
 
 pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
-    let (scene, first) = args.at.load(None)?;
+    let (mut scene, first) = args.at.load(None)?;
+    args.judged.apply(&mut scene.scene)?;
     let mut outputs = common.outputs(&scene.files)?;
     let file = outputs.table(args.csv.as_ref(), Kind::Rows, Some(&scene))?;
     let units = scene.scene.units;

@@ -16,6 +16,7 @@ pub mod passive;
 pub mod peers;
 pub mod probability;
 pub mod rates;
+pub mod recommended;
 pub mod report;
 mod signals;
 pub mod study;

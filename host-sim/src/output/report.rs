@@ -42,6 +42,8 @@ pub struct Report {
     pub ideal_cutoff_hz: Option<f64>,
     /// First and last nominal cutoff that the repeats cannot tell from the ideal one.
     pub ideal_cutoff_range_hz: Option<[f64; 2]>,
+    /// The cutoff to dial in and what else answers the question, a sentence each; without any the ideal cutoff does.
+    pub answers: Vec<String>,
     /// Figures in the order in which they are shown.
     pub figures: Vec<ReportFigure>,
     /// What its tables speak.
@@ -127,6 +129,9 @@ pub(crate) fn page(
 
 /// The result in one sentence, the range first.
 fn answer(report: &Report) -> String {
+    if !report.answers.is_empty() {
+        return report.answers.join("\n");
+    }
     let range = report.ideal_cutoff_range_hz.map(|[low, high]| {
         if low == high {
             format!("Ideal cutoff range: {} Hz only", hertz(low))
@@ -287,6 +292,7 @@ mod tests {
             title: "paper-1um <test>".to_owned(),
             ideal_cutoff_hz: Some(1200.0),
             ideal_cutoff_range_hz: Some([1200.0, 1700.0]),
+            answers: vec![],
             figures: figures
                 .into_iter()
                 .map(|figure| ReportFigure { figure, caption: "K & B".to_owned() })

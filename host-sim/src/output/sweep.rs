@@ -17,6 +17,7 @@ use crate::{
         manifest::Manifest,
         probability::{ProbabilityStudy, ProbabilitySummary},
         rates::{RateStudy, RateSummary},
+        recommended::{Answer, by_its_own, sentence},
         report::{self, Report, ReportFigure},
         trace,
     },
@@ -27,12 +28,15 @@ use crate::{
     },
     study::{
         envelope::{self, Envelope},
+        recommended::QuietStudy,
         sweep::{CutoffResult, SweepResult, start_offset_counts},
     },
 };
 
 /// All files that a study may have. `sensitivity.csv` and the figure of a hit are not always there.
-pub const FILES: [&str; 27] = [
+pub const FILES: [&str; 29] = [
+    QUIET_AREAS,
+    QUIET_BOUNDARY,
     "boundary.csv",
     "areas.csv",
     "envelope.csv",
@@ -62,6 +66,8 @@ pub const FILES: [&str; 27] = [
     MANIFEST,
 ];
 
+const QUIET_AREAS: &str = "quiet_areas.csv";
+const QUIET_BOUNDARY: &str = "quiet_boundary.csv";
 const SENSITIVITY: &str = "sensitivity.csv";
 const LIMITS: &str = "limits.csv";
 const LEVERS: &str = "levers.csv";
@@ -108,6 +114,8 @@ pub struct Study {
     pub probability: Option<ProbabilityStudy>,
     /// Why the limit that stands beside a plain question is left out.
     pub limits_left_out: Option<String>,
+    /// The cutoff to dial in; `None` in the paper's own study.
+    pub quiet: Option<QuietStudy>,
     /// The command that made it.
     pub command: String,
 }
@@ -117,6 +125,8 @@ pub struct Study {
 pub struct Summary {
     schema_version: u32,
     scene: String,
+    #[serde(flatten)]
+    answer: Option<Answer>,
     numeric: &'static str,
     repeats: u32,
     ideal_cutoff_hz: Option<f64>,
@@ -203,6 +213,7 @@ impl Study {
         Summary {
             schema_version: SCHEMA_VERSION,
             scene: self.scene.name.clone(),
+            answer: self.quiet.as_ref().map(|quiet| Answer::of(&self.scene, quiet)),
             numeric: self.numeric.name(),
             repeats: self.repeats,
             ideal_cutoff_hz: ideal.map(|ideal| ideal.cutoff_hz),
@@ -218,6 +229,13 @@ impl Study {
             rates: self.rates.as_ref().map(RateStudy::summary).unwrap_or_default(),
             probability: self.probability.as_ref().map(ProbabilityStudy::summary),
         }
+    }
+
+    /// The cutoff to dial in and what to do next, and what the scene's own criterion says.
+    pub fn answers(&self) -> Vec<String> {
+        let Some(quiet) = &self.quiet else { return vec![] };
+        let own = by_its_own(&self.scene, self.result.ideal);
+        std::iter::once(sentence(&self.scene, quiet)).chain(own).collect()
     }
 
     /// Draws and writes every file.
@@ -253,9 +271,14 @@ impl Study {
             let envelope = format!("{}{rows}", envelope::HEADER);
             outputs.add(to, ENVELOPE95, csv(envelope).as_bytes())?;
         }
-        outputs.add(to, "boundary.csv", csv(self.boundary_csv()).as_bytes())?;
-        outputs.add(to, "areas.csv", csv(self.areas_csv()).as_bytes())?;
+        let boundary = boundary_csv(&self.result.cutoffs, self.repeats);
+        outputs.add(to, "boundary.csv", csv(boundary).as_bytes())?;
+        outputs.add(to, "areas.csv", csv(areas_csv(&self.result.cutoffs)).as_bytes())?;
         outputs.add(to, "envelope.csv", csv(self.envelope_csv()).as_bytes())?;
+        if let Some(quiet) = &self.quiet {
+            outputs.add(to, QUIET_AREAS, csv(areas_csv(&quiet.cutoffs)).as_bytes())?;
+            outputs.add(to, QUIET_BOUNDARY, csv(boundary_csv(&quiet.cutoffs, 1)).as_bytes())?;
+        }
         if !self.variants.is_empty() {
             outputs.add(to, SENSITIVITY, csv(self.sensitivity_csv()).as_bytes())?;
         }
@@ -352,35 +375,6 @@ impl Study {
         notes.map(|note| units.text(&note)).chain(estimated).collect()
     }
 
-    /// `boundary.csv`, in m and N.
-    pub fn boundary_csv(&self) -> String {
-        let mut text = String::from(
-            "cutoff_hz,repeat,start_offset_counts,damping_n_s_per_m,stiffness_n_per_m\n",
-        );
-        for result in &self.result.cutoffs {
-            for (repeat, boundary) in (0u32..).zip(result.boundaries.iter()) {
-                let offset = start_offset_counts(repeat, self.repeats);
-                for point in &boundary.points {
-                    let (b, k) = (point.damping_n_s_per_m, point.stiffness_n_per_m);
-                    let _ = writeln!(text, "{},{repeat},{offset},{b},{k}", result.cutoff_hz);
-                }
-            }
-        }
-        text
-    }
-
-    /// `areas.csv`, in m and N.
-    pub fn areas_csv(&self) -> String {
-        let mut text = String::from(
-            "cutoff_hz,true_cutoff_hz,area,area_low,area_high,stiffness_peak_n_per_m,damping_max_n_s_per_m\n",
-        );
-        for row in areas(&self.result) {
-            let (k, b) = (row.stiffness_peak_n_per_m, row.damping_max_n_s_per_m);
-            let _ = writeln!(text, "{},{k},{b}", area_cells(&row));
-        }
-        text
-    }
-
     /// For the firmware, see [`crate::study::envelope`].
     fn envelope_csv(&self) -> String {
         format!("{}{}", envelope::HEADER, envelope::rows(&self.scene, &self.envelopes))
@@ -406,6 +400,7 @@ impl Study {
             title: format!("{}: {}", self.scene.name, subtitle(self)),
             ideal_cutoff_hz: self.result.ideal.map(|ideal| ideal.cutoff_hz),
             ideal_cutoff_range_hz: self.result.ideal.map(|ideal| ideal.range_hz),
+            answers: self.answers(),
             figures,
             units: self.scene.scene.units,
             areas: areas(&self.result).collect(),
@@ -418,6 +413,34 @@ impl Study {
             provenance: manifest.facts(),
         })
     }
+}
+
+/// `boundary.csv`, in m and N.
+pub fn boundary_csv(cutoffs: &[CutoffResult], repeats: u32) -> String {
+    let mut text =
+        String::from("cutoff_hz,repeat,start_offset_counts,damping_n_s_per_m,stiffness_n_per_m\n");
+    for result in cutoffs {
+        for (repeat, boundary) in (0u32..).zip(result.boundaries.iter()) {
+            let offset = start_offset_counts(repeat, repeats);
+            for point in &boundary.points {
+                let (b, k) = (point.damping_n_s_per_m, point.stiffness_n_per_m);
+                let _ = writeln!(text, "{},{repeat},{offset},{b},{k}", result.cutoff_hz);
+            }
+        }
+    }
+    text
+}
+
+/// `areas.csv`, in m and N.
+pub fn areas_csv(cutoffs: &[CutoffResult]) -> String {
+    let mut text = String::from(
+        "cutoff_hz,true_cutoff_hz,area,area_low,area_high,stiffness_peak_n_per_m,damping_max_n_s_per_m\n",
+    );
+    for row in cutoffs.iter().map(area_row) {
+        let (k, b) = (row.stiffness_peak_n_per_m, row.damping_max_n_s_per_m);
+        let _ = writeln!(text, "{},{k},{b}", area_cells(&row));
+    }
+    text
 }
 
 impl VariantResult {

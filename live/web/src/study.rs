@@ -11,7 +11,7 @@ use host_sim::{
         design::{Designs, best_scene},
         grid::Grid,
         in_units,
-        sweep::Study,
+        sweep::{Study, areas_csv, boundary_csv},
         trace,
     },
     range::within,
@@ -191,6 +191,7 @@ pub fn sweep(question: &Question) -> Answered {
         rates: None,
         probability: None,
         limits_left_out: None,
+        quiet: None,
         command: String::new(),
         scene,
     };
@@ -200,7 +201,9 @@ pub fn sweep(question: &Question) -> Answered {
         "ideal_cutoff_range_hz": ideal.map(|ideal| ideal.range_hz),
         "notes": study.notes(),
     });
-    let tables = [study.boundary_csv(), study.areas_csv()].map(|table| in_units::csv(units, table));
+    let cutoffs = &study.result.cutoffs;
+    let tables = [boundary_csv(cutoffs, study.repeats), areas_csv(cutoffs)];
+    let tables = tables.map(|table| in_units::csv(units, table));
     Ok((answer, tables.map(String::into_bytes).into()))
 }
 

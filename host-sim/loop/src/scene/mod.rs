@@ -56,6 +56,8 @@ pub use tables::{
 pub use uncertainty::Uncertainty;
 pub use units::Units;
 
+/// A quiet handle moves less than this, m RMS, or less than a count.
+const QUIET_M: f64 = 1e-6;
 /// The built-in scenes: name and text.
 pub const BUILT_IN: &[(&str, &str)] = &[
     ("paper-1um", include_str!("../../../../scenes/paper-1um.toml")),
@@ -429,6 +431,14 @@ impl Scene {
         .ok_or_else(|| format!("there is no arm `{name}`, allowed {}", self.arm_names().join(", ")))
     }
 
+    /// `stable` is an RMS below this, m, whatever the criterion.
+    pub fn rms_limit_m(&self) -> f64 {
+        match self.wall_hit.criterion {
+            Criterion::Quiet => self.encoder.resolution_m.max(QUIET_M),
+            _ => self.wall_hit.rms_limit_m,
+        }
+    }
+
     /// The core's wall-hit experiment; its push is the motor's.
     pub fn hit_settings(&self) -> HitSettings {
         let hit = &self.wall_hit;
@@ -443,13 +453,26 @@ impl Scene {
     /// The core's boundary walk.
     pub fn walk_plan(&self) -> WalkSettings {
         let walk = &self.walk;
+        let [k_cap, b_cap] = self.caps();
         WalkSettings {
             stiffness_start_n_per_m: walk.stiffness_start_n_per_m,
             stiffness_step_n_per_m: walk.stiffness_step_n_per_m,
-            stiffness_max_n_per_m: walk.stiffness_max_n_per_m,
+            stiffness_max_n_per_m: walk.stiffness_max_n_per_m.min(k_cap),
             damping_start_n_s_per_m: walk.damping_start_n_s_per_m,
             damping_step_n_s_per_m: walk.damping_step_n_s_per_m,
-            damping_max_n_s_per_m: walk.damping_max_n_s_per_m,
+            damping_max_n_s_per_m: walk.damping_max_n_s_per_m.min(b_cap),
         }
+    }
+
+    /// No quiet wall has more: K at which a count is the push, and B at which a count in a sample is all the force that
+    /// there is, but never less than where the walk begins. Without bounds by other criteria.
+    fn caps(&self) -> [f64; 2] {
+        if self.wall_hit.criterion != Criterion::Quiet {
+            return [f64::INFINITY; 2];
+        }
+        let (count_m, walk) = (self.encoder.resolution_m, &self.walk);
+        let k = self.wall_hit.push_n.abs() / count_m;
+        let b = self.full_scale_n() / (count_m * self.control.rate_hz);
+        [k.max(walk.stiffness_start_n_per_m), b.max(walk.damping_start_n_s_per_m)]
     }
 }

@@ -102,8 +102,6 @@ pub struct Stiff {
     pub surface: i32,
 }
 
-/// A quiet handle moves less than this, m RMS, or less than a count.
-const QUIET_M: f64 = 1e-6;
 /// A wall stands if its penetration is off by less than this share, or by less than a count.
 const STANDS: f64 = 0.1;
 
@@ -113,8 +111,7 @@ pub struct Judge {
     criterion: Criterion,
     rms_of: RmsOf,
     limit_m: f64,
-    /// Limits of a quiet wall: of the motion, m, the same in counts, and of the force as a fraction of full scale.
-    quiet_m: f64,
+    /// Limits of a quiet wall: of the counts, and of the force as a fraction of full scale.
     quiet_counts: RmsLimit,
     quiet_force: f64,
     /// The motor's push, fraction of full scale.
@@ -132,13 +129,12 @@ impl Judge {
     /// That of a scene; the level is worked out where it decides.
     pub fn of(scene: &Scene) -> Self {
         let (hit, full_scale_n) = (&scene.wall_hit, scene.full_scale_n());
-        let quiet_m = scene.encoder.resolution_m.max(QUIET_M);
+        let limit_m = scene.rms_limit_m();
         let judge = Self {
             criterion: hit.criterion,
             rms_of: hit.rms_of(),
-            limit_m: hit.rms_limit_m,
-            quiet_m,
-            quiet_counts: RmsLimit::from_counts(quiet_m / scene.encoder.resolution_m),
+            limit_m,
+            quiet_counts: RmsLimit::from_counts(limit_m / scene.encoder.resolution_m),
             quiet_force: hit.force_rms_limit_n() / full_scale_n,
             push: scene.push_n(PushBy::Motor) / full_scale_n,
             full_scale_n,
@@ -202,7 +198,7 @@ impl Judge {
     fn is_quiet(&self, hit: &Hit, wall: Stiff, measures: &Measures) -> bool {
         let rests = match self.rms_of {
             RmsOf::Counts => hit.scatter().is_below(self.quiet_counts),
-            RmsOf::Motion => measures.rms_motion_m < self.quiet_m,
+            RmsOf::Motion => measures.rms_motion_m < self.limit_m,
         };
         let count_n = wall.stiffness_n_per_m * self.resolution_m;
         let off = STANDS.max(count_n / measures.wall_force_n.abs());
@@ -233,13 +229,13 @@ impl Judge {
     /// be weighted more.
     pub fn certain_verdict(&self, hit: &Hit, watch: &Watch, window: u32) -> Option<Verdict> {
         let by_counts = || hit.certain_verdict();
-        let moves = |limit_m: f64| {
-            let needed = limit_m * limit_m * f64::from(window) * SURE;
+        let moves = || {
+            let needed = self.limit_m * self.limit_m * f64::from(window) * SURE;
             watch.scatter(hit.scatter().samples()) > needed
         };
         let unstable =
             |certain: bool| (hit.contact_samples() > 0 && certain).then_some(Verdict::Unstable);
-        let by_motion = || unstable(moves(self.limit_m));
+        let by_motion = || unstable(moves());
         let by_rms = || match self.rms_of {
             RmsOf::Counts => by_counts(),
             RmsOf::Motion => by_motion(),
@@ -254,7 +250,7 @@ impl Judge {
             Criterion::Quiet => {
                 let moves = match self.rms_of {
                     RmsOf::Counts => hit.scatter().must_reach(self.quiet_counts, window),
-                    RmsOf::Motion => moves(self.quiet_m),
+                    RmsOf::Motion => moves(),
                 };
                 let outputs = f64::from(window.div_ceil(self.period));
                 let needed = self.quiet_force * self.quiet_force * outputs * SURE;

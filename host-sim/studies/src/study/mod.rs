@@ -15,6 +15,7 @@ pub mod loops;
 pub mod planned;
 pub mod probability;
 pub mod rates;
+pub mod recommended;
 pub mod schedule;
 pub mod sensitivity;
 pub mod sweep;

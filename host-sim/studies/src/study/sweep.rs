@@ -17,7 +17,7 @@ pub use crate::numerics::statistics::{AS_GOOD_AS_BEST, LEVEL};
 use crate::{
     engine::Engine,
     error::Error,
-    scene::VelocityTable,
+    scene::{Criterion, VelocityTable},
     simulation::prepared::{Numeric, PreparedScene},
     study::walk_lanes::{Queue, Start, walks},
     study::{
@@ -127,6 +127,7 @@ pub fn sweep(
     for (place, plan) in plans.iter().enumerate() {
         let mut cutoffs = Vec::with_capacity(plan.filters.len());
         let mut walks = 0..;
+        let criterion = plan.prepared.scene().wall_hit.criterion;
         for &velocity in plan.filters {
             let mut boundary = |walk| match made.remove(&(place, walk)) {
                 Some(boundary) => boundary.map_err(|error| error.of(plan.name)),
@@ -134,7 +135,9 @@ pub fn sweep(
             };
             let walks = walks.by_ref().take(repeats as usize);
             let boundaries = walks.map(&mut boundary).collect::<Result<Boundaries, _>>()?;
-            let settles_in_s = match boundaries.iter().all(|boundary| boundary.ended.is_none()) {
+            let unstable = boundaries.iter().all(|boundary| boundary.ended.is_none());
+            // a study of quiet walls looks for another first point itself
+            let settles_in_s = match unstable && criterion != Criterion::Quiet {
                 true => settles_in_s(plan.prepared, numeric, &first_hit(plan.prepared, velocity)),
                 false => None,
             };

@@ -1,0 +1,118 @@
+//! The cutoff to dial in, as every output says it.
+
+use serde::Serialize;
+
+use crate::{
+    scene::{Criterion, NamedScene, RmsOf, Units},
+    study::{
+        recommended::{AS_GOOD, QuietStudy, Recommended},
+        sweep::Ideal,
+    },
+};
+
+/// `recommended` of a JSON object, and why there is none.
+#[derive(Clone, Debug, Serialize)]
+pub struct Answer {
+    recommended: Option<Row>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reason: Option<String>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct Row {
+    cutoff_hz: f64,
+    range_hz: [f64; 2],
+    criterion: &'static str,
+    /// The stiffest wall, and its B.
+    stiffness_n_per_m: f64,
+    damping_n_s_per_m: f64,
+    /// Largest B of any wall.
+    damping_max_n_s_per_m: f64,
+    area_n2_s_per_m2: f64,
+    reason: String,
+}
+
+impl Answer {
+    /// Of a study.
+    pub fn of(scene: &NamedScene, study: &QuietStudy) -> Self {
+        match &study.recommended {
+            Err(why) => Self { recommended: None, reason: Some(why.clone()) },
+            Ok(of) => {
+                let row = Row {
+                    cutoff_hz: of.cutoff_hz,
+                    range_hz: of.range_hz,
+                    criterion: "quiet",
+                    stiffness_n_per_m: of.stiffest.stiffness_n_per_m,
+                    damping_n_s_per_m: of.stiffest.damping_n_s_per_m,
+                    damping_max_n_s_per_m: of.damping_max_n_s_per_m,
+                    area_n2_s_per_m2: of.area,
+                    reason: reason(scene.scene.units, study, of),
+                };
+                Self { recommended: Some(row), reason: None }
+            }
+        }
+    }
+}
+
+/// Why it is that cutoff.
+fn reason(units: Units, study: &QuietStudy, of: &Recommended) -> String {
+    let mut text = format!(
+        "the largest area of quiet walls, {}, of {} cutoffs that were tried; those of the range have at least {} % of it",
+        units.said(of.area, "N^2 s/m^2"),
+        study.cutoffs.len(),
+        100.0 * AS_GOOD
+    );
+    let ends = match of.is_open {
+        [false, false] => None,
+        [true, false] => Some("below"),
+        [false, true] => Some("above"),
+        [true, true] => Some("at both ends"),
+    };
+    if let Some(ends) = ends {
+        text += &format!("; the range may go on {ends}, where nothing was tried");
+    }
+    if of.is_cut {
+        text += "; a cap of the walk cuts that area";
+    }
+    text
+}
+
+/// The answer in one sentence, and what to do next.
+pub fn sentence(scene: &NamedScene, study: &QuietStudy) -> String {
+    let (name, units) = (&scene.name, scene.scene.units);
+    let of = match &study.recommended {
+        Err(why) => return format!("{name}: no cutoff to dial in: {why}"),
+        Ok(of) => of,
+    };
+    let [low, high] = of.range_hz;
+    let range =
+        if low == high { String::new() } else { format!(" ({low} to {high} Hz are as good)") };
+    format!(
+        "{name}: dial in {} Hz{range}: walls that move and hum less than a hand tells, up to K = {} (with B = {}) and B = {}.\n\
+         It has {}.\n\
+         Next: `cargo sim explain {name}` says what limits these walls, `cargo sim prepare` makes the board's record",
+        of.cutoff_hz,
+        units.said(of.stiffest.stiffness_n_per_m, "N/m"),
+        units.said(of.stiffest.damping_n_s_per_m, "N s/m"),
+        units.said(of.damping_max_n_s_per_m, "N s/m"),
+        reason(units, study, of)
+    )
+}
+
+/// What the scene's own criterion says; nothing where that is the same.
+pub fn by_its_own(scene: &NamedScene, ideal: Option<Ideal>) -> Option<String> {
+    let hit = &scene.scene.wall_hit;
+    let by = match (hit.criterion, hit.rms_of()) {
+        (Criterion::Quiet, _) => return None,
+        (Criterion::Rms, RmsOf::Counts) => {
+            "the paper's criterion, which looks at the motion and not at the force".to_owned()
+        }
+        (criterion, _) => format!("the scene's own criterion, {}", criterion.name()),
+    };
+    Some(match ideal {
+        None => format!("By {by}: no stable wall at any cutoff"),
+        Some(Ideal { cutoff_hz, range_hz: [low, high], .. }) => {
+            format!("By {by}: {cutoff_hz} Hz, range {low} to {high} Hz")
+        }
+    })
+}

@@ -1,0 +1,260 @@
+//! The cutoff to dial in: the one with the largest area of [quiet](Criterion::Quiet) walls.
+//!
+//! A list of cutoffs is walked, then what lies between the best one and its neighbours, until these are within 10 % of it;
+//! where the best one is an end of the list, the list goes on beyond. The grid of the walks is the scene's, or where its
+//! steps are too coarse or too fine for the quiet walls one that the first walks suggest.
+
+use zwidth::experiment::Ended;
+
+use super::{
+    asked::prepare,
+    boundary::{Boundary, BoundaryPoint},
+    probability::How,
+    sweep::{CutoffResult, Plan, ascending, filters, sweep},
+};
+use crate::{
+    error::Error,
+    scene::{Criterion, NamedScene, Scene, Walk},
+};
+
+/// Areas that are at least this share of the largest are as good.
+pub const AS_GOOD: f64 = 0.97;
+/// Neighbours of the best cutoff are within this ratio.
+const NEAR: f64 = 1.1;
+/// A list goes on in steps of this ratio, at most so many times.
+const BEYOND: f64 = 1.25;
+const TRIES: usize = 12;
+/// Steps that a boundary should have, of K up to its peak and of B.
+const STEPS: [[f64; 2]; 2] = [[24.0, 400.0], [16.0, 240.0]];
+/// What a new grid aims at.
+const AIM: [f64; 2] = [64.0, 48.0];
+/// Without any wall on a grid: shares of the scene's steps of K and B that are the next ones, and where they begin.
+const OTHER_GRIDS: [[f64; 2]; 9] = [
+    [1.0, 1.0],
+    [0.5, 0.5],
+    [0.25, 0.25],
+    [2.0, 2.0],
+    [1.0, 0.25],
+    [0.25, 1.0],
+    [4.0, 4.0],
+    [0.05, 0.05],
+    [20.0, 20.0],
+];
+
+/// What was tried, and what comes of it.
+#[derive(Clone, Debug)]
+pub struct QuietStudy {
+    /// Grid of the walks.
+    pub walk: Walk,
+    /// Each cutoff, ascending, with one walk at all pushes.
+    pub cutoffs: Vec<CutoffResult>,
+    /// The cutoff to dial in, or why there is none.
+    pub recommended: Result<Recommended, String>,
+}
+
+/// A cutoff to dial in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Recommended {
+    /// Nominal, Hz.
+    pub cutoff_hz: f64,
+    /// The cutoffs beside it whose area is at least [`AS_GOOD`] of its own, Hz.
+    pub range_hz: [f64; 2],
+    /// The range goes on to the first or the last cutoff that was tried.
+    pub is_open: [bool; 2],
+    /// The stiffest quiet wall.
+    pub stiffest: BoundaryPoint,
+    /// Largest B of a quiet wall, N s/m.
+    pub damping_max_n_s_per_m: f64,
+    /// Area of the quiet walls, N^2 s/m^2.
+    pub area: f64,
+    /// A cap cuts that area.
+    pub is_cut: bool,
+}
+
+/// Looks for the cutoff to dial in among those of a list; `goes_on`: and beyond its ends. `done` is called after each
+/// walk.
+///
+/// # Errors
+/// `stop` was set, or something failed that no scene should make fail.
+pub fn recommended(
+    how: How<'_>,
+    scene: &NamedScene,
+    cutoffs_hz: &[f64],
+    goes_on: bool,
+    done: impl Fn() + Sync,
+) -> Result<QuietStudy, Error> {
+    let mut study = Search { how, scene: quiet(scene), done, cutoffs: vec![] };
+    let recommended = match study.run(&ascending(cutoffs_hz), goes_on) {
+        Err(Error::Input(why)) => Err(why),
+        found => found?.ok_or_else(|| "no quiet wall at any cutoff".to_owned()),
+    };
+    Ok(QuietStudy { walk: study.scene.scene.walk, cutoffs: study.cutoffs, recommended })
+}
+
+/// The scene, judged by what a person would call a wall.
+fn quiet(scene: &NamedScene) -> NamedScene {
+    let mut scene = scene.clone();
+    scene.scene.wall_hit.judge(Criterion::Quiet, None);
+    scene
+}
+
+struct Search<'a, D> {
+    how: How<'a>,
+    scene: NamedScene,
+    done: D,
+    cutoffs: Vec<CutoffResult>,
+}
+
+impl<D: Fn() + Sync> Search<'_, D> {
+    fn run(&mut self, cutoffs_hz: &[f64], goes_on: bool) -> Result<Option<Recommended>, Error> {
+        self.walk(cutoffs_hz)?;
+        self.fit_grid(cutoffs_hz)?;
+        for _ in 0..TRIES {
+            let more = self.more(goes_on);
+            if more.is_empty() {
+                break;
+            }
+            self.walk(&more)?;
+        }
+        Ok(self.best().map(|best| self.of(best)))
+    }
+
+    /// Walks those cutoffs as well.
+    fn walk(&mut self, cutoffs_hz: &[f64]) -> Result<(), Error> {
+        let How { engine, numeric, stop } = self.how;
+        let prepared = prepare(&self.scene)?;
+        let filters = filters(&self.scene.scene.velocity, cutoffs_hz);
+        let plan = Plan { name: &self.scene.name, prepared: &prepared, filters: &filters };
+        let done = &self.done;
+        let results = sweep(engine, &[plan], numeric, 1, stop, |_| done())?;
+        self.cutoffs.extend(results.into_iter().flat_map(|result| result.cutoffs));
+        self.cutoffs.sort_by(|a, b| a.cutoff_hz.total_cmp(&b.cutoff_hz));
+        Ok(())
+    }
+
+    /// Walks anew where the grid does not suit the walls.
+    fn fit_grid(&mut self, cutoffs_hz: &[f64]) -> Result<(), Error> {
+        let own = self.scene.scene.walk;
+        let mut others = OTHER_GRIDS.iter();
+        for _ in 0..=OTHER_GRIDS.len() {
+            let walk = self.scene.scene.walk;
+            let steps = [walk.stiffness_step_n_per_m, walk.damping_step_n_s_per_m];
+            let steps = match self.best().and_then(|best| self.cutoffs[best].boundaries.first()) {
+                Some(boundary) => {
+                    let most =
+                        [boundary.stiffness_peak_n_per_m(), boundary.damping_max_n_s_per_m()];
+                    let suits = |axis: usize| {
+                        let [least, most_steps] = STEPS[axis];
+                        (least..=most_steps).contains(&(most[axis] / steps[axis]))
+                    };
+                    if suits(0) && suits(1) {
+                        return Ok(());
+                    }
+                    [0, 1].map(|axis| {
+                        if suits(axis) { steps[axis] } else { round(most[axis] / AIM[axis]) }
+                    })
+                }
+                None => match others.next() {
+                    Some([k, b]) => {
+                        [k * own.stiffness_step_n_per_m, b * own.damping_step_n_s_per_m]
+                    }
+                    None => return Ok(()),
+                },
+            };
+            self.scene.scene.walk = Walk {
+                stiffness_start_n_per_m: steps[0],
+                stiffness_step_n_per_m: steps[0],
+                damping_start_n_s_per_m: steps[1],
+                damping_step_n_s_per_m: steps[1],
+                ..own
+            };
+            self.cutoffs.clear();
+            self.walk(cutoffs_hz)?;
+        }
+        Ok(())
+    }
+
+    /// The place of the largest area.
+    fn best(&self) -> Option<usize> {
+        let area = |place: &usize| self.cutoffs[*place].boundaries.area();
+        (0..self.cutoffs.len())
+            .max_by(|a, b| area(a).total_cmp(&area(b)))
+            .filter(|at| area(at) > 0.0)
+    }
+
+    /// The cutoffs that are still to be tried beside the best one.
+    fn more(&self, goes_on: bool) -> Vec<f64> {
+        let Some(best) = self.best() else { return vec![] };
+        let hz = |place: usize| self.cutoffs.get(place).map(|result| result.cutoff_hz);
+        let Some(best_hz) = hz(best) else { return vec![] };
+        let mut more = vec![];
+        for (neighbour, beyond_hz) in
+            [(best.checked_sub(1), best_hz / BEYOND), (Some(best + 1), best_hz * BEYOND)]
+        {
+            match neighbour.and_then(hz) {
+                Some(other_hz) => more.extend(between(best_hz, other_hz)),
+                None if goes_on && self.is_allowed(beyond_hz) => more.push(tidy(beyond_hz)),
+                None => {}
+            }
+        }
+        more
+    }
+
+    fn is_allowed(&self, cutoff_hz: f64) -> bool {
+        let Scene { velocity, .. } = &self.scene.scene;
+        let settings = self.scene.scene.settings(velocity.at(cutoff_hz), 0.0, 0.0);
+        settings.build(&self.scene.scene.design()).is_ok()
+    }
+
+    fn of(&self, best: usize) -> Recommended {
+        let area = |result: &CutoffResult| result.boundaries.area();
+        let enough = AS_GOOD * area(&self.cutoffs[best]);
+        let good = |result: &&CutoffResult| area(result) >= enough;
+        let below = self.cutoffs[..best].iter().rev().take_while(good).count();
+        let above = self.cutoffs[best..].iter().take_while(good).count();
+        let (first, last) = (best - below, best + above - 1);
+        let empty = Boundary { points: vec![], area: 0.0, hits: 0, ended: None };
+        let boundary = self.cutoffs[best].boundaries.first().unwrap_or(&empty);
+        let stiffer = |a: BoundaryPoint, b: &BoundaryPoint| {
+            if b.stiffness_n_per_m > a.stiffness_n_per_m { *b } else { a }
+        };
+        let nothing = BoundaryPoint { damping_n_s_per_m: 0.0, stiffness_n_per_m: 0.0 };
+        Recommended {
+            cutoff_hz: self.cutoffs[best].cutoff_hz,
+            range_hz: [self.cutoffs[first].cutoff_hz, self.cutoffs[last].cutoff_hz],
+            is_open: [first == 0, last + 1 == self.cutoffs.len()],
+            stiffest: boundary.points.iter().fold(nothing, stiffer),
+            damping_max_n_s_per_m: boundary.damping_max_n_s_per_m(),
+            area: area(&self.cutoffs[best]),
+            is_cut: !matches!(boundary.ended, None | Some(Ended::Closed)),
+        }
+    }
+}
+
+/// The cutoff halfway between two that are not [`NEAR`] each other.
+fn between(one_hz: f64, other_hz: f64) -> Option<f64> {
+    let (low, high) = (one_hz.min(other_hz), one_hz.max(other_hz));
+    let half = tidy(libm::sqrt(low * high));
+    (high / low > NEAR && half > low && half < high).then_some(half)
+}
+
+/// A cutoff that a person would type.
+fn tidy(hz: f64) -> f64 {
+    format!("{hz:.1e}").parse().unwrap_or(hz)
+}
+
+/// The nearest of 1, 2 and 5 times a power of ten.
+fn round(step: f64) -> f64 {
+    let power = libm::pow(10.0, libm::floor(libm::log10(step)));
+    let whole = step / power;
+    let digit = if whole < 1.5 {
+        1.0
+    } else if whole < 3.5 {
+        2.0
+    } else if whole < 7.5 {
+        5.0
+    } else {
+        10.0
+    };
+    digit * power
+}
