@@ -2,7 +2,10 @@
 
 use std::sync::Arc;
 
-use pyo3::{exceptions::PyValueError, prelude::*, types::PyDict};
+use pyo3::{
+    exceptions::PyValueError, inspect::PyStaticExpr, prelude::*, type_hint_identifier,
+    type_hint_subscript, type_hint_union,
+};
 use sim_loop::scene::NamedScene;
 use sim_studies::{
     analysis::{
@@ -24,9 +27,10 @@ use sim_studies::{
 };
 
 use crate::{
-    columns,
-    scene::{Scene, serialized},
-    studies::{engine_of, in_range},
+    given::{Given, Numbers, Progress, Texts, several},
+    result::{Keys, Part, Table as Told, Tuple, made, result},
+    scene::serialized,
+    studies::{engine_of, in_range, not_empty},
     work::{raised, run},
 };
 
@@ -38,38 +42,133 @@ fn budget_of(tunings: u32, repeats: u32, fewest_repeats: u32) -> PyResult<Budget
 }
 
 /// Those that are named, each once; none where nobody names one.
-fn entries_of(named: Option<&[String]>, scene: &NamedScene) -> PyResult<Option<Vec<Entry>>> {
-    match named {
-        Some([]) => Err(PyValueError::new_err("estimators is empty")),
-        Some(named) => Entry::named(named, scene, "estimators").map(Some).map_err(raised),
-        None => Ok(None),
+fn entries_of(named: Option<Texts>, scene: &NamedScene) -> PyResult<Option<Vec<Entry>>> {
+    let Some(Texts(named)) = named else { return Ok(None) };
+    not_empty("estimators", &named)?;
+    Entry::named(&named, scene, "estimators").map(Some).map_err(raised)
+}
+
+result! { value
+    /// Who is best by a criterion, among the estimators that look at the same.
+    Winner {
+        /// The criterion, a column of `Comparison.table`.
+        criterion: String,
+        /// `position_only` or `more_than_position`.
+        looks_at: String,
+        /// The estimators with the best mean.
+        best: Tuple<String>,
+        /// Those that the repeats cannot tell apart from it.
+        not_told_apart: Tuple<String>,
+        /// Its value, in the unit of the column.
+        value: f64,
+        /// 1 and how many are shown to be better than finite difference and Butterworth; None if that is not among them.
+        butterworth_rank: Option<u32>,
     }
 }
 
-/// Every estimator, tuned by the same search.
+result! { table
+    /// Estimators, each tuned by the same search.
+    Comparison {
+        /// Name of the scene.
+        scene: String,
+        /// One row for each estimator, with the columns of the command line's `compare.csv`.
+        table: Told,
+        /// What the searches tried, as in `tuning.csv`.
+        tunings: Told,
+        /// Every point of every walk at their results, as in `boundary.csv`.
+        boundaries: Told,
+        /// Impedance errors by wall and frequency, as in `fidelity.csv`.
+        fidelity: Told,
+        /// K of the wall at which force is compared, N/m.
+        stiffness_n_per_m: f64,
+        /// Its B, at which K is read off each boundary too, N s/m.
+        damping_n_s_per_m: f64,
+        /// The three walls at which the impedance is compared: `stiffness_n_per_m`, `damping_n_s_per_m`.
+        walls: Told,
+        /// Mean area of the true velocity in place of an estimate, N^2 s/m^2.
+        true_velocity_area_n2_s_per_m2: f64,
+        /// Impedance error of hold and latency alone, with the true velocity.
+        impedance_error_of_loop: f64,
+        /// The best by each criterion.
+        winners: Tuple<Part<Winner>>,
+        /// What a reader must know beside the numbers.
+        notes: Tuple<String>,
+    }
+
+    /// The columns of the table.
+    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
+        self.table.columns(py)
+    }
+}
+
+/// Tune estimators by the same search and compare them.
+///
+/// Limit, criterion, push, arm, latency and output period are the scene's: `Scene.replace` sets others.
+///
+/// Parameters
+/// ----------
+/// scene : Scene
+///     Device and experiment; its own estimator does not matter.
+/// estimators : iterable of str, optional
+///     Their names; by default the usual ones that the scene can feed.
+/// damping : float, optional
+///     B at which K is read off and contacts are compared, N s/m; by default 100, or half of the largest B that finite
+///     difference and Butterworth reaches, if that is less.
+/// budget : int
+///     Tunings that the search may try for an estimator with one parameter, 3 to 1000; with two four times as many.
+/// repeat : int
+///     Walks at the result of each search, from starts that are spread over a count.
+/// engine, threads
+///     As in `walk`.
+/// progress : callable, optional
+///     Called with the walks done and the most that there can be, from this thread; what it raises ends the work.
+///
+/// Raises
+/// ------
+/// ValueError
+///     Something is out of range, an estimator is unknown or the scene cannot feed it, or the handle does not reach the
+///     wall.
+///
+/// Examples
+/// --------
+/// Coarse steps and a small budget are quick, and their areas too small:
+///
+/// >>> steps = {"stiffness_step_n_per_m": 20e3, "damping_step_n_s_per_m": 200.0}
+/// >>> scene = Scene.load("paper-2um").replace(walk=steps)
+/// >>> made = compare(scene, estimators=["butterworth", "first-order"], budget=3, repeat=2)
+/// >>> made.table["estimator"].tolist()
+/// ['butterworth', 'first-order']
+/// >>> (made.table["area_n2_s_per_m2"] / 1e6).round(1).tolist()  # 10^6 N^2 s/m^2
+/// [4.8, 13.2]
+/// >>> made.winners[0].criterion, made.winners[0].best
+/// ('area_n2_s_per_m2', ('first-order',))
 #[pyfunction]
+#[pyo3(signature = (
+    scene, *, estimators = None, damping = None, budget = 24, repeat = 4, engine = "lanes", threads = None,
+    progress = None
+))]
 #[expect(clippy::too_many_arguments, reason = "keywords of a function")]
-pub fn compare<'py>(
-    py: Python<'py>,
-    scene: &Scene,
-    estimators: Option<Vec<String>>,
+pub fn compare(
+    py: Python<'_>,
+    scene: Given,
+    estimators: Option<Texts>,
     damping: Option<f64>,
     budget: u32,
     repeat: u32,
     engine: &str,
     threads: Option<usize>,
-    progress: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let (scene, engine) = (Arc::clone(&scene.0), engine_of(engine)?);
+    progress: Option<Progress>,
+) -> PyResult<Comparison> {
+    let (scene, engine) = (scene.0, engine_of(engine)?);
     let budget = budget_of(budget, repeat, 1)?;
-    let entries = entries_of(estimators.as_deref(), &scene)?;
+    let entries = entries_of(estimators, &scene)?;
     let entries = entries.unwrap_or_else(|| Entry::usual(&scene.scene));
     if let Some(damping) = damping {
         asked::check_read_off(&scene, damping, "damping").map_err(raised)?;
     }
     let total = most_walks(&entries, budget);
     let of_work = Arc::clone(&scene);
-    let (place, compared) = run(py, threads, progress, total, move |course| {
+    let (place, compared) = run(py, threads, progress.as_ref(), total, move |course| {
         asked::prepare(&of_work)?;
         let (scene, done) = (&of_work.scene, |walks| course.add(walks));
         study::compare(engine, scene, &entries, damping, budget, &course.stop, done)
@@ -81,100 +180,213 @@ pub fn compare<'py>(
     }
     let mut notes = table::notes(&compared, &place, scene.scene.units);
     notes.extend(scene.scene.estimated_note());
-    let made = PyDict::new(py);
-    for (name, table) in [
-        ("table", table::table(&compared, &place)),
-        ("tunings", table::tunings(&compared)),
-        ("boundaries", table::boundaries(&compared)),
-        ("fidelity", table::fidelities(&compared)),
-        ("walls", walls),
-    ] {
-        made.set_item(name, columns::table(py, &table)?)?;
-    }
-    made.set_item("damping_n_s_per_m", place.middle().damping_n_s_per_m)?;
-    made.set_item("stiffness_n_per_m", place.middle().stiffness_n_per_m)?;
-    made.set_item("true_velocity_area_n2_s_per_m2", place.told_area)?;
     let of_loop = compared.first().map(|first| first.fidelity.of_loop);
-    made.set_item("impedance_error_of_loop", of_loop)?;
     let winners = winners(&compared, &place);
-    let winners = winners.iter().map(|winner| serialized(py, winner));
-    made.set_item("winners", winners.collect::<PyResult<Vec<_>>>()?)?;
-    made.set_item("notes", notes)?;
-    Ok(made)
+    let winners = winners.iter().map(|winner| {
+        let told = serialized(py, winner)?;
+        told.set_item("looks_at", told.call_method1("pop", ("class",))?)?;
+        made(&told).map(Part)
+    });
+    Ok(Comparison {
+        scene: scene.name.clone(),
+        table: Told::of(py, &table::table(&compared, &place))?,
+        tunings: Told::of(py, &table::tunings(&compared))?,
+        boundaries: Told::of(py, &table::boundaries(&compared))?,
+        fidelity: Told::of(py, &table::fidelities(&compared))?,
+        stiffness_n_per_m: place.middle().stiffness_n_per_m,
+        damping_n_s_per_m: place.middle().damping_n_s_per_m,
+        walls: Told::of(py, &walls)?,
+        true_velocity_area_n2_s_per_m2: place.told_area,
+        impedance_error_of_loop: of_loop.unwrap_or(f64::NAN),
+        winners: winners.collect::<PyResult<_>>()?,
+        notes: notes.into_iter().collect(),
+    })
 }
 
-/// One element changed at a time, each tuned anew.
+result! { table
+    /// What limits the walls of a scene.
+    Explanation {
+        /// Name of the scene.
+        scene: String,
+        /// The scene as it is, then its changes by area, with the columns of the command line's `explain.csv`.
+        table: Told,
+        /// Every point of every walk: `change`, `repeat`, `damping_n_s_per_m`, `stiffness_n_per_m`.
+        boundaries: Told,
+        /// B at which K is read off, N s/m.
+        damping_n_s_per_m: f64,
+        /// Which part to buy, what can be had without one, and whether another estimator is worth it.
+        answers: Tuple<String>,
+    }
+
+    /// The columns of the table.
+    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
+        self.table.columns(py)
+    }
+}
+
+/// Change one element at a time, tune the velocity filter anew for each, and rank the changes.
+///
+/// Limit, criterion, push, arm, latency and output period are the scene's: `Scene.replace` sets others.
+///
+/// Parameters
+/// ----------
+/// scene : Scene
+///     Device and experiment.
+/// damping : float, optional
+///     B at which K is read off, N s/m; by default 100, or half of the largest B that the scene reaches, if that is
+///     less.
+/// budget : int
+///     Tunings that the search may try for each change, 3 to 1000; with two parameters four times as many.
+/// repeat : int
+///     Walks at the result of each search, 2 or more, from starts that are spread over a count.
+/// engine, threads, progress
+///     As in `compare`.
+///
+/// Raises
+/// ------
+/// ValueError
+///     Something is out of range, or the handle does not reach the wall.
 #[pyfunction]
+#[pyo3(signature = (
+    scene, *, damping = None, budget = 8, repeat = 4, engine = "lanes", threads = None, progress = None
+))]
 #[expect(clippy::too_many_arguments, reason = "keywords of a function")]
-pub fn explain<'py>(
-    py: Python<'py>,
-    scene: &Scene,
+pub fn explain(
+    py: Python<'_>,
+    scene: Given,
     damping: Option<f64>,
     budget: u32,
     repeat: u32,
     engine: &str,
     threads: Option<usize>,
-    progress: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let (scene, engine) = (Arc::clone(&scene.0), engine_of(engine)?);
+    progress: Option<Progress>,
+) -> PyResult<Explanation> {
+    let (scene, engine) = (scene.0, engine_of(engine)?);
     let budget = budget_of(budget, repeat, 2)?;
     if let Some(damping) = damping {
         asked::check_read_off(&scene, damping, "damping").map_err(raised)?;
     }
-    let total = changed::most_walks(&scene.scene, budget);
-    let found = run(py, threads, progress, total, move |course| {
+    let (name, total) = (scene.name.clone(), changed::most_walks(&scene.scene, budget));
+    let found = run(py, threads, progress.as_ref(), total, move |course| {
         asked::prepare(&scene)?;
         let done = |walks| course.add(walks);
         changed::explain(engine, &scene.scene, damping, budget, &course.stop, done)
             .map_err(|error| error.of(&scene.name))
     })?;
-    let made = PyDict::new(py);
-    made.set_item("table", columns::table(py, &found.table())?)?;
-    made.set_item("boundaries", columns::table(py, &found.boundaries())?)?;
-    made.set_item("damping_n_s_per_m", found.damping_n_s_per_m)?;
-    made.set_item("answers", found.answers())?;
-    Ok(made)
+    Ok(Explanation {
+        scene: name,
+        table: Told::of(py, &found.table())?,
+        boundaries: Told::of(py, &found.boundaries())?,
+        damping_n_s_per_m: found.damping_n_s_per_m,
+        answers: found.answers().into_iter().collect(),
+    })
 }
 
 const NAMES: Names = Names { limits: "limits", steps: "steps" };
 
 /// A limit as Python has it: metres, or words as on the command line.
 #[derive(FromPyObject)]
-pub enum LimitGiven {
+enum LimitGiven {
     Metres(f64),
     Words(String),
 }
 
-impl LimitGiven {
-    fn asked(&self) -> PyResult<LimitAsked> {
-        let asked = match self {
-            Self::Metres(metres) => LimitAsked::parse(&metres.to_string()),
-            Self::Words(words) => LimitAsked::parse(words),
-        };
-        asked.map_err(|line| PyValueError::new_err(format!("limits: {line}")))
+fn limit_of(words: &str) -> PyResult<LimitAsked> {
+    LimitAsked::parse(words).map_err(|line| PyValueError::new_err(format!("limits: {line}")))
+}
+
+/// Some of them.
+pub struct Limits(Vec<LimitAsked>);
+
+impl FromPyObject<'_, '_> for Limits {
+    type Error = PyErr;
+    const INPUT_TYPE: PyStaticExpr = type_hint_subscript!(
+        type_hint_identifier!("collections.abc", "Iterable"),
+        type_hint_union!(
+            type_hint_identifier!("builtins", "float"),
+            type_hint_identifier!("builtins", "str")
+        )
+    );
+
+    fn extract(of: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
+        let given: Vec<LimitGiven> = several(&of, "limits")?;
+        let limits = given.into_iter().map(|limit| match limit {
+            LimitGiven::Metres(metres) => limit_of(&metres.to_string()),
+            LimitGiven::Words(words) => limit_of(&words),
+        });
+        limits.collect::<PyResult<_>>().map(Self)
     }
 }
 
-/// The defaults of other systems, untuned, beside the scene's own estimator.
+result! { table
+    /// The defaults of other systems, untuned, beside the scene's own estimator and the true velocity.
+    Peers {
+        /// Name of the scene.
+        scene: String,
+        /// One row for each loop, estimator and limit, with the columns of the command line's `peers.csv`.
+        table: Told,
+        /// What a reader must know beside the numbers: defaults that cannot run at the scene's rate.
+        notes: Tuple<String>,
+    }
+
+    /// The columns of the table.
+    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
+        self.table.columns(py)
+    }
+}
+
+/// Walk with the velocity filters that other systems have by default, untuned.
+///
+/// Beside them stand the scene's own estimator, at 500 and 1500 Hz if it has a cutoff, and the true velocity; in the
+/// scene's own loop, and with the latency and output of each board. With the scene's own steps it takes minutes.
+///
+/// Parameters
+/// ----------
+/// scene : Scene
+///     Device and experiment.
+/// limits : iterable of float or str, optional
+///     RMS of the true motion, m; `"felt"` for the scene's sensation level, `"felt=10"` for another one, dB. By default
+///     15, 5, 2 and 1 um, and felt.
+/// steps : tuple of float, optional
+///     Steps of K, N/m, and B, N s/m, of the walks, which are also the first ones; by default a quarter and a half of
+///     the scene's.
+/// repeat : int
+///     Walks each, from starts that are spread over a count.
+/// engine, threads
+///     As in `walk`.
+/// progress : callable, optional
+///     Called with the walks done and the most that there can be, from this thread; what it raises ends the work.
+///
+/// Raises
+/// ------
+/// ValueError
+///     Something is out of range or no limit, or the handle does not reach the wall.
 #[pyfunction]
+#[pyo3(signature = (
+    scene, *, limits = None, steps = None, repeat = 4, engine = "lanes", threads = None, progress = None
+))]
 #[expect(clippy::too_many_arguments, reason = "keywords of a function")]
-pub fn peers<'py>(
-    py: Python<'py>,
-    scene: &Scene,
-    limits: Vec<LimitGiven>,
-    steps: Option<Vec<f64>>,
+pub fn peers(
+    py: Python<'_>,
+    scene: Given,
+    limits: Option<Limits>,
+    steps: Option<Numbers>,
     repeat: u32,
     engine: &str,
     threads: Option<usize>,
-    progress: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let (scene, engine) = (Arc::clone(&scene.0), engine_of(engine)?);
+    progress: Option<Progress>,
+) -> PyResult<Peers> {
+    let (scene, engine) = (scene.0, engine_of(engine)?);
     in_range("repeat", repeat, 1..=1000)?;
-    if limits.is_empty() {
-        return Err(PyValueError::new_err("limits is empty"));
-    }
-    let limits = limits.iter().map(LimitGiven::asked).collect::<PyResult<Vec<_>>>()?;
-    let two = |steps: Vec<f64>| {
+    let limits = match limits {
+        Some(Limits(limits)) => limits,
+        None => ["15e-6", "5e-6", "2e-6", "1e-6", "felt"]
+            .into_iter()
+            .map(limit_of)
+            .collect::<PyResult<_>>()?,
+    };
+    not_empty("limits", &limits)?;
+    let two = |Numbers(steps): Numbers| {
         let refused = |steps: Vec<f64>| format!("steps has {} numbers, allowed 2", steps.len());
         <[f64; 2]>::try_from(steps).map_err(|steps| PyValueError::new_err(refused(steps)))
     };
@@ -182,51 +394,85 @@ pub fn peers<'py>(
     let question = PeerQuestion::of(&scene, &limits, steps, repeat, NAMES).map_err(raised)?;
     let total = question.walks();
     let of_work = Arc::clone(&scene);
-    let found = run(py, threads, progress, total, move |course| {
+    let found = run(py, threads, progress.as_ref(), total, move |course| {
         asked::prepare(&of_work)?;
         compare_peers(engine, question, &course.stop, || course.add(1))
             .map_err(|error| error.of(&of_work.name))
     })?;
-    let made = PyDict::new(py);
-    made.set_item("table", columns::table(py, &found.table())?)?;
-    let mut notes = found.notes;
-    notes.extend(scene.scene.estimated_note());
-    made.set_item("notes", notes)?;
-    Ok(made)
+    let table = Told::of(py, &found.table())?;
+    let notes = found.notes.into_iter().chain(scene.scene.estimated_note()).collect();
+    Ok(Peers { scene: scene.name.clone(), table, notes })
 }
 
-/// Walls that are stable and rendered as commanded, each estimator tuned for each limit.
+result! { table
+    /// Walls that are stable and rendered as commanded, each estimator tuned for each limit.
+    Usable {
+        /// Name of the scene.
+        scene: String,
+        /// One row for each limit and estimator, the largest area first, with the columns of the command line's `usable.csv`;
+        /// `within_percent` is NaN where any error counts.
+        table: Told,
+    }
+
+    /// The columns of the table.
+    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
+        self.table.columns(py)
+    }
+}
+
+/// Tune estimators for the walls that are stable and whose rendered impedance is off by no more than a limit.
+///
+/// Limit, criterion, push, arm, latency and output period are the scene's: `Scene.replace` sets others. With the
+/// usual estimators and the scene's own steps it takes minutes.
+///
+/// Parameters
+/// ----------
+/// scene : Scene
+///     Device and experiment; its own estimator does not matter.
+/// percents : iterable of float
+///     Limits of the largest error from 1 to 30 Hz, % of the magnitude of K + jwB, 0.1 to 1000; any error is a last
+///     one.
+/// estimators : iterable of str, optional
+///     Their names; by default the usual ones of each kind that the scene can feed.
+/// budget, repeat, engine, threads, progress
+///     As in `compare`.
+///
+/// Raises
+/// ------
+/// ValueError
+///     Something is out of range or empty, an estimator is unknown or the scene cannot feed it, or the handle does not
+///     reach the wall.
 #[pyfunction]
+#[pyo3(signature = (
+    scene, *, percents = Numbers(vec![5.0, 10.0, 20.0]), estimators = None, budget = 24, repeat = 4, engine = "lanes",
+    threads = None, progress = None
+))]
 #[expect(clippy::too_many_arguments, reason = "keywords of a function")]
-pub fn usable<'py>(
-    py: Python<'py>,
-    scene: &Scene,
-    percents: Vec<f64>,
-    estimators: Option<Vec<String>>,
+pub fn usable(
+    py: Python<'_>,
+    scene: Given,
+    percents: Numbers,
+    estimators: Option<Texts>,
     budget: u32,
     repeat: u32,
     engine: &str,
     threads: Option<usize>,
-    progress: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let (scene, engine) = (Arc::clone(&scene.0), engine_of(engine)?);
+    progress: Option<Progress>,
+) -> PyResult<Usable> {
+    let (scene, engine) = (scene.0, engine_of(engine)?);
     let budget = budget_of(budget, repeat, 1)?;
-    if percents.is_empty() {
-        return Err(PyValueError::new_err("percents is empty"));
-    }
-    let percents = commanded::percents(&percents, "percents").map_err(raised)?;
-    let entries = entries_of(estimators.as_deref(), &scene)?;
+    not_empty("percents", &percents.0)?;
+    let percents = commanded::percents(&percents.0, "percents").map_err(raised)?;
+    let entries = entries_of(estimators, &scene)?;
     let entries = entries.unwrap_or_else(|| commanded::usual(&scene.scene));
     let question = UsableQuestion::of(entries, &percents, budget);
-    let total = question.most_walks();
-    let found = run(py, threads, progress, total, move |course| {
+    let (name, total) = (scene.name.clone(), question.most_walks());
+    let found = run(py, threads, progress.as_ref(), total, move |course| {
         asked::prepare(&scene)?;
         let done = |walks| course.add(walks);
         let found = commanded::usable(engine, &scene.scene, &question, &course.stop, done)
             .map_err(|error| error.of(&scene.name))?;
         Ok(UsableStudy { question, found })
     })?;
-    let made = PyDict::new(py);
-    made.set_item("table", columns::table(py, &found.table())?)?;
-    Ok(made)
+    Ok(Usable { scene: name, table: Told::of(py, &found.table())? })
 }

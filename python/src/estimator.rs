@@ -1,13 +1,22 @@
 //! The core's velocity estimators over recorded counts.
 
-use numpy::{IntoPyArray as _, PyArray1, PyReadonlyArray1};
-use pyo3::{exceptions::PyValueError, prelude::*};
+use std::sync::Arc;
+
+use numpy::{
+    Element, PyArrayDescrMethods as _, PyArrayMethods as _, PyReadonlyArray1, PyUntypedArray,
+    PyUntypedArrayMethods as _,
+};
+use pyo3::{
+    exceptions::PyValueError, inspect::PyStaticExpr, prelude::*, type_hint_identifier,
+    types::PyDict,
+};
 use sim_loop::{
     error::Error,
     scene::{NamedScene, VelocityTable},
     simulation::controller::lsb_per_m_per_s,
 };
 use sim_studies::study::asked::{self, Names};
+use toml::Value;
 use zwidth::{
     CounterWidth, Design, LoopParameters, Sampler,
     units::{Acceleration, Force},
@@ -15,18 +24,52 @@ use zwidth::{
 };
 
 use crate::{
-    scene::{Scene, of_python, to_python},
+    given::Given,
+    result::Array,
+    scene::{Scene, of_python},
     work::raised,
 };
 
-/// One estimator with its state.
-#[pyclass(module = "zwidth._native")]
+/// A velocity estimator of the control core, with its state: what the firmware would say to these counts.
+///
+/// Parameters
+/// ----------
+/// name : str
+///     One of `zwidth.ESTIMATORS`.
+/// scene : Scene
+///     Gives sample rate, encoder and, where the estimator asks for them, mass and force.
+/// cutoff : float, optional
+///     Nominal cutoff, Hz; an estimator without one takes none.
+/// **parameters
+///     Other keys of a scene's `[velocity]` table; what is left out is the scene's own where it has this estimator, else
+///     the default (docs/estimators.md), and the device's mass.
+///
+/// Raises
+/// ------
+/// ValueError
+///     There is no such estimator, or a parameter is out of range.
+///
+/// Notes
+/// -----
+/// A copy (`copy.copy`) goes on by itself from the state at which it was made.
+///
+/// Examples
+/// --------
+/// >>> import numpy as np
+/// >>> estimator = Estimator("butterworth", Scene.load("paper-1um"), cutoff=500)
+/// >>> velocity = estimator.process(np.arange(1000))  # a count a sample: 1 um * 10 kHz
+/// >>> round(float(velocity[-1]), 6)
+/// 0.01
+#[pyclass(module = "zwidth")]
+#[derive(Clone)]
 pub struct Estimator {
+    scene: Arc<NamedScene>,
+    cutoff_hz: Option<f64>,
     parameters: LoopParameters,
     design: Design,
     sense: Option<Sense>,
     /// `None` before the first count.
-    sampler: Option<Sampler>,
+    state: Option<(CounterWidth, Sampler)>,
 }
 
 /// Counts between two looks at the interpreter's signals: some milliseconds.
@@ -34,37 +77,44 @@ const BLOCK: usize = 1 << 16;
 const NAMES: Names =
     Names { cutoff: "cutoff", stiffness: "", damping: "", start_offset: "start_offset" };
 
-/// Names of all estimators.
-pub fn names() -> Vec<&'static str> {
-    EstimatorName::ALL.iter().map(|name| name.text()).collect()
-}
-
-/// The scene's table `[velocity]` for the estimator of that name, every parameter at its default.
-#[pyfunction]
-pub fn velocity_table<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+/// The scene's table `[velocity]` for the estimator of that name: what it says itself, else defaults and the device's mass.
+fn velocity_table(name: &str, scene: &NamedScene) -> PyResult<toml::Table> {
     let found = EstimatorName::ALL.iter().find(|known| known.text() == name);
     let found = found.ok_or_else(|| {
         PyValueError::new_err(match EstimatorName::replacing(name) {
             Some(other) => format!("estimator {name:?} is no more: use {other}"),
-            None => format!("there is no estimator {name:?}, allowed {}", names().join(", ")),
+            None => {
+                let all: Vec<&str> = EstimatorName::ALL.iter().map(|name| name.text()).collect();
+                format!("there is no estimator {name:?}, allowed {}", all.join(", "))
+            }
         })
     })?;
-    let filter = VelocityTable::from(found.defaults()).with_cutoff(None);
-    let table = toml::Table::try_from(filter)
-        .map_err(|error| raised(Error::Internal(error.to_string())))?;
-    to_python(py, &toml::Value::Table(table))
+    let internal = |error: toml::ser::Error| raised(Error::Internal(error.to_string()));
+    let table =
+        |filter: VelocityTable| toml::Table::try_from(filter.with_cutoff(None)).map_err(internal);
+    let (mut table, own) = (table(found.defaults().into())?, table(scene.scene.velocity.clone())?);
+    let device = toml::Table::try_from(scene.scene.device).map_err(internal)?;
+    let is_own = table.keys().eq(own.keys()) && table["estimator"] == own["estimator"];
+    for (key, value) in &mut table {
+        if let Some(of_device) = device.get(key) {
+            value.clone_from(of_device);
+        }
+        if is_own && !["prewarp", "order", "degree"].contains(&key.as_str()) {
+            value.clone_from(&own[key]);
+        }
+    }
+    Ok(table)
 }
 
 /// That scene with another table `[velocity]`, swept over that cutoff alone.
-#[pyfunction]
-pub fn with_estimator(
-    scene: &Scene,
-    velocity: &Bound<'_, PyAny>,
+fn with_estimator(
+    scene: &NamedScene,
+    velocity: toml::Table,
     cutoff: Option<f64>,
-) -> PyResult<Scene> {
-    let mut other = NamedScene::clone(&scene.0);
+) -> PyResult<NamedScene> {
+    let mut other = scene.clone();
     let internal = |error: toml::ser::Error| raised(Error::Internal(error.to_string()));
-    other.scene.velocity = of_python(velocity)?
+    other.scene.velocity = Value::Table(velocity)
         .try_into()
         .map_err(|error: toml::de::Error| PyValueError::new_err(error.message().to_owned()))?;
     let hit = asked::hit(&other, cutoff, None, 0.0, NAMES).map_err(raised)?;
@@ -72,23 +122,91 @@ pub fn with_estimator(
         other.scene.sweep.cutoffs_hz = vec![cutoff_hz];
     }
     let text = toml::to_string(&other.scene).map_err(internal)?;
-    NamedScene::parse(other.name.clone(), text, &other.name).map(Scene::from).map_err(raised)
+    NamedScene::parse(other.name.clone(), text, &other.name).map_err(raised)
 }
+
+/// An array, or what makes one.
+pub struct ArrayLike<'py>(Bound<'py, PyUntypedArray>);
+
+impl<'py> FromPyObject<'_, 'py> for ArrayLike<'py> {
+    type Error = PyErr;
+    const INPUT_TYPE: PyStaticExpr = type_hint_identifier!("numpy.typing", "ArrayLike");
+
+    fn extract(of: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        let array = of.py().import("numpy")?.call_method1("asarray", (of,))?;
+        Ok(Self(array.cast_into()?))
+    }
+}
+
+impl<'py> ArrayLike<'py> {
+    /// Signed or unsigned, and bytes of a number, if it is whole.
+    fn whole(&self) -> Option<usize> {
+        let dtype = self.0.dtype();
+        matches!(dtype.kind(), b'i' | b'u').then(|| dtype.itemsize())
+    }
+
+    /// The numbers as that type, which must hold each of them.
+    fn numbers<T: Element>(&self, name: &str, allowed: &str) -> PyResult<PyReadonlyArray1<'py, T>> {
+        let py = self.0.py();
+        let refused =
+            |given: &dyn std::fmt::Display| format!("{name} is {given}, allowed {allowed}");
+        let is_flag = T::get_dtype(py).kind() == b'b';
+        if self.whole().is_none() && !(is_flag && self.0.dtype().kind() == b'b') {
+            return Err(PyValueError::new_err(refused(&self.0.dtype())));
+        }
+        let made = self.0.call_method1("astype", (T::get_dtype(py),))?;
+        let same = made.call_method1("__eq__", (&self.0,))?.call_method0("all")?;
+        if !same.is_truthy()? {
+            return Err(PyValueError::new_err(refused(&"out of range")));
+        }
+        let made = made.cast_into::<numpy::PyArray1<T>>();
+        made.map(|made| made.readonly()).map_err(|_| {
+            PyValueError::new_err(refused(&format_args!("of {} dimensions", self.0.ndim())))
+        })
+    }
+}
+
+/// What the core takes beside counts.
+const FORMAT: &str = "whole numbers of 32 bits in the core's format (docs/estimators.md)";
 
 #[pymethods]
 impl Estimator {
     #[new]
-    #[pyo3(signature = (scene, cutoff = None))]
-    fn new(scene: &Scene, cutoff: Option<f64>) -> PyResult<Self> {
-        let scene = &scene.0;
-        let hit = asked::hit(scene, cutoff, None, 0.0, NAMES).map_err(raised)?;
+    #[pyo3(signature = (name, scene, *, cutoff = None, **parameters: "object"))]
+    fn new(
+        name: &str,
+        scene: Given,
+        cutoff: Option<f64>,
+        parameters: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let mut velocity = velocity_table(name, &scene.0)?;
+        for (key, value) in parameters.into_iter().flatten() {
+            velocity.insert(key.extract()?, of_python(&value)?);
+        }
+        let scene = with_estimator(&scene.0, velocity, cutoff)?;
+        let hit = asked::hit(&scene, cutoff, None, 0.0, NAMES).map_err(raised)?;
         let design = scene.scene.design();
         let parameters = scene
             .scene
             .settings(hit.velocity, hit.stiffness_n_per_m, hit.damping_n_s_per_m)
             .build(&design)
             .map_err(|error| raised(Error::input(error)))?;
-        Ok(Self { parameters, design, sense: scene.scene.velocity.sense(), sampler: None })
+        let sense = scene.scene.velocity.sense();
+        let scene = Arc::new(scene);
+        let cutoff_hz = hit.velocity.cutoff_hz();
+        Ok(Self { scene, cutoff_hz, parameters, design, sense, state: None })
+    }
+
+    /// The scene with this estimator in it, swept over this cutoff alone.
+    #[getter]
+    fn scene(&self) -> Scene {
+        Scene(Arc::clone(&self.scene))
+    }
+
+    /// Nominal cutoff, Hz; None for an estimator without one.
+    #[getter]
+    fn cutoff_hz(&self) -> Option<f64> {
+        self.cutoff_hz
     }
 
     /// What it needs beside the counts: "force", "acceleration", "edge times" or None.
@@ -97,28 +215,86 @@ impl Estimator {
         self.sense.map(Sense::text)
     }
 
-    /// Velocity of an LSB, m/s.
+    /// Velocity of one bit of the core's format, m/s.
     #[getter]
     fn lsb_m_per_s(&self) -> f64 {
         1.0 / lsb_per_m_per_s(&self.design)
     }
 
-    /// Forgets every count.
+    /// Forget every count.
     fn reset(&mut self) {
-        self.sampler = None;
+        self.state = None;
     }
 
-    /// Velocities at these counts, LSB, int32; goes on where the last block ended.
-    #[pyo3(signature = (counts, force = None, acceleration = None, edge_age = None, edge_up = None))]
-    fn process<'py>(
+    fn __copy__(&self) -> Self {
+        self.clone()
+    }
+
+    fn __deepcopy__(&self, _memo: &Bound<'_, PyAny>) -> Self {
+        self.clone()
+    }
+
+    /// Velocities at these counts; the next block goes on where this one ended.
+    ///
+    /// Parameters
+    /// ----------
+    /// counts : array of int
+    ///     The encoder's counter at each sample. Wraps are undone: of numbers of 16 bits at 2^16, of longer ones at 2^32.
+    /// force, acceleration : array of int, optional
+    ///     Mean force and acceleration since the last sample in the core's format (docs/estimators.md).
+    /// edge_age, edge_up : array, optional
+    ///     Time from the latest edge to the sample, in 2^-16 samples, below 0 before the first edge; whether the count
+    ///     went up with it.
+    /// bits : bool
+    ///     Return the core's integers instead of m/s.
+    ///
+    /// Returns
+    /// -------
+    /// ndarray
+    ///     Velocity, m/s (float64), or bits (int32); 0 at the first count.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     What the estimator needs is missing, is no whole number, or has another length; or the counter's width is
+    ///     none that an encoder has, or another one than that of the block before.
+    ///
+    /// Notes
+    /// -----
+    /// After an exception, Ctrl-C too, the state is the one before the call.
+    ///
+    /// Examples
+    /// --------
+    /// >>> import numpy as np
+    /// >>> estimator = Estimator("butterworth", Scene.load("paper-1um"), cutoff=500)
+    /// >>> estimator.process(np.arange(4)).round(6).tolist()
+    /// [0.0, 0.000198, 0.000903, 0.002077]
+    /// >>> estimator.process(np.arange(4, 8)).round(6).tolist()  # it goes on
+    /// [0.00346, 0.004868, 0.00618, 0.007328]
+    #[pyo3(signature = (
+        counts, *, force = None, acceleration = None, edge_age = None, edge_up = None, bits = false
+    ))]
+    #[expect(clippy::too_many_arguments, reason = "keywords of a function")]
+    fn process(
         &mut self,
-        py: Python<'py>,
-        counts: PyReadonlyArray1<'py, i64>,
-        force: Option<PyReadonlyArray1<'py, i32>>,
-        acceleration: Option<PyReadonlyArray1<'py, i32>>,
-        edge_age: Option<PyReadonlyArray1<'py, i64>>,
-        edge_up: Option<PyReadonlyArray1<'py, bool>>,
-    ) -> PyResult<Bound<'py, PyArray1<i32>>> {
+        py: Python<'_>,
+        counts: ArrayLike<'_>,
+        force: Option<ArrayLike<'_>>,
+        acceleration: Option<ArrayLike<'_>>,
+        edge_age: Option<ArrayLike<'_>>,
+        edge_up: Option<ArrayLike<'_>>,
+        bits: bool,
+    ) -> PyResult<Velocities> {
+        let width = match counts.whole() {
+            Some(2) => CounterWidth::Bits16,
+            Some(4 | 8) => CounterWidth::Bits32,
+            _ => {
+                let given = counts.0.dtype();
+                let text =
+                    format!("counts are {given}, allowed whole numbers of 16, 32 or 64 bits");
+                return Err(PyValueError::new_err(text));
+            }
+        };
         let given = [
             (Sense::Force, force.is_some()),
             (Sense::Acceleration, acceleration.is_some()),
@@ -130,12 +306,26 @@ impl Estimator {
             let text = format!("the estimator needs {} beside the counts", sense.text());
             return Err(PyValueError::new_err(text));
         }
+        if self.state.is_some_and(|(before, _)| before != width) {
+            let text = "counts have another width than those before, which wrap elsewhere: reset() begins anew";
+            return Err(PyValueError::new_err(text));
+        }
+        let counts = py
+            .import("numpy")?
+            .call_method1("ascontiguousarray", (&counts.0, numpy::dtype::<i64>(py)))?;
+        let counts = counts.cast_into::<numpy::PyArray1<i64>>();
+        let counts = counts.map_err(|_| PyValueError::new_err("counts have not one dimension"))?;
+        let counts = counts.readonly();
+        let force = force.map(|a| a.numbers::<i32>("force", FORMAT)).transpose()?;
+        let acceleration =
+            acceleration.map(|a| a.numbers::<i32>("acceleration", FORMAT)).transpose()?;
+        let whole = "whole numbers of 2^-16 samples";
+        let age = edge_age.map(|a| a.numbers::<i64>("edge_age", whole)).transpose()?;
+        let up = edge_up.map(|a| a.numbers::<bool>("edge_up", "truth values")).transpose()?;
         let counts = counts.as_array();
-        let (force, acceleration) = (force.as_ref(), acceleration.as_ref());
         let (force, acceleration) =
-            (force.map(|a| a.as_array()), acceleration.map(|a| a.as_array()));
-        let (age, up) =
-            (edge_age.as_ref().map(|a| a.as_array()), edge_up.as_ref().map(|a| a.as_array()));
+            (force.as_ref().map(|a| a.as_array()), acceleration.as_ref().map(|a| a.as_array()));
+        let (age, up) = (age.as_ref().map(|a| a.as_array()), up.as_ref().map(|a| a.as_array()));
         let lengths = [
             force.map(|a| a.len()),
             acceleration.map(|a| a.len()),
@@ -145,18 +335,17 @@ impl Estimator {
         if lengths.into_iter().flatten().any(|length| length != counts.len()) {
             return Err(PyValueError::new_err("what is sensed has not as many values as counts"));
         }
-        let (parameters, mut sampler) = (&self.parameters, self.sampler);
-        let mut velocities = Vec::with_capacity(counts.len());
+        let (parameters, mut state) = (&self.parameters, self.state);
+        let lsb_m_per_s = self.lsb_m_per_s();
+        let (mut raw, mut metres): (Vec<i32>, Vec<f64>) = (vec![], vec![]);
         let mut at = |n: usize| {
-            let count = counts[n];
             #[expect(
                 clippy::cast_possible_truncation,
                 clippy::cast_sign_loss,
-                reason = "a counter of 32 bits"
+                reason = "a counter of at most 32 bits"
             )]
-            let reading = count as u32;
-            let sampler =
-                sampler.get_or_insert_with(|| Sampler::new(reading, CounterWidth::Bits32));
+            let reading = counts[n] as u32;
+            let (_, sampler) = state.get_or_insert_with(|| (width, Sampler::new(reading, width)));
             let edge = match (age, up) {
                 // an age below 0: no edge yet
                 (Some(age), Some(up)) => {
@@ -172,12 +361,27 @@ impl Estimator {
             };
             sampler.sense(parameters, reading, &senses).motion.velocity.bits()
         };
-        while velocities.len() < counts.len() {
-            let end = counts.len().min(velocities.len() + BLOCK);
-            py.detach(|| velocities.extend((velocities.len()..end).map(&mut at)));
+        let blocks = (0..counts.len()).step_by(BLOCK).map(|n| n..counts.len().min(n + BLOCK));
+        for block in blocks {
+            py.detach(|| match bits {
+                true => raw.extend(block.map(&mut at)),
+                false => metres.extend(block.map(|n| f64::from(at(n)) * lsb_m_per_s)),
+            });
             py.check_signals()?; // which leaves the state as it was
         }
-        self.sampler = sampler;
-        Ok(velocities.into_pyarray(py))
+        let made = if bits {
+            Velocities::Bits(Array::writable(py, raw))
+        } else {
+            Velocities::Metres(Array::writable(py, metres))
+        };
+        self.state = state;
+        Ok(made)
     }
+}
+
+/// What [`Estimator::process`] returns.
+#[derive(IntoPyObject)]
+pub enum Velocities {
+    Metres(Array<f64>),
+    Bits(Array<i32>),
 }

@@ -8,6 +8,7 @@ use sim_loop::simulation::prepared::Numeric;
 use sim_studies::study::planned::{Study, StudyFile, unit::How};
 
 use crate::{
+    result::Asked,
     studies::{engine_of, numeric_of},
     study::text_of,
     work::{raised, run},
@@ -15,8 +16,8 @@ use crate::{
 
 /// Text, origin and folder of a study: what a worker needs to read it again.
 #[pyfunction]
-pub fn study_text(study: &Bound<'_, PyAny>) -> PyResult<(String, String, PathBuf)> {
-    text_of(study)
+pub fn study_text(py: Python<'_>, study: Asked) -> PyResult<(String, String, PathBuf)> {
+    text_of(study.0.bind(py))
 }
 
 /// A study that was read and checked, and its units.

@@ -1,11 +1,12 @@
-//! The extension module `zwidth._native`: scenes, studies and estimators of the simulator and the control core for
-//! Python. `zwidth/__init__.py` makes results of what these functions return; units are SI.
+//! The extension module `zwidth._native`: scenes, studies, estimators and their results for Python, with the texts of
+//! their help. Its type stubs are made from it when a wheel is built. Units are SI.
 
-mod columns;
 mod compared;
 mod estimator;
 mod folder;
+mod given;
 mod measured;
+mod result;
 mod scene;
 mod studies;
 mod study;
@@ -16,27 +17,34 @@ use pyo3::prelude::*;
 
 #[pymodule]
 mod _native {
+    use pyo3::prelude::*;
+
     #[pymodule_export]
     use super::{
-        compared::{compare, explain, peers, usable},
-        estimator::{Estimator, velocity_table, with_estimator},
+        compared::{
+            Comparison, Explanation, Peers, Usable, Winner, compare, explain, peers, usable,
+        },
+        estimator::Estimator,
         folder::{StudyFolder, StudyUnits, study_text},
-        measured::{agree, identify, identify_plan, replay},
+        measured::{
+            Agreement, EncoderTerm, Estimate, Identification, Plan, Replay, Residual, Suspect,
+            TermTest, agree, identify, identify_plan, replay,
+        },
         scene::Scene,
-        studies::{grid, hit, linear, sweep, walk},
-        study::study,
-        telemetry::decode,
+        studies::{Grid, Hit, Linear, Sweep, Trace, Walk, grid, hit, linear, sweep, walk},
+        study::{Study, study},
+        telemetry::{Outputs, Samples, Telemetry},
     };
 
-    use super::*;
-
-    #[pymodule_init]
-    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-        module.add("ESTIMATORS", super::estimator::names())?;
-        module.add(
-            "SCENES",
-            sim_loop::scene::BUILT_IN.iter().map(|(name, _)| *name).collect::<Vec<_>>(),
-        )
+    /// Names of the built-in scenes, of the estimators, and of the codes in `Grid.verdict`.
+    #[pyfunction]
+    fn names() -> (Vec<&'static str>, Vec<&'static str>, Vec<&'static str>) {
+        let scenes = sim_loop::scene::BUILT_IN.iter().map(|(name, _)| *name);
+        let estimators = zwidth::velocity::EstimatorName::ALL.iter().map(|name| name.text());
+        (scenes.collect(), estimators.collect(), super::studies::VERDICTS.into())
     }
+
+    #[pymodule_export]
+    #[expect(non_upper_case_globals, reason = "as Python calls it")]
+    const __version__: &str = env!("CARGO_PKG_VERSION");
 }

@@ -3,18 +3,26 @@
 
 use std::{path::PathBuf, sync::Arc};
 
-use pyo3::{exceptions::PyValueError, prelude::*, types::PyDict};
+use pyo3::{
+    exceptions::PyValueError,
+    inspect::PyStaticExpr,
+    prelude::*,
+    type_hint_identifier, type_hint_subscript, type_hint_union,
+    types::{PyDict, PyString, PyTuple},
+};
 use sim_loop::{error::Error, scene::Units};
 use sim_studies::analysis::{
     agree as walks,
     identify::{self as records, Asked, GainAsked, Json, Made, Planned, Record, Span, Term, Terms},
     replay as counts,
 };
+use zwidth::units::Velocity;
 
 use crate::{
-    columns::{self, Columns},
+    given::{Given, Place, Progress, several},
+    result::{Any, Array, Keys, Part, Table, Tuple, columns, made, result},
     scene::{Scene, serialized},
-    studies::engine_of,
+    studies::{engine_of, not_empty},
     work::{Course, raised, run},
 };
 
@@ -72,84 +80,320 @@ fn terms_of(names: &[String]) -> PyResult<Terms> {
     })
 }
 
-/// What is asked of records, as `zwidth.identify` has it.
-#[derive(FromPyObject)]
-pub struct IdentifyAsked {
-    #[pyo3(item)]
-    gain: Option<f64>,
-    #[pyo3(item)]
-    torque_constant: Option<f64>,
-    #[pyo3(item)]
-    amplifier_gain: Option<f64>,
-    #[pyo3(item)]
-    drum_radius: Option<f64>,
-    #[pyo3(item)]
-    calibration_mass: Option<f64>,
-    #[pyo3(item)]
-    calibration_voltage: Option<f64>,
-    #[pyo3(item)]
-    added_mass: Option<f64>,
-    #[pyo3(item)]
-    latency: Option<f64>,
-    #[pyo3(item)]
-    fit_latency: bool,
-    #[pyo3(item)]
-    spring: bool,
-    #[pyo3(item)]
-    terms: Vec<String>,
-    #[pyo3(item)]
-    rest_position: Option<f64>,
-    #[pyo3(item)]
-    encoder_cycle: Option<f64>,
-    #[pyo3(item)]
-    resolution: Option<f64>,
-    #[pyo3(item)]
-    span: (Option<f64>, Option<f64>),
+/// What is fitted beside mass, damping and spring: one word, or names.
+pub struct TermsAsked(Terms);
+
+impl FromPyObject<'_, '_> for TermsAsked {
+    type Error = PyErr;
+    const INPUT_TYPE: PyStaticExpr = type_hint_union!(
+        type_hint_identifier!("builtins", "str"),
+        type_hint_subscript!(
+            type_hint_identifier!("collections.abc", "Iterable"),
+            type_hint_identifier!("builtins", "str")
+        )
+    );
+
+    fn extract(of: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
+        let names = match of.extract::<String>() {
+            Ok(word) => vec![word],
+            Err(_) => several(&of, "terms")?,
+        };
+        terms_of(&names).map(Self)
+    }
 }
 
-impl IdentifyAsked {
-    fn gain(&self) -> GainAsked {
-        GainAsked {
-            gain: self.gain,
-            torque_constant: self.torque_constant,
-            amplifier_gain: self.amplifier_gain,
-            drum_radius: self.drum_radius,
-            calibration_mass: self.calibration_mass,
-            calibration_voltage: self.calibration_voltage,
-            added_mass: self.added_mass,
+/// One path, or several.
+pub struct Places(Vec<PathBuf>);
+
+impl FromPyObject<'_, '_> for Places {
+    type Error = PyErr;
+    const INPUT_TYPE: PyStaticExpr = type_hint_union!(
+        Place::INPUT_TYPE,
+        type_hint_subscript!(
+            type_hint_identifier!("collections.abc", "Iterable"),
+            Place::INPUT_TYPE
+        )
+    );
+
+    fn extract(of: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
+        if of.is_instance_of::<PyString>() || of.hasattr("__fspath__")? {
+            return Ok(Self(vec![of.extract()?]));
         }
-    }
-
-    fn asked(&self) -> PyResult<Asked> {
-        Ok(Asked {
-            latency: self.latency,
-            fit_latency: self.fit_latency,
-            spring: self.spring,
-            terms: terms_of(&self.terms)?,
-            rest_position: self.rest_position,
-            encoder_cycle: self.encoder_cycle,
-            resolution: self.resolution,
-            span: Span { from_s: self.span.0, to_s: self.span.1 },
-        })
+        several(&of, "paths").map(Self)
     }
 }
 
-/// The device of records.
-#[pyfunction]
-pub fn identify<'py>(
-    py: Python<'py>,
-    logs: Vec<PathBuf>,
-    base: &Scene,
-    asked: IdentifyAsked,
-) -> PyResult<Bound<'py, PyDict>> {
-    let base = Arc::clone(&base.0);
-    if logs.is_empty() {
-        return Err(PyValueError::new_err("records is empty"));
+result! { value
+    /// A value that was fitted, with its 95 % interval; both ends are the value where it was given. The unit is in the name
+    /// of the attribute that holds it.
+    Estimate {
+        /// The value.
+        value: f64,
+        /// Lower end of the interval.
+        low: f64,
+        /// Upper end of the interval.
+        high: f64,
+        /// Half of the interval that white noise would give.
+        white_half_width: f64,
     }
+}
+
+result! { value
+    /// The periodic error of the encoder.
+    EncoderTerm {
+        /// Amplitude once per cycle, m.
+        first_m: Part<Estimate>,
+        /// Amplitude twice per cycle, m.
+        second_m: Part<Estimate>,
+        /// Phase at position 0, rad.
+        phase_rad: Part<Estimate>,
+        /// Travel per cycle, m.
+        cycle_m: Part<Estimate>,
+    }
+}
+
+result! { value
+    /// How a term was told from none.
+    TermTest {
+        /// `friction`, `amplifier`, `offset` or `phase`.
+        term: String,
+        /// Value over standard error.
+        standard_errors: f64,
+        /// Probability of such a value without the term, for all candidates together.
+        p: f64,
+    }
+}
+
+result! { value
+    /// What a fit leaves.
+    Residual {
+        /// RMS, m.
+        rms_m: f64,
+        /// Whether it is white.
+        white: bool,
+        /// p-value of the Ljung-Box test.
+        whiteness_p: f64,
+        /// Autocorrelation from row to row.
+        autocorrelation: f64,
+        /// Whether quantisation, not noise, makes it.
+        bound_by_quantisation: bool,
+        /// Part of the quantiser's sawtooth that is left, 0 to 1.
+        coherence: f64,
+        /// Largest residual over the RMS.
+        peak_per_rms: f64,
+        /// RMS, counts; None for a sensor without counts.
+        rms_counts: Option<f64>,
+        /// Noise before the quantiser that explains it, counts; None for a sensor without counts.
+        noise_counts: Option<f64>,
+    }
+}
+
+result! { table
+    /// The device of records, at the handle, of a rotary device too. As a table it is the first record's fit.
+    Identification {
+        /// The records.
+        logs: Tuple<String>,
+        /// Rows that were fitted, of all records.
+        rows: u64,
+        /// Time from row to row, s.
+        step_s: f64,
+        /// That of the intervals, 0.95.
+        confidence: f64,
+        /// `given`, `motor`, `weight` or `added_mass`.
+        gain_source: String,
+        /// Mass, kg.
+        mass_kg: Part<Estimate>,
+        /// Damping, N s/m.
+        damping_n_s_per_m: Part<Estimate>,
+        /// Stiffness, N/m; None without a spring.
+        stiffness_n_per_m: Option<Part<Estimate>>,
+        /// Where the spring rests, m; None without one.
+        rest_position_m: Option<Part<Estimate>>,
+        /// Force per volt, N/V.
+        gain_n_per_v: Part<Estimate>,
+        /// From a row's time to its voltage's effect, s.
+        latency_s: Part<Estimate>,
+        /// Dry friction, N; None where it is not in the model.
+        friction_n: Option<Part<Estimate>>,
+        /// Time constant of the amplifier, s; None where it is not in the model.
+        amplifier_lag_s: Option<Part<Estimate>>,
+        /// Constant force, N; None where it is not in the model.
+        offset_n: Option<Part<Estimate>>,
+        /// None where it is not in the model.
+        encoder_error: Option<Part<EncoderTerm>>,
+        /// Of each of these terms that is in the model.
+        tests: Tuple<Part<TermTest>>,
+        /// `time_s`, `position_m`, `speed_m_per_s` at the first fitted row of each record.
+        initial: Table,
+        /// What the fit leaves.
+        residual: Part<Residual>,
+        /// Largest ratio of a stated interval to that of white noise.
+        widening: f64,
+        /// What a reader should know of the fit.
+        warnings: Tuple<String>,
+        /// What a reader should know of the scene.
+        notes: Tuple<String>,
+        /// Of each record: `time_s`, `voltage_v`, `position_m`, `model_m`, `residual_m`; the residual is the position, with
+        /// half a count added for a floor encoder, less the model.
+        fits: Tuple<Table>,
+        /// The base scene with the device, or why no scene may have it.
+        scene_or_reason: Any,
+    }
+
+    /// The base scene with the device.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     No scene may have this device; the line says why.
+    #[getter]
+    fn scene<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, Scene>> {
+        let made = self.scene_or_reason.0.bind(py);
+        made.cast::<Scene>().cloned().map_err(|_| PyValueError::new_err(made.to_string()))
+    }
+
+    /// The columns of the table.
+    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
+        self.fits.0[0].columns(py)
+    }
+}
+
+result! { table
+    /// Pulses that identify a scene's device. As a table it is `pulses`.
+    Plan {
+        /// Name of the scene.
+        scene: String,
+        /// Where each pulse starts, m.
+        start_m: f64,
+        /// The train's force, N.
+        push_n: f64,
+        /// In their order: force `push_n`, N, duration `seconds`, s, and by the scene's device how far it goes from the
+        /// start, `excursion_m`, m, and how fast, `speed_m_per_s`, m/s.
+        pulses: Table,
+        /// RMS of the force over the whole train, pauses included, N.
+        force_rms_n: f64,
+        /// What the motor stands for ever, N.
+        continuous_force_n: f64,
+        /// Limits that are not in the scene: guesses, in the scene's units.
+        guessed: Tuple<String>,
+        /// Lines for the board's console, in the scene's units; all else is at the handle.
+        console: Tuple<String>,
+    }
+
+    /// The columns of the table.
+    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
+        self.pulses.columns(py)
+    }
+}
+
+/// Rows as dictionaries become columns.
+fn turn<'py, const N: usize>(
+    told: &Bound<'py, PyAny>,
+    rows: &str,
+    names: [&'static str; N],
+) -> PyResult<()> {
+    let of = told.get_item(rows)?;
+    let column = |name: &'static str| {
+        let cells = of.try_iter()?.map(|row| row?.get_item(name)?.extract::<f64>());
+        Ok((name, Array::new(told.py(), cells.collect::<PyResult<_>>()?)?.bound(told.py())))
+    };
+    let turned = names.into_iter().map(column).collect::<PyResult<Vec<_>>>()?;
+    told.set_item(rows, Table::new(told.py(), columns(told.py(), turned)?)?)
+}
+
+/// Find mass, damping, stiffness and more of a device in recorded voltage and position.
+///
+/// One record cannot tell them from the force per volt: that is given in one of four ways, but for a rotary base scene,
+/// which has its own. Lengths and forces are at the handle, of a rotary scene too.
+///
+/// Parameters
+/// ----------
+/// records : path or iterable of path
+///     Logs, telemetry captures, or the CSV of one. Several of one device are fitted at once.
+/// base : Scene
+///     Gives encoder, voltage limit, latency and sample rate, and all else that a scene needs.
+/// gain : float, optional
+///     Force per volt, N/V.
+/// torque_constant, amplifier_gain, drum_radius : float, optional
+///     The force per volt as torque constant, N m/A, times amplifier gain, A/V, over radius, m.
+/// calibration_mass, calibration_voltage : float, optional
+///     The force per volt by a weight, kg, and the voltage that holds it still, V.
+/// added_mass : float, optional
+///     The second of two records was made with this much more mass, kg: the force per volt is found too.
+/// latency : float, optional
+///     From a row's time to its voltage's effect, samples of the base scene; by default its own.
+/// fit_latency : bool
+///     Find the latency too, beginning with that.
+/// spring : bool
+///     Whether the device has a spring.
+/// terms : {"auto", "none"} or iterable of {"friction", "amplifier", "offset", "phase"}
+///     What is fitted beside mass, damping and spring: what the records tell, nothing, or these.
+/// rest_position : float, optional
+///     Where the spring rests without any other force, m: a constant force can then be told from it.
+/// encoder_cycle : float, optional
+///     Travel per cycle of the encoder's signals, m; by default the base scene's, else it is looked for.
+/// resolution : float, optional
+///     Size of a count, m; 0 for a sensor without counts. By default the base scene's.
+/// span : tuple of float or None
+///     From and to which time stamp the records are used, s; None is their end.
+///
+/// Raises
+/// ------
+/// ValueError
+///     Something is out of range, a file cannot be read, or the records do not tell: the line says why.
+#[pyfunction]
+#[pyo3(signature = (
+    records, *, base, gain = None, torque_constant = None, amplifier_gain = None, drum_radius = None,
+    calibration_mass = None, calibration_voltage = None, added_mass = None, latency = None, fit_latency = false,
+    spring = true, terms = TermsAsked(Terms::Auto), rest_position = None, encoder_cycle = None, resolution = None,
+    span = (None, None)
+))]
+#[expect(clippy::too_many_arguments, reason = "keywords of a function")]
+pub fn identify(
+    py: Python<'_>,
+    records: Places,
+    base: Given,
+    gain: Option<f64>,
+    torque_constant: Option<f64>,
+    amplifier_gain: Option<f64>,
+    drum_radius: Option<f64>,
+    calibration_mass: Option<f64>,
+    calibration_voltage: Option<f64>,
+    added_mass: Option<f64>,
+    latency: Option<f64>,
+    fit_latency: bool,
+    spring: bool,
+    terms: TermsAsked,
+    rest_position: Option<f64>,
+    encoder_cycle: Option<f64>,
+    resolution: Option<f64>,
+    span: (Option<f64>, Option<f64>),
+) -> PyResult<Py<Identification>> {
+    let (logs, base) = (records.0, base.0);
+    not_empty("records", &logs)?;
+    let gain = GainAsked {
+        gain,
+        torque_constant,
+        amplifier_gain,
+        drum_radius,
+        calibration_mass,
+        calibration_voltage,
+        added_mass,
+    };
     // Lengths and forces are said at the handle, of a rotary scene too.
-    let gain = asked.gain().source(&base.scene, Units::Linear);
+    let gain = gain.source(&base.scene, Units::Linear);
     let gain = gain.map_err(|error| raised(here(error)))?;
-    let asked = asked.asked()?;
+    let span = Span { from_s: span.0, to_s: span.1 };
+    let asked = Asked {
+        latency,
+        fit_latency,
+        spring,
+        terms: terms.0,
+        rest_position,
+        encoder_cycle,
+        resolution,
+        span,
+    };
     let options = asked.options(&base.scene, gain, Units::Linear);
     let options = options.map_err(|error| raised(here(error)))?;
     let identified = move |course: &Course| {
@@ -160,90 +404,248 @@ pub fn identify<'py>(
         found.warnings.iter_mut().for_each(|warning| *warning = with_arguments(warning));
         let made = Made::new(&base, &found, &options)?;
         let scene = made.named(&base.name);
-        let fits = read.iter().zip(&found.fits).map(|(record, fit)| {
-            let column = |n: usize| fit.rows(record).map(move |row| row[n]);
-            let names = ["time_s", "voltage_v", "position_m", "model_m", "residual_m"];
-            let numbered = (0..).zip(names);
-            numbered.fold(Columns::default(), |all, (n, name)| all.with(name, column(n)))
-        });
-        let fits: Vec<Columns> = fits.collect();
-        Ok((read, found, options, fits, scene, made.notes))
+        Ok((read, found, options, scene, made.notes))
     };
     let work = move |course: &Course| identified(course).map_err(here);
-    let (records, found, options, fits, scene, notes) = run(py, None, None, 0, work)?;
-    let made = PyDict::new(py);
+    let (records, found, options, scene, notes) = run(py, None, None, 0, work)?;
     let told = serialized(py, &Json::new(&records, &found, &options))?;
-    made.set_item("told", told)?;
-    let fits = fits.into_iter().map(|fit| fit.into_dict(py));
-    made.set_item("fits", fits.collect::<PyResult<Vec<_>>>()?)?;
-    made.set_item("notes", notes)?;
-    match scene {
-        Ok(scene) => made.set_item("scene", Py::new(py, Scene::from(scene))?)?,
-        Err(error) => made.set_item("refused", error.to_string())?,
+    if let Some(terms) = told.cast::<PyDict>()?.get_item("terms")? {
+        told.cast::<PyDict>()?.update(terms.cast()?)?;
+        told.del_item("terms")?;
+    } else {
+        told.set_item("tests", PyTuple::empty(py))?;
     }
-    Ok(made)
+    turn(&told, "initial", ["time_s", "position_m", "speed_m_per_s"])?;
+    let fits = records.iter().zip(&found.fits).map(|(record, fit)| {
+        let names = ["time_s", "voltage_v", "position_m", "model_m", "residual_m"];
+        let column = |(n, name)| {
+            Ok((name, Array::new(py, fit.rows(record).map(|row| row[n]).collect())?.bound(py)))
+        };
+        let fit = names.into_iter().enumerate().map(column);
+        Table::new(py, columns(py, fit.collect::<PyResult<Vec<_>>>()?)?)
+    });
+    told.set_item("fits", fits.collect::<PyResult<Vec<_>>>()?)?;
+    told.set_item("notes", notes)?;
+    match scene {
+        Ok(scene) => told.set_item("scene_or_reason", Scene::from(scene))?,
+        Err(error) => told.set_item("scene_or_reason", error.to_string())?,
+    }
+    made(&told)
 }
 
-/// The pulses that identify a scene's device, with the lines for the console.
+/// Plan the pulses that identify a scene's device: as strong as travel, speed and motor allow.
+///
+/// **It moves.** The plan takes the scene's own mass, damping, spring and friction: with a first guess of a device
+/// begin with a tenth of the force, hands off and clear of the whole way.
+///
+/// Parameters
+/// ----------
+/// scene : Scene
+///     The device on its board.
+///
+/// Raises
+/// ------
+/// ValueError
+///     The travel leaves no room for pulses.
+///
+/// Examples
+/// --------
+/// >>> made = identify_plan(Scene.load("paper-1um"))
+/// >>> (made.pulses["excursion_m"] * 1e3).round(2).tolist()  # mm
+/// [21.17, 21.17, 20.36, 20.36]
+/// >>> "; ".join(made.console)
+/// 'zero; k 0; b 0; arm; wait 1; start 0.051700; pulses 2.9530; wait 21; disarm'
 #[pyfunction]
-pub fn identify_plan<'py>(py: Python<'py>, scene: &Scene) -> PyResult<Bound<'py, PyAny>> {
-    let scene = Arc::clone(&scene.0);
-    let planned = run(py, None, None, 0, move |_| Planned::new(&scene))?;
-    serialized(py, &planned)
+pub fn identify_plan(py: Python<'_>, scene: Given) -> PyResult<Py<Plan>> {
+    let planned = run(py, None, None, 0, move |_| Planned::new(&scene.0))?;
+    let told = serialized(py, &planned)?;
+    turn(&told, "pulses", ["push_n", "seconds", "excursion_m", "speed_m_per_s"])?;
+    made(&told)
 }
 
-/// A measured walk beside the one that a scene predicts.
+result! { value
+    /// A number of the scene that may explain why two walks differ.
+    Suspect {
+        /// For people.
+        name: String,
+        /// Its key in the scene.
+        key: String,
+        /// The unit of its numbers.
+        unit: String,
+        /// The value that explains most.
+        value: f64,
+        /// Lowest of those that explain as much, of what was tried.
+        low: f64,
+        /// Highest of those.
+        high: f64,
+        /// The range ends with what was tried.
+        at_edge: bool,
+        /// Distance that it leaves, N/m.
+        left_n_per_m: f64,
+        /// Whether it explains all of the difference.
+        explains: bool,
+        /// What the scene says; None if it has none.
+        scene: Option<f64>,
+    }
+}
+
+result! { table
+    /// A measured walk beside the one that a scene predicts. As a table it is `walls`.
+    Agreement {
+        /// Name of the scene.
+        scene: String,
+        /// Name of the file.
+        measured: String,
+        /// Nominal cutoff, Hz; None for an estimator without one.
+        cutoff_hz: Option<f64>,
+        /// Whether the measured walk is no farther from the prediction than the scene's own walks are.
+        agrees: bool,
+        /// Step of K, which a walk cannot tell, N/m.
+        stiffness_step_n_per_m: f64,
+        /// Distance of the measured walk beyond that step, N/m.
+        distance_n_per_m: f64,
+        /// The largest of the scene's own walks, N/m.
+        scatter_n_per_m: f64,
+        /// For each B: `damping_n_s_per_m`, predicted K with its range over the starts (`predicted_n_per_m`,
+        /// `predicted_low_n_per_m`, `predicted_high_n_per_m`), `measured_n_per_m`, and with the best suspect
+        /// `explained_n_per_m`, NaN if the walks agree. K is 0 where a walk does not reach that B.
+        walls: Table,
+        /// What leaves least first; empty if they agree.
+        suspects: Tuple<Part<Suspect>>,
+        /// The answer in words.
+        answers: Tuple<String>,
+    }
+
+    /// The columns of the table.
+    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
+        self.walls.columns(py)
+    }
+}
+
+/// Say whether a measured walk agrees with the scene's, and if not, which number explains the difference best.
+///
+/// Parameters
+/// ----------
+/// scene : Scene
+///     The one that predicts.
+/// measured : path
+///     The walk, as `cargo board walk --csv` writes it, in the scene's units.
+/// engine, threads
+///     As in `walk`.
+/// progress : callable, optional
+///     Called with the walks done and the most that there can be, from this thread; what it raises ends the work.
+///
+/// Raises
+/// ------
+/// ValueError
+///     The file cannot be read or is no walk of this scene, or the handle does not reach the wall.
 #[pyfunction]
-pub fn agree<'py>(
-    py: Python<'py>,
-    scene: &Scene,
-    measured: PathBuf,
+#[pyo3(signature = (scene, measured, *, engine = "lanes", threads = None, progress = None))]
+pub fn agree(
+    py: Python<'_>,
+    scene: Given,
+    measured: Place,
     engine: &str,
     threads: Option<usize>,
-    progress: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let (scene, engine) = (Arc::clone(&scene.0), engine_of(engine)?);
+    progress: Option<Progress>,
+) -> PyResult<Py<Agreement>> {
+    let (scene, engine, measured) = (scene.0, engine_of(engine)?, measured.0);
     let total = walks::most_walks(&scene.scene);
     let name = measured.display().to_string();
     let of_work = Arc::clone(&scene);
-    let (walk, found) = run(py, threads, progress, total, move |course| {
+    let (walk, found) = run(py, threads, progress.as_ref(), total, move |course| {
         let done = || course.add(1);
         walks::agree_with_file(engine, &of_work, &measured, &course.stop, done)
     })?;
-    let made = PyDict::new(py);
-    made.set_item("told", serialized(py, &walks::Told::new(&scene, &name, &walk, &found))?)?;
-    made.set_item("table", columns::table(py, &found.table())?)?;
-    Ok(made)
+    let told = serialized(py, &walks::Told::new(&scene, &name, &walk, &found))?;
+    told.set_item("walls", Table::of(py, &found.table())?)?;
+    made(&told)
 }
 
-/// Another estimator over a board's capture.
+result! { table
+    /// Another estimator over the counts of a capture, beside the board's own. As a table it is `table`.
+    Replay {
+        /// Its name.
+        estimator: String,
+        /// Nominal cutoff, Hz.
+        cutoff_hz: f64,
+        /// How many samples, which follow each other.
+        samples: u64,
+        /// The number of the first.
+        first_sample: u64,
+        /// First sample from which on both say the same to the last bit, up to the end.
+        same_from_sample: Option<u64>,
+        /// RMS of the difference to the board's, m/s.
+        difference_rms_m_per_s: f64,
+        /// By how much it is later than the board's, s; None if nothing moved.
+        later_s: Option<f64>,
+        /// RMS of the board's change from sample to sample, m/s.
+        board_change_rms_m_per_s: f64,
+        /// RMS of the estimator's, m/s.
+        change_rms_m_per_s: f64,
+        /// One of the velocities' integers, m/s.
+        lsb_m_per_s: f64,
+        /// `sample`, `position_counts`, `board_velocity_lsb`, `velocity_lsb`, in the integers of the control.
+        table: Table,
+    }
+
+    /// The columns of the table.
+    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
+        self.table.columns(py)
+    }
+}
+
+/// Run an estimator over the counts of all samples of a capture, from rest, beside the board's own.
+///
+/// Parameters
+/// ----------
+/// scene : Scene
+///     The one that the board is built for.
+/// capture : path
+///     The bytes of RTT up channel 1 as they came (`Telemetry.save` writes them).
+/// estimator : str, optional
+///     One of `ESTIMATORS`; the scene's by default.
+/// cutoff : float
+///     Nominal cutoff, Hz; what else tunes it is the scene's, or the default.
+///
+/// Raises
+/// ------
+/// ValueError
+///     There is no such estimator, its cutoff is out of range, it looks at more than counts, or the capture has no
+///     stretch of all samples.
 #[pyfunction]
-pub fn replay<'py>(
-    py: Python<'py>,
-    scene: &Scene,
-    capture: PathBuf,
+#[pyo3(signature = (scene, capture, *, estimator = None, cutoff = 1500.0))]
+pub fn replay(
+    py: Python<'_>,
+    scene: Given,
+    capture: Place,
     estimator: Option<&str>,
     cutoff: f64,
-) -> PyResult<Bound<'py, PyDict>> {
-    let scene = Arc::clone(&scene.0);
+) -> PyResult<Py<Replay>> {
+    let scene = scene.0;
     let own = scene.scene.velocity.at(cutoff);
     let velocity = counts::velocity(own, estimator, "estimator").map_err(raised)?;
     let lsb_m_per_s = counts::lsb_m_per_s(&scene.scene);
-    let (told, table) = run(py, None, None, 0, move |course| {
+    let (told, replayed) = run(py, None, None, 0, move |course| {
         let scene = &scene.scene;
-        let replayed = counts::replay(&capture, scene, velocity, &course.stop)?;
+        let replayed = counts::replay(&capture.0, scene, velocity, &course.stop)?;
         let told = counts::Told::new(scene, velocity, cutoff, &replayed, &course.stop)?;
-        let positions = replayed.positions.iter();
-        let table = Columns::default()
-            .with("sample", (replayed.first..).take(replayed.len()))
-            .with("position_counts", positions.map(|position| position.counts()))
-            .with("board_velocity_lsb", replayed.board.iter().map(|velocity| velocity.bits()))
-            .with("velocity_lsb", replayed.velocities.iter().map(|velocity| velocity.bits()));
-        Ok((told, table))
+        Ok((told, replayed))
     })?;
-    let made = PyDict::new(py);
-    made.set_item("told", serialized(py, &told)?)?;
-    made.set_item("lsb_m_per_s", lsb_m_per_s)?;
-    made.set_item("table", table.into_dict(py)?)?;
-    Ok(made)
+    let told = serialized(py, &told)?;
+    told.set_item("lsb_m_per_s", lsb_m_per_s)?;
+    let samples = (replayed.first..).take(replayed.len()).collect();
+    let positions = replayed.positions.iter().map(|position| position.counts()).collect();
+    let bits = |of: &[Velocity]| Array::new(py, of.iter().map(|v| v.bits()).collect());
+    let table = columns(
+        py,
+        [
+            ("sample", Array::<u64>::new(py, samples)?.bound(py)),
+            ("position_counts", Array::<i32>::new(py, positions)?.bound(py)),
+            ("board_velocity_lsb", bits(&replayed.board)?.bound(py)),
+            ("velocity_lsb", bits(&replayed.velocities)?.bound(py)),
+        ],
+    )?;
+    told.set_item("table", Table::new(py, table)?)?;
+    made(&told)
 }

@@ -1,10 +1,13 @@
 //! Scenes.
 
-use std::{path::PathBuf, sync::Arc};
+use std::{
+    hash::{DefaultHasher, Hash as _, Hasher as _},
+    sync::Arc,
+};
 
 use pyo3::{
     IntoPyObjectExt as _,
-    exceptions::{PyRuntimeError, PyTypeError, PyValueError},
+    exceptions::{PyAttributeError, PyRuntimeError, PyTypeError, PyValueError},
     prelude::*,
     types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString},
 };
@@ -12,10 +15,16 @@ use serde::Serialize;
 use sim_loop::scene::NamedScene;
 use toml::{Table, Value};
 
-use crate::work::raised;
+use crate::{
+    given::Place,
+    result::{Any, Keys},
+    work::raised,
+};
 
 /// A device, its controller and its experiments, checked.
-#[pyclass(frozen, module = "zwidth._native")]
+///
+/// Made by `load`, `parse` and `replace`; it does not change. Scenes can be compared and pickled.
+#[pyclass(frozen, module = "zwidth")]
 pub struct Scene(pub Arc<NamedScene>);
 
 impl From<NamedScene> for Scene {
@@ -26,28 +35,47 @@ impl From<NamedScene> for Scene {
 
 #[pymethods]
 impl Scene {
-    /// A built-in scene by its name, or a scene file by its path.
+    /// Load a built-in scene or a scene file.
+    ///
+    /// Parameters
+    /// ----------
+    /// name_or_path : str or path
+    ///     One of `zwidth.SCENES`, or the path of a TOML file.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     There is no such scene, or the file says something that is not allowed: file, line, key, value and what is
+    ///     allowed.
+    ///
+    /// Examples
+    /// --------
+    /// >>> scene = Scene.load("paper-1um")
+    /// >>> scene
+    /// Scene('paper-1um')
+    /// >>> scene.to_dict()["encoder"]["resolution_m"]
+    /// 1e-06
     #[staticmethod]
-    fn load(name_or_path: PathBuf) -> PyResult<Self> {
-        let text =
-            name_or_path.to_str().ok_or_else(|| PyValueError::new_err("the path is not UTF-8"))?;
+    fn load(name_or_path: Place) -> PyResult<Self> {
+        let text = name_or_path.0.to_str();
+        let text = text.ok_or_else(|| PyValueError::new_err("the path is not UTF-8"))?;
         NamedScene::load(text).map(Self::from).map_err(raised)
     }
 
-    /// A scene from the text of a scene file.
+    /// Read a scene from the text of a scene file; `name` is what results and errors call it.
     #[staticmethod]
     #[pyo3(signature = (text, name = "scene"))]
     fn parse(text: String, name: &str) -> PyResult<Self> {
         NamedScene::parse(name.into(), text, name).map(Self::from).map_err(raised)
     }
 
-    /// Its name.
+    /// Built-in name, or the file's name without its ending.
     #[getter]
     fn name(&self) -> &str {
         &self.0.name
     }
 
-    /// The text that it was read from.
+    /// The text that it was read from, comments included.
     #[getter]
     fn text(&self) -> &str {
         &self.0.text
@@ -61,61 +89,98 @@ impl Scene {
         toml::to_string(&self.0.scene).map_err(|error| PyRuntimeError::new_err(error.to_string()))
     }
 
-    /// The scene as nested dictionaries, with every default.
-    fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        serialized(py, &self.0.scene)
+    /// The scene as nested dictionaries, with every default. Of a rotary scene everything is at the handle, and its
+    /// table `rotary`, from which that follows, stands beside it.
+    fn to_dict(&self, py: Python<'_>) -> PyResult<Keys> {
+        let keys = serialized(py, &self.0.scene)?;
+        if let Some(rotary) = self.0.table().map_err(raised)?.get("rotary") {
+            keys.set_item("rotary", to_python(py, rotary)?)?;
+        }
+        Ok(Keys(keys.unbind()))
     }
 
-    /// Another scene with some values exchanged: dotted keys to values, a table at once or a key of it; None leaves
-    /// a key or table out.
-    fn replaced(&self, changes: &Bound<'_, PyDict>) -> PyResult<Self> {
-        let mut table = self.table()?;
-        self.keep_curve(&mut table);
-        for (key, value) in changes {
-            let key: String = key.extract()?;
-            change(&mut table, &key, &value)?;
+    /// Another scene with some values exchanged.
+    ///
+    /// Parameters
+    /// ----------
+    /// changes : mapping, optional
+    ///     Dotted keys to values, `{"encoder.resolution_m": 2e-6}`. A value of None leaves the key out; a dictionary
+    ///     takes the place of a whole table.
+    /// **tables : mapping
+    ///     Keys of a table to values, `encoder={"resolution_m": 2e-6}`; its other keys stay.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     The scene that comes out is not allowed: key, value and what is allowed.
+    ///
+    /// Examples
+    /// --------
+    /// >>> coarse = Scene.load("paper-1um").replace({"encoder.resolution_m": 4e-6})
+    /// >>> coarse.to_dict()["encoder"]["resolution_m"]
+    /// 4e-06
+    /// >>> coarse.replace(encoder={"resolution_m": 0})
+    /// Traceback (most recent call last):
+    ///     ...
+    /// ValueError: paper-1um: encoder.resolution_m is 0, allowed 0.00000001 to 0.001
+    #[pyo3(signature = (changes = None, /, **tables: "object"))]
+    fn replace(
+        &self,
+        py: Python<'_>,
+        changes: Option<Keys>,
+        tables: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let mut table = self.0.table().map_err(raised)?;
+        let pairs = |of: &Bound<'_, PyAny>| -> PyResult<Vec<(String, Py<PyAny>)>> {
+            of.call_method0("items")?.try_iter()?.map(|pair| pair?.extract()).collect()
+        };
+        for (key, value) in changes.map_or(Ok(vec![]), |changes| pairs(changes.0.bind(py)))? {
+            change(&mut table, &key, value.bind(py))?;
         }
-        let text =
-            toml::to_string(&table).map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
+        for (name, keys) in tables.into_iter().flatten() {
+            for (key, value) in pairs(&keys)? {
+                change(&mut table, &format!("{name}.{key}"), value.bind(py))?;
+            }
+        }
+        let text = toml::to_string(&table);
+        let text = text.map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
         NamedScene::parse(self.0.name.clone(), text, &self.0.name).map(Self::from).map_err(raised)
     }
 
-    fn __repr__(&self) -> String {
-        format!("Scene({:?})", self.0.name)
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        Ok(format!("Scene({})", PyString::new(py, &self.0.name).repr()?))
     }
 
     fn __eq__(&self, other: &Self) -> bool {
         self.0.scene == other.0.scene
     }
 
+    fn __hash__(&self) -> PyResult<u64> {
+        let mut hasher = DefaultHasher::new();
+        self.to_toml()?.hash(&mut hasher);
+        Ok(hasher.finish())
+    }
+
+    fn __reduce__(slf: &Bound<'_, Self>) -> PyResult<Any> {
+        let own = slf.get();
+        let parts = (slf.get_type().getattr("parse")?, (own.portable_text()?, own.name()));
+        parts.into_py_any(slf.py()).map(Any)
+    }
+
     /// The text with the path of a curve such that it is found without the scene's own file.
+    #[pyo3(name = "_portable_text")]
     fn portable_text(&self) -> PyResult<String> {
         if self.0.files.len() < 2 {
             return Ok(self.0.text.clone());
         }
-        let mut table = self.table()?;
-        self.keep_curve(&mut table);
+        let table = self.0.table().map_err(raised)?;
         toml::to_string(&table).map_err(|error| PyRuntimeError::new_err(error.to_string()))
     }
-}
 
-impl Scene {
-    fn table(&self) -> PyResult<Table> {
-        self.0
-            .text
-            .parse()
-            .map_err(|error: toml::de::Error| PyValueError::new_err(error.to_string()))
-    }
-
-    /// A text that is read without its file finds the curve by its whole path.
-    fn keep_curve(&self, table: &mut Table) {
-        let (Some(curve), Some(Value::Table(hit))) =
-            (self.0.files.get(1), table.get_mut("wall_hit"))
-        else {
-            return;
-        };
-        let whole = std::path::absolute(curve).unwrap_or_else(|_| curve.clone());
-        hit.insert("felt_curve".into(), Value::String(whole.to_string_lossy().into_owned()));
+    fn __setattr__(&self, name: &str, _value: &Bound<'_, PyAny>) -> PyResult<()> {
+        Err(PyAttributeError::new_err(format!(
+            "a Scene does not change; scene.replace makes another one (tried to set {name})"
+        )))
     }
 }
 

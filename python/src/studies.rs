@@ -1,19 +1,18 @@
-//! Hits, walks, sweeps, grids and the linear boundary. Each returns plain values; `zwidth/results.py` gives them names.
+//! Hits, walks, sweeps, grids and the linear boundary.
 
 use std::{
     ops::RangeInclusive,
     sync::{Arc, atomic::Ordering::Relaxed},
 };
 
-use numpy::{IntoPyArray as _, PyArray1};
-use pyo3::{exceptions::PyValueError, prelude::*, types::PyDict};
+use pyo3::{IntoPyObjectExt as _, exceptions::PyValueError, prelude::*, types::PyDict};
 use sim_loop::{
     engine::{Depth, Engine, stream},
     error::Error,
     range::within,
     simulation::{
         prepared::{HitError, Numeric},
-        trace::Trace,
+        trace::{self, Trace as Samples},
     },
 };
 use sim_studies::{
@@ -27,8 +26,8 @@ use sim_studies::{
 use zwidth::experiment::{Ended, Verdict};
 
 use crate::{
-    columns::Columns,
-    scene::Scene,
+    given::{Given, Numbers, Progress},
+    result::{Array, Keys, Part, Tuple, columns, result},
     work::{raised, run},
 };
 
@@ -40,6 +39,9 @@ const NAMES: Names = Names {
 };
 const LISTS: Names =
     Names { cutoff: "cutoffs", stiffness: "stiffnesses", damping: "dampings", ..NAMES };
+
+/// Names of the codes in `Grid.verdict`.
+pub const VERDICTS: [&str; 4] = ["stable", "unstable", "no_contact", "out_of_range"];
 
 pub fn numeric_of(name: &str) -> PyResult<Numeric> {
     [Numeric::Fixed, Numeric::F64, Numeric::F64Rounded]
@@ -64,142 +66,412 @@ pub fn in_range(name: &str, value: u32, range: RangeInclusive<u32>) -> PyResult<
     within(name, f64::from(value), range).map_err(PyValueError::new_err)
 }
 
-/// One hit on a wall.
+/// Refuses a list without an item.
+pub fn not_empty<T>(name: &str, list: &[T]) -> PyResult<()> {
+    match list {
+        [] => Err(PyValueError::new_err(format!("{name} is empty"))),
+        _ => Ok(()),
+    }
+}
+
+/// So many times the cutoff; NaN without one.
+fn cutoffs(py: Python<'_>, cutoff_hz: Option<f64>, rows: usize) -> PyResult<Bound<'_, PyAny>> {
+    Array::new(py, vec![cutoff_hz.unwrap_or(f64::NAN); rows])?.into_bound_py_any(py)
+}
+
+result! { table
+    /// Every sample of a hit.
+    Trace {
+        /// Time from the start, s.
+        time_s: Array<f64>,
+        /// True position of the handle, m.
+        position_m: Array<f64>,
+        /// What the encoder counted.
+        count: Array<i32>,
+        /// The controller's velocity, m/s.
+        velocity_m_per_s: Array<f64>,
+        /// Force that the controller asks for, held from output to output, N.
+        force_n: Array<f64>,
+        /// Force on the handle at the end of the sample, after latency and the output's quantisation, N.
+        output_n: Array<f64>,
+        /// Sum of 1 (inside the wall), 2 (an output was computed) and 4 (the last output saturated).
+        flags: Array<u8>,
+        /// What the wall has taken in this contact, by its force and the counts, J; below 0 it has given.
+        port_energy_j: Array<f64>,
+    }
+
+    /// The columns of the table.
+    fn columns(slf: &Bound<'_, Self>) -> PyResult<Keys> {
+        crate::result::attributes(slf)
+    }
+}
+
+result! { value
+    /// One hit on a wall.
+    Hit {
+        /// Name of the scene.
+        scene: String,
+        /// Nominal cutoff, Hz; None for an estimator without one.
+        cutoff_hz: Option<f64>,
+        /// K of the wall, N/m.
+        stiffness_n_per_m: f64,
+        /// B of the wall, N s/m.
+        damping_n_s_per_m: f64,
+        /// "stable", "unstable" or "no_contact", by the scene's criterion.
+        verdict: String,
+        /// RMS of the counts about their mean over the window, m.
+        rms_m: f64,
+        /// The same of the true motion, m.
+        rms_motion_m: f64,
+        /// Mean position of the counts over the window, m.
+        mean_m: f64,
+        /// Deepest place behind the surface during the whole hit, m.
+        peak_penetration_m: f64,
+        /// Share of the hit's outputs that saturated.
+        saturated_fraction: f64,
+        /// Share of the window in contact.
+        contact_fraction: f64,
+        /// Share of the samples with a velocity at the end of its range.
+        velocity_clipped_fraction: f64,
+        /// Share of the window's outputs at the actuator's limit.
+        window_at_limit_fraction: f64,
+        /// Level of the window's motion over what a hand feels, dB; None if the window has none.
+        sensation_db: Option<f64>,
+        /// What the wall has taken in the last contact, by its force and the counts, J.
+        port_taken_j: f64,
+        /// The most that the wall had given beyond what it had taken, in any contact, J.
+        port_given_j: f64,
+        /// Share of the outputs in contact that the passivity controller has changed; None without one.
+        port_limited_fraction: Option<f64>,
+        /// Share of the wall's force that the passivity controller has withheld; None without one.
+        port_withheld_fraction: Option<f64>,
+        /// Every sample, if it was asked for.
+        trace: Option<Part<Trace>>,
+    }
+
+    /// Whether the wall counts as stable.
+    #[getter]
+    fn stable(&self) -> bool {
+        self.verdict == "stable"
+    }
+}
+
+/// Hit one wall and say whether it is stable.
+///
+/// Parameters
+/// ----------
+/// scene : Scene
+///     Device and experiment.
+/// stiffness, damping : float
+///     The wall, N/m and N s/m.
+/// cutoff : float, optional
+///     Nominal cutoff of the velocity filter, Hz; an estimator without one takes none.
+/// start_offset : float
+///     Counts beyond the scene's start.
+/// numeric : {"fixed", "f64", "f64-rounded"}
+///     The core's fixed point, or its twin in floats, also with the velocity rounded as the core does.
+/// trace : bool
+///     Keep every sample.
+///
+/// Raises
+/// ------
+/// ValueError
+///     Something is out of range; the line names it, its value and what is allowed.
+///
+/// Examples
+/// --------
+/// >>> scene = Scene.load("paper-2um")
+/// >>> made = hit(scene, stiffness=10e3, damping=30.0, cutoff=500)
+/// >>> made.verdict, round(made.rms_m * 1e6, 3), round(made.peak_penetration_m * 1e3, 3)  # um, mm
+/// ('stable', 0.998, 7.117)
+/// >>> hit(scene, stiffness=200e3, damping=30.0, cutoff=500).verdict
+/// 'unstable'
 #[pyfunction]
+#[pyo3(signature = (scene, *, stiffness, damping, cutoff = None, start_offset = 0.0, numeric = "fixed", trace = false))]
 #[expect(clippy::too_many_arguments, reason = "keywords of a function")]
-pub fn hit<'py>(
-    py: Python<'py>,
-    scene: &Scene,
+pub fn hit(
+    py: Python<'_>,
+    scene: Given,
     stiffness: f64,
     damping: f64,
     cutoff: Option<f64>,
     start_offset: f64,
     numeric: &str,
     trace: bool,
-) -> PyResult<Bound<'py, PyDict>> {
-    let (scene, numeric) = (Arc::clone(&scene.0), numeric_of(numeric)?);
+) -> PyResult<Hit> {
+    let (scene, numeric) = (scene.0, numeric_of(numeric)?);
     let hit = asked::hit(&scene, cutoff, Some([stiffness, damping]), start_offset, NAMES)
         .map_err(raised)?;
     let cutoff_hz = hit.velocity.cutoff_hz();
     let passive = scene.scene.passivity.is_some();
+    let name = scene.name.clone();
     let (report, samples) = run(py, None, None, 0, move |_| {
         let prepared = asked::prepare(&scene)?.with_felt();
         if !trace {
             return Ok((prepared.hit(numeric, &hit, |_| ())?, None));
         }
-        let mut samples = Trace::new(&prepared, &hit).map_err(|error| error.of(&scene.name))?;
+        let mut samples = Samples::new(&prepared, &hit).map_err(|error| error.of(&scene.name))?;
         let report = prepared.hit(numeric, &hit, |sample| samples.push(sample))?;
-        Ok((report, Some(traced(&samples))))
+        Ok((report, Some(samples)))
     })?;
-    let made = PyDict::new(py);
-    made.set_item("cutoff_hz", cutoff_hz)?;
-    made.set_item("verdict", report.verdict.name())?;
-    made.set_item("rms_m", report.rms_m)?;
-    made.set_item("rms_motion_m", report.rms_motion_m)?;
-    made.set_item("mean_m", report.mean_m)?;
-    made.set_item("peak_penetration_m", report.peak_penetration_m)?;
-    made.set_item("saturated_fraction", report.saturated_fraction)?;
-    made.set_item("contact_fraction", report.contact_fraction)?;
-    made.set_item("velocity_clipped_fraction", report.velocity_clipped_fraction)?;
-    made.set_item("window_at_limit_fraction", report.at_limit_fraction)?;
-    made.set_item("sensation_db", report.sensation_db)?;
-    made.set_item("port_taken_j", report.port.taken_j)?;
-    made.set_item("port_given_j", report.port.given_j)?;
-    let limited = passive.then_some(report.port.limited_fraction);
-    made.set_item("port_limited_fraction", limited)?;
-    let withheld = passive.then_some(report.port.withheld_fraction);
-    made.set_item("port_withheld_fraction", withheld)?;
-    if let Some(samples) = samples {
-        made.set_item("trace", samples.into_dict(py)?)?;
-    }
-    Ok(made)
+    let trace = samples.map(|samples| Py::new(py, traced(py, &samples)?)).transpose()?;
+    Ok(Hit {
+        scene: name,
+        cutoff_hz,
+        stiffness_n_per_m: stiffness,
+        damping_n_s_per_m: damping,
+        verdict: report.verdict.name().into(),
+        rms_m: report.rms_m,
+        rms_motion_m: report.rms_motion_m,
+        mean_m: report.mean_m,
+        peak_penetration_m: report.peak_penetration_m,
+        saturated_fraction: report.saturated_fraction,
+        contact_fraction: report.contact_fraction,
+        velocity_clipped_fraction: report.velocity_clipped_fraction,
+        window_at_limit_fraction: report.at_limit_fraction,
+        sensation_db: report.sensation_db,
+        port_taken_j: report.port.taken_j,
+        port_given_j: report.port.given_j,
+        port_limited_fraction: passive.then_some(report.port.limited_fraction),
+        port_withheld_fraction: passive.then_some(report.port.withheld_fraction),
+        trace: trace.map(Part),
+    })
 }
 
-fn traced(trace: &Trace) -> Columns {
-    let rows = || trace.rows.iter();
+fn traced(py: Python<'_>, samples: &Samples) -> PyResult<Trace> {
+    let column = |of: fn(&trace::Row) -> f64| Array::new(py, samples.rows.iter().map(of).collect());
     #[expect(clippy::cast_precision_loss, reason = "at most 2^25 samples")]
-    let time_s = |n: usize| n as f64 / trace.rate_hz;
-    Columns::default()
-        .with("time_s", (0..trace.rows.len()).map(time_s))
-        .with("position_m", rows().map(|row| row.position_m))
-        .with("velocity_m_per_s", rows().map(|row| row.velocity_m_per_s))
-        .with("force_n", rows().map(|row| row.force_n))
-        .with("output_n", rows().map(|row| row.output_n))
-        .with("port_energy_j", rows().map(|row| row.port_energy_j))
-        .with("count", rows().map(|row| row.count))
-        .with("flags", rows().map(|row| row.flags))
+    let time_s = |n: usize| n as f64 / samples.rate_hz;
+    Ok(Trace {
+        time_s: Array::new(py, (0..samples.rows.len()).map(time_s).collect())?,
+        position_m: column(|row| row.position_m)?,
+        count: Array::new(py, samples.rows.iter().map(|row| row.count).collect())?,
+        velocity_m_per_s: column(|row| row.velocity_m_per_s)?,
+        force_n: column(|row| row.force_n)?,
+        output_n: column(|row| row.output_n)?,
+        flags: Array::new(py, samples.rows.iter().map(|row| row.flags).collect())?,
+        port_energy_j: column(|row| row.port_energy_j)?,
+    })
 }
 
-fn boundary_dict<'py>(py: Python<'py>, boundary: &Boundary) -> PyResult<Bound<'py, PyDict>> {
-    let made = PyDict::new(py);
+result! { table
+    /// The boundary of the stable walls at one cutoff.
+    Walk {
+        /// Name of the scene.
+        scene: String,
+        /// Nominal cutoff, Hz; None for an estimator without one.
+        cutoff_hz: Option<f64>,
+        /// B of the boundary's points, ascending, N s/m.
+        damping_n_s_per_m: Array<f64>,
+        /// The largest stable K at each B, N/m.
+        stiffness_n_per_m: Array<f64>,
+        /// Area under it, N^2 s/m^2.
+        area: f64,
+        /// Wall hits that it took.
+        hits: u64,
+        /// Why it ends where it does; None if its first point is unstable.
+        ended_by: Option<String>,
+        /// Largest K of the boundary, N/m; 0 if it is empty.
+        stiffness_peak_n_per_m: f64,
+        /// Largest B with a stable K, N s/m; 0 if the boundary is empty.
+        damping_max_n_s_per_m: f64,
+    }
+
+    /// The columns of the table, as the command line's CSV names them.
+    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
+        let b = self.damping_n_s_per_m.bound(py);
+        columns(py, [
+            ("cutoff_hz", cutoffs(py, self.cutoff_hz, b.len()?)?),
+            ("damping_n_s_per_m", b),
+            ("stiffness_n_per_m", self.stiffness_n_per_m.bound(py)),
+        ])
+    }
+}
+
+fn walked(py: Python<'_>, scene: &str, hz: Option<f64>, boundary: &Boundary) -> PyResult<Walk> {
     let (b, k): (Vec<f64>, Vec<f64>) = boundary
         .points
         .iter()
         .map(|point| (point.damping_n_s_per_m, point.stiffness_n_per_m))
         .unzip();
-    made.set_item("damping_n_s_per_m", b.into_pyarray(py))?;
-    made.set_item("stiffness_n_per_m", k.into_pyarray(py))?;
-    made.set_item("area", boundary.area)?;
-    made.set_item("hits", boundary.hits)?;
-    made.set_item("ended_by", boundary.ended.map(Ended::name))?;
-    Ok(made)
+    let most = |of: &[f64]| of.iter().copied().fold(0.0, f64::max);
+    Ok(Walk {
+        scene: scene.into(),
+        cutoff_hz: hz,
+        stiffness_peak_n_per_m: most(&k),
+        damping_max_n_s_per_m: most(&b),
+        damping_n_s_per_m: Array::new(py, b)?,
+        stiffness_n_per_m: Array::new(py, k)?,
+        area: boundary.area,
+        hits: boundary.hits,
+        ended_by: boundary.ended.map(Ended::name).map(Into::into),
+    })
 }
 
-/// The boundary of the stable walls at one cutoff.
+/// Follow the boundary of the stable walls at one cutoff.
+///
+/// Parameters
+/// ----------
+/// scene : Scene
+///     Device and experiment.
+/// cutoff : float, optional
+///     Nominal cutoff of the velocity filter, Hz; an estimator without one takes none.
+/// start_offset : float
+///     Counts beyond the scene's start; the repeats of a sweep use 0, 1/4, 1/2, 3/4.
+/// engine : {"lanes", "core"}
+///     Hits side by side in vector lanes, or by the core itself; the bits are the same.
+/// numeric : {"fixed", "f64", "f64-rounded"}
+///     As in `hit`.
+/// threads : int, optional
+///     Threads; all cores by default. The result does not depend on it.
+///
+/// Raises
+/// ------
+/// ValueError
+///     Something is out of range, or the first wall of the walk is unstable, with what to change.
+///
+/// Examples
+/// --------
+/// Coarse steps are quick:
+///
+/// >>> steps = {"stiffness_step_n_per_m": 10e3, "damping_step_n_s_per_m": 100.0}
+/// >>> made = walk(Scene.load("paper-2um").replace(walk=steps), cutoff=500)
+/// >>> made.damping_n_s_per_m.tolist()
+/// [10.0, 110.0, 210.0, 310.0, 410.0, 510.0]
+/// >>> made.stiffness_n_per_m.tolist()
+/// [2000.0, 52000.0, 62000.0, 62000.0, 42000.0, 22000.0]
+/// >>> round(made.area), made.hits
+/// (24200000, 23)
 #[pyfunction]
-pub fn walk<'py>(
-    py: Python<'py>,
-    scene: &Scene,
+#[pyo3(signature = (scene, *, cutoff = None, start_offset = 0.0, engine = "lanes", numeric = "fixed", threads = None))]
+pub fn walk(
+    py: Python<'_>,
+    scene: Given,
     cutoff: Option<f64>,
     start_offset: f64,
     engine: &str,
     numeric: &str,
     threads: Option<usize>,
-) -> PyResult<Bound<'py, PyDict>> {
+) -> PyResult<Walk> {
     let (engine, numeric) = (engine_of(engine)?, numeric_of(numeric)?);
-    let scene = Arc::clone(&scene.0);
+    let scene = scene.0;
     let first = asked::hit(&scene, cutoff, None, start_offset, NAMES).map_err(raised)?;
     let cutoff_hz = first.velocity.cutoff_hz();
+    let of_work = Arc::clone(&scene);
     let boundary = run(py, threads, None, 0, move |course| {
-        let prepared = asked::prepare(&scene)?;
-        asked::boundary(&scene, engine, &prepared, numeric, &first, &course.stop)
+        let prepared = asked::prepare(&of_work)?;
+        asked::boundary(&of_work, engine, &prepared, numeric, &first, &course.stop)
     })?;
-    let made = boundary_dict(py, &boundary)?;
-    made.set_item("cutoff_hz", cutoff_hz)?;
-    Ok(made)
+    walked(py, &scene.name, cutoff_hz, &boundary)
 }
 
-/// Walks at every cutoff, repeated from several starts.
+result! { table
+    /// Walks at every cutoff, repeated from several starts.
+    Sweep {
+        /// Name of the scene.
+        scene: String,
+        /// Nominal cutoffs, ascending, Hz.
+        cutoffs_hz: Array<f64>,
+        /// Where the discrete filter's -3 dB really are, Hz.
+        true_cutoffs_hz: Array<f64>,
+        /// Mean area over the repeats, N^2 s/m^2.
+        area: Array<f64>,
+        /// Area of every walk, shape (cutoffs, repeats), N^2 s/m^2.
+        areas: Array<f64>,
+        /// The walks: `walks[n][repeat]`.
+        walks: Tuple<Tuple<Part<Walk>>>,
+        /// Lowest cutoff whose mean area is at least 98 % of the largest, Hz; None where every walk failed.
+        ideal_cutoff_hz: Option<f64>,
+        /// Lowest and highest cutoff that the repeats cannot tell from it, Hz.
+        ideal_range_hz: Option<(f64, f64)>,
+        /// What the range is based on.
+        ideal_basis: Option<String>,
+        /// What a reader must know beside the numbers.
+        notes: Tuple<String>,
+    }
+
+    /// The columns of the table, as the command line's CSV names them.
+    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
+        let of = |of: fn(&Walk) -> f64, choose: fn(f64, f64) -> f64| {
+            let best = |walks: &Tuple<Part<Walk>>| {
+                walks.0.iter().map(|walk| of(walk.0.get())).reduce(choose).unwrap_or(f64::NAN)
+            };
+            Array::new(py, self.walks.0.iter().map(best).collect())?.into_bound_py_any(py)
+        };
+        columns(py, [
+            ("cutoff_hz", self.cutoffs_hz.bound(py)),
+            ("true_cutoff_hz", self.true_cutoffs_hz.bound(py)),
+            ("area", self.area.bound(py)),
+            ("area_low", of(|walk| walk.area, f64::min)?),
+            ("area_high", of(|walk| walk.area, f64::max)?),
+            ("stiffness_peak_n_per_m", of(|walk| walk.stiffness_peak_n_per_m, f64::max)?),
+            ("damping_max_n_s_per_m", of(|walk| walk.damping_max_n_s_per_m, f64::max)?),
+        ])
+    }
+}
+
+/// Walk at every cutoff and name the ideal one.
+///
+/// Parameters
+/// ----------
+/// scene : Scene
+///     Device and experiment.
+/// cutoffs : iterable of float, optional
+///     Nominal cutoffs, Hz; the scene's by default.
+/// repeat : int
+///     Walks of each cutoff, from starts that are spread over a count.
+/// engine, numeric, threads
+///     As in `walk`.
+/// progress : callable, optional
+///     Called with the walks done and the walks in all, from this thread; what it raises ends the sweep.
+///
+/// Raises
+/// ------
+/// ValueError
+///     Something is out of range, or the handle does not reach the wall.
+///
+/// Examples
+/// --------
+/// >>> steps = {"stiffness_step_n_per_m": 10e3, "damping_step_n_s_per_m": 100.0}
+/// >>> made = sweep(Scene.load("paper-2um").replace(walk=steps), cutoffs=[100, 500, 2000], repeat=2)
+/// >>> (made.area / 1e6).round(2).tolist()  # 10^6 N^2 s/m^2
+/// [1.4, 24.2, 35.2]
+/// >>> made.ideal_cutoff_hz
+/// 2000.0
+/// >>> made.notes[1]
+/// 'the ideal range touches an end of the cutoffs that were tried; it may go on beyond'
 #[pyfunction]
+#[pyo3(signature = (
+    scene, *, cutoffs = None, repeat = 4, engine = "lanes", numeric = "fixed", threads = None, progress = None
+))]
 #[expect(clippy::too_many_arguments, reason = "keywords of a function")]
-pub fn sweep<'py>(
-    py: Python<'py>,
-    scene: &Scene,
-    cutoffs: Option<Vec<f64>>,
+pub fn sweep(
+    py: Python<'_>,
+    scene: Given,
+    cutoffs: Option<Numbers>,
     repeat: u32,
     engine: &str,
     numeric: &str,
     threads: Option<usize>,
-    progress: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyDict>> {
+    progress: Option<Progress>,
+) -> PyResult<Sweep> {
     let (engine, numeric) = (engine_of(engine)?, numeric_of(numeric)?);
-    let scene = Arc::clone(&scene.0);
+    let scene = scene.0;
     in_range("repeat", repeat, 1..=1000)?;
     let velocity = &scene.scene.velocity;
     let cutoffs_hz = match &cutoffs {
         Some(_) if !velocity.has_cutoff() => return Err(raised(asked::no_cutoff(&scene))),
-        Some(cutoffs_hz) if cutoffs_hz.is_empty() => {
-            return Err(PyValueError::new_err("cutoffs is empty"));
-        }
-        Some(cutoffs_hz) => cutoffs_hz,
+        Some(cutoffs_hz) => &cutoffs_hz.0,
         None => &scene.scene.sweep.cutoffs_hz,
     };
+    not_empty("cutoffs", cutoffs_hz)?;
     let filters = study::filters(velocity, cutoffs_hz);
     let walls =
         Walls { filters, dampings: vec![0.0], stiffnesses: vec![0.0], start_offset_counts: 0.0 };
     walls.check(&scene, LISTS).map_err(raised)?;
     let total = walls.filters.len() as u64 * u64::from(repeat);
-    let results = run(py, threads, progress, total, move |course| {
+    let name = scene.name.clone();
+    let results = run(py, threads, progress.as_ref(), total, move |course| {
         let prepared = asked::prepare(&scene)?;
         let plan = Plan { name: &scene.name, prepared: &prepared, filters: &walls.filters };
         study::sweep(engine, &[plan], numeric, repeat, &course.stop, |_| course.add(1))
@@ -207,62 +479,140 @@ pub fn sweep<'py>(
     let Some(result) = results.into_iter().next() else {
         return Err(raised(Error::Internal("a scene has no result".into())));
     };
-    let made = PyDict::new(py);
-    let column = |of: fn(&study::CutoffResult) -> f64| -> Bound<'py, PyArray1<f64>> {
-        result.cutoffs.iter().map(of).collect::<Vec<_>>().into_pyarray(py)
+    let column = |of: fn(&study::CutoffResult) -> f64| {
+        Array::new(py, result.cutoffs.iter().map(of).collect::<Vec<_>>())
     };
-    made.set_item("cutoffs_hz", column(|cutoff| cutoff.cutoff_hz))?;
-    made.set_item("true_cutoffs_hz", column(|cutoff| cutoff.true_cutoff_hz))?;
-    let walks: PyResult<Vec<Vec<_>>> = result
-        .cutoffs
-        .iter()
-        .map(|cutoff| {
-            cutoff.boundaries.iter().map(|boundary| boundary_dict(py, boundary)).collect()
-        })
-        .collect();
-    made.set_item("walks", walks?)?;
-    made.set_item("area", column(|cutoff| cutoff.boundaries.area()))?;
+    let walks = result.cutoffs.iter().map(|cutoff| {
+        let hz = cutoff.velocity.cutoff_hz();
+        let walks = cutoff.boundaries.iter();
+        walks.map(|boundary| Ok(Part(Py::new(py, walked(py, &name, hz, boundary)?)?))).collect()
+    });
+    let areas = result.cutoffs.iter().flat_map(|cutoff| cutoff.boundaries.iter());
+    let areas: Vec<f64> = areas.map(|boundary| boundary.area).collect();
+    let shape = [result.cutoffs.len(), areas.len() / result.cutoffs.len().max(1)];
     let ideal = result.ideal.as_ref();
-    made.set_item("ideal_cutoff_hz", ideal.map(|ideal| ideal.cutoff_hz))?;
-    made.set_item("ideal_range_hz", ideal.map(|ideal| (ideal.range_hz[0], ideal.range_hz[1])))?;
-    made.set_item("ideal_basis", ideal.map(|ideal| ideal.basis.name()))?;
-    made.set_item("notes", result.notes())?;
-    Ok(made)
+    Ok(Sweep {
+        cutoffs_hz: column(|cutoff| cutoff.cutoff_hz)?,
+        true_cutoffs_hz: column(|cutoff| cutoff.true_cutoff_hz)?,
+        area: column(|cutoff| cutoff.boundaries.area())?,
+        areas: Array::shaped(py, areas, &shape)?,
+        walks: walks.collect::<PyResult<_>>()?,
+        ideal_cutoff_hz: ideal.map(|ideal| ideal.cutoff_hz),
+        ideal_range_hz: ideal.map(|ideal| (ideal.range_hz[0], ideal.range_hz[1])),
+        ideal_basis: ideal.map(|ideal| ideal.basis.name().into()),
+        notes: result.notes().into_iter().collect(),
+        scene: name,
+    })
 }
 
-/// Every wall of a grid, hit once.
+result! { table
+    /// Every wall of a grid, hit once.
+    Grid {
+        /// Name of the scene.
+        scene: String,
+        /// Axis of the cutoffs, Hz.
+        cutoffs_hz: Array<f64>,
+        /// Axis of B, N s/m.
+        dampings_n_s_per_m: Array<f64>,
+        /// Axis of K, N/m.
+        stiffnesses_n_per_m: Array<f64>,
+        /// Codes, places in `zwidth.VERDICTS`; shape (cutoffs, dampings, stiffnesses).
+        verdict: Array<u8>,
+        /// RMS of the counts, m, same shape; NaN where there is none.
+        rms_m: Array<f64>,
+        /// Which walls are stable, same shape.
+        stable: Array<bool>,
+    }
+
+    /// The columns of the table, as the command line's CSV names them.
+    fn columns(slf: &Bound<'_, Self>) -> PyResult<Keys> {
+        let (py, own, numpy) = (slf.py(), slf.get(), slf.py().import("numpy")?);
+        let axes = (
+            own.cutoffs_hz.bound(py),
+            own.dampings_n_s_per_m.bound(py),
+            own.stiffnesses_n_per_m.bound(py),
+        );
+        let keywords = PyDict::new(py);
+        keywords.set_item("indexing", "ij")?;
+        let axes = numpy.call_method("meshgrid", axes, Some(&keywords))?;
+        let axis = |n: usize| axes.get_item(n)?.call_method0("ravel");
+        let names = numpy.call_method1("array", (VERDICTS,))?;
+        columns(py, [
+            ("cutoff_hz", axis(0)?),
+            ("damping_n_s_per_m", axis(1)?),
+            ("stiffness_n_per_m", axis(2)?),
+            ("verdict", names.get_item(own.verdict.bound(py).call_method0("ravel")?)?),
+            ("rms_m", own.rms_m.bound(py).call_method0("ravel")?),
+        ])
+    }
+}
+
+/// Hit every wall of a grid once.
+///
+/// Parameters
+/// ----------
+/// scene : Scene
+///     Device and experiment.
+/// stiffnesses, dampings : iterable of float
+///     K, N/m, and B, N s/m.
+/// cutoffs : iterable of float, optional
+///     Nominal cutoffs, Hz; an estimator without one takes none.
+/// start_offset, engine, numeric, threads
+///     As in `walk`.
+/// progress : callable, optional
+///     Called with the walls done and the walls in all, from this thread; what it raises ends the grid.
+///
+/// Raises
+/// ------
+/// ValueError
+///     Something is out of range or empty.
+///
+/// Examples
+/// --------
+/// >>> scene = Scene.load("paper-2um")
+/// >>> made = grid(scene, stiffnesses=[10e3, 40e3, 160e3], dampings=[10, 100], cutoffs=[500])
+/// >>> made.stable.tolist()  # by cutoff, B and K
+/// [[[False, False, False], [True, True, False]]]
+/// >>> (made.rms_m[0, 1] * 1e6).round(2).tolist()  # um
+/// [1.02, 1.35, 868.12]
 #[pyfunction]
+#[pyo3(signature = (
+    scene, *, stiffnesses, dampings, cutoffs = None, start_offset = 0.0, engine = "lanes", numeric = "fixed",
+    threads = None, progress = None
+))]
 #[expect(clippy::too_many_arguments, reason = "keywords of a function")]
-pub fn grid<'py>(
-    py: Python<'py>,
-    scene: &Scene,
-    cutoffs: Option<Vec<f64>>,
-    dampings: Vec<f64>,
-    stiffnesses: Vec<f64>,
+pub fn grid(
+    py: Python<'_>,
+    scene: Given,
+    stiffnesses: Numbers,
+    dampings: Numbers,
+    cutoffs: Option<Numbers>,
     start_offset: f64,
     engine: &str,
     numeric: &str,
     threads: Option<usize>,
-    progress: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyDict>> {
+    progress: Option<Progress>,
+) -> PyResult<Grid> {
     let (engine, numeric) = (engine_of(engine)?, numeric_of(numeric)?);
-    let scene = Arc::clone(&scene.0);
+    let scene = scene.0;
     let filters = match cutoffs {
         Some(_) if !scene.scene.velocity.has_cutoff() => {
             return Err(raised(asked::no_cutoff(&scene)));
         }
-        Some(cutoffs_hz) => asked::filters(&scene, &cutoffs_hz).map_err(raised)?,
+        Some(cutoffs_hz) => {
+            not_empty("cutoffs", &cutoffs_hz.0)?;
+            asked::filters(&scene, &cutoffs_hz.0).map_err(raised)?
+        }
         None => vec![asked::filter(&scene, None).map_err(raised)?],
     };
-    let lengths = [filters.len(), dampings.len(), stiffnesses.len()];
-    for (name, length) in ["cutoffs", "dampings", "stiffnesses"].into_iter().zip(lengths) {
-        if length == 0 {
-            return Err(PyValueError::new_err(format!("{name} is empty")));
-        }
+    let (dampings, stiffnesses) = (dampings.0, stiffnesses.0);
+    for (name, list) in [("dampings", &dampings), ("stiffnesses", &stiffnesses)] {
+        not_empty(name, list)?;
     }
     let walls = Walls { filters, dampings, stiffnesses, start_offset_counts: start_offset };
     let total = walls.count();
-    let (walls, verdicts, rms) = run(py, threads, progress, total, move |course| {
+    let name = scene.name.clone();
+    let (walls, verdicts, rms) = run(py, threads, progress.as_ref(), total, move |course| {
         walls.check(&scene, LISTS)?;
         let prepared = asked::prepare(&scene)?;
         let (mut verdicts, mut rms) = (vec![], vec![]);
@@ -281,17 +631,22 @@ pub fn grid<'py>(
         stream(engine, &prepared, numeric, Depth::Whole, total, wall, &course.stop, sink)?;
         Ok((walls, verdicts, rms))
     })?;
-    let made = PyDict::new(py);
     let cutoffs_hz = walls.filters.iter().map(|filter| filter.cutoff_hz().unwrap_or_default());
-    made.set_item("cutoffs_hz", cutoffs_hz.collect::<Vec<_>>().into_pyarray(py))?;
-    made.set_item("dampings_n_s_per_m", walls.dampings.into_pyarray(py))?;
-    made.set_item("stiffnesses_n_per_m", walls.stiffnesses.into_pyarray(py))?;
-    made.set_item("verdict", verdicts.into_pyarray(py))?;
-    made.set_item("rms_m", rms.into_pyarray(py))?;
-    Ok(made)
+    let cutoffs_hz: Vec<f64> = cutoffs_hz.collect();
+    let shape = [cutoffs_hz.len(), walls.dampings.len(), walls.stiffnesses.len()];
+    let stable = verdicts.iter().map(|verdict| *verdict == code(Verdict::Stable)).collect();
+    Ok(Grid {
+        scene: name,
+        cutoffs_hz: Array::new(py, cutoffs_hz)?,
+        dampings_n_s_per_m: Array::new(py, walls.dampings)?,
+        stiffnesses_n_per_m: Array::new(py, walls.stiffnesses)?,
+        verdict: Array::shaped(py, verdicts, &shape)?,
+        rms_m: Array::shaped(py, rms, &shape)?,
+        stable: Array::shaped(py, stable, &shape)?,
+    })
 }
 
-/// Codes of verdicts in a grid, in the order of `zwidth.VERDICTS`.
+/// The place in [`VERDICTS`].
 fn code(verdict: Verdict) -> u8 {
     match verdict {
         Verdict::Stable => 0,
@@ -301,23 +656,87 @@ fn code(verdict: Verdict) -> u8 {
 }
 const OUT_OF_RANGE: u8 = 3;
 
-/// The linear stability boundary at one cutoff.
+result! { table
+    /// The linear stability boundary at one cutoff (paper, section 2.1).
+    Linear {
+        /// Name of the scene.
+        scene: String,
+        /// Nominal cutoff, Hz; None for an estimator without one.
+        cutoff_hz: Option<f64>,
+        /// B of the wall, N s/m.
+        damping_n_s_per_m: Array<f64>,
+        /// Stable for every K from 0 to this, N/m; infinite if no K is unstable.
+        stiffness_max_n_per_m: Array<f64>,
+        /// Whether the paper's gain-margin method gives the same.
+        gain_margin_holds: Array<bool>,
+        /// Largest K up to which no motion takes energy out of wall and damper, N/m; 0 if none is. None if it was not asked
+        /// for.
+        stiffness_passive_n_per_m: Option<Array<f64>>,
+        /// Tables of the scene that have no place in a linear analysis.
+        left_out: Tuple<String>,
+    }
+
+    /// The columns of the table, as the command line's CSV names them.
+    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
+        let b = self.damping_n_s_per_m.bound(py);
+        let passive = self.stiffness_passive_n_per_m.as_ref();
+        let passive = passive.map(|k| ("stiffness_passive_n_per_m", k.bound(py)));
+        let all = [
+            ("cutoff_hz", cutoffs(py, self.cutoff_hz, b.len()?)?),
+            ("damping_n_s_per_m", b),
+            ("stiffness_max_n_per_m", self.stiffness_max_n_per_m.bound(py)),
+        ];
+        columns(py, all.into_iter().chain(passive))
+    }
+}
+
+/// Linear stability boundary K(B), without quantisation, saturation and one-sided wall.
+///
+/// Parameters
+/// ----------
+/// scene : Scene
+///     Device and linear elements.
+/// dampings : iterable of float
+///     B of the wall, N s/m.
+/// cutoff : float, optional
+///     Nominal cutoff of the velocity filter, Hz.
+/// multirate : bool
+///     The loop as it runs, with output period and latency; else a force at every sample and at once, as in the
+///     paper's equations (3) to (5).
+/// passivity : bool
+///     Add the largest K that is passive whatever holds the handle.
+///
+/// Raises
+/// ------
+/// ValueError
+///     Something is out of range, or the estimator is no linear function of the position alone.
+///
+/// Examples
+/// --------
+/// >>> made = linear(Scene.load("paper-2um"), dampings=[0, 30, 300], cutoff=500, passivity=True)
+/// >>> made.stiffness_max_n_per_m.round().tolist()
+/// [110414.0, 571914.0, 1451017.0]
+/// >>> made.stiffness_passive_n_per_m.round().tolist()  # 0: none
+/// [110390.0, 0.0, 0.0]
 #[pyfunction]
-pub fn linear<'py>(
-    py: Python<'py>,
-    scene: &Scene,
+#[pyo3(signature = (scene, *, dampings, cutoff = None, multirate = false, passivity = false))]
+pub fn linear(
+    py: Python<'_>,
+    scene: Given,
+    dampings: Numbers,
     cutoff: Option<f64>,
-    dampings: Vec<f64>,
     multirate: bool,
     passivity: bool,
-) -> PyResult<Bound<'py, PyDict>> {
-    let scene = Arc::clone(&scene.0);
-    if dampings.is_empty() {
-        return Err(PyValueError::new_err("dampings is empty"));
-    }
+) -> PyResult<Linear> {
+    let scene = scene.0;
+    not_empty("dampings", &dampings.0)?;
     let filter = asked::filter(&scene, cutoff).map_err(raised)?;
-    let walls =
-        Walls { filters: vec![filter], dampings, stiffnesses: vec![0.0], start_offset_counts: 0.0 };
+    let walls = Walls {
+        filters: vec![filter],
+        dampings: dampings.0,
+        stiffnesses: vec![0.0],
+        start_offset_counts: 0.0,
+    };
     walls.check(&scene, LISTS).map_err(raised)?;
     let of_work = Arc::clone(&scene);
     let (walls, limits, passive) = run(py, None, None, 0, move |course| {
@@ -339,15 +758,18 @@ pub fn linear<'py>(
         }
         Ok((walls, limits, passive))
     })?;
-    let made = PyDict::new(py);
-    made.set_item("cutoff_hz", filter.cutoff_hz())?;
-    made.set_item("damping_n_s_per_m", walls.dampings.into_pyarray(py))?;
-    let stiffness: Vec<f64> = limits.iter().map(|limit| limit.stiffness_max).collect();
-    made.set_item("stiffness_max_n_per_m", stiffness.into_pyarray(py))?;
-    let holds: Vec<bool> = limits.iter().map(StiffnessLimit::gain_margin_holds).collect();
-    made.set_item("gain_margin_holds", holds.into_pyarray(py))?;
-    let passive = (!passive.is_empty()).then(|| passive.into_pyarray(py));
-    made.set_item("stiffness_passive_n_per_m", passive)?;
-    made.set_item("left_out", scene.scene.nonlinear_elements())?;
-    Ok(made)
+    let holds = limits.iter().map(StiffnessLimit::gain_margin_holds).collect();
+    let passive = (!passive.is_empty()).then(|| Array::new(py, passive)).transpose()?;
+    Ok(Linear {
+        scene: scene.name.clone(),
+        cutoff_hz: filter.cutoff_hz(),
+        damping_n_s_per_m: Array::new(py, walls.dampings)?,
+        stiffness_max_n_per_m: Array::new(
+            py,
+            limits.iter().map(|limit| limit.stiffness_max).collect(),
+        )?,
+        gain_margin_holds: Array::new(py, holds)?,
+        stiffness_passive_n_per_m: passive,
+        left_out: scene.scene.nonlinear_elements().into_iter().map(Into::into).collect(),
+    })
 }

@@ -8,13 +8,14 @@ use std::{
 use pyo3::{
     exceptions::{PyRuntimeError, PyValueError},
     prelude::*,
-    types::PyDict,
+    types::{PyDict, PyMapping},
 };
 use sim_loop::{error::Error, input};
-use sim_studies::study::planned::{Study, StudyFile, unit::How};
+use sim_studies::study::planned::{Study as Planned, StudyFile, unit::How};
 
 use crate::{
-    columns::columns,
+    given::Progress,
+    result::{Asked, Keys, Table, result},
     scene::of_python,
     studies::{engine_of, numeric_of},
     work::{raised, run},
@@ -23,8 +24,10 @@ use crate::{
 /// Text of a study, what errors call it, and the folder of its scenes: of a dictionary with the keys of a study's file, or
 /// of the file at a path.
 pub fn text_of(asked: &Bound<'_, PyAny>) -> PyResult<(String, String, PathBuf)> {
-    if asked.cast::<PyDict>().is_ok() {
-        let text = toml::to_string(&of_python(asked)?);
+    if let Ok(keys) = asked.cast::<PyMapping>() {
+        let own = PyDict::new(asked.py());
+        own.update(keys)?;
+        let text = toml::to_string(&of_python(&own)?);
         let text = text.map_err(|error| PyValueError::new_err(error.to_string()))?;
         return Ok((text, "study".into(), PathBuf::new()));
     }
@@ -34,22 +37,75 @@ pub fn text_of(asked: &Bound<'_, PyAny>) -> PyResult<(String, String, PathBuf)> 
     Ok((text, path.display().to_string(), folder))
 }
 
-/// Every point of a study.
+result! { table
+    /// Every point of a study.
+    Study {
+        /// `walk`, `hit` or `sweep`.
+        measure: String,
+        /// How many points.
+        points: u64,
+        /// How many units.
+        units: u64,
+        /// How many hits.
+        hits: u64,
+        /// The columns of the command line's parts, one row a point (of a sweep: a cutoff of a point), in their order.
+        table: Table,
+    }
+
+    /// The columns of the table.
+    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
+        self.table.columns(py)
+    }
+}
+
+/// Walk, hit or sweep at every point of a product or list; in memory, without the command line's folder.
+///
+/// Parameters
+/// ----------
+/// study : path or mapping
+///     The path of a study's file, or its keys: `measure`, `scenes` (names and paths), `product`, `list` ..
+/// engine, numeric, threads
+///     As in `walk`.
+/// progress : callable, optional
+///     Called with the units done and the units in all, from this thread; what it raises ends the study.
+///
+/// Raises
+/// ------
+/// ValueError
+///     A key or value is wrong, or a scene with its changes; the line names it and what is allowed.
+///
+/// Examples
+/// --------
+/// >>> made = study(
+/// ...     {
+/// ...         "measure": "hit",
+/// ...         "scenes": ["paper-2um"],
+/// ...         "cutoffs_hz": [500],
+/// ...         "stiffnesses": [10e3, 40e3],
+/// ...         "dampings": [100],
+/// ...         "product": {"actuator.latency": [5, 20]},
+/// ...     }
+/// ... )
+/// >>> made.points, made.table["actuator.latency"].tolist()
+/// (4, [5.0, 5.0, 20.0, 20.0])
+/// >>> made.table["verdict"].tolist()
+/// ['stable', 'stable', 'stable', 'unstable']
 #[pyfunction]
-pub fn study<'py>(
-    py: Python<'py>,
-    study: &Bound<'py, PyAny>,
+#[pyo3(signature = (study, *, engine = "lanes", numeric = "fixed", threads = None, progress = None))]
+pub fn study(
+    py: Python<'_>,
+    study: Asked,
     engine: &str,
     numeric: &str,
     threads: Option<usize>,
-    progress: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyDict>> {
+    progress: Option<Progress>,
+) -> PyResult<Study> {
     let (engine, numeric) = (engine_of(engine)?, numeric_of(numeric)?);
-    let (text, origin, folder) = text_of(study)?;
+    let (text, origin, folder) = text_of(study.0.bind(py))?;
     let file = StudyFile::parse(text, &origin, &folder).map_err(raised)?;
-    let study = Arc::new(run(py, threads, None, 0, move |_| Study::new(file))?);
+    let study = Arc::new(run(py, threads, None, 0, move |_| Planned::new(file))?);
     let of_work = Arc::clone(&study);
-    let (rows, hits) = run(py, threads, progress, study.units, move |course| {
+    let (rows, hits) = run(py, threads, progress.as_ref(), study.units, move |course| {
         let study = of_work;
         let how = How { engine, numeric, stop: &course.stop };
         let (mut rows, mut hits) = (vec![], 0);
@@ -66,12 +122,11 @@ pub fn study<'py>(
     })?;
     let first = study.blocks.first();
     let first = first.ok_or_else(|| PyRuntimeError::new_err("a study has no scene"))?;
-    let columns = columns(py, study.columns(first), &rows)?;
-    let made = PyDict::new(py);
-    made.set_item("measure", study.file.measure.name())?;
-    made.set_item("points", study.points)?;
-    made.set_item("units", study.units)?;
-    made.set_item("hits", hits)?;
-    made.set_item("columns", columns)?;
-    Ok(made)
+    Ok(Study {
+        measure: study.file.measure.name().into(),
+        points: study.points,
+        units: study.units,
+        hits,
+        table: Table::of_rows(py, study.columns(first), &rows)?,
+    })
 }

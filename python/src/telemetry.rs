@@ -1,71 +1,238 @@
-//! A capture of a board's telemetry as columns. `zwidth/telemetry.py` gives them names.
+//! A capture of a board's telemetry as columns.
 
-use pyo3::{exceptions::PyValueError, prelude::*, pybacked::PyBackedBytes, types::PyDict};
-use sim_studies::analysis::{recompute::Recomputed, telemetry::Capture};
-use zwidth::telemetry::Frame;
+use std::{
+    fs,
+    io::{self, Write as _},
+    path::Path,
+};
 
-use crate::{columns::Columns, work::run};
+use pyo3::{
+    exceptions::{PyOSError, PyValueError},
+    prelude::*,
+    types::PyBytes,
+};
+use sim_studies::analysis::{
+    recompute::{Recomputed, Row},
+    telemetry::Capture,
+};
+use zwidth::telemetry::{Frame, Record};
 
-/// Every output and every sample of a capture, with what the core computes once more.
-#[pyfunction]
-pub fn decode(py: Python<'_>, data: PyBackedBytes) -> PyResult<Bound<'_, PyDict>> {
-    let length = data.len();
-    let (capture, all, outputs, samples) = run(py, None, None, 0, move |course| {
-        let capture = Capture::decode_until(&data, &course.stop);
+use crate::{
+    given::Place,
+    result::{Array, Bytes, Keys, Number, Part, Tuple, attributes, result},
+    work::run,
+};
+
+result! { table
+    /// One row an output, in the integers of the control: the columns of `cargo sim telemetry --csv`.
+    Outputs {
+        /// Number of the frame that told it.
+        sequence: Array<u32>,
+        /// Sample since the board's reset.
+        sample: Array<u64>,
+        /// Position, counts.
+        position_counts: Array<i32>,
+        /// Velocity, 2^-16 counts per sample.
+        velocity_q16: Array<i32>,
+        /// Force, 2^-30 of full scale, into the wall positive.
+        force_q30: Array<i32>,
+        /// Code of DAC or PWM.
+        command: Array<i32>,
+        /// Facts as bits (docs/telemetry.md).
+        flags: Array<u16>,
+        /// Number of the settings in force.
+        settings: Array<u16>,
+        /// Code of the latched fault, 0 for none.
+        fault: Array<u8>,
+    }
+
+    /// The columns of the table.
+    fn columns(slf: &Bound<'_, Self>) -> PyResult<Keys> {
+        attributes(slf)
+    }
+}
+
+result! { table
+    /// One row a sample, as `cargo sim telemetry --samples` has them.
+    Samples {
+        /// Sample since the board's reset.
+        sample: Array<u64>,
+        /// Position, counts.
+        position_counts: Array<i32>,
+        /// Velocity that the core computes, 2^-16 counts per sample; 0 where it cannot.
+        velocity_q16: Array<i32>,
+        /// Force that acts from the last output on, 2^-30 of full scale; 0 before the first.
+        force_q30: Array<i32>,
+        /// Whether there was an output.
+        output: Array<bool>,
+        /// Whether the velocity is known.
+        computed: Array<bool>,
+        /// Whether the force is known.
+        driven: Array<bool>,
+    }
+
+    /// The columns of the table.
+    fn columns(slf: &Bound<'_, Self>) -> PyResult<Keys> {
+        attributes(slf)
+    }
+}
+
+result! { plain
+    /// A capture of a board's telemetry, decoded.
+    ///
+    /// Examples
+    /// --------
+    /// >>> told = Telemetry.load("examples/samples.bin")  # doctest: +SKIP
+    /// >>> told.outputs.force_q30 / 2**30 * told.full_scale_n  # doctest: +SKIP
+    Telemetry {
+        /// The bytes as they came.
+        capture: Bytes,
+        /// Every output.
+        outputs: Part<Outputs>,
+        /// Every sample.
+        samples: Part<Samples>,
+        /// Frames that are missing between those that came.
+        dropped: u64,
+        /// Bytes that belong to no frame, such as the end of the one that was under way at the beginning.
+        garbage_bytes: u64,
+        /// Codes of the faults that were latched meanwhile.
+        faults: Tuple<u32>,
+        /// First and last sample of what was not told.
+        gaps: Tuple<(u64, u64)>,
+        /// Stretches of which the core computes nothing: first sample, last sample, and why.
+        unknown: Tuple<(u64, u64, String)>,
+        /// Samples that the core has computed.
+        computed: u64,
+        /// Velocities that are the board's, bit for bit.
+        velocities_equal: u64,
+        /// Forces that are.
+        forces_equal: u64,
+        /// States of the estimator that are.
+        states_equal: u64,
+        /// Energies at the port that are.
+        energies_equal: u64,
+        /// The first that is not, or None.
+        first_difference: Option<String>,
+        /// Samples a second, of the first settings that were told; None if none were.
+        rate_hz: Option<f64>,
+        /// Metres a count, at the handle, of a rotary device too; None without settings.
+        resolution_m: Option<f64>,
+        /// Force at full command, N; None without settings.
+        full_scale_n: Option<f64>,
+    }
+
+    /// Decode bytes of RTT up channel 1, which may begin and end anywhere.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     There is no frame in them.
+    ///
+    /// Examples
+    /// --------
+    /// >>> Telemetry.decode(b"no frame")
+    /// Traceback (most recent call last):
+    ///     ...
+    /// ValueError: no telemetry frame of layout 1 or 2 in 8 bytes; docs/telemetry.md has the layout
+    #[staticmethod]
+    fn decode(py: Python<'_>, capture: Vec<u8>) -> PyResult<Self> {
+        decode(py, capture)
+    }
+
+    /// Decode a capture in a file.
+    #[staticmethod]
+    fn load(py: Python<'_>, path: Place) -> PyResult<Self> {
+        let bytes = fs::read(&path.0).map_err(|error| of_file(&error, &path.0))?;
+        decode(py, bytes)
+    }
+
+    /// Write the capture for `cargo sim telemetry`, `replay` and `identify`; `force` replaces a file.
+    #[pyo3(signature = (path, *, force = false))]
+    fn save(&self, py: Python<'_>, path: Place, force: bool) -> PyResult<()> {
+        let mut options = fs::OpenOptions::new();
+        options.write(true).create(force).truncate(force).create_new(!force);
+        let bytes = self.capture.0.bind(py).cast::<PyBytes>()?;
+        let written = options.open(&path.0).and_then(|mut file| file.write_all(bytes.as_bytes()));
+        written.map_err(|error| of_file(&error, &path.0))
+    }
+}
+
+/// The exception that Python's own functions raise.
+fn of_file(error: &io::Error, path: &Path) -> PyErr {
+    let text = error.to_string().split(" (os error").next().unwrap_or_default().to_owned();
+    PyOSError::new_err((error.raw_os_error(), text, path.display().to_string()))
+}
+
+fn decode(py: Python<'_>, bytes: Vec<u8>) -> PyResult<Telemetry> {
+    let capture = PyBytes::new(py, &bytes).into_any().unbind();
+    let length = bytes.len();
+    let (told, all) = run(py, None, None, 0, move |course| {
+        let capture = Capture::decode_until(&bytes, &course.stop);
         let all = Recomputed::until(&capture, &course.stop);
-        let (outputs, samples) = (outputs(&capture.frames), samples(&all));
-        Ok((capture, all, outputs, samples))
+        Ok((capture, all))
     })?;
-    if capture.frames.is_empty() {
+    if told.frames.is_empty() {
         return Err(PyValueError::new_err(format!(
             "no telemetry frame of layout 1 or 2 in {length} bytes; docs/telemetry.md has the layout"
         )));
     }
-    let made = PyDict::new(py);
-    made.set_item("outputs", outputs.into_dict(py)?)?;
-    made.set_item("samples", samples.into_dict(py)?)?;
-    made.set_item("dropped", capture.dropped)?;
-    made.set_item("garbage_bytes", capture.garbage_bytes)?;
-    made.set_item("faults", capture.faults().into_iter().map(u32::from).collect::<Vec<_>>())?;
-    made.set_item("gaps", all.gaps())?;
-    made.set_item("unknown", &all.unknown)?;
-    made.set_item("computed", all.computed)?;
-    made.set_item("velocities_equal", all.velocities)?;
-    made.set_item("forces_equal", all.forces)?;
-    made.set_item("states_equal", all.states)?;
-    made.set_item("energies_equal", all.energies)?;
-    made.set_item("first_difference", all.first_difference().map(ToString::to_string))?;
-    let design =
-        capture.chunks.iter().flat_map(|chunk| &chunk.settings).map(|told| told.design).next();
-    made.set_item("rate_hz", design.map(|design| design.rate_hz))?;
-    made.set_item("resolution_m", design.map(|design| design.resolution_m))?;
-    made.set_item("full_scale_n", design.map(|design| design.full_scale_n))?;
-    Ok(made)
+    let mut designs = told.chunks.iter().flat_map(|chunk| &chunk.settings).map(|told| told.design);
+    let design = designs.next();
+    Ok(Telemetry {
+        capture: Bytes(capture),
+        outputs: Part(Py::new(py, outputs(py, &told.frames)?)?),
+        samples: Part(Py::new(py, samples(py, &all)?)?),
+        dropped: told.dropped,
+        garbage_bytes: told.garbage_bytes,
+        faults: told.faults().into_iter().map(u32::from).collect(),
+        gaps: all.gaps().into_iter().collect(),
+        unknown: all.unknown.iter().map(|(from, to, why)| (*from, *to, why.to_string())).collect(),
+        computed: all.computed,
+        velocities_equal: all.velocities,
+        forces_equal: all.forces,
+        states_equal: all.states,
+        energies_equal: all.energies,
+        first_difference: all.first_difference().map(ToString::to_string),
+        rate_hz: design.map(|design| design.rate_hz),
+        resolution_m: design.map(|design| design.resolution_m),
+        full_scale_n: design.map(|design| design.full_scale_n),
+    })
 }
 
-fn outputs(frames: &[Frame]) -> Columns {
-    let records = || frames.iter().map(|frame| &frame.record);
-    Columns::default()
-        .with("sequence", frames.iter().map(|frame| frame.sequence))
-        .with("sample", records().map(|record| record.sample))
-        .with("position_counts", records().map(|record| record.position.counts()))
-        .with("velocity_q16", records().map(|record| record.velocity.bits()))
-        .with("force_q30", records().map(|record| record.force.bits()))
-        .with("command", records().map(|record| record.command.code()))
-        .with("flags", records().map(|record| record.flags.bits()))
-        .with("settings", records().map(|record| record.settings))
-        .with("fault", records().map(|record| record.fault))
+fn outputs(py: Python<'_>, frames: &[Frame]) -> PyResult<Outputs> {
+    fn column<T: Number>(
+        py: Python<'_>,
+        frames: &[Frame],
+        of: fn(&Record) -> T,
+    ) -> PyResult<Array<T>> {
+        Array::new(py, frames.iter().map(|frame| of(&frame.record)).collect())
+    }
+    Ok(Outputs {
+        sequence: Array::new(py, frames.iter().map(|frame| frame.sequence).collect())?,
+        sample: column(py, frames, |record| record.sample)?,
+        position_counts: column(py, frames, |record| record.position.counts())?,
+        velocity_q16: column(py, frames, |record| record.velocity.bits())?,
+        force_q30: column(py, frames, |record| record.force.bits())?,
+        command: column(py, frames, |record| record.command.code())?,
+        flags: column(py, frames, |record| record.flags.bits())?,
+        settings: column(py, frames, |record| record.settings)?,
+        fault: column(py, frames, |record| record.fault)?,
+    })
 }
 
 /// What is not known is 0, with a column that says so.
-fn samples(all: &Recomputed) -> Columns {
-    let rows = || all.rows.iter();
-    Columns::default()
-        .with("sample", rows().map(|row| row.sample))
-        .with("position_counts", rows().map(|row| row.position.counts()))
-        .with("velocity_q16", rows().map(|row| row.velocity.map_or(0, |v| v.bits())))
-        .with("force_q30", rows().map(|row| row.force.map_or(0, |force| force.bits())))
-        .with("output", rows().map(|row| row.told.is_some()))
-        .with("computed", rows().map(|row| row.velocity.is_some()))
-        .with("driven", rows().map(|row| row.force.is_some()))
+fn samples(py: Python<'_>, all: &Recomputed) -> PyResult<Samples> {
+    fn column<T: Number>(py: Python<'_>, rows: &[Row], of: fn(&Row) -> T) -> PyResult<Array<T>> {
+        Array::new(py, rows.iter().map(of).collect())
+    }
+    let rows = &all.rows;
+    Ok(Samples {
+        sample: column(py, rows, |row| row.sample)?,
+        position_counts: column(py, rows, |row| row.position.counts())?,
+        velocity_q16: column(py, rows, |row| row.velocity.map_or(0, |v| v.bits()))?,
+        force_q30: column(py, rows, |row| row.force.map_or(0, |force| force.bits()))?,
+        output: column(py, rows, |row| row.told.is_some())?,
+        computed: column(py, rows, |row| row.velocity.is_some())?,
+        driven: column(py, rows, |row| row.force.is_some())?,
+    })
 }

@@ -2,8 +2,9 @@
 
 use std::{
     any::Any,
+    mem, process,
     sync::{
-        Arc,
+        Arc, Mutex, OnceLock, PoisonError,
         atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
         mpsc::{self, RecvTimeoutError},
     },
@@ -15,7 +16,10 @@ use pyo3::{
     exceptions::{PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueError},
     prelude::*,
 };
+use rayon::ThreadPool;
 use sim_loop::error::Error;
+
+use crate::given::Progress;
 
 /// Time between two looks at the interpreter's signals; Ctrl-C is an exception that much later.
 const LOOK: Duration = Duration::from_millis(50);
@@ -58,17 +62,14 @@ pub fn raised(error: Error) -> PyErr {
 pub fn run<T: Send + 'static>(
     py: Python<'_>,
     threads: Option<usize>,
-    progress: Option<&Bound<'_, PyAny>>,
+    progress: Option<&Progress>,
     total: u64,
     work: impl FnOnce(&Course) -> Result<T, Error> + Send + 'static,
 ) -> PyResult<T> {
     let pool = match threads {
-        None => None,
+        None => of_child()?,
         Some(0) => return Err(PyValueError::new_err("threads is 0, allowed 1 or more")),
-        Some(threads) => {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-            Some(pool.map_err(|error| PyRuntimeError::new_err(error.to_string()))?)
-        }
+        Some(threads) => Some(Arc::new(pool_of(threads)?)),
     };
     let course = Arc::new(Course::default());
     let (sender, mut receiver) = mpsc::channel();
@@ -88,19 +89,51 @@ pub fn run<T: Send + 'static>(
             Err(RecvTimeoutError::Disconnected) => return Err(panicked(py, worker)),
             Err(RecvTimeoutError::Timeout) => {}
         }
-        let looked = py.check_signals().and_then(|()| tell(progress, &course, &mut told, total));
+        let looked =
+            py.check_signals().and_then(|()| tell(py, progress, &course, &mut told, total));
         if let Err(error) = looked {
             course.stop.store(true, Relaxed);
             return Err(error);
         }
     };
     let made = made.map_err(raised)?;
-    tell(progress, &course, &mut told, total)?;
+    tell(py, progress, &course, &mut told, total)?;
     Ok(made)
 }
 
+/// A pool of so many threads; 0: of all cores.
+fn pool_of(threads: usize) -> PyResult<ThreadPool> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    pool.map_err(|error| PyRuntimeError::new_err(error.to_string()))
+}
+
+/// The pool of a process that was forked after the first work: it has none of the threads of rayon's own, and would wait
+/// for them. Any other process has none but rayon's own.
+///
+/// It is only looked at with the interpreter's lock, as a process only forks, so a child never finds it locked.
+fn of_child() -> PyResult<Option<Arc<ThreadPool>>> {
+    static FIRST: OnceLock<u32> = OnceLock::new();
+    static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
+    let own = process::id();
+    if *FIRST.get_or_init(|| own) == own {
+        return Ok(None);
+    }
+    let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((process, pool)) = &*pool
+        && *process == own
+    {
+        return Ok(Some(Arc::clone(pool)));
+    }
+    let made = Arc::new(pool_of(0)?);
+    if let Some((_, of_parent)) = pool.replace((own, Arc::clone(&made))) {
+        mem::forget(of_parent); // which would wait for threads that are not there
+    }
+    Ok(Some(made))
+}
+
 fn tell(
-    progress: Option<&Bound<'_, PyAny>>,
+    py: Python<'_>,
+    progress: Option<&Progress>,
     course: &Course,
     told: &mut u64,
     total: u64,
@@ -108,7 +141,7 @@ fn tell(
     let done = course.done.load(Relaxed);
     if let Some(progress) = progress.filter(|_| done != *told) {
         *told = done;
-        progress.call1((done, total))?;
+        progress.0.call1(py, (done, total))?;
     }
     Ok(())
 }

@@ -1,36 +1,54 @@
 """Examples of docstrings and of the README run."""
 
 import doctest
-import importlib
+import inspect
 import re
 
 import pytest
 
 import zwidth
-import zwidth.board
 from conftest import ROOT
 
 # Those whose documentation shows what comes out.
 SHOWN = {
-    "scene": ("Scene.load", "Scene.replace"),
-    "studies": ("grid", "hit", "linear", "study", "sweep", "walk"),
-    "compared": ("compare",),
-    "identified": ("identify_plan",),
-    "estimator": ("Estimator", "Estimator.process"),
+    *("Scene.load", "Scene.replace", "Estimator", "Estimator.process", "Telemetry", "Telemetry.decode"),
+    *("compare", "grid", "hit", "identify_plan", "linear", "study", "sweep", "walk"),
 }
 
 
-@pytest.mark.parametrize("name", ["zwidth", "zwidth.telemetry", *(f"zwidth.{module}" for module in SHOWN)])
-def test_doctests(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    module = importlib.import_module(name)
-    failed, tried = doctest.testmod(module)
-    assert failed == 0 and tried > 0, capsys.readouterr().out
-    shown = {test.name for test in doctest.DocTestFinder().find(module) if test.examples}
-    assert shown >= {f"{name}.{of}" for of in SHOWN.get(name.removeprefix("zwidth."), ())}
+def documented() -> dict[str, str]:
+    """The documentation of all public names, and of what classes have, that holds an example."""
+    names = {name: getattr(zwidth, name) for name in zwidth.__all__}
+    inside = {
+        f"{name}.{part}": of
+        for name, of in names.items()
+        if isinstance(of, type)
+        for part, of in inspect.getmembers(of)
+        if not part.startswith("_")
+    }
+    texts = {name: inspect.getdoc(of) or "" for name, of in (names | inside).items()}
+    return {name: text for name, text in texts.items() if ">>>" in text}
 
 
-def test_examples_that_need_a_board_are_of_its_module() -> None:
-    assert doctest.testmod(zwidth.board).failed == 0, "test_board.py runs the page's"
+@pytest.mark.parametrize("name", sorted(SHOWN))
+def test_doctests(name: str) -> None:
+    test = doctest.DocTestParser().get_doctest(documented()[name], dict(vars(zwidth)), name, None, None)
+    said: list[str] = []
+    assert doctest.DocTestRunner().run(test, out=said.append).failed == 0, "".join(said)
+
+
+def test_no_example_is_left_out() -> None:
+    assert documented().keys() - SHOWN <= {"Board", "Board.telemetry"}, "test_board.py runs the page's"
+    assert doctest.testmod(zwidth).failed == 0
+
+
+def test_every_public_name_is_explained() -> None:
+    for name in zwidth.__all__:
+        of = getattr(zwidth, name)
+        if callable(of):
+            assert len(of.__doc__ or "") > 10, name
+            attributes = [part for part in vars(of) if not part.startswith("_")] if isinstance(of, type) else []
+            assert all(inspect.getdoc(getattr(of, part)) for part in attributes), name
 
 
 @pytest.mark.parametrize("page", ["python/README.md", "docs/python.md"])

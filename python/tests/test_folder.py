@@ -89,7 +89,7 @@ def test_parts_are_parquet_files_with_the_same_columns(tmp_path: Path) -> None:
     import pyarrow.parquet
 
     # The second part has no cutoff at all.
-    keys = {"measure": "hit", "scenes": ["paper-2um"], "estimators": ["butterworth", "window-difference"], "cutoffs_hz": [500],
+    keys = {"measure": "hit", "scenes": ["paper-2um"], "estimators": ["butterworth", "difference"], "cutoffs_hz": [500],
             "stiffnesses": [5e3], "dampings": [20], "points_per_unit": 1}
     made = zwidth.run_study(keys, tmp_path / "out")
     made.to_parquet(tmp_path / "parts", parts=True)

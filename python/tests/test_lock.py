@@ -1,6 +1,7 @@
 """The wheel is built of the same packages as the command line."""
 
 import re
+from importlib import metadata
 
 from conftest import ROOT
 
@@ -25,3 +26,8 @@ def test_the_version_is_the_simulators() -> None:
     import zwidth
 
     assert versions("Cargo.lock")["host-sim"] == {zwidth.__version__}
+
+
+def test_the_wheel_has_the_licence_and_the_stubs() -> None:
+    files = {file.name for file in metadata.files("zwidth") or ()}
+    assert {"LICENSE-MIT", "LICENSE-APACHE", "_native.pyi", "py.typed"} <= files

@@ -71,3 +71,13 @@ def test_a_curve_beside_a_scene_file_is_found_from_everywhere(tmp_path: Path) ->
     other = scene.replace({"encoder.resolution_m": 2e-6})
     assert Path(other.to_dict()["wall_hit"]["felt_curve"]) == tmp_path / "curve.csv"
     assert pickle.loads(pickle.dumps(other)) == other
+
+
+def test_a_rotary_scene_keeps_its_table() -> None:
+    scene = zwidth.Scene.load("hapkit")
+    keys = scene.to_dict()
+    assert f"handle_radius_m = {keys['rotary']['handle_radius_m']}" in scene.text
+    assert keys["device"]["mass_kg"] > 0.0, "the tables that follow from it are at the handle"
+    wider = scene.replace(rotary={"handle_radius_m": 0.1})
+    assert wider.to_dict()["rotary"]["handle_radius_m"] == 0.1
+    assert "rotary" not in zwidth.Scene.load("paper-1um").to_dict()

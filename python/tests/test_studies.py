@@ -1,6 +1,8 @@
 """Results beside those of the command line: the same bits."""
 
 import math
+import pickle
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -149,3 +151,51 @@ def test_bad_input_is_refused_as_on_the_command_line(scene: tuple[zwidth.Scene, 
         with pytest.raises(ValueError) as raised:
             call()
         assert line in str(raised.value), raised.value
+
+
+def test_what_is_no_scene_and_no_list_is_named() -> None:
+    scene = zwidth.Scene.load("paper-2um")
+    calls: list[Callable[[Any], object]] = [
+        lambda other: zwidth.hit(other, stiffness=1e3, damping=1.0),
+        lambda other: zwidth.walk(other),
+        lambda other: zwidth.Estimator("difference", other),
+        lambda other: zwidth.identify("log.csv", base=other),
+    ]
+    for call in calls:
+        with pytest.raises(TypeError, match=r"'paper-2um' is no scene, allowed zwidth\.Scene\.load\('paper-2um'\)"):
+            call("paper-2um")
+        with pytest.raises(TypeError, match="None is no scene, allowed"):
+            call(None)
+    texts: list[Callable[[Any], object]] = [
+        lambda text: zwidth.sweep(scene, cutoffs=text),
+        lambda text: zwidth.grid(scene, cutoffs=[500], stiffnesses=text, dampings=[1]),
+        lambda text: zwidth.linear(scene, cutoff=500, dampings=text),
+        lambda text: zwidth.usable(scene, percents=text),
+        lambda text: zwidth.compare(scene, estimators=text),
+        lambda text: zwidth.peers(scene, limits=text),
+    ]
+    for call in texts:
+        with pytest.raises(TypeError, match="'55', allowed several"):
+            call("55")
+    with pytest.raises(TypeError, match="55, allowed several numbers: a list or an array"):
+        zwidth.sweep(scene, cutoffs=55)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="a cutoff is missing"):
+        zwidth.walk(scene)
+
+
+def test_results_are_frozen_pickled_compared_and_short() -> None:
+    scene = zwidth.Scene.load("paper-2um").replace(walk={"stiffness_step_n_per_m": 20e3, "damping_step_n_s_per_m": 200.0})
+    made = zwidth.sweep(scene, cutoffs=[100, 500, 2000], repeat=4)
+    assert len(repr(made)) < 1000, repr(made)
+    assert "ideal_cutoff_hz=" in repr(made) and "walks=<tuple of 3>" in repr(made)
+    again = pickle.loads(pickle.dumps(made))
+    assert np.array_equal(again.areas, made.areas) and again.notes == made.notes
+    assert np.array_equal(again.walks[1][0].stiffness_n_per_m, made.walks[1][0].stiffness_n_per_m)
+    assert not again.areas.flags.writeable
+    with pytest.raises(AttributeError):
+        made.area = None  # type: ignore[misc]
+    hit = zwidth.hit(scene, stiffness=10e3, damping=30.0, cutoff=500)
+    assert hit == zwidth.hit(scene, stiffness=10e3, damping=30.0, cutoff=500) == pickle.loads(pickle.dumps(hit))
+    assert hit != zwidth.hit(scene, stiffness=11e3, damping=30.0, cutoff=500)
+    assert len({hit, pickle.loads(pickle.dumps(hit))}) == 1
+    assert repr(hit).startswith("Hit(scene='paper-2um', cutoff_hz=500.0, stiffness_n_per_m=10000.0,")

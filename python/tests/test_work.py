@@ -1,5 +1,6 @@
 """Long work: Ctrl-C, progress that raises, threads beside it."""
 
+import os
 import subprocess
 import sys
 import threading
@@ -237,3 +238,30 @@ def test_other_threads_run_meanwhile() -> None:
         over.set()
         thread.join()
     assert ticks > 3
+
+
+FORKS = """
+import os, sys, time, zwidth
+scene = zwidth.Scene.load("paper-2um")
+def work():
+    return zwidth.grid(scene, cutoffs=[500], dampings=[10, 100], stiffnesses=[10e3, 40e3]).verdict.tolist()
+first = work()
+child = os.fork()
+if child == 0:
+    os._exit(0 if work() == first and work() == first else 1)
+end = time.monotonic() + 20.0
+while True:
+    ended, status = os.waitpid(child, os.WNOHANG)
+    if ended:
+        sys.exit(os.waitstatus_to_exitcode(status))
+    if time.monotonic() > end:
+        os.kill(child, 9)
+        sys.exit(3)
+    time.sleep(0.01)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="fork")
+def test_a_process_that_was_forked_after_work_works_too() -> None:
+    made = subprocess.run([sys.executable, "-W", "ignore", "-c", FORKS], check=False, timeout=60)
+    assert made.returncode == 0, "3: it hangs"

@@ -12,18 +12,59 @@ Examples
 'stable'
 """
 
+from . import _native
 from ._answers import BoardHit, BoardSelfTest, BoardStatus, BoardWalk
-from ._native import ESTIMATORS, SCENES, __version__
+from ._native import (
+    Agreement,
+    Comparison,
+    EncoderTerm,
+    Estimate,
+    Estimator,
+    Explanation,
+    Grid,
+    Hit,
+    Identification,
+    Linear,
+    Outputs,
+    Peers,
+    Plan,
+    Replay,
+    Residual,
+    Samples,
+    Scene,
+    Study,
+    Suspect,
+    Sweep,
+    Telemetry,
+    TermTest,
+    Trace,
+    Usable,
+    Walk,
+    Winner,
+    __version__,
+    agree,
+    compare,
+    explain,
+    grid,
+    hit,
+    identify,
+    identify_plan,
+    linear,
+    peers,
+    replay,
+    study,
+    sweep,
+    usable,
+    walk,
+)
 from .board import Board
-from .compared import Comparison, Explanation, Peers, Usable, Winner, compare, explain, peers, usable
-from .estimator import Estimator
 from .folder import StudyFailed, StudyRun, run_study
-from .identified import EncoderTerm, Estimate, Identification, Plan, Residual, TermTest, identify, identify_plan
-from .measured import Agreement, Replay, Suspect, agree, replay
-from .results import VERDICTS, Grid, Hit, Linear, Study, Sweep, Table, Trace, Walk
-from .scene import Scene
-from .studies import grid, hit, linear, study, sweep, walk
-from .telemetry import Outputs, Recording, Samples, Telemetry
+from .recording import Recording
+from .table import Table
+
+#: Names of the built-in scenes, of the velocity estimators, and of the codes in ``Grid.verdict``.
+SCENES, ESTIMATORS, _verdicts = _native.names()
+VERDICTS = tuple(_verdicts)
 
 __all__ = [
     "ESTIMATORS",

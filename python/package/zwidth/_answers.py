@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .results import Floats, _Frozen, _Table
+from .table import Tabular
+
+Floats = NDArray[np.float64]
 
 __all__ = ["BoardHit", "BoardSelfTest", "BoardStatus", "BoardWalk"]
 
@@ -162,7 +164,7 @@ class BoardHit:
 
 
 @dataclass(frozen=True, eq=False)
-class BoardWalk(_Frozen, _Table):
+class BoardWalk(Tabular):
     """The boundary of the stable walls, as the board has walked it.
 
     Attributes
@@ -190,6 +192,11 @@ class BoardWalk(_Frozen, _Table):
     area: float
     ended_by: str
     units: tuple[str, str, str, str]
+
+    def __post_init__(self) -> None:
+        for values in vars(self).values():
+            if isinstance(values, np.ndarray):
+                values.flags.writeable = False
 
     def columns(self) -> dict[str, Any]:
         return {"damping": self.damping, "stiffness": self.stiffness}

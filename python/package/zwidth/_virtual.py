@@ -15,7 +15,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 
 from ._link import LOOK_S
-from .scene import Scene
+from ._native import Scene
 
 __all__ = ["Program"]
 
@@ -97,7 +97,7 @@ class Program:
             if Scene.load(scene.name) == scene:
                 return scene.name
         file = Path(self._room.name) / f"{Path(scene.name).name}.toml"
-        file.write_text(scene._native.portable_text())
+        file.write_text(scene._portable_text())
         return str(file)
 
     def _address(self, wait_s: float) -> str | None:

@@ -15,9 +15,9 @@ from types import TracebackType
 from ._answers import BoardHit, BoardSelfTest, BoardStatus, BoardWalk
 from ._console import UNANSWERED, Console, to_the_end
 from ._link import Link
+from ._native import Scene, Telemetry
 from ._virtual import Program
-from .scene import Scene
-from .telemetry import Recording, Telemetry
+from .recording import Recording
 
 __all__ = ["SETTINGS", "Board"]
 

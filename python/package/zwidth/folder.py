@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from . import _native
-from .studies import Engine, Numeric, Progress
+
+Engine = Literal["lanes", "core"]
+Numeric = Literal["fixed", "f64", "f64-rounded"]
+Progress = Callable[[int, int], object]
 
 if TYPE_CHECKING:
     import pandas
@@ -118,12 +121,12 @@ def _read(part: Path) -> pyarrow.Table:
 
 
 @lru_cache(maxsize=4)
-def _units(text: str, origin: str, folder: str) -> _native.StudyUnits:
+def _units(text: str, origin: str, folder: Path) -> _native.StudyUnits:
     """A process reads a study once."""
     return _native.StudyUnits(text, origin, folder)
 
 
-def _make(study: tuple[str, str, str], unit: int, engine: str, numeric: str, threads: int | None) -> Made:
+def _make(study: tuple[str, str, Path], unit: int, engine: str, numeric: str, threads: int | None) -> Made:
     return _units(*study).make(unit, engine, numeric, threads)
 
 
@@ -172,7 +175,7 @@ def run_study(
     StudyFailed
         Some units could not be made.
     """
-    asked = _native.study_text(dict(study) if isinstance(study, Mapping) else fspath(study))
+    asked = _native.study_text(study)
     place = Path(out)
     folder = _native.StudyFolder(_units(*asked), str(place), resume, numeric)
     missing = folder.missing()
@@ -202,7 +205,7 @@ def _on_cluster(
     retries: int,
     missing: list[int],
     enter: Any,
-    how: tuple[tuple[str, str, str], str, str],
+    how: tuple[tuple[str, str, Path], str, str],
 ) -> dict[int, str]:
     """Makes units on a cluster, a few at a time; those that could not be made, and why."""
     from concurrent.futures import CancelledError  # of all units under way: the connection is lost

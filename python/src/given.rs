@@ -1,0 +1,105 @@
+//! What functions are given.
+
+use std::sync::Arc;
+
+use pyo3::{
+    exceptions::PyTypeError,
+    inspect::PyStaticExpr,
+    prelude::*,
+    type_hint_identifier, type_hint_subscript, type_hint_union,
+    types::{PyBytes, PyString},
+};
+use sim_loop::scene::NamedScene;
+
+use crate::scene::Scene;
+
+const ITERABLE: PyStaticExpr = type_hint_identifier!("collections.abc", "Iterable");
+const TEXT: PyStaticExpr = type_hint_identifier!("builtins", "str");
+const FLOAT: PyStaticExpr = type_hint_identifier!("builtins", "float");
+const INT: PyStaticExpr = type_hint_identifier!("builtins", "int");
+
+/// A scene.
+pub struct Given(pub Arc<NamedScene>);
+
+impl FromPyObject<'_, '_> for Given {
+    type Error = PyErr;
+    const INPUT_TYPE: PyStaticExpr = <Scene as pyo3::PyTypeInfo>::TYPE_HINT;
+
+    fn extract(of: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
+        let scene = of.cast::<Scene>().map_err(|_| {
+            let given = of.repr().map_or_else(|_| "this".into(), |text| text.to_string());
+            let name = if of.is_instance_of::<PyString>() { &given } else { "name or path" };
+            PyTypeError::new_err(format!("{given} is no scene, allowed zwidth.Scene.load({name})"))
+        })?;
+        Ok(Self(Arc::clone(&scene.get().0)))
+    }
+}
+
+/// Numbers, of which a text is none.
+pub struct Numbers(pub Vec<f64>);
+
+impl FromPyObject<'_, '_> for Numbers {
+    type Error = PyErr;
+    const INPUT_TYPE: PyStaticExpr = type_hint_subscript!(ITERABLE, FLOAT);
+
+    fn extract(of: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
+        several(&of, "numbers").map(Self)
+    }
+}
+
+/// Texts, of which a single one is none.
+pub struct Texts(pub Vec<String>);
+
+impl FromPyObject<'_, '_> for Texts {
+    type Error = PyErr;
+    const INPUT_TYPE: PyStaticExpr = type_hint_subscript!(ITERABLE, TEXT);
+
+    fn extract(of: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
+        several(&of, "names").map(Self)
+    }
+}
+
+/// The items of what is no text.
+pub fn several<T: for<'a, 'py> FromPyObject<'a, 'py>>(
+    of: &Bound<'_, PyAny>,
+    what: &str,
+) -> PyResult<Vec<T>> {
+    let refused = || {
+        let given = of.repr().map_or_else(|_| "this".into(), |text| text.to_string());
+        PyTypeError::new_err(format!("{given}, allowed several {what}: a list or an array"))
+    };
+    if of.is_instance_of::<PyString>() || of.is_instance_of::<PyBytes>() {
+        return Err(refused());
+    }
+    let items = of.try_iter().map_err(|_| refused())?;
+    items.map(|item| item?.extract().map_err(Into::into)).collect()
+}
+
+/// What is called with the pieces of work that are done and those in all.
+pub struct Progress(pub Py<PyAny>);
+
+impl FromPyObject<'_, '_> for Progress {
+    type Error = PyErr;
+    const INPUT_TYPE: PyStaticExpr = type_hint_subscript!(
+        type_hint_identifier!("collections.abc", "Callable"),
+        PyStaticExpr::List { elts: &[INT, INT] },
+        type_hint_identifier!("builtins", "object")
+    );
+
+    fn extract(of: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
+        Ok(Self(of.to_owned().unbind()))
+    }
+}
+
+/// A path.
+pub struct Place(pub std::path::PathBuf);
+
+impl FromPyObject<'_, '_> for Place {
+    type Error = PyErr;
+    const INPUT_TYPE: PyStaticExpr =
+        type_hint_union!(TEXT, type_hint_subscript!(type_hint_identifier!("os", "PathLike"), TEXT));
+
+    fn extract(of: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
+        of.extract().map(Self)
+    }
+}
