@@ -11,6 +11,7 @@ use super::{Port, REPLY_MAX, Text};
 const PASSES: u8 = 32;
 
 /// The last line, and whether it is out.
+#[derive(Clone)]
 pub struct ReplyChannel {
     /// The last line.
     line: Text<{ REPLY_MAX + 1 }>,

@@ -14,6 +14,7 @@ use crate::{
 };
 
 /// One of them, in progress.
+#[derive(Clone)]
 pub(crate) enum Experiment {
     None,
     Hit(HitSequence),
@@ -22,6 +23,7 @@ pub(crate) enum Experiment {
 }
 
 /// The experiment that is going on, if there is one, and what it pushes with.
+#[derive(Clone)]
 pub struct Experiments {
     experiment: Experiment,
     /// Which of them it is: a flipped bit begins none.

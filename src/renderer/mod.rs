@@ -34,6 +34,7 @@ pub trait Sampling {
 }
 
 /// Experiment, wall and supervisor, and a black box of `N` records. Owned by the output task.
+#[derive(Clone)]
 pub struct Renderer<const N: usize> {
     supervisor: Supervisor,
     parameters: LoopParameters,

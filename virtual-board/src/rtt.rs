@@ -72,6 +72,11 @@ impl Rtt {
         Ok(bytes.starts_with(ID).then_some(Block { address: self.address, bytes }))
     }
 
+    /// Address of the word that says how far the program has read the channel of commands.
+    pub fn commands_read(&self) -> u32 {
+        self.address + HEADER + CHANNEL * (CHANNELS - 1) + 16
+    }
+
     /// Takes what an up channel of a virtual board holds.
     pub fn read(&self, mcu: &mut Mcu, channel: u32) -> Vec<u8> {
         self.read_up_to(mcu, channel, usize::MAX)

@@ -68,6 +68,7 @@ pub(super) enum ChangedSetting {
 }
 
 /// A console on a board.
+#[derive(Clone)]
 pub struct Console<P> {
     pub(super) port: P,
     pub(super) device: &'static Device<'static>,
@@ -119,6 +120,21 @@ impl<P: Port> Console<P> {
         console.propose(stored, ChangedSetting::Loaded(source));
         console.awaited = console.awaited.map(|_| Awaited::Quiet);
         console
+    }
+
+    /// What it has of the board.
+    pub fn port(&mut self) -> &mut P {
+        &mut self.port
+    }
+
+    /// The settings that were taken last.
+    pub fn stored(&self) -> &Stored {
+        &self.stored
+    }
+
+    /// An order is under way: until it is answered no command is read.
+    pub fn is_waiting(&self) -> bool {
+        self.awaited.is_some()
     }
 
     /// Takes what happened with an output. To be called for every report, in order.

@@ -18,6 +18,7 @@ use crate::{
 const KEY_EVERY: u64 = 100 * SAMPLES_PER_MS as u64;
 
 /// What is streamed, and how far.
+#[derive(Clone)]
 pub(in crate::console) struct Stream {
     /// It is on.
     pub(in crate::console) on: bool,

@@ -11,8 +11,8 @@ use super::rows::Row;
 use crate::{
     board::{Board, Powered},
     device::built_in,
-    fuzz::Random,
     mcu::Mcu,
+    random::Random,
     session::{Failed, ask},
     world::World,
 };

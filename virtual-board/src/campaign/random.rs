@@ -10,7 +10,7 @@ use super::{
     situation::{Situation, Stage},
     verdict::{Measure, Verdict, Watched},
 };
-use crate::{fuzz::Random, world::World};
+use crate::{random::Random, world::World};
 
 /// Samples for which a flip is watched: longer than the independent watchdog takes, and twice that where the force is
 /// not right by then.

@@ -2,8 +2,6 @@
 
 use std::{fmt, str::FromStr};
 
-use zwidth::period::PERIODS;
-
 /// One thing that happens to a board.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
@@ -11,8 +9,6 @@ pub enum Action {
     Say(String),
     /// Lines typed; what comes next comes before their answers.
     Type(String),
-    /// Off, another output period, and lines without a pause, each of which is answered; then the supply goes and comes.
-    Flood(u32, String),
     /// Samples pass.
     Wait(u64),
     /// Cycles pass: what comes next happens within a sample.
@@ -40,7 +36,6 @@ impl fmt::Display for Action {
         match self {
             Self::Say(text) => write!(f, "> {}", text.escape_default()),
             Self::Type(text) => write!(f, "~ {}", text.escape_default()),
-            Self::Flood(period, text) => write!(f, "flood {period} {}", text.escape_default()),
             Self::Wait(samples) => write!(f, "wait {samples}"),
             Self::Cycles(cycles) => write!(f, "cycles {cycles}"),
             Self::Lead(speed, samples) => write!(f, "lead {speed} {samples}"),
@@ -57,7 +52,7 @@ impl fmt::Display for Action {
 }
 
 /// What the lines of a script may be.
-pub const FORMS: &str = "> LINE, ~ LINE, flood PERIOD LINES, wait SAMPLES, cycles CYCLES, lead M_PER_S SAMPLES, hold, free, jump METRES, \
+pub const FORMS: &str = "> LINE, ~ LINE, wait SAMPLES, cycles CYCLES, lead M_PER_S SAMPLES, hold, free, jump METRES, \
                          emergency open|closed, supply MILLIVOLTS, reset, power";
 
 /// Longest that one action may take, samples: ten minutes.
@@ -72,15 +67,6 @@ impl FromStr for Action {
         }
         if let Some(text) = line.strip_prefix("~ ") {
             return unescape(text).map(Self::Type).ok_or(());
-        }
-        if let Some((period, text)) =
-            line.strip_prefix("flood ").and_then(|rest| rest.split_once(' '))
-        {
-            let period = PERIODS.into_iter().find(|known| period.parse() == Ok(*known));
-            return period
-                .zip(unescape(text))
-                .map(|(period, text)| Self::Flood(period, text))
-                .ok_or(());
         }
         let words: Vec<&str> = line.split_whitespace().collect();
         let whole =
@@ -137,7 +123,6 @@ mod tests {
         for action in [
             Action::Say("k 2000\nb 5\r\n\t\u{1b}[A é \\ '".into()),
             Action::Type("arm".into()),
-            Action::Flood(1, "get\nk 2000\n#\t".into()),
             Action::Wait(12),
             Action::Cycles(17_999),
             Action::Lead(-0.05, 300),
@@ -152,18 +137,9 @@ mod tests {
         ] {
             assert_eq!(action.to_string().parse(), Ok(action));
         }
-        for bad in [
-            "",
-            "flood 3 get",
-            "flood 1",
-            "wait",
-            "wait -1",
-            "wait 1e9",
-            "jump nan",
-            "supply 6000",
-            "reset now",
-            "k 5",
-        ] {
+        for bad in
+            ["", "wait", "wait -1", "wait 1e9", "jump nan", "supply 6000", "reset now", "k 5"]
+        {
             assert_eq!(bad.parse::<Action>(), Err(()), "{bad}");
         }
     }

@@ -11,19 +11,20 @@ use std::{
 };
 
 use host_sim::{error::Error, input, interrupt};
+use zwidth::period::PERIODS;
 
 use super::{
     action::{Action, FORMS},
-    generate::{Random, next},
+    generate::{Situation, next},
     run::{Counts, End, Run},
     shrink::shrink,
 };
-use crate::session::Session;
+use crate::{device, random::Random, session::Session};
 
 /// Commands of one session, about.
 const SESSION: u64 = 150;
 
-/// A session that went otherwise than the model.
+/// A session that went otherwise than the library.
 #[derive(Clone, Debug)]
 pub struct Failure {
     /// What was different.
@@ -71,8 +72,8 @@ pub fn sessions(
             let number = number.fetch_add(1, Relaxed);
             run.restore(&start);
             let random = Random(seed.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(number));
-            let (actions, end) = one(&mut run, random, commands.min(SESSION));
-            done.fetch_add(run.mind.counts.commands, Relaxed);
+            let (actions, end) = one(&mut run, session, random, commands.min(SESSION));
+            done.fetch_add(run.checks.counts.commands, Relaxed);
             let failure = match end {
                 Ok(()) => None,
                 Err(End::Interrupted) => {
@@ -82,14 +83,14 @@ pub fn sessions(
                 Err(End::Difference(what)) => {
                     ended.store(true, Relaxed);
                     let found = (done.load(Relaxed), begun.elapsed().as_secs_f64());
-                    let counts = run.mind.counts;
+                    let counts = run.checks.counts;
                     let (actions, what) = shrink(&mut run, &start, actions, what);
-                    run.mind.counts = counts;
+                    run.checks.counts = counts;
                     Some(Failure { what, actions, session: number, found })
                 }
             };
             let mut outcome = outcome.lock().unwrap_or_else(PoisonError::into_inner);
-            outcome.counts += run.mind.counts;
+            outcome.counts += run.checks.counts;
             outcome.sessions += 1;
             if let Some(failure) = failure
                 && outcome.failure.as_ref().is_none_or(|other| failure.session < other.session)
@@ -112,10 +113,22 @@ pub fn sessions(
 }
 
 /// One session of some commands: what was done, and how it ended.
-fn one(run: &mut Run<'_>, mut random: Random, commands: u64) -> (Vec<Action>, Result<(), End>) {
-    let mut actions = Vec::new();
-    while run.mind.counts.commands < commands {
-        for action in next(&mut random, &run.mind) {
+fn one(
+    run: &mut Run<'_>,
+    session: &Session,
+    mut random: Random,
+    commands: u64,
+) -> (Vec<Action>, Result<(), End>) {
+    let (device, good_mv) = (device::built_in(session.board), session.board.supply_mv);
+    // Each at a period of its own to begin with.
+    let mut actions = vec![Action::Say(format!("period {}", random.of(&PERIODS)))];
+    if let Err(end) = run.act(&actions[0]) {
+        return (actions, Err(end));
+    }
+    while run.checks.counts.commands < commands
+        && let Some(situation) = Situation::of(&run.checks, device, good_mv)
+    {
+        for action in next(&mut random, &situation) {
             actions.push(action);
             if let Err(end) = run.act(&actions[actions.len() - 1]) {
                 return (actions, Err(end));
@@ -140,18 +153,18 @@ fn boot(session: &Session) -> Result<Run<'_>, Error> {
 pub fn replay(session: &Session, actions: &[Action]) -> Result<Outcome, Error> {
     let begun = Instant::now();
     let mut run = boot(session)?;
-    run.mind.counts = Counts::default();
+    run.checks.counts = Counts::default();
     let ended = actions.iter().try_for_each(|action| run.act(action)).and_then(|()| run.finish());
     let failure = match ended {
         Ok(()) => None,
         Err(End::Interrupted) => return Err(Error::Interrupted),
         Err(End::Difference(what)) => {
-            let found = (run.mind.counts.commands, begun.elapsed().as_secs_f64());
+            let found = (run.checks.counts.commands, begun.elapsed().as_secs_f64());
             Some(Failure { what, actions: actions.to_vec(), session: 0, found })
         }
     };
     let wall_s = begun.elapsed().as_secs_f64();
-    Ok(Outcome { counts: run.mind.counts, sessions: 1, failure, interrupted: false, wall_s })
+    Ok(Outcome { counts: run.checks.counts, sessions: 1, failure, interrupted: false, wall_s })
 }
 
 /// Reads a script: one action a line; what begins with `#` is for people.

@@ -1,62 +1,16 @@
 //! Sessions at random: what a person, a hand and the world may do next, mostly such that something happens.
 
-use zwidth::period::PERIODS;
-
-use super::{
-    action::Action,
-    answer::Activity,
-    command::{COMMANDS, Form, name_of},
-    flood::is_answered_once,
-    run::Mind,
+use zwidth::{
+    console::usages,
+    device::Device,
+    experiment::Activity,
+    period::PERIODS,
+    safety::{State, Status},
+    store::Stored,
 };
 
-/// SplitMix64.
-#[derive(Clone, Debug)]
-pub struct Random(pub u64);
-
-impl Random {
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut bits = self.0;
-        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        bits ^ (bits >> 31)
-    }
-
-    pub fn below(&mut self, end: u64) -> u64 {
-        self.bits() % end
-    }
-
-    /// Below that.
-    pub fn small(&mut self, end: u8) -> u8 {
-        u8::try_from(self.below(end.into())).unwrap_or_default()
-    }
-
-    /// One of them; there has to be one.
-    pub fn one<'a, T>(&mut self, all: &'a [T]) -> &'a T {
-        &all[usize::try_from(self.below(all.len() as u64)).unwrap_or_default()]
-    }
-
-    fn of<T: Copy>(&mut self, all: &[T]) -> T {
-        *self.one(all)
-    }
-
-    /// Once in `n`.
-    fn once_in(&mut self, n: u64) -> bool {
-        self.below(n) == 0
-    }
-
-    #[expect(clippy::cast_precision_loss, reason = "53 bits")]
-    fn part(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// Between two numbers, with at most four digits that count.
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        let value = low + (high - low) * self.part();
-        format!("{value:.3e}").parse().unwrap_or(value)
-    }
-}
+use super::{action::Action, oracle::is_in_image, properties::LOW_MV, run::Checks};
+use crate::random::Random;
 
 /// Numbers that are no wall's.
 const ODD: [&str; 16] = [
@@ -80,42 +34,90 @@ const ODD: [&str; 16] = [
 const PIECES: [&str; 10] =
     ["#", "k", "\t", "\u{1b}[A", "é", "9e", "--", "hit;", "stop now", "\u{7f}"];
 
-/// The next actions of a session.
-pub fn next(random: &mut Random, mind: &Mind) -> Vec<Action> {
-    if mind.replayed.is_some() && !random.once_in(12) {
-        return vec![Action::Wait(5_200)];
+/// A board as a person sees it who decides what to do next.
+pub struct Situation {
+    device: &'static Device<'static>,
+    stored: Stored,
+    status: Status,
+    activity: Activity,
+    position: i32,
+    held: bool,
+    stop_open: bool,
+    supply_low: bool,
+    good_mv: u32,
+}
+
+impl Situation {
+    /// What is known of a board that has begun.
+    pub fn of(checks: &Checks, device: &'static Device<'static>, good_mv: u32) -> Option<Self> {
+        let program = checks.oracle.program()?;
+        let newest = program.newest()?;
+        Some(Self {
+            device,
+            stored: *program.stored(),
+            status: newest.status,
+            activity: newest.activity,
+            position: newest.record.position.counts(),
+            held: checks.held,
+            stop_open: checks.properties.stop_open,
+            supply_low: checks.properties.supply_mv <= LOW_MV + 100,
+            good_mv,
+        })
     }
-    if !mind.model.streaming && random.once_in(3) {
+
+    fn wall_m(&self) -> f64 {
+        self.stored.settings.wall.position_m
+    }
+
+    /// Cutoff, K and B of a wall at the border of the envelope.
+    fn border(&self, pick: u64) -> Option<[f64; 3]> {
+        let count = self.border_points().count() as u64;
+        let pick = pick.checked_rem(count).unwrap_or_default();
+        self.border_points().nth(usize::try_from(pick).unwrap_or_default())
+    }
+
+    fn border_points(&self) -> impl Iterator<Item = [f64; 3]> {
+        self.device.envelope.boundaries().flat_map(|(key, points)| {
+            points.map(move |point| {
+                [key.cutoff_hz, point.stiffness_high_n_per_m, point.damping_n_s_per_m]
+            })
+        })
+    }
+}
+
+/// The next actions of a session.
+pub fn next(random: &mut Random, seen: &Situation) -> Vec<Action> {
+    if random.once_in(30) {
         return say("stream on");
     }
+    let on = seen.status.state.is_on();
     if random.once_in(60) {
-        return flood(random, mind);
+        return burst(random, seen);
     }
-    if random.once_in(if mind.view.on { 4 } else { 14 }) {
-        return world(random, mind);
+    if random.once_in(if on { 4 } else { 14 }) {
+        return world(random, seen);
     }
     if random.once_in(6) {
-        return vec![Action::Say(any(random, mind))];
+        return vec![Action::Say(any(random))];
     }
-    let view = mind.view;
-    if mind.model.activity != Activity::Idle {
+    if seen.activity != Activity::None {
         return match random.below(12) {
             0..5 => vec![Action::Wait(random.below(2_000))],
             5 | 6 => say("stop"),
             7 => say("status"),
             8 => say("disarm"),
-            _ => vec![Action::Say(several(random, mind, 6))],
+            _ => vec![Action::Say(several(random, seen, 6))],
         };
     }
-    match (view.fault, view.on, view.armed) {
-        (0, true, true) => armed(random, mind),
-        (0, true, false) => match random.below(8) {
+    match seen.status.state {
+        State::Armed => armed(random, seen),
+        State::SignTest | State::RampIn => match random.below(8) {
             0..4 => vec![Action::Wait(random.below(3_300))],
             4 => say("disarm"),
-            _ => vec![Action::Say(useful(random, mind))],
+            _ => vec![Action::Say(useful(random, seen))],
         },
-        (0, false, _) => off(random, mind),
-        _ => faulted(random, mind),
+        State::Off => off(random, seen),
+        State::Fault => faulted(random, seen),
     }
 }
 
@@ -124,12 +126,12 @@ fn say(line: &str) -> Vec<Action> {
 }
 
 /// Armed, and idle.
-fn armed(random: &mut Random, mind: &Mind) -> Vec<Action> {
+fn armed(random: &mut Random, seen: &Situation) -> Vec<Action> {
     match random.below(16) {
-        0..6 => vec![Action::Say(several(random, mind, 12))],
-        6..9 => lead(random, mind),
+        0..6 => vec![Action::Say(several(random, seen, 12))],
+        6..9 => lead(random, seen),
         9 => vec![Action::Free, Action::Wait(random.below(600))],
-        10 if mind.held => vec![Action::Free, Action::Wait(600)],
+        10 if seen.held => vec![Action::Free, Action::Wait(600)],
         10 => say("hit"),
         11 => vec![Action::Say(format!("calibrate {}", random.between(-12.0, 12.0)))],
         12 => say("unlock envelope"),
@@ -138,75 +140,71 @@ fn armed(random: &mut Random, mind: &Mind) -> Vec<Action> {
         }
         13 => say(random.of(&["walk", "zero", "save", "load", "disarm"])),
         14 => vec![Action::Wait(random.below(500))],
-        _ => vec![Action::Say(any(random, mind))],
+        _ => vec![Action::Say(any(random))],
     }
 }
 
 /// Commands typed at once.
-fn several(random: &mut Random, mind: &Mind, most: u64) -> String {
-    let lines: Vec<String> = (0..1 + random.below(most)).map(|_| useful(random, mind)).collect();
+fn several(random: &mut Random, seen: &Situation, most: u64) -> String {
+    let lines: Vec<String> = (0..1 + random.below(most)).map(|_| useful(random, seen)).collect();
     lines.join("\n")
 }
 
-/// Many lines at once, at any output period; `arm` now and then, so that the force is on for a part of them.
-fn flood(random: &mut Random, mind: &Mind) -> Vec<Action> {
-    let mut lines = vec!["zero".to_owned(), "unlock envelope".into()];
-    for _ in 0..20 + random.below(150) {
-        lines.push(match random.below(8) {
-            0 => "get".into(),
-            1 => "arm".into(),
-            2 => "disarm".into(),
-            3 | 4 => any(random, mind),
-            _ => useful(random, mind),
-        });
+/// Many lines without a pause, off or armed; with the force off often at another output period before.
+fn burst(random: &mut Random, seen: &Situation) -> Vec<Action> {
+    let mut actions = Vec::new();
+    if random.once_in(2) {
+        let period = format!("period {}", random.of(&PERIODS));
+        actions.extend(
+            ["stop\ndisarm", &period, "zero\nunlock envelope"].map(|text| Action::Say(text.into())),
+        );
     }
-    lines.retain(|line| is_answered_once(line));
-    vec![Action::Flood(random.of(&PERIODS), lines.join("\n"))]
+    let line = |random: &mut Random| match random.below(8) {
+        0 => "get".into(),
+        1 => random.of(&["arm", "disarm"]).into(),
+        2 | 3 => any(random),
+        _ => useful(random, seen),
+    };
+    let lines: Vec<String> = (0..20 + random.below(60)).map(|_| line(random)).collect();
+    // Flash that is written has its own time.
+    let lines: Vec<String> = lines.into_iter().filter(|line| !line.contains("save")).collect();
+    actions.push(Action::Say(lines.join("\n")));
+    actions
 }
 
 /// The hand leads the handle towards the wall, or anywhere.
-fn lead(random: &mut Random, mind: &Mind) -> Vec<Action> {
+fn lead(random: &mut Random, seen: &Situation) -> Vec<Action> {
     let target_m = match random.below(4) {
         0 => random.between(-0.03, 0.09),
-        _ => mind.model.settings.wall_m.clamp(-0.03, 0.1) + random.between(-1e-3, 1.5e-3),
+        _ => seen.wall_m().clamp(-0.03, 0.1) + random.between(-1e-3, 1.5e-3),
     };
-    let way_m = target_m - f64::from(mind.view.position) * 1e-6;
+    let way_m = target_m - f64::from(seen.position) * 1e-6;
     let speed = random.between(0.05, 0.6);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few thousand")]
     let samples = (way_m.abs() / speed * 1e4) as u64;
     vec![Action::Lead(speed.copysign(way_m), samples.min(4_000))]
 }
 
-fn off(random: &mut Random, mind: &Mind) -> Vec<Action> {
-    let inside = mind.model.settings.inside(&mind.model.envelope).is_ok();
-    let Mind { view, stop_open, .. } = mind;
-    match random.below(10) {
-        0 | 1 => vec![Action::Say(several(random, mind, 16))],
+fn off(random: &mut Random, seen: &Situation) -> Vec<Action> {
+    let Situation { status, stored, .. } = seen;
+    match random.below(12) {
+        0 | 1 => vec![Action::Say(several(random, seen, 16))],
         2 => say(random.of(&["save", "load", "zero", "stream off", "unlock envelope"])),
         3 => {
-            let line = random.of(&[
-                "motor -",
-                "motor +",
-                "motor +",
-                "encoder -",
-                "encoder +",
-                "encoder +",
-            ]);
-            say(line)
+            let signs = ["motor -", "motor +", "motor +", "encoder -", "encoder +", "encoder +"];
+            say(random.of(&signs))
         }
+        4 => vec![Action::Say(format!("period {}", random.of(&PERIODS)))],
         // with both of them round the board arms and pushes the other way
-        _ if mind.model.settings.motor_reversed != mind.model.settings.encoder_reversed => {
+        _ if stored.signs.motor_reversed != stored.signs.encoder_reversed => {
             say(random.of(&["motor +", "motor -", "encoder +", "encoder -"]))
         }
-        _ if *stop_open => vec![Action::Stop(false), Action::Wait(30)],
-        _ if mind.supply_mv < 2_900 => {
-            vec![Action::Supply(mind.model.board.supply_mv), Action::Wait(30)]
-        }
-        _ if !mind.model.streaming => say("stream on"),
-        _ if !view.zeroed || random.once_in(6) => say("zero"),
-        _ if mind.held && !random.once_in(4) => vec![Action::Free, Action::Wait(300)],
-        _ if view.contact => vec![Action::Say(format!("wall {}", random.between(0.003, 0.02)))],
-        _ if !inside && !view.unlocked && !random.once_in(6) => {
+        _ if seen.stop_open => vec![Action::Stop(false), Action::Wait(30)],
+        _ if seen.supply_low => vec![Action::Supply(seen.good_mv), Action::Wait(30)],
+        _ if !status.zeroed || random.once_in(6) => say("zero"),
+        _ if seen.held && !random.once_in(4) => vec![Action::Free, Action::Wait(300)],
+        _ if status.contact => vec![Action::Say(format!("wall {}", random.between(0.003, 0.02)))],
+        _ if !status.inputs.settings_valid && !status.unlocked && !random.once_in(6) => {
             say(random.of(&["unlock envelope", "k 500\nb 5\nestimator butterworth\ncutoff 1500"]))
         }
         _ if random.once_in(3) => {
@@ -220,30 +218,28 @@ fn off(random: &mut Random, mind: &Mind) -> Vec<Action> {
     }
 }
 
-fn faulted(random: &mut Random, mind: &Mind) -> Vec<Action> {
+fn faulted(random: &mut Random, seen: &Situation) -> Vec<Action> {
     match random.below(8) {
-        0 if mind.model.streaming => say("faults"),
-        0 | 1 => vec![Action::Say(several(random, mind, 8))],
+        0 => say("faults"),
+        1 => vec![Action::Say(several(random, seen, 8))],
         2 => say(random.of(&["arm", "zero", "unlock envelope", "clear"])),
-        _ if mind.stop_open => vec![Action::Stop(false), Action::Wait(random.below(40))],
-        _ if mind.supply_mv < 2_900 => {
-            vec![Action::Supply(mind.model.board.supply_mv), Action::Wait(random.below(40))]
-        }
+        _ if seen.stop_open => vec![Action::Stop(false), Action::Wait(random.below(40))],
+        _ if seen.supply_low => vec![Action::Supply(seen.good_mv), Action::Wait(random.below(40))],
         _ => say("clear"),
     }
 }
 
 /// The world: switches, supply, resets, the hand, at any cycle, with or without a command under way.
-fn world(random: &mut Random, mind: &Mind) -> Vec<Action> {
+fn world(random: &mut Random, seen: &Situation) -> Vec<Action> {
     let mut actions = Vec::new();
     if random.once_in(3) {
-        let line = useful(random, mind);
+        let line = useful(random, seen);
         if !line.starts_with("save") {
             actions.push(Action::Type(line));
         }
     }
     actions.push(Action::Cycles(random.below(18_000 * 12)));
-    let good = mind.model.board.supply_mv;
+    let good = seen.good_mv;
     match random.below(12) {
         0 => actions.extend([Action::Stop(true), Action::Wait(random.below(40))]),
         1 => actions.extend([
@@ -259,12 +255,10 @@ fn world(random: &mut Random, mind: &Mind) -> Vec<Action> {
         ]),
         4 | 5 => actions.push(Action::Reset),
         6 => actions.push(Action::Power),
-        7 if mind.sees() && mind.model.activity == Activity::Idle => {
-            actions.extend([
-                Action::Jump(random.between(-1.6e-3, 1.6e-3)),
-                Action::Wait(random.below(60)),
-            ]);
-        }
+        7 => actions.extend([
+            Action::Jump(random.between(-1.6e-3, 1.6e-3)),
+            Action::Wait(random.below(60)),
+        ]),
         8 => actions.extend([Action::Hold, Action::Wait(random.below(600))]),
         9 => actions
             .extend([Action::Lead(random.between(-1.3, 1.3), random.below(400)), Action::Hold]),
@@ -274,13 +268,10 @@ fn world(random: &mut Random, mind: &Mind) -> Vec<Action> {
 }
 
 /// A command with a value that may well be taken.
-fn useful(random: &mut Random, mind: &Mind) -> String {
-    let settings = &mind.model.settings;
-    let [cutoff_hz, k, b] = mind.model.envelope.near(
-        usize::try_from(random.below(1_000)).unwrap_or_default(),
-        random.of(&[0.1, 0.4, 0.9, 1.0, 1.0, 1.001, 1.5]),
-    );
-    let near = |random: &mut Random| settings.wall_m + random.between(-2e-3, 2e-3);
+fn useful(random: &mut Random, seen: &Situation) -> String {
+    let [cutoff_hz, high, b] = seen.border(random.below(1_000)).unwrap_or([1500.0, 2000.0, 10.0]);
+    let k = (high * random.of(&[0.1, 0.4, 0.9, 1.0, 1.0, 1.001, 1.5])).round();
+    let near = |random: &mut Random| seen.wall_m() + random.between(-2e-3, 2e-3);
     match random.below(24) {
         0..3 => format!("k {k}"),
         3 => format!("k {}", random.between(0.0, 12_000.0)),
@@ -301,7 +292,7 @@ fn useful(random: &mut Random, mind: &Mind) -> String {
                 "difference",
                 "butterworth-prewarped",
                 "first-order-prewarped",
-                "kalman-3"
+                "none"
             ])
         ),
         11 | 12 => format!("wall {}", random.between(0.002, 0.03)),
@@ -311,7 +302,7 @@ fn useful(random: &mut Random, mind: &Mind) -> String {
         16 => format!("settle {}", random.between(0.0, 0.3)),
         17 => format!("rms {}", random.between(0.0, 1e-4)),
         18 => {
-            let (name, _) = random.of(&super::settings::GRID);
+            let name = random.of(&["kstart", "kstep", "kmax", "bstart", "bstep", "bmax"]);
             format!("{name} {}", random.between(0.0, 5_000.0))
         }
         19 => format!("fullscale {}", random.of(&[5.906, 5.5, 6.1, 1.9, 17.0, 18.0])),
@@ -322,32 +313,26 @@ fn useful(random: &mut Random, mind: &Mind) -> String {
 }
 
 /// Any line: a command with or without what it needs, numbers that are none, garbage.
-fn any(random: &mut Random, mind: &Mind) -> String {
+fn any(random: &mut Random) -> String {
     if random.once_in(6) {
         let length = 1 + random.below(20);
         return format!("#{}", (0..length).map(|_| random.of(&PIECES)).collect::<String>());
     }
-    let (usage, form) = random.of(&COMMANDS);
-    // Without frames nobody knows how arming goes on.
-    let name = match name_of(usage) {
-        "arm" if !mind.sees() => "status",
-        // It has a test of its own: lines of parts that no model knows.
-        "selftest" => "get",
-        "stream" if mind.view.on || mind.view.fault != 0 => "get",
-        name => name,
-    };
+    let usages: Vec<&str> = usages().filter(|usage| is_in_image(usage)).collect();
+    let usage = random.of(&usages);
+    let (name, form) = usage.split_once(' ').unwrap_or((usage, ""));
+    // Whoever tests a board needs one.
+    let name = if name == "selftest" { "get" } else { name };
+    let words: Vec<&str> = form.split('|').collect();
     let word = match form {
-        Form::Nothing => return name.to_owned(),
-        Form::Number if name == "period" => random.of(&["10", "1e1", "3", "0", "-1", "1.5", "11"]),
-        // A promise would be broken by what the session does next: the fault has a test of its own.
-        Form::Number if name == "alive" => random.of(&["0", "-1", "19", "1e5", "x"]),
-        Form::Number => random.of(&ODD),
-        Form::Words(words) if random.once_in(8) => {
-            random.of(&["", "+", "off", "envelope", words[0]])
-        }
-        Form::Words(words) => random.of(words),
-        Form::Estimator => random.of(&["", "none", "difference", "butterworth"]),
-        Form::Design => random.of(&["", "none", "quiet-2", "a_b", "0123456789abcdefg"]),
+        "" => return name.to_owned(),
+        "SAMPLES" => random.of(&["1", "2", "5", "10", "1e1", "3", "0", "-1", "1.5", "11"]),
+        // A promise of a word is broken by what the session does next.
+        "MS" => random.of(&["0", "0", "-1", "19", "1e5", "x", "500"]),
+        "NAME" => random.of(&["", "none", "difference", "butterworth", "quiet-2", "a_b"]),
+        _ if form.bytes().all(|byte| byte.is_ascii_uppercase() || byte == b'_') => random.of(&ODD),
+        _ if random.once_in(8) => random.of(&["", "+", "off", "envelope"]),
+        _ => random.of(&words),
     };
     match random.below(12) {
         0 => name.to_owned(),

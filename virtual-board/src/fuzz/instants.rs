@@ -11,8 +11,8 @@ use std::{
 };
 
 use host_sim::{error::Error, interrupt};
+use zwidth::telemetry::Decoder;
 
-use super::frames::Frame;
 use crate::{
     session::{Session, ask},
     world::{Ended, World},
@@ -196,6 +196,7 @@ fn try_event(world: &mut World<'_>, event: Event) -> Result<(), String> {
     if world.powered.amplifier.is_enabled() {
         return Err("enable is still active".into());
     }
+    let mut decoder = Decoder::new();
     for _ in 0..samples {
         world.sample().map_err(ended)?;
         world.probe().map_err(ended)?;
@@ -203,8 +204,10 @@ fn try_event(world: &mut World<'_>, event: Event) -> Result<(), String> {
             return Err("enable is active again".into());
         }
         let mut frames = 0;
-        while let Some(Frame { fault, .. }) = Frame::take(&mut world.telemetry)? {
+        for byte in std::mem::take(&mut world.telemetry) {
+            let Some(frame) = decoder.push(byte) else { continue };
             frames += 1;
+            let fault = frame.record.fault;
             if fault != 0 {
                 return if fault == code {
                     Ok(())

@@ -1,27 +1,24 @@
-//! A session: actions done to a board, and everything that the board says held against the model.
-
-use std::collections::VecDeque;
+//! A session: actions done to a board, and everything that it says and puts out held against the library and the rules.
 
 use host_sim::interrupt;
-
-use crate::{
-    session::Session,
-    world::{Ended, Snapshot, World},
-};
+use zwidth::safety::ResetCause;
 
 use super::{
     action::Action,
-    answer::View,
-    check::twin,
-    frames::{Frame, Twin},
-    model::Model,
-    push::Push,
+    oracle::{Observed, Oracle},
+    properties::{Properties, output_code},
+};
+use crate::{
+    device,
+    mcu::{LINK, RENDER, SAMPLE},
+    session::Session,
+    world::{Ended, Snapshot, World},
 };
 
 /// Why a session ended early.
 #[derive(Clone, Debug, PartialEq)]
 pub enum End {
-    /// The board did something else than the model.
+    /// The board did something else than the library, or a rule does not hold.
     Difference(String),
     /// Ctrl-C.
     Interrupted,
@@ -33,33 +30,30 @@ impl From<Ended> for End {
     }
 }
 
-pub(super) fn differs<T>(what: impl Into<String>) -> Result<T, End> {
-    Err(End::Difference(what.into()))
-}
-
-/// Samples in which a command must be answered; with flash to be erased in between.
-const ANSWER: u64 = 3_000;
-const SAVED: u64 = 25_000;
-/// A jump that is more than any handle moves in one sample, wherever in a sample its edges begin.
-const JUMP_M: f64 = 1.05e-3;
+/// Samples in which the library has to have said what the image has said, once every line is answered.
+const LATE: u64 = 400;
+/// Cycles within which a supply that has fallen takes enable away: 60 us (docs/faults.md).
+const DETECTED: u64 = 10_000;
+/// What the tasks share, as the compiler lays it out: at the end the queue of orders, of so many bytes, before it that of
+/// reports. Each ends in the numbers of the places that are read and written next.
+const QUEUES: &str = "init_queues";
+const ORDERS: u32 = 312;
+/// Samples that a board needs to begin.
+const BEGIN: u64 = 1_000;
 
 /// What a session has shown so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Lines that were typed.
     pub commands: u64,
-    /// Of those, answered by `ok` as they should be.
-    pub obeyed: u64,
-    /// Of those, refused as they should be.
-    pub refused: u64,
-    /// Frames whose position and velocity were worked out.
+    /// Lines of the board that were the library's.
+    pub replies: u64,
+    /// Frames that were the library's.
     pub frames: u64,
-    /// Of those, with their force.
-    pub forces: u64,
-    /// Frames with the full force on.
+    /// Samples at which code and enable were the library's.
+    pub outputs: u64,
+    /// Outputs with the full force on.
     pub armed: u64,
-    /// Floods of lines that were answered.
-    pub floods: u64,
     /// Faults.
     pub faults: u64,
     /// Resets and power cycles.
@@ -71,83 +65,30 @@ pub struct Counts {
 impl std::ops::AddAssign for Counts {
     fn add_assign(&mut self, other: Self) {
         self.commands += other.commands;
-        self.obeyed += other.obeyed;
-        self.refused += other.refused;
+        self.replies += other.replies;
         self.frames += other.frames;
-        self.forces += other.forces;
+        self.outputs += other.outputs;
         self.armed += other.armed;
-        self.floods += other.floods;
         self.faults += other.faults;
         self.resets += other.resets;
         self.cycles += other.cycles;
     }
 }
 
-/// What the session knows beside the board.
+/// What is held against the board, and the hand at its handle.
 #[derive(Clone)]
-pub struct Mind {
-    pub model: Model,
-    pub twin: Twin,
+pub struct Checks {
+    pub oracle: Oracle,
+    pub properties: Properties,
     pub counts: Counts,
-    /// The board with its last two outputs; what was answered since is in the newer one.
-    pub view: View,
-    pub(super) before: View,
-    /// Lines that wait for an answer, and lines that come by themselves after a reset.
-    pub(super) asked: VecDeque<String>,
-    pub(super) greeting: VecDeque<String>,
-    /// Samples since the board last had to say something.
-    pub(super) waited: u64,
-    pub(super) saving: bool,
-    /// Bytes of a frame that is not whole yet; the number of the next one.
-    pub(super) begun: Vec<u8>,
-    /// The last sample whose count was told, and where it was.
-    pub(super) told: Option<(u64, i32)>,
-    pub(super) sequence: Option<u32>,
-    /// Frames of the black box that came since it was asked for.
-    pub(super) replayed: Option<u64>,
-    /// Samples run, and at which the stop and the supply last changed.
-    pub now: u64,
-    pub stop_open: bool,
-    pub supply_mv: u32,
-    pub(super) stop_at: u64,
-    pub(super) supply_at: u64,
-    pub(super) jumped_at: Option<u64>,
-    /// A fault that has to come, and until when.
-    pub(super) due: Option<(u8, u64)>,
-    /// What may be latched after a reset, until the first frame says it.
-    pub(super) boots: Option<Vec<u8>>,
-    pub(super) calm_at: u64,
-    pub(super) zero_lost_until: u64,
-    /// The next frame has to say that the zero is lost.
-    pub(super) loses_zero: bool,
-    pub(super) allowed: Allowed,
-    /// For fault 13 and 11: what a push has moved; the fastest of late.
-    pub(super) push: Push,
-    pub(super) fastest: u32,
-    pub(super) arming: u64,
-    pub(super) armed_after: u64,
-    /// Sample of the last answer of the output task.
-    pub(super) answered_at: u64,
-    /// Nothing was seen for a while.
-    pub(super) blind: bool,
-    pub(super) causes_unsure: bool,
     pub held: bool,
+    samples: u64,
 }
 
-/// What an answer has allowed to change, and a frame has not shown yet.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Allowed {
-    pub arm: bool,
-    pub disarm: bool,
-    pub zero: bool,
-    pub unlock: bool,
-    pub turn: bool,
-}
-
-/// A board, and what is known of it.
+/// A board, and what is held against it.
 pub struct Run<'a> {
-    pub(super) world: World<'a>,
-    pub(super) mind: Mind,
+    world: World<'a>,
+    pub checks: Checks,
 }
 
 impl<'a> Run<'a> {
@@ -159,66 +100,39 @@ impl<'a> Run<'a> {
         let scene = &session.scene.scene;
         let rest_m = scene.device.rest_position_m;
         let world = World::new(session.board, &session.elf, &session.table, scene, rest_m);
-        let world = world.map_err(End::Difference)?;
-        let model = Model::new(session.board);
-        let twin = twin(&model)?;
-        let supply_mv = session.board.supply_mv;
-        let mind = Mind {
-            greeting: model.greeting().into(),
-            model,
-            twin,
+        let mut world = world.map_err(End::Difference)?;
+        let (queues, size) = session.elf.place_of(QUEUES).map_err(End::Difference)?;
+        let orders = queues + size - ORDERS;
+        let words = [world.powered.rtt.commands_read(), orders - 8, queues + size - 4];
+        world.powered.mcu.watch_mut().note_entries(words);
+        let checks = Checks {
+            oracle: Oracle::new(device::built_in(session.board)),
+            properties: Properties::new(session.board.supply_mv),
             counts: Counts::default(),
-            view: View::default(),
-            before: View::default(),
-            asked: VecDeque::new(),
-            waited: 0,
-            saving: false,
-            begun: Vec::new(),
-            told: None,
-            sequence: None,
-            replayed: None,
-            now: 0,
-            stop_open: false,
-            supply_mv,
-            stop_at: 0,
-            supply_at: 0,
-            jumped_at: None,
-            due: None,
-            boots: Some(vec![0]),
-            calm_at: 0,
-            zero_lost_until: 0,
-            loses_zero: false,
-            allowed: Allowed::default(),
-            push: Push::default(),
-            fastest: 0,
-            arming: 0,
-            armed_after: 0,
-            answered_at: 0,
-            blind: false,
-            causes_unsure: false,
             held: true,
+            samples: 0,
         };
-        let mut run = Self { world, mind };
-        run.greeted()?;
+        let mut run = Self { world, checks };
+        run.begun()?;
         run.act(&Action::Free)?;
         Ok(run)
     }
 
     /// Everything now.
-    pub(super) fn snapshot(&mut self) -> (Snapshot, Mind) {
-        (self.world.snapshot(), self.mind.clone())
+    pub fn snapshot(&mut self) -> (Snapshot, Checks) {
+        (self.world.snapshot(), self.checks.clone())
     }
 
     /// Everything as it was then.
-    pub(super) fn restore(&mut self, (world, mind): &(Snapshot, Mind)) {
+    pub fn restore(&mut self, (world, checks): &(Snapshot, Checks)) {
         self.world.restore(world);
-        self.mind = mind.clone();
+        self.checks = checks.clone();
     }
 
     /// Does one thing.
     ///
     /// # Errors
-    /// The board answers it otherwise than the model, or Ctrl-C.
+    /// The board does something else than it should, or Ctrl-C.
     pub fn act(&mut self, action: &Action) -> Result<(), End> {
         let begun = self.world.powered.mcu.now();
         match action {
@@ -227,137 +141,193 @@ impl<'a> Run<'a> {
                 self.answered()?;
             }
             Action::Type(text) => self.send(text)?,
-            Action::Flood(period, text) => self.flood(*period, text)?,
             Action::Wait(samples) => self.pass(*samples)?,
             Action::Cycles(cycles) => {
-                let to = self.world.powered.mcu.now() + cycles;
-                self.world.run_to(to)?;
+                self.world.run_to(begun + cycles)?;
                 self.probe()?;
             }
             Action::Lead(speed, samples) => {
                 self.world.lead(*speed);
-                self.mind.held = true;
+                self.checks.held = true;
                 self.pass(*samples)?;
                 self.world.lead(0.0);
             }
             Action::Hold => self.hold(0.0, true),
             Action::Free => self.hold(0.0, false),
-            Action::Jump(metres) => {
-                self.hold(*metres, true);
-                self.mind.jumped_at = Some(self.mind.now);
-                if metres.abs() > JUMP_M {
-                    self.mind.must(10);
-                }
-                self.mind.fastest = u32::MAX;
+            Action::Jump(metres) => self.hold(*metres, true),
+            Action::Stop(open) => {
+                self.between_outputs()?;
+                self.world.emergency_stop(*open);
+                self.checks.properties.stop_open = *open;
+                self.checks.oracle.emergency_stop(*open);
+                self.probe()?;
             }
-            Action::Stop(open) => self.stop(*open)?,
-            Action::Supply(mv) => self.supply(*mv)?,
-            Action::Reset => self.reset(false)?,
-            Action::Power => self.reset(true)?,
+            Action::Supply(mv) => {
+                self.between_outputs()?;
+                self.world.powered.mcu.set_supply_mv(*mv);
+                self.checks.properties.supply_mv = *mv;
+                let low = self.checks.properties.is_supply_low();
+                self.checks.oracle.supply(low);
+                // The detector calls a task, which comes within a few cycles.
+                let until = self.world.powered.mcu.now() + DETECTED;
+                while low && self.world.powered.amplifier.is_enabled() {
+                    let now = self.world.powered.mcu.now();
+                    if now > until {
+                        return Err(End::Difference(
+                            "enable stays active with a low supply".into(),
+                        ));
+                    }
+                    self.world.run_to(now + 1)?;
+                }
+                self.probe()?;
+            }
+            Action::Reset => self.reset(ResetCause::Pin)?,
+            Action::Power => self.reset(ResetCause::Power)?,
         }
-        self.mind.counts.cycles += self.world.powered.mcu.now() - begun;
+        let Checks { oracle, properties, counts, .. } = &mut self.checks;
+        [counts.frames, counts.replies] = oracle.compared;
+        (counts.faults, counts.armed) = (properties.faults, properties.armed_frames);
+        counts.cycles += self.world.powered.mcu.now() - begun;
         Ok(())
     }
 
-    /// The end of a session: every answer is in, and every frame looked at.
+    /// The end of a session: every answer is in, and everything that was said is compared.
     ///
     /// # Errors
     /// As [`act`](Self::act).
     pub fn finish(&mut self) -> Result<(), End> {
         self.answered()?;
-        self.pass(100)
+        self.pass(100)?;
+        let mut late = 0;
+        while let Err(what) = self.checks.oracle.is_complete() {
+            if late == LATE {
+                return Err(End::Difference(what));
+            }
+            late += 1;
+            self.pass(1)?;
+        }
+        Ok(())
     }
 
     fn hold(&mut self, farther_m: f64, held: bool) {
         let place_m = self.world.position_m() + farther_m;
         self.world.hold(place_m, held);
-        self.mind.held = held;
+        self.checks.held = held;
     }
 
+    /// Types lines; what finds no room in the channel waits for it.
     fn send(&mut self, text: &str) -> Result<(), End> {
         self.probe()?;
-        self.world.send(&format!("{text}\n"))?;
-        if self.mind.asked.is_empty() {
-            self.mind.waited = 0;
-        }
         for line in text.split(['\n', '\r']).filter(|line| !line.trim_ascii().is_empty()) {
-            self.mind.counts.commands += 1;
-            self.mind.saving |= line.trim_ascii().eq_ignore_ascii_case("save");
-            self.mind.asked.push_back(line.to_owned());
+            self.checks.counts.commands += 1;
+            self.checks.properties.ask(line);
         }
-        Ok(())
+        let bytes = format!("{text}\n").into_bytes();
+        let mut rest = &bytes[..];
+        loop {
+            let powered = &mut self.world.powered;
+            let (sent, after) = rest.split_at(powered.rtt.write(&mut powered.mcu, 0, rest));
+            self.checks.oracle.send(sent);
+            rest = after;
+            if rest.is_empty() {
+                return Ok(());
+            }
+            self.pass(1)?;
+        }
     }
 
-    pub(super) fn answered(&mut self) -> Result<(), End> {
-        while !self.mind.asked.is_empty() {
+    fn answered(&mut self) -> Result<(), End> {
+        while !(self.checks.properties.is_answered() && self.checks.oracle.is_idle()) {
             self.pass(1)?;
         }
         Ok(())
     }
 
-    pub(super) fn greeted(&mut self) -> Result<(), End> {
-        while !self.mind.greeting.is_empty() || self.mind.boots.is_some() {
+    /// The program runs and has said which one it is.
+    fn begun(&mut self) -> Result<(), End> {
+        for _ in 0..BEGIN {
             self.pass(1)?;
+            if self.checks.oracle.is_idle() && self.checks.oracle.is_complete().is_ok() {
+                return Ok(());
+            }
         }
-        Ok(())
+        Err(End::Difference("the program does not begin".into()))
+    }
+
+    /// Goes on until no output is under way: there an event has one effect. `--instants` tries all the others.
+    fn between_outputs(&mut self) -> Result<(), End> {
+        self.probe()?;
+        loop {
+            let innermost = self.world.powered.mcu.watch().innermost();
+            let quiet =
+                !matches!(innermost, SAMPLE | RENDER) && (innermost == 0 || innermost == LINK);
+            if quiet && self.checks.oracle.is_between_outputs() {
+                return Ok(());
+            }
+            let now = self.world.powered.mcu.now();
+            self.world.run_to(now + 1)?;
+            self.probe()?;
+        }
+    }
+
+    /// The board starts anew, by its pin or by its supply.
+    fn reset(&mut self, cause: ResetCause) -> Result<(), End> {
+        self.between_outputs()?;
+        match cause {
+            ResetCause::Power => self.world.power_cycle(),
+            _ => self.world.reset(),
+        }
+        self.checks.properties.reset();
+        self.checks.oracle.reset(cause);
+        self.checks.counts.resets += 1;
+        self.world.replies.clear();
+        self.world.telemetry.clear();
+        self.begun()
     }
 
     fn pass(&mut self, samples: u64) -> Result<(), End> {
         for _ in 0..samples {
             self.world.sample()?;
-            self.mind.now += 1;
-            self.mind.waited += 1;
-            let before = self.mind.view.sample;
+            self.checks.samples += 1;
+            self.checks.properties.sample();
             self.probe()?;
-            if self.mind.view.sample != before {
-                self.outputs()?;
-            }
-            if self.mind.now.is_multiple_of(16) && interrupt::is_requested() {
+            if self.checks.samples.is_multiple_of(16) && interrupt::is_requested() {
                 return Err(End::Interrupted);
             }
         }
         Ok(())
     }
 
-    pub(super) fn probe(&mut self) -> Result<(), End> {
+    /// Looks at what the board has said and done.
+    fn probe(&mut self) -> Result<(), End> {
         self.world.probe()?;
         self.world.lines.clear();
-        let readings = self.world.powered.mcu.take_counter_readings();
-        self.mind.twin.read(readings);
-        let bytes = std::mem::take(&mut self.world.telemetry);
-        self.mind.begun.extend(bytes);
-        while let Some(frame) = Frame::take(&mut self.mind.begun).map_err(End::Difference)? {
-            if let Some((samples, moved)) = frame.moved {
-                let before = frame.sample.checked_sub(samples);
-                if let Some((sample, position)) = self.mind.told
-                    && before == Some(sample)
-                    && frame.position.wrapping_sub(position) != moved
-                {
-                    let text = format!(
-                        "sample {}: counts add up to {moved}, the position was {position}",
-                        frame.sample
-                    );
-                    return differs(text);
+        let powered = &mut self.world.powered;
+        let Ok(block) = powered.rtt.look(&mut powered.mcu);
+        let [.., [_, size]] = block.map_or([[0, 1]; 4], |block| block.buffers());
+        let observed = Observed {
+            counts: powered.mcu.take_counter_readings(),
+            entries: powered.mcu.watch_mut().take_entries(),
+            replies: std::mem::take(&mut self.world.replies).into_bytes(),
+            telemetry: std::mem::take(&mut self.world.telemetry),
+        };
+        let Checks { oracle, properties, counts, .. } = &mut self.checks;
+        let saved = properties.saves();
+        let held = properties.check(&self.world, &observed.replies, &observed.telemetry);
+        if saved && !properties.saves() {
+            self.world.powered.mcu.watch_mut().clear();
+        }
+        let code = output_code(&self.world);
+        let enabled = self.world.powered.amplifier.is_enabled();
+        let within = self.world.powered.mcu.watch().innermost();
+        held.and_then(|()| oracle.follow(observed, size.max(1)))
+            .and_then(|()| {
+                if matches!(within, 0 | LINK) {
+                    counts.outputs += 1;
+                    return oracle.outputs(code, enabled);
                 }
-                self.mind.told = Some((frame.sample, frame.position));
-            }
-            self.frame(frame)?;
-        }
-        let replies = std::mem::take(&mut self.world.replies);
-        let (whole, rest) = replies.rsplit_once('\n').unwrap_or(("", &replies));
-        for line in whole.lines() {
-            self.line(line)?;
-        }
-        self.world.replies = rest.to_owned();
-        let framed = self.mind.sees().then_some(self.mind.view.sample);
-        self.mind.twin.follow(framed).map_err(End::Difference)?;
-        let [compared, forces] = self.mind.twin.compared;
-        (self.mind.counts.frames, self.mind.counts.forces) = (compared, forces);
-        let patience = if self.mind.saving { SAVED } else { ANSWER };
-        let waiting = self.mind.asked.front().or(self.mind.greeting.front());
-        match waiting {
-            Some(line) if self.mind.waited > patience => differs(format!("no answer to {line:?}")),
-            _ => Ok(()),
-        }
+                Ok(())
+            })
+            .map_err(End::Difference)
     }
 }

@@ -6,12 +6,12 @@ use host_sim::interrupt;
 
 use super::{
     action::Action,
-    run::{End, Mind, Run},
+    run::{Checks, End, Run},
 };
 use crate::world::Snapshot;
 
 /// A board before an action.
-type Before = (Snapshot, Mind);
+type Before = (Snapshot, Checks);
 
 /// Longest time that shrinking takes.
 const PATIENCE: Duration = Duration::from_secs(60);

@@ -86,15 +86,12 @@ impl Wires {
         *lock(&self.lost) = Some(why);
     }
 
-    /// What a program says on a channel; whether there was room.
-    pub(super) fn put(&self, channel: usize, said: &[u8]) -> bool {
-        let Some(bytes) = self.up.get(channel) else { return false };
+    /// Takes what a program has said on a channel, as far as there is room.
+    pub(super) fn take(&self, channel: usize, said: &mut Vec<u8>) {
+        let Some(bytes) = self.up.get(channel) else { return };
         let mut bytes = lock(bytes);
-        let room = bytes.len() + said.len() <= WAITING;
-        if room {
-            bytes.extend(said);
-        }
-        room
+        let room = WAITING.saturating_sub(bytes.len());
+        bytes.extend(said.drain(..said.len().min(room)));
     }
 
     /// What has been typed, up to so many bytes.

@@ -46,7 +46,7 @@ pub use bench::Bench;
 pub use debugger::{AfterHalt, Halt, Met, Refused, Registers, Stops};
 pub use encoder::EdgeNotes;
 pub use snapshot::Snapshot;
-pub use watch::{Cycles, LINK, RENDER, SAMPLE, Watch};
+pub use watch::{Cycles, Entry, LINK, RENDER, SAMPLE, Watch};
 
 const RAM: u32 = 0x2000_0000;
 const RAM_BYTES: u32 = 0x2_0000;
@@ -306,7 +306,6 @@ impl Mcu {
             self.stop_if_deep();
         }
         self.follow_step(after.r[15]);
-        let cpu = &self.soc.cpu;
         let exception = exception_of(after.xpsr);
         if exception != exception_of(before.xpsr)
             && before.xpsr & IT_BITS != 0
@@ -317,6 +316,8 @@ impl Mcu {
         if exception == HARD_FAULT && exception_of(before.xpsr) != HARD_FAULT {
             self.hard_faults.push(before.r[15]);
         }
+        self.note_entry((exception_of(before.xpsr), before.r[15]), (exception, after.r[15]));
+        let cpu = &self.soc.cpu;
         let step = Step {
             cycles,
             exception,
@@ -344,6 +345,29 @@ impl Mcu {
                 self.event.1 = false;
             }
         }
+    }
+
+    /// Notes a task that begins, also one that follows itself at once.
+    fn note_entry(&mut self, (was, from): (u16, u32), (exception, pc): (u16, u32)) {
+        let Some(addresses) = self.watch.noted() else { return };
+        let again = was == exception && from != pc;
+        let begins = exception != 0
+            && (again || !self.watch.is_active(exception))
+            && self.handler(exception) == Some(pc);
+        if begins || exception == 0 && was != 0 {
+            let words = addresses.map(|address| {
+                let mut word = [0; 4];
+                self.read(address, &mut word);
+                u32::from_le_bytes(word)
+            });
+            self.watch.enter(exception, words);
+        }
+    }
+
+    /// Where an exception's code begins.
+    fn handler(&self, exception: u16) -> Option<u32> {
+        let vector = self.memories.flash.get(4 * usize::from(exception)..)?.first_chunk()?;
+        Some(u32::from_le_bytes(*vector) & !1)
     }
 
     /// The reset pin is pulled.

@@ -88,10 +88,21 @@ pub struct Watch {
     /// The cycles of all others.
     pub unmarked: Cycles,
     in_marks: u64,
+    /// Tasks as they began, if those are wanted, and the addresses of the words that are noted with each.
+    entries: Option<([u32; 3], Vec<Entry>)>,
     masked: u64,
     running: bool,
     /// Running exceptions, innermost last: number, cycles spent in it.
     nested: Vec<(u16, u64)>,
+}
+
+/// A task begins, or none runs any more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Entry {
+    /// Exception number; 0: none runs.
+    pub exception: u16,
+    /// The words of RAM that are noted.
+    pub words: [u32; 3],
 }
 
 /// One step of the core.
@@ -116,7 +127,39 @@ impl Watch {
         let nested = std::mem::take(&mut self.nested);
         let marks = std::mem::take(&mut self.marks);
         let fed_at = self.fed_at;
-        *self = Self { running, nested, marks, fed_at, ..Self::new() };
+        let entries = self.entries.take();
+        *self = Self { running, nested, marks, fed_at, entries, ..Self::new() };
+    }
+
+    /// Notes the tasks as they begin, from now on, each with the words of RAM at `addresses`.
+    pub fn note_entries(&mut self, addresses: [u32; 3]) {
+        self.entries = Some((addresses, Vec::new()));
+    }
+
+    /// The tasks that began since this was asked, in order.
+    pub fn take_entries(&mut self) -> Vec<Entry> {
+        self.entries.as_mut().map_or_else(Vec::new, |(_, entries)| std::mem::take(entries))
+    }
+
+    /// The words that are to be noted, if they are.
+    pub(super) fn noted(&self) -> Option<[u32; 3]> {
+        self.entries.as_ref().map(|(addresses, _)| *addresses)
+    }
+
+    pub(super) fn enter(&mut self, exception: u16, words: [u32; 3]) {
+        if let Some((_, entries)) = &mut self.entries {
+            entries.push(Entry { exception, words });
+        }
+    }
+
+    /// An exception runs, or was preempted.
+    pub(super) fn is_active(&self, exception: u16) -> bool {
+        self.nested.iter().any(|(number, _)| *number == exception)
+    }
+
+    /// The exception that runs; 0: none.
+    pub fn innermost(&self) -> u16 {
+        self.nested.last().map_or(0, |(number, _)| *number)
     }
 
     /// Longest minus shortest sampling delay, cycles.
@@ -131,6 +174,7 @@ impl Watch {
     pub(super) fn restart(&mut self) {
         self.running = false;
         self.nested.clear();
+        self.take_entries();
         self.fed_at = None;
     }
 

@@ -1,0 +1,413 @@
+//! The firmware's library without a chip: console, renderer, supervisor and sampler, joined as its three tasks join
+//! them. Whoever has one says when each task runs, what the encoder's counter reads and what the switches do.
+
+use std::collections::VecDeque;
+
+use zwidth::{
+    CounterWidth, LoopParameters, SettingsError,
+    console::{Console, Port},
+    device::{Device, HISTORY, Start},
+    experiment::{Order, Report},
+    renderer::{Renderer, Sampling},
+    safety::{
+        BlackBox, FaultRecord, FaultSet, Guard, GuardCommand, GuardView, GuardedSampler,
+        MemoryUpdate, OutputCommand, ResetCause, SampleReport, Sensed, Supervisor, boot_fault,
+    },
+    self_test::{Found, Part},
+    store::{Loaded, Source, Stored},
+    telemetry::Record,
+    units::{OutputCode, Position},
+    velocity::Senses,
+};
+
+/// Samples whose positions are kept, as on a board.
+const POSITIONS: usize = 256;
+/// Outputs that may wait for the console, as on a board.
+const REPORTS: usize = 15;
+/// Bytes that wait for a host that does not read.
+const UNREAD: usize = 4096;
+
+/// What outlives a reset: the settings in flash and the words of the backup RAM.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Memories {
+    flash: Option<Stored>,
+    backup: [u32; FaultRecord::WORDS],
+}
+
+impl Memories {
+    /// The supply went: only flash is kept.
+    pub fn lose_power(&mut self) {
+        self.backup = Default::default();
+    }
+}
+
+/// The console's end.
+#[derive(Clone)]
+struct Channels {
+    typed: VecDeque<u8>,
+    replies: Vec<u8>,
+    telemetry: Vec<u8>,
+    positions: VecDeque<Position>,
+    sampler: GuardedSampler,
+    order: Option<Order>,
+    flash: Option<Stored>,
+    in_force: LoopParameters,
+}
+
+/// Puts it where the host reads, if there is room.
+fn put(up: &mut Vec<u8>, said: &[u8]) -> bool {
+    let room = up.len() + said.len() <= UNREAD;
+    if room {
+        up.extend(said);
+    }
+    room
+}
+
+impl Port for Channels {
+    const COMMIT: &'static str = "core without a chip";
+
+    fn read(&mut self) -> Option<u8> {
+        self.typed.pop_front()
+    }
+
+    fn write_line(&mut self, line: &str) -> bool {
+        put(&mut self.replies, line.as_bytes())
+    }
+
+    fn write_frame(&mut self, frame: &[u8]) -> bool {
+        put(&mut self.telemetry, frame)
+    }
+
+    fn samples(&mut self, newest: u64, places: &mut [Position]) -> Option<GuardedSampler> {
+        // The last one that is kept is that before the sampler's next.
+        let behind =
+            usize::try_from(self.sampler.sampler().next().checked_sub(newest + 1)?).ok()?;
+        let from = self.positions.len().checked_sub(behind + places.len())?;
+        for (place, position) in places.iter_mut().zip(self.positions.range(from..)) {
+            *place = *position;
+        }
+        Some(self.sampler)
+    }
+
+    fn order(&mut self, order: Order) -> bool {
+        self.order.replace(order).is_none()
+    }
+
+    fn is_in_force(&mut self, asked: &LoopParameters) -> bool {
+        asked.does_as(&self.in_force)
+    }
+
+    fn load(&mut self, defaults: Stored) -> Loaded {
+        loaded(self.flash, defaults)
+    }
+
+    fn test(&mut self, _: Part) -> Found {
+        Found::Clock(0) // never asked: there is no board to test
+    }
+
+    fn save(&mut self, stored: &Stored) -> bool {
+        self.flash = Some(*stored);
+        true
+    }
+}
+
+fn loaded(flash: Option<Stored>, defaults: Stored) -> Loaded {
+    let source = if flash.is_some() { Source::Newest } else { Source::Empty };
+    Loaded { stored: flash.unwrap_or(defaults), source, damaged: 0 }
+}
+
+/// The sampling task's side of what goes down to it.
+#[derive(Clone)]
+struct Down {
+    parameters: LoopParameters,
+    command: GuardCommand,
+    encoder_reversed: bool,
+}
+
+impl Sampling for Down {
+    fn set_parameters(&mut self, parameters: LoopParameters) {
+        self.parameters = parameters;
+    }
+
+    fn command(&mut self, command: GuardCommand) {
+        self.command = command;
+    }
+
+    fn turn_encoder(&mut self, reversed: bool) {
+        self.encoder_reversed = reversed;
+    }
+}
+
+/// The amplifier's enable, and what takes it away without the program.
+#[derive(Clone, Debug, Default)]
+struct Enable {
+    active: bool,
+    stop_open: bool,
+    /// The stop was open since the amplifier was last switched on.
+    stop_noted: bool,
+    supply_low: bool,
+    /// The supply was low since an output last asked.
+    supply_noted: bool,
+}
+
+/// A program that runs.
+#[derive(Clone)]
+pub struct CoreProgram {
+    console: Console<Channels>,
+    renderer: Renderer<HISTORY>,
+    guard: Guard,
+    view: GuardView,
+    down: Down,
+    /// A due sample whose output has not come yet.
+    due: Option<SampleReport>,
+    reports: VecDeque<Report>,
+    newest: Option<Report>,
+    /// The sample of the last output.
+    rendered: u64,
+    /// What the last output has put out; none: it was off.
+    written: Option<OutputCode>,
+    enable: Enable,
+    backup: [u32; FaultRecord::WORDS],
+}
+
+impl CoreProgram {
+    /// Begins, with the encoder's counter at `counter`.
+    ///
+    /// # Errors
+    /// The device's own numbers are out of range.
+    pub fn start(
+        device: &'static Device<'static>,
+        memories: &Memories,
+        cause: ResetCause,
+        counter: u32,
+    ) -> Result<Self, SettingsError> {
+        let Memories { flash, mut backup } = *memories;
+        let loaded = loaded(flash, device.defaults());
+        let boot = boot_fault(&backup, cause);
+        let Start { stored, source, control, safety, period, fault, .. } =
+            device.start(&loaded, boot)?;
+        if let Some(record) = fault {
+            backup = record.to_words();
+        }
+        let channels = Channels {
+            typed: VecDeque::new(),
+            replies: Vec::new(),
+            telemetry: Vec::new(),
+            positions: VecDeque::new(),
+            sampler: GuardedSampler::new(counter, CounterWidth::Bits32),
+            order: None,
+            flash,
+            in_force: control,
+        };
+        let supervisor = Supervisor::new(safety, fault);
+        let history = BlackBox::new(period.keep);
+        Ok(Self {
+            console: Console::new(channels, device, stored, source),
+            renderer: Renderer::new(supervisor, control, stored.signs, period.duty, history),
+            guard: Guard::NOTHING,
+            view: GuardView::NOTHING,
+            down: Down {
+                parameters: control,
+                command: GuardCommand::start(&safety),
+                encoder_reversed: stored.signs.encoder_reversed,
+            },
+            due: None,
+            reports: VecDeque::new(),
+            newest: None,
+            rendered: 0,
+            written: None,
+            enable: Enable::default(),
+            backup,
+        })
+    }
+
+    /// `sample` with that reading of the counter; whether it asks for an output.
+    pub fn sample(&mut self, counter: u32) -> bool {
+        let port = self.console.port();
+        let Down { parameters, command, .. } = &self.down;
+        let step = port.sampler.step(parameters, counter, &Senses::NONE, command, &mut self.guard);
+        let motion = step.report.motion;
+        if port.positions.len() == POSITIONS {
+            port.positions.pop_front();
+        }
+        port.positions.push_back(motion.position);
+        if step.told {
+            self.view.take(self.guard, motion.number());
+        }
+        if step.cut {
+            self.enable.active = false;
+        }
+        if step.due {
+            self.due = Some(step.report);
+        }
+        step.due
+    }
+
+    /// `render` for the newest due sample, and the output's record. It `meets` an order that waits, or comes before the
+    /// order is given.
+    pub fn render(&mut self, meets: bool) -> Option<Record> {
+        let up = self.due.take()?;
+        let Enable { active, stop_open, stop_noted, supply_low, supply_noted } = &mut self.enable;
+        let sensed = Sensed {
+            switched_on: self.written.is_some(),
+            halted: false,
+            was_stopped: *stop_noted,
+            stop_closed: !*stop_open,
+            supply_good: !(*supply_low || std::mem::take(supply_noted)),
+            enabled: *active,
+            found: FaultSet::EMPTY,
+        };
+        let guard = self.view.at(up.motion.number());
+        let proposal = self.renderer.propose();
+        let asked = (proposal, self.renderer.answer(up.motion, proposal));
+        let rendered = self.renderer.grant(&up, &guard, asked, sensed);
+        self.put_out(rendered.grant);
+        self.down.command = self.renderer.command();
+        match self.renderer.take_memory_update() {
+            Some(MemoryUpdate::Write(record)) => self.backup = record.to_words(),
+            Some(MemoryUpdate::Erase) => self.backup = Default::default(),
+            None => {}
+        }
+        let since = up.motion.sample.saturating_sub(self.rendered);
+        self.rendered = up.motion.sample;
+        let port = self.console.port();
+        // Samples that came after the one that is answered wait for the next output.
+        let after = port.sampler.sampler().next() - 1 - up.motion.sample;
+        let [since, after] = [since, after].map(|n| usize::try_from(n).unwrap_or(POSITIONS));
+        let end = port.positions.len().saturating_sub(after);
+        let positions = port.positions.range(end.saturating_sub(since)..end).copied();
+        let record = self.renderer.follow(&rendered, up.motion.position, positions);
+        if meets
+            && self.renderer.is_ready()
+            && let Some(order) = port.order.take()
+        {
+            self.renderer.meet(order, &mut self.down);
+            port.in_force = self.down.parameters;
+            if self.written.is_some() && self.renderer.is_off() {
+                self.put_out(OutputCommand::Off);
+            }
+        }
+        if self.reports.len() < REPORTS {
+            self.reports.push_back(self.renderer.report(record));
+        }
+        Some(record)
+    }
+
+    fn put_out(&mut self, grant: OutputCommand) {
+        let OutputCommand::On(granted) = grant else {
+            self.enable.active = false;
+            self.written = None;
+            return;
+        };
+        if self.written.is_none() {
+            self.enable.stop_noted = self.enable.stop_open;
+            self.enable.active = !self.enable.stop_open;
+        }
+        self.written = Some(granted.command());
+    }
+
+    /// `link`: what `render` has reported, then up to a line of what was typed if it `listens`.
+    pub fn link(&mut self, listens: bool) {
+        while self.report() {}
+        self.pass(listens);
+    }
+
+    /// The next report of `render`, if there is one.
+    pub fn report(&mut self) -> bool {
+        let Some(report) = self.reports.pop_front() else { return false };
+        self.console.report(&report);
+        self.newest = Some(report);
+        true
+    }
+
+    /// The end of `link`.
+    pub fn pass(&mut self, listens: bool) {
+        self.console.pass(listens);
+    }
+
+    /// Bytes that the console has not read yet, to be added to.
+    pub fn typed(&mut self) -> &mut VecDeque<u8> {
+        &mut self.console.port().typed
+    }
+
+    /// Lines of replies that the host has not taken yet.
+    pub fn replies(&mut self) -> &mut Vec<u8> {
+        &mut self.console.port().replies
+    }
+
+    /// Frames of telemetry that the host has not taken yet.
+    pub fn telemetry(&mut self) -> &mut Vec<u8> {
+        &mut self.console.port().telemetry
+    }
+
+    /// The console has given an order that no output has met.
+    pub fn has_order(&mut self) -> bool {
+        self.console.port().order.is_some()
+    }
+
+    /// The console waits for what the output task says to an order.
+    pub fn is_waiting(&self) -> bool {
+        self.console.is_waiting()
+    }
+
+    /// The settings as the console has them.
+    pub fn stored(&self) -> &Stored {
+        self.console.stored()
+    }
+
+    /// The last output that the console has seen.
+    pub fn newest(&self) -> Option<&Report> {
+        self.newest.as_ref()
+    }
+
+    /// A due sample waits for its output.
+    pub fn is_due(&self) -> bool {
+        self.due.is_some()
+    }
+
+    /// What a reset would leave.
+    pub fn memories(&mut self) -> Memories {
+        Memories { flash: self.console.port().flash, backup: self.backup }
+    }
+
+    /// The emergency stop opens or closes.
+    pub fn emergency_stop(&mut self, open: bool) {
+        self.enable.stop_open = open;
+        self.enable.stop_noted |= open;
+        self.enable.active &= !open;
+    }
+
+    /// The supply falls below the detector's level or rises above it.
+    pub fn supply(&mut self, low: bool) {
+        self.enable.supply_low = low;
+        self.enable.supply_noted |= low;
+        self.enable.active &= !low;
+    }
+
+    /// The amplifier is enabled.
+    pub fn is_enabled(&self) -> bool {
+        self.enable.active
+    }
+
+    /// The output: codes from zero, as the motor is mounted; none while it is off.
+    pub fn output(&self) -> Option<i32> {
+        let code = self.written?.code() - self.down.parameters.actuator.zero().code();
+        Some(if self.renderer.motor_reversed() { -code } else { code })
+    }
+
+    /// The same as a part of full scale.
+    pub fn output_part(&self) -> Option<f64> {
+        let full = f64::from(self.down.parameters.actuator.codes_per_full_scale());
+        self.output().map(|code| f64::from(code) / full)
+    }
+
+    /// Samples from output to output.
+    pub fn period(&self) -> u32 {
+        self.down.parameters.period.get()
+    }
+
+    /// The encoder counts the other way round.
+    pub fn is_encoder_reversed(&self) -> bool {
+        self.down.encoder_reversed
+    }
+}

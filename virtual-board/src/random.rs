@@ -1,0 +1,51 @@
+//! Random numbers of the campaigns: the same on every machine.
+
+/// SplitMix64.
+#[derive(Clone, Debug)]
+pub struct Random(pub u64);
+
+impl Random {
+    fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut bits = self.0;
+        bits = (bits ^ (bits >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        bits ^ (bits >> 31)
+    }
+
+    /// Below `end`.
+    pub fn below(&mut self, end: u64) -> u64 {
+        self.bits() % end
+    }
+
+    /// The same of a byte.
+    pub fn small(&mut self, end: u8) -> u8 {
+        u8::try_from(self.below(end.into())).unwrap_or_default()
+    }
+
+    /// One of them; there has to be one.
+    pub fn one<'a, T>(&mut self, all: &'a [T]) -> &'a T {
+        &all[usize::try_from(self.below(all.len() as u64)).unwrap_or_default()]
+    }
+
+    /// The same, copied.
+    pub fn of<T: Copy>(&mut self, all: &[T]) -> T {
+        *self.one(all)
+    }
+
+    /// Once in `n`.
+    pub fn once_in(&mut self, n: u64) -> bool {
+        self.below(n) == 0
+    }
+
+    #[expect(clippy::cast_precision_loss, reason = "53 bits")]
+    fn part(&mut self) -> f64 {
+        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Between two numbers, with at most four digits that count.
+    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+        let value = low + (high - low) * self.part();
+        format!("{value:.3e}").parse().unwrap_or(value)
+    }
+}
