@@ -10,7 +10,7 @@ use host_sim::{
     study::{boundary, walk},
 };
 use serde::Serialize;
-use virtual_board::{board::Board, device, fuzz::envelope::Envelope};
+use virtual_board::{board::Board, device};
 use zwidth::{CounterWidth, Sampler, Settings, WallSettings, velocity::EstimatorName};
 
 /// A boundary, for the page: in m and N at the handle.
@@ -50,7 +50,7 @@ pub fn predict(
         points: vec![],
         area: 0.0,
         envelope: match is_images {
-            true => Envelope::of(board).points(estimator, cutoff_hz),
+            true => envelope(board, estimator, cutoff_hz),
             false => vec![],
         },
         delay_s: None,
@@ -78,6 +78,16 @@ const RISE: f64 = 1.0;
 /// Samples that are left out, and looked at.
 const SETTLE: u32 = 5_000;
 const LOOKED_AT: u32 = 5_000;
+
+/// B, lowest and highest K of that filter's rows in the image's own envelope.
+fn envelope(board: Board, estimator: &str, cutoff_hz: f64) -> Vec<[f64; 3]> {
+    let same = |other: f64| (other - cutoff_hz).abs() <= 1e-9 * other.abs().max(cutoff_hz.abs());
+    let all = device::built_in(board).envelope.boundaries();
+    all.filter(|(key, _)| key.estimator.text() == estimator && same(key.cutoff_hz))
+        .flat_map(|(_, points)| points)
+        .map(|p| [p.damping_n_s_per_m, p.stiffness_low_n_per_m, p.stiffness_high_n_per_m])
+        .collect()
+}
 
 /// What the core's estimator makes of a motion, as counts: delay and noise.
 fn quality(scene: &NamedScene, estimator: &str, cutoff_hz: f64) -> Option<[f64; 2]> {

@@ -187,7 +187,13 @@ fn limits_that_share_hits_are_the_walks_one_by_one() {
     scene.arms.insert("mine".into(), arm);
     let situation = |push, arm: Option<&str>| Situation { push, arm: arm.map(str::to_owned) };
     let question = Question {
-        limits: vec![Limit::Rms(4e-6), Limit::Felt(20.0), Limit::Rms(15e-6), Limit::Felt(35.0)],
+        limits: vec![
+            Limit::Rms(4e-6),
+            Limit::Felt(20.0),
+            Limit::Rms(15e-6),
+            Limit::Felt(35.0),
+            Limit::Quiet(0.4),
+        ],
         rms_of: RmsOf::Motion,
         filters: filters(&scene.velocity, &[1000.0, 300.0]),
         repeats: 2,
@@ -200,8 +206,8 @@ fn limits_that_share_hits_are_the_walks_one_by_one() {
         .map(|engine| limits(engine, &scene, &question, Numeric::Fixed, &stop, || ()).unwrap());
     assert_eq!(format!("{:?}", all[0]), format!("{:?}", all[1]));
     let [results, _] = all;
-    assert_eq!(results.len(), 4 * 3, "two situations and the worst of them");
-    for result in &results[..8] {
+    assert_eq!(results.len(), 5 * 3, "two situations and the worst of them");
+    for result in &results[..10] {
         let asked = result.situation.clone().unwrap();
         let mut own = scene.clone();
         own.walk = grid;
@@ -213,6 +219,10 @@ fn limits_that_share_hits_are_the_walks_one_by_one() {
             Limit::Felt(limit_db) => {
                 own.wall_hit.criterion = Criterion::Felt;
                 own.wall_hit.felt_limit_db = limit_db;
+            }
+            Limit::Quiet(limit_n) => {
+                own.wall_hit.judge(Criterion::Quiet, Some(RmsOf::Motion));
+                own.wall_hit.force_rms_limit_n = Some(limit_n);
             }
         }
         let prepared = PreparedScene::new(&own).unwrap();
