@@ -93,19 +93,6 @@ def explained(encoder):
                   "noise, mm/s", "of the core, %"], body)
 
 
-@block
-def readme_levers():
-    found = [r for r in limit_rows("levers-paper-1um.csv", push="motor", estimator="scene", limit_unit="m")
-             if float(r["limit"]) == 1e-6 and r["cutoff_hz"] == r["ideal_cutoff_hz"] and r["loop"] != "discovery-f407"]
-    def area(of_loop, period, between):
-        told = next(r for r in found if (r["loop"], r["output_period_samples"], r["between"]) == (of_loop, period, between))
-        return f'{plain_area(told)} at {float(told["cutoff_hz"]):g} Hz'
-    loops = dict.fromkeys((r["loop"], r["output_period_samples"]) for r in found)
-    return table(["loop", "samples an output", "as it is", "amplifier of 1 kHz, transmission of 150 Hz"],
-                 [["the paper's" if name == "paper-1um" else "NUCLEO-F446RE", period, area(name, period, "as-is"),
-                   area(name, period, "amplifier-and-mode")] for name, period in loops])
-
-
 def plain_area(r):
     cut, millions = "> " if int(r["capped_walks"]) else "", float(r["area_n2_s_per_m2"]) * 1e-6
     return f"{cut}{number(float(f'{millions:.3g}'))}"

@@ -253,7 +253,7 @@ impl CoreProgram {
             halted: false,
             was_stopped: *stop_noted,
             stop_closed: !*stop_open,
-            supply_good: !(*supply_low || std::mem::take(supply_noted)),
+            supply_good: !(std::mem::take(supply_noted) || *supply_low),
             enabled: *active,
             found: FaultSet::EMPTY,
         };
