@@ -20,6 +20,7 @@ use host_sim::{
 use zwidth::{VelocitySettings, experiment::Verdict};
 
 mod felt;
+mod quiet;
 mod second;
 mod tables;
 
@@ -241,8 +242,8 @@ fn limits_that_share_hits_are_the_walks_one_by_one() {
             [0.0, 0.5].map(|offset| area(&told, VelocitySettings::Difference {}, offset));
         assert_eq!(found, expected, "{:?}", result.limit);
     }
-    for worst in &results[8..] {
-        let of_limit = results[..8].iter().filter(|other| other.limit == worst.limit);
+    for worst in &results[10..] {
+        let of_limit = results[..10].iter().filter(|other| other.limit == worst.limit);
         let areas = of_limit.map(|other| other.result.cutoffs[0].boundaries.area());
         assert_eq!(worst.result.cutoffs[0].boundaries.area(), areas.fold(f64::INFINITY, f64::min));
     }

@@ -350,6 +350,8 @@ fn results_are_complete_the_same_for_any_thread_count_and_not_replaced_unasked()
         "limits.png",
         "limits.svg",
         "manifest.json",
+        "quiet_areas.csv",
+        "quiet_boundary.csv",
         "report.html",
         "summary.json",
         "zwidth.png",

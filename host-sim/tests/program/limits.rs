@@ -69,7 +69,7 @@ fn what_cannot_be_asked_is_refused() {
     for (args, expected) in [
         (
             &["--limits", "1e-6,x"][..],
-            "`x` is no limit, allowed an RMS in m above 0, felt, or felt=DB over the threshold",
+            "`x` is no limit, allowed an RMS in m above 0, quiet, felt, or felt=DB over the threshold",
         ),
         (&["--limits", "1e-12"], "--limits: wall_hit.rms_limit_m is 0.000000000001, allowed"),
         (

@@ -17,7 +17,7 @@ const ROTARY: &str = include_str!("paddle/rotary.toml");
 const BY_HAND: &str = include_str!("paddle/by-hand.toml");
 
 /// Keys of JSON whose texts say numbers with their units.
-const IN_WORDS: [&str; 4] = ["change", "what", "cost", "answers"];
+const IN_WORDS: [&str; 5] = ["change", "what", "cost", "answers", "reason"];
 /// A text has four digits.
 const READ: f64 = 1e-3;
 /// Counts of the encoder in a turn and in a millimetre of the handle.
