@@ -92,7 +92,7 @@ fn velocity_table(name: &str, scene: &NamedScene) -> PyResult<toml::Table> {
     let internal = |error: toml::ser::Error| raised(Error::Internal(error.to_string()));
     let table =
         |filter: VelocityTable| toml::Table::try_from(filter.with_cutoff(None)).map_err(internal);
-    let (mut table, own) = (table(found.defaults().into())?, table(scene.scene.velocity.clone())?);
+    let (mut table, own) = (table(found.defaults().into())?, table(scene.scene.velocity)?);
     let device = toml::Table::try_from(scene.scene.device).map_err(internal)?;
     let is_own = table.keys().eq(own.keys()) && table["estimator"] == own["estimator"];
     for (key, value) in &mut table {

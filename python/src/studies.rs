@@ -137,6 +137,10 @@ result! { value
         window_at_limit_fraction: f64,
         /// Level of the window's motion over what a hand feels, dB; None if the window has none.
         sensation_db: Option<f64>,
+        /// RMS of the window's outputs about their mean, N; of several pushes the one that decides.
+        force_rms_n: f64,
+        /// K times the mean penetration over the wall's mean force: 1 for a wall that stands; None where it has no force.
+        penetration_ratio: Option<f64>,
         /// What the wall has taken in the last contact, by its force and the counts, J.
         port_taken_j: f64,
         /// The most that the wall had given beyond what it had taken, in any contact, J.
@@ -230,6 +234,8 @@ pub fn hit(
         velocity_clipped_fraction: report.velocity_clipped_fraction,
         window_at_limit_fraction: report.at_limit_fraction,
         sensation_db: report.sensation_db,
+        force_rms_n: report.force_rms_n,
+        penetration_ratio: report.penetration_ratio,
         port_taken_j: report.port.taken_j,
         port_given_j: report.port.given_j,
         port_limited_fraction: passive.then_some(report.port.limited_fraction),

@@ -42,8 +42,8 @@ pub struct Report {
     pub ideal_cutoff_hz: Option<f64>,
     /// First and last nominal cutoff that the repeats cannot tell from the ideal one.
     pub ideal_cutoff_range_hz: Option<[f64; 2]>,
-    /// The cutoff to dial in and what else answers the question, a sentence each; without any the ideal cutoff does.
-    pub answers: Vec<String>,
+    /// The cutoff to dial in; without it the ideal cutoff answers.
+    pub answer: Option<String>,
     /// Figures in the order in which they are shown.
     pub figures: Vec<ReportFigure>,
     /// What its tables speak.
@@ -129,8 +129,8 @@ pub(crate) fn page(
 
 /// The result in one sentence, the range first.
 fn answer(report: &Report) -> String {
-    if !report.answers.is_empty() {
-        return report.answers.join("\n");
+    if let Some(answer) = &report.answer {
+        return answer.clone();
     }
     let range = report.ideal_cutoff_range_hz.map(|[low, high]| {
         if low == high {
@@ -292,7 +292,7 @@ mod tests {
             title: "paper-1um <test>".to_owned(),
             ideal_cutoff_hz: Some(1200.0),
             ideal_cutoff_range_hz: Some([1200.0, 1700.0]),
-            answers: vec![],
+            answer: None,
             figures: figures
                 .into_iter()
                 .map(|figure| ReportFigure { figure, caption: "K & B".to_owned() })

@@ -394,13 +394,16 @@ impl Study {
     }
 
     fn report(&self, figures: Vec<ReportFigure>, manifest: &Manifest) -> String {
-        let mut notes = self.notes();
+        let answers = self.answers();
+        let mut lines = answers.iter().flat_map(|answer| answer.lines()).map(str::to_owned);
+        let answer = lines.next();
+        let mut notes: Vec<String> = lines.chain(self.notes()).collect();
         notes.extend(self.variants.iter().map(VariantResult::sentence));
         report::html(&Report {
             title: format!("{}: {}", self.scene.name, subtitle(self)),
             ideal_cutoff_hz: self.result.ideal.map(|ideal| ideal.cutoff_hz),
             ideal_cutoff_range_hz: self.result.ideal.map(|ideal| ideal.range_hz),
-            answers: self.answers(),
+            answer,
             figures,
             units: self.scene.scene.units,
             areas: areas(&self.result).collect(),
