@@ -13,10 +13,6 @@ def study(name):
     return next(s for s in sim("sweep")["scenes"] if s["scene"] == name)
 
 
-def area(result, cutoff_hz):
-    return next(c["area_n2_s_per_m2"] for c in result["cutoffs"] if c["cutoff_hz"] == cutoff_hz)
-
-
 def ideal(arguments, scene=None):
     """Ideal range of a sweep, with what it says of the last cutoff."""
     result = sim(f"sweep {arguments}", scene)["scenes"][0]

@@ -1,5 +1,7 @@
 //! Random numbers of the campaigns: the same on every machine.
 
+use host_sim::notation::rounded;
+
 /// SplitMix64.
 #[derive(Clone, Debug)]
 pub struct Random(pub u64);
@@ -45,7 +47,6 @@ impl Random {
 
     /// Between two numbers, with at most four digits that count.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        let value = low + (high - low) * self.part();
-        format!("{value:.3e}").parse().unwrap_or(value)
+        rounded(low + (high - low) * self.part(), 4)
     }
 }

@@ -27,6 +27,11 @@ pub fn number(value: f64, decimals: usize) -> String {
     out
 }
 
+/// The nearest number with so many digits.
+pub fn rounded(value: f64, digits: usize) -> f64 {
+    format!("{value:.*e}", digits - 1).parse().unwrap_or(value)
+}
+
 /// Three digits, two of them behind the point at most.
 pub fn three_digits(value: f64) -> String {
     let decimals = match value {

@@ -12,6 +12,7 @@ use super::{
 };
 use crate::{
     error::Error,
+    notation::rounded,
     output::{estimated::print_of, in_units, table::Kind, trace},
     scene::{NamedScene, velocity::describe},
     simulation::{
@@ -99,22 +100,26 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     let plot = outputs.figure(args.plot.as_ref())?;
     let prepared = prepare(&scene)?.with_felt();
     let numeric = common.numeric;
-    let report = if csv.is_none() && plot.is_none() {
-        prepared.hit(numeric, &hit, |_| ())?
+    let pushes = if csv.is_none() && plot.is_none() {
+        prepared.reports(numeric, &hit, |_| ())?
     } else {
         let mut samples = Trace::new(&prepared, &hit).map_err(|error| error.of(&scene.name))?;
-        let report = prepared.hit(numeric, &hit, |sample| samples.push(sample))?;
+        let pushes = prepared.reports(numeric, &hit, |sample| samples.push(sample))?;
         if let Some(csv) = csv {
             outputs.write(csv, in_units::csv(units, trace::csv(&samples)).as_bytes())?;
         }
         if let Some(plot) = plot {
+            let report = deciding(&pushes)?;
             outputs.draw(plot, &trace::figure(&samples, &scene, &hit, &report)?)?;
         }
-        report
+        pushes
     };
     outputs.commit()?;
-    let pushes = prepared.reports(numeric, &hit)?;
-    print(&scene, &hit, &report, &pushes, common)
+    print(&scene, &hit, &deciding(&pushes)?, &pushes, common)
+}
+
+fn deciding(pushes: &[(f64, HitReport)]) -> Result<HitReport, Error> {
+    HitReport::deciding(pushes).ok_or_else(|| Error::Internal("a hit has no push".into()))
 }
 
 fn print(
@@ -160,9 +165,7 @@ fn print(
         port_limited_fraction: passive.then_some(report.port.limited_fraction),
         port_withheld_fraction: passive.then_some(report.port.withheld_fraction),
     };
-    let limit_um = scene.scene.rms_limit_m() * 1e6;
-    // four digits, and no zeros behind them
-    let limit_um: f64 = format!("{limit_um:.3e}").parse().unwrap_or(limit_um);
+    let limit_um = rounded(scene.scene.rms_limit_m() * 1e6, 4);
     let clipped = json.velocity_clipped_fraction * 100.0;
     let note = (clipped > 0.0)
         .then(|| format!("\nvelocity at the end of its range in {clipped:.2} % of the samples"));

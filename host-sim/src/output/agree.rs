@@ -8,6 +8,7 @@ use super::{
 };
 use crate::{
     analysis::agree::{Agreement, STARTS},
+    notation::rounded,
     scene::Units,
     study::boundary::BoundaryPoint,
 };
@@ -29,7 +30,7 @@ impl AgreeReport<'_> {
     /// For people.
     pub fn text(&self) -> String {
         let ((k_unit, k), (b_unit, b)) = (self.units.written("N/m"), self.units.written("N s/m"));
-        let kt = |value: f64| three_digits(value * k);
+        let kt = |value: f64| rounded(value * k, 3);
         let mut text = format!(
             "{}, predicted from {STARTS} starts, beside {}\n{:>14} {:>34} {:>16} {:>12}",
             self.scene,
@@ -67,15 +68,15 @@ impl AgreeReport<'_> {
         }
         for row in self.found.suspects(self.units) {
             let edge = if row.at_edge { "; the range ends with what was tried" } else { "" };
-            let scene = row.scene.map_or("none".into(), |own| three_digits(own).to_string());
+            let scene = row.scene.map_or("none".into(), |own| rounded(own, 3).to_string());
             let _ = write!(
                 text,
                 "\n  {:<18} {} {} ({} to {}), scene {scene}: leaves {} {k_unit}{edge}",
                 row.name,
-                three_digits(row.value),
+                rounded(row.value, 3),
                 row.unit,
-                three_digits(row.low),
-                three_digits(row.high),
+                rounded(row.low, 3),
+                rounded(row.high, 3),
                 kt(row.left_n_per_m),
             );
         }
@@ -127,8 +128,4 @@ impl AgreeReport<'_> {
             curves,
         })
     }
-}
-
-fn three_digits(value: f64) -> f64 {
-    format!("{value:.2e}").parse().unwrap_or(value)
 }

@@ -77,26 +77,27 @@ fn reason(units: Units, study: &QuietStudy, of: &Recommended) -> String {
     text
 }
 
-/// The answer in one sentence, and what to do next.
-pub fn sentence(scene: &NamedScene, study: &QuietStudy) -> String {
+/// The answer in one sentence, why it is that, and what to do next.
+pub fn sentences(scene: &NamedScene, study: &QuietStudy) -> Vec<String> {
     let (name, units) = (&scene.name, scene.scene.units);
     let of = match &study.recommended {
-        Err(why) => return format!("{name}: no cutoff to dial in: {why}"),
+        Err(why) => return vec![format!("{name}: no cutoff to dial in: {why}")],
         Ok(of) => of,
     };
     let [low, high] = of.range_hz;
     let range =
         if low == high { String::new() } else { format!(" ({low} to {high} Hz are as good)") };
-    format!(
-        "{name}: dial in {} Hz{range}: walls that move and hum less than a hand tells, up to K = {} (with B = {}) and B = {}.\n\
-         It has {}.\n\
-         Next: `cargo sim explain {name}` says what limits these walls, `cargo sim prepare` makes the board's record",
+    let dial_in = format!(
+        "{name}: dial in {} Hz{range}: walls that move and hum less than a hand tells, up to K = {} (with B = {}) and B = {}.",
         of.cutoff_hz,
         units.said(of.stiffest.stiffness_n_per_m, "N/m"),
         units.said(of.stiffest.damping_n_s_per_m, "N s/m"),
         units.said(of.damping_max_n_s_per_m, "N s/m"),
-        reason(units, study, of)
-    )
+    );
+    let next = format!(
+        "Next: `cargo sim explain {name}` says what limits these walls, `cargo sim prepare` makes the board's record"
+    );
+    vec![dial_in, format!("It has {}.", reason(units, study, of)), next]
 }
 
 /// What the scene's own criterion says; nothing where that is the same.

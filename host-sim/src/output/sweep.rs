@@ -7,6 +7,7 @@ use zwidth::experiment::Ended;
 
 use crate::{
     error::Error,
+    notation::rounded,
     output::{
         SCHEMA_VERSION,
         figure::{self, AreaPlot, AreaPoint, Curve, ZwidthPlot},
@@ -17,7 +18,7 @@ use crate::{
         manifest::Manifest,
         probability::{ProbabilityStudy, ProbabilitySummary},
         rates::{RateStudy, RateSummary},
-        recommended::{Answer, by_its_own, sentence},
+        recommended::{Answer, by_its_own, sentences},
         report::{self, Report, ReportFigure},
         trace,
     },
@@ -194,17 +195,15 @@ fn subtitle(study: &Study) -> String {
     let rate_khz = scene.control.rate_hz / 1e3;
     scene.units.text(&format!(
         "{} um encoder, {rate_khz} kHz sampling, {} kHz output, latency {} samples, RMS limit {} um",
-        tidy(scene.encoder.resolution_m * 1e6),
-        tidy(rate_khz / f64::from(scene.actuator.period)),
+        rounded(scene.encoder.resolution_m * 1e6, DIGITS),
+        rounded(rate_khz / f64::from(scene.actuator.period), DIGITS),
         scene.actuator.latency,
-        tidy(scene.wall_hit.rms_limit_m * 1e6),
+        rounded(scene.wall_hit.rms_limit_m * 1e6, DIGITS),
     ))
 }
 
-/// A number without the last digits of a unit conversion.
-fn tidy(value: f64) -> f64 {
-    format!("{value:.9e}").parse().unwrap_or(value)
-}
+/// Digits of a number without the last ones of a unit conversion.
+const DIGITS: usize = 10;
 
 impl Study {
     /// What `summary.json` says.
@@ -235,7 +234,7 @@ impl Study {
     pub fn answers(&self) -> Vec<String> {
         let Some(quiet) = &self.quiet else { return vec![] };
         let own = by_its_own(&self.scene, self.result.ideal);
-        std::iter::once(sentence(&self.scene, quiet)).chain(own).collect()
+        sentences(&self.scene, quiet).into_iter().chain(own).collect()
     }
 
     /// Draws and writes every file.
@@ -394,10 +393,9 @@ impl Study {
     }
 
     fn report(&self, figures: Vec<ReportFigure>, manifest: &Manifest) -> String {
-        let answers = self.answers();
-        let mut lines = answers.iter().flat_map(|answer| answer.lines()).map(str::to_owned);
-        let answer = lines.next();
-        let mut notes: Vec<String> = lines.chain(self.notes()).collect();
+        let mut answers = self.answers().into_iter();
+        let answer = answers.next();
+        let mut notes: Vec<String> = answers.chain(self.notes()).collect();
         notes.extend(self.variants.iter().map(VariantResult::sentence));
         report::html(&Report {
             title: format!("{}: {}", self.scene.name, subtitle(self)),

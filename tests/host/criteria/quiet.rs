@@ -114,7 +114,7 @@ fn a_wall_is_quiet_at_all_four_pushes_or_not_at_all() {
             damping_n_s_per_m: 160.0,
             start_offset_counts: 0.0,
         };
-        let pushes = prepared.reports(Numeric::Fixed, &hit).unwrap();
+        let pushes = prepared.reports(Numeric::Fixed, &hit, |_| ()).unwrap();
         assert_eq!(pushes.len(), 4);
         let held = pushes.iter().filter(|(_, report)| report.is_stable()).count();
         let verdict = prepared.verdict(Numeric::Fixed, &hit).unwrap();

@@ -3,6 +3,7 @@
 use zwidth::experiment::Verdict;
 
 use crate::simulation::{
+    hit::louder,
     prepared::{HitError, HitReport, Numeric, PreparedScene, WallHit},
     window::Measures,
 };
@@ -35,12 +36,6 @@ impl Outcome {
     /// A verdict and no more.
     pub fn of(verdict: Verdict) -> Self {
         Self { verdict, rms_m: None, measures: None }
-    }
-
-    /// The one of two whose force is less quiet, the first if they are alike.
-    fn or_louder(self, other: Self) -> Self {
-        let force_n = |of: &Self| of.measures.map(|measures| measures.force_rms_n);
-        if force_n(&other) > force_n(&self) { other } else { self }
     }
 }
 
@@ -121,7 +116,8 @@ impl<'a> Pushes<'a> {
         begun.next += 1;
         let outcome = match outcome {
             Ok(held) if held.verdict == Verdict::Stable => {
-                let worst = begun.worst.map_or(held, |worst| worst.or_louder(held));
+                let force_n = |of: &Outcome| of.measures.map(|measures| measures.force_rms_n);
+                let worst = louder(begun.worst, held, force_n);
                 begun.worst = Some(worst);
                 if begun.next < self.pushes.len() {
                     return;

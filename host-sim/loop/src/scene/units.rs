@@ -3,6 +3,8 @@
 //! Inside everything is m and N at the handle. A rotary scene is converted once on the way in, by its handle's radius
 //! ([`Units::to_handle`]), and what leaves, files, figures, texts, once on the way out.
 
+use crate::notation::rounded;
+
 /// What a scene, and everything that is made of it, speaks.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Units {
@@ -75,10 +77,6 @@ const DIGITS_IN: usize = 15;
 const DIGITS_OUT: usize = 12;
 /// Of one that people read in a sentence.
 const DIGITS_READ: usize = 4;
-
-fn rounded(value: f64, digits: usize) -> f64 {
-    format!("{value:.*e}", digits - 1).parse().unwrap_or(value)
-}
 
 /// Whether `key` ends with the words of `suffix`.
 fn ends(key: &str, suffix: &str) -> bool {

@@ -99,14 +99,28 @@ impl HitReport {
         }
     }
 
-    /// The one of two whose force is less quiet, the first if they are alike.
-    pub(super) fn or_louder(self, other: Self) -> Self {
-        if other.force_rms_n > self.force_rms_n { other } else { self }
+    /// Of [`reports`](super::prepared::PreparedScene::reports) at several pushes the one that decides: the first that was
+    /// not held, or the one whose force is the least quiet.
+    pub fn deciding(reports: &[(f64, Self)]) -> Option<Self> {
+        let mut each = reports.iter().map(|(_, report)| *report);
+        each.clone().find(|report| !report.is_stable()).or_else(|| {
+            each.by_ref().fold(None, |worst, report| {
+                Some(louder(worst, report, |report| Some(report.force_rms_n)))
+            })
+        })
     }
 
     /// It was held.
     pub fn is_stable(&self) -> bool {
         self.verdict == Verdict::Stable
+    }
+}
+
+/// Of what two pushes showed the one whose force is less quiet, the first if they are alike.
+pub(crate) fn louder<T>(kept: Option<T>, next: T, force_n: impl Fn(&T) -> Option<f64>) -> T {
+    match kept {
+        Some(kept) if force_n(&next) <= force_n(&kept) => kept,
+        _ => next,
     }
 }
 

@@ -4,7 +4,7 @@ pub(crate) mod accelerometer;
 mod block;
 pub mod controller;
 pub mod edge;
-mod hit;
+pub(crate) mod hit;
 pub mod passive;
 pub mod port;
 pub mod prepared;

@@ -4,16 +4,15 @@
 //! where the best one is an end of the list, the list goes on beyond. The grid of the walks is the scene's, or where its
 //! steps are too coarse or too fine for the quiet walls one that the first walks suggest.
 
-use zwidth::experiment::Ended;
-
 use super::{
     asked::prepare,
-    boundary::{Boundary, BoundaryPoint},
+    boundary::BoundaryPoint,
     probability::How,
     sweep::{CutoffResult, Plan, ascending, filters, sweep},
 };
 use crate::{
     error::Error,
+    notation::rounded,
     scene::{Criterion, NamedScene, Scene, Walk},
 };
 
@@ -139,10 +138,9 @@ impl<D: Fn() + Sync> Search<'_, D> {
         for _ in 0..=OTHER_GRIDS.len() {
             let walk = self.scene.scene.walk;
             let steps = [walk.stiffness_step_n_per_m, walk.damping_step_n_s_per_m];
-            let steps = match self.best().and_then(|best| self.cutoffs[best].boundaries.first()) {
-                Some(boundary) => {
-                    let most =
-                        [boundary.stiffness_peak_n_per_m(), boundary.damping_max_n_s_per_m()];
+            let steps = match self.best().map(|best| &self.cutoffs[best].boundaries) {
+                Some(found) => {
+                    let most = [found.stiffness_peak_n_per_m(), found.damping_max_n_s_per_m()];
                     let suits = |axis: usize| {
                         let [least, most_steps] = STEPS[axis];
                         (least..=most_steps).contains(&(most[axis] / steps[axis]))
@@ -213,20 +211,20 @@ impl<D: Fn() + Sync> Search<'_, D> {
         let below = self.cutoffs[..best].iter().rev().take_while(good).count();
         let above = self.cutoffs[best..].iter().take_while(good).count();
         let (first, last) = (best - below, best + above - 1);
-        let empty = Boundary { points: vec![], area: 0.0, hits: 0, ended: None };
-        let boundary = self.cutoffs[best].boundaries.first().unwrap_or(&empty);
-        let stiffer = |a: BoundaryPoint, b: &BoundaryPoint| {
-            if b.stiffness_n_per_m > a.stiffness_n_per_m { *b } else { a }
+        let boundaries = &self.cutoffs[best].boundaries;
+        let stiffer = |a: BoundaryPoint, b: BoundaryPoint| {
+            if b.stiffness_n_per_m > a.stiffness_n_per_m { b } else { a }
         };
+        let points = boundaries.iter().flat_map(|boundary| &boundary.points).copied();
         let nothing = BoundaryPoint { damping_n_s_per_m: 0.0, stiffness_n_per_m: 0.0 };
         Recommended {
             cutoff_hz: self.cutoffs[best].cutoff_hz,
             range_hz: [self.cutoffs[first].cutoff_hz, self.cutoffs[last].cutoff_hz],
             is_open: [first == 0, last + 1 == self.cutoffs.len()],
-            stiffest: boundary.points.iter().fold(nothing, stiffer),
-            damping_max_n_s_per_m: boundary.damping_max_n_s_per_m(),
-            area: area(&self.cutoffs[best]),
-            is_cut: !matches!(boundary.ended, None | Some(Ended::Closed)),
+            stiffest: points.fold(nothing, stiffer),
+            damping_max_n_s_per_m: boundaries.damping_max_n_s_per_m(),
+            area: boundaries.area(),
+            is_cut: boundaries.capped() > 0,
         }
     }
 }
@@ -240,7 +238,7 @@ fn between(one_hz: f64, other_hz: f64) -> Option<f64> {
 
 /// A cutoff that a person would type.
 fn tidy(hz: f64) -> f64 {
-    format!("{hz:.1e}").parse().unwrap_or(hz)
+    rounded(hz, 2)
 }
 
 /// The nearest of 1, 2 and 5 times a power of ten.

@@ -13,7 +13,7 @@ use crate::{
     simulation::{
         Sample, Simulation,
         controller::{Controller, Replaceable, Told},
-        hit::{HitError, HitReport, Numeric, WallHit},
+        hit::{HitError, HitReport, Numeric, WallHit, louder},
         passive::Passive,
         senses::{AnySensing, Blind, Sensing},
         window::Stiff,
@@ -37,8 +37,15 @@ impl PreparedScene {
         hit: &WallHit,
         mut observe: impl FnMut(&Sample),
     ) -> Result<HitReport, HitError> {
-        let own = self.observed_hit(numeric, hit, Some(&mut observe))?;
-        if self.pushes.is_empty() { Ok(own) } else { self.report(numeric, hit) }
+        let mut observe: Option<&mut Observer<'_>> = Some(&mut observe);
+        let report = deciding(self.pushes().iter().map(|of| {
+            let observe = if self.has_push_of(of) { observe.take() } else { None };
+            of.observed_hit(numeric, hit, observe).map(Some)
+        }))?;
+        if observe.is_some() {
+            self.observed_hit(numeric, hit, observe)?; // one push before it was not held
+        }
+        report.ok_or(HitError::OutOfRange(0)) // never: each was run to its end
     }
 
     /// [`hit`](Self::hit) that nobody needs to look at.
@@ -46,11 +53,13 @@ impl PreparedScene {
     /// # Errors
     /// As [`hit`](Self::hit).
     pub fn report(&self, numeric: Numeric, hit: &WallHit) -> Result<HitReport, HitError> {
-        let bounded = self.until_one_fails(|of| of.observed_hit(numeric, hit, None).map(Some))?;
-        bounded.ok_or(HitError::OutOfRange(0)) // never: each was run to its end
+        let pushes = self.pushes().iter();
+        let report = deciding(pushes.map(|of| of.observed_hit(numeric, hit, None).map(Some)))?;
+        report.ok_or(HitError::OutOfRange(0)) // never: each was run to its end
     }
 
-    /// Each push that the wall is judged at, N, and what it showed.
+    /// Each push that the wall is judged at, N, and what a whole hit with it showed; `observe` sees every sample of that
+    /// with the scene's own.
     ///
     /// # Errors
     /// As [`hit`](Self::hit).
@@ -58,30 +67,18 @@ impl PreparedScene {
         &self,
         numeric: Numeric,
         hit: &WallHit,
+        mut observe: impl FnMut(&Sample),
     ) -> Result<Vec<(f64, HitReport)>, HitError> {
         let report = |of: &Self| {
-            let report = of.observed_hit(numeric, hit, None)?;
-            Ok((of.scene.wall_hit.push_n, report))
+            let observe: Option<&mut Observer<'_>> =
+                if self.has_push_of(of) { Some(&mut observe) } else { None };
+            Ok((of.scene.wall_hit.push_n, of.observed_hit(numeric, hit, observe)?))
         };
         self.pushes().iter().map(report).collect()
     }
 
-    /// Hits at one push after the other until the wall is not held: the report of that push, or the one whose force is
-    /// the least quiet.
-    fn until_one_fails(
-        &self,
-        hit: impl Fn(&Self) -> Result<Option<HitReport>, HitError>,
-    ) -> Result<Option<HitReport>, HitError> {
-        let mut worst: Option<HitReport> = None;
-        for of in self.pushes() {
-            match hit(of)? {
-                Some(report) if report.is_stable() => {
-                    worst = Some(worst.map_or(report, |worst| worst.or_louder(report)));
-                }
-                failed => return Ok(failed),
-            }
-        }
-        Ok(worst)
+    fn has_push_of(&self, other: &Self) -> bool {
+        self.scene.wall_hit.push_n.to_bits() == other.scene.wall_hit.push_n.to_bits()
     }
 
     /// Whether the handle comes to the wall at all, within the window or before it.
@@ -105,7 +102,7 @@ impl PreparedScene {
     /// # Errors
     /// As [`verdict`](Self::verdict).
     pub fn bounded(&self, numeric: Numeric, hit: &WallHit) -> Result<Option<HitReport>, HitError> {
-        self.until_one_fails(|of| of.by(numeric, hit, None, true))
+        deciding(self.pushes().iter().map(|of| of.by(numeric, hit, None, true)))
     }
 
     /// A hit by the controller of that arithmetic.
@@ -334,6 +331,23 @@ impl PreparedScene {
         }
         Ok((judged.hit().verdict(), judged.hit()))
     }
+}
+
+/// Of hits at one push after the other: the first that was not held, after which none is run, or the one whose force is
+/// the least quiet.
+fn deciding(
+    hits: impl Iterator<Item = Result<Option<HitReport>, HitError>>,
+) -> Result<Option<HitReport>, HitError> {
+    let mut worst = None;
+    for hit in hits {
+        match hit? {
+            Some(report) if report.is_stable() => {
+                worst = Some(louder(worst, report, |report| Some(report.force_rms_n)));
+            }
+            failed => return Ok(failed),
+        }
+    }
+    Ok(worst)
 }
 
 /// The verdict of a hit that was run until it was certain.

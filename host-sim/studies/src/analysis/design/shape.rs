@@ -7,7 +7,10 @@ use nalgebra::Complex;
 use serde::Serialize;
 use zwidth::{Design, VelocitySettings};
 
-use crate::analysis::linear::{TransferFunction, transfer_function};
+use crate::{
+    analysis::linear::{TransferFunction, transfer_function},
+    notation::rounded,
+};
 
 /// Numbers of a section.
 pub const NUMBERS: usize = 4;
@@ -58,11 +61,6 @@ pub struct Second {
 
 fn between([low, high]: [f64; 2], part: f64) -> f64 {
     low * (high / low).powf(part)
-}
-
-/// With so many digits: what is found is typed into scenes.
-fn rounded(value: f64, digits: usize) -> f64 {
-    format!("{value:.*e}", digits - 1).parse().unwrap_or(value)
 }
 
 impl Shape {

@@ -5,17 +5,14 @@ use zwidth::velocity::EstimatorName;
 
 use super::{CLOCK_HZ, Explained, Explanation, Kind as ChangeKind};
 use crate::{
-    notation::three_digits,
+    notation::{rounded, three_digits},
     study::boundary::Boundaries,
     table::{Cell, Kind, Table},
 };
 
 /// Three digits, of what is below 1 too.
 pub fn digits(value: f64) -> String {
-    match format!("{value:.2e}").parse::<f64>() {
-        Ok(rounded) if value.abs() < 0.995 => rounded.to_string(),
-        _ => three_digits(value),
-    }
+    if value.abs() < 0.995 { rounded(value, 3).to_string() } else { three_digits(value) }
 }
 
 /// A row of the table: a change, or the scene as it is.
