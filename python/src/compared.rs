@@ -28,7 +28,7 @@ use sim_studies::{
 
 use crate::{
     given::{Given, Numbers, Progress, Texts, several},
-    result::{Keys, Part, Table as Told, Tuple, made, result},
+    result::{Part, Table as Told, Tuple, made, result},
     scene::serialized,
     studies::{engine_of, in_range, not_empty},
     work::{raised, run},
@@ -66,7 +66,7 @@ result! { value
     }
 }
 
-result! { table
+result! { table(table)
     /// Estimators, each tuned by the same search.
     Comparison {
         /// Name of the scene.
@@ -93,11 +93,6 @@ result! { table
         winners: Tuple<Part<Winner>>,
         /// What a reader must know beside the numbers.
         notes: Tuple<String>,
-    }
-
-    /// The columns of the table.
-    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
-        self.table.columns(py)
     }
 }
 
@@ -203,7 +198,7 @@ pub fn compare(
     })
 }
 
-result! { table
+result! { table(table)
     /// What limits the walls of a scene.
     Explanation {
         /// Name of the scene.
@@ -216,11 +211,6 @@ result! { table
         damping_n_s_per_m: f64,
         /// Which part to buy, what can be had without one, and whether another estimator is worth it.
         answers: Tuple<String>,
-    }
-
-    /// The columns of the table.
-    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
-        self.table.columns(py)
     }
 }
 
@@ -318,7 +308,7 @@ impl FromPyObject<'_, '_> for Limits {
     }
 }
 
-result! { table
+result! { table(table)
     /// The defaults of other systems, untuned, beside the scene's own estimator and the true velocity.
     Peers {
         /// Name of the scene.
@@ -327,11 +317,6 @@ result! { table
         table: Told,
         /// What a reader must know beside the numbers: defaults that cannot run at the scene's rate.
         notes: Tuple<String>,
-    }
-
-    /// The columns of the table.
-    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
-        self.table.columns(py)
     }
 }
 
@@ -404,7 +389,7 @@ pub fn peers(
     Ok(Peers { scene: scene.name.clone(), table, notes })
 }
 
-result! { table
+result! { table(table)
     /// Walls that are stable and rendered as commanded, each estimator tuned for each limit.
     Usable {
         /// Name of the scene.
@@ -412,11 +397,6 @@ result! { table
         /// One row for each limit and estimator, the largest area first, with the columns of the command line's `usable.csv`;
         /// `within_percent` is NaN where any error counts.
         table: Told,
-    }
-
-    /// The columns of the table.
-    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
-        self.table.columns(py)
     }
 }
 

@@ -258,7 +258,7 @@ result! { table
     }
 }
 
-result! { table
+result! { table(pulses)
     /// Pulses that identify a scene's device. As a table it is `pulses`.
     Plan {
         /// Name of the scene.
@@ -278,11 +278,6 @@ result! { table
         guessed: Tuple<String>,
         /// Lines for the board's console, in the scene's units; all else is at the handle.
         console: Tuple<String>,
-    }
-
-    /// The columns of the table.
-    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
-        self.pulses.columns(py)
     }
 }
 
@@ -489,7 +484,7 @@ result! { value
     }
 }
 
-result! { table
+result! { table(walls)
     /// A measured walk beside the one that a scene predicts. As a table it is `walls`.
     Agreement {
         /// Name of the scene.
@@ -514,11 +509,6 @@ result! { table
         suspects: Tuple<Part<Suspect>>,
         /// The answer in words.
         answers: Tuple<String>,
-    }
-
-    /// The columns of the table.
-    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
-        self.walls.columns(py)
     }
 }
 
@@ -562,7 +552,7 @@ pub fn agree(
     made(&told)
 }
 
-result! { table
+result! { table(table)
     /// Another estimator over the counts of a capture, beside the board's own. As a table it is `table`.
     Replay {
         /// Its name.
@@ -587,11 +577,6 @@ result! { table
         lsb_m_per_s: f64,
         /// `sample`, `position_counts`, `board_velocity_lsb`, `velocity_lsb`, in the integers of the control.
         table: Table,
-    }
-
-    /// The columns of the table.
-    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
-        self.table.columns(py)
     }
 }
 

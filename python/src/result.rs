@@ -13,8 +13,19 @@ use pyo3::{
 use sim_studies::table::{Cell, Column, Kind};
 
 /// A frozen class of Python's whose attributes are these fields: its constructor takes them, its text names those that are
-/// short, and it can be pickled. Of a `value` equal fields make equals, a `table` has `columns` of its own.
+/// short, and it can be pickled. Of a `value` equal fields make equals, a `table` has `columns` of its own, a
+/// `table(FIELD)` those of that field.
 macro_rules! result {
+    (table($table:ident) $(#[$of:meta])* $name:ident $fields:tt $($methods:tt)*) => {
+        $crate::result::result! { table $(#[$of])* $name $fields
+            /// The columns of the table.
+            fn columns(&self, py: Python<'_>) -> PyResult<$crate::result::Keys> {
+                self.$table.columns(py)
+            }
+
+            $($methods)*
+        }
+    };
     ($kind:ident $(#[$of:meta])* $name:ident { $($(#[$at:meta])* $field:ident: $type:ty,)* } $($methods:tt)*) => {
         $(#[$of])*
         #[pyclass(frozen, get_all, module = "zwidth")]

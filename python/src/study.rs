@@ -15,7 +15,7 @@ use sim_studies::study::planned::{Study as Planned, StudyFile, unit::How};
 
 use crate::{
     given::Progress,
-    result::{Asked, Keys, Table, result},
+    result::{Asked, Table, result},
     scene::of_python,
     studies::{engine_of, numeric_of},
     work::{raised, run},
@@ -37,7 +37,7 @@ pub fn text_of(asked: &Bound<'_, PyAny>) -> PyResult<(String, String, PathBuf)> 
     Ok((text, path.display().to_string(), folder))
 }
 
-result! { table
+result! { table(table)
     /// Every point of a study.
     Study {
         /// `walk`, `hit` or `sweep`.
@@ -50,11 +50,6 @@ result! { table
         hits: u64,
         /// The columns of the command line's parts, one row a point (of a sweep: a cutoff of a point), in their order.
         table: Table,
-    }
-
-    /// The columns of the table.
-    fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
-        self.table.columns(py)
     }
 }
 
