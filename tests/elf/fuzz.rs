@@ -26,6 +26,9 @@ fn sessions(board: Board, seed: u64, commands: u64) {
     let counts = outcome.counts;
     println!("{}: {counts:?}", board.name);
     assert!(counts.commands >= commands && counts.replies > commands / 2);
+    let seen = counts.seen;
+    assert!(seen.obeyed > commands / 3 && seen.refused > commands / 20);
+    assert!(seen.armed > commands / 5 && seen.forces > commands / 5);
     assert!(counts.frames > commands && counts.outputs > commands);
 }
 

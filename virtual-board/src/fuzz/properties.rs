@@ -38,8 +38,21 @@ pub struct Properties {
     line: String,
     /// The last frame of an output.
     pub frame: Option<Frame>,
+    pub seen: Seen,
+}
+
+/// What a session came to, so that one that does nothing is noticed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Seen {
+    /// Commands answered with `ok`.
+    pub obeyed: u64,
+    /// Commands answered with `error`.
+    pub refused: u64,
     pub faults: u64,
-    pub armed_frames: u64,
+    /// Outputs with the full force on.
+    pub armed: u64,
+    /// Outputs with a force other than zero.
+    pub forces: u64,
 }
 
 impl Properties {
@@ -58,8 +71,7 @@ impl Properties {
             sequence: None,
             line: String::new(),
             frame: None,
-            faults: 0,
-            armed_frames: 0,
+            seen: Seen::default(),
         }
     }
 
@@ -76,9 +88,8 @@ impl Properties {
 
     /// The board starts anew, because it was told to.
     pub fn reset(&mut self) {
-        let Self { stop_open, supply_mv, resets, faults, armed_frames, .. } = *self;
-        let resets = resets + 1;
-        *self = Self { stop_open, resets, faults, armed_frames, ..Self::new(supply_mv) };
+        let Self { stop_open, supply_mv, resets, seen, .. } = *self;
+        *self = Self { stop_open, resets: resets + 1, seen, ..Self::new(supply_mv) };
     }
 
     pub fn sample(&mut self) {
@@ -171,6 +182,8 @@ impl Properties {
         }
         self.waited = 0;
         self.asked -= 1;
+        let count = if line.starts_with("ok ") { &mut self.seen.obeyed } else { &mut self.seen.refused };
+        *count += 1;
         match line {
             "ok arm" => self.armed = true,
             "ok disarm" => {
@@ -213,8 +226,9 @@ impl Properties {
                 return Err(format!("a force at sample {at} while it is off"));
             }
             let before = last.map_or(0, |last| last.fault);
-            self.faults += u64::from(record.fault != before && record.fault != 0);
-            self.armed_frames += u64::from(is(Flags::ARMED));
+            self.seen.faults += u64::from(record.fault != before && record.fault != 0);
+            self.seen.armed += u64::from(is(Flags::ARMED));
+            self.seen.forces += u64::from(record.force != Force::ZERO);
             self.frame = Some(Frame { record: *record, ..newest });
         }
         if newest.record.fault != 0 && enabled && !newest.record.flags.contains(Flags::REPLAY) {

@@ -6,7 +6,7 @@ use zwidth::safety::ResetCause;
 use super::{
     action::Action,
     oracle::{Observed, Oracle},
-    properties::{Properties, output_code},
+    properties::{Properties, Seen, output_code},
 };
 use crate::{
     device,
@@ -52,14 +52,22 @@ pub struct Counts {
     pub frames: u64,
     /// Samples at which code and enable were the library's.
     pub outputs: u64,
-    /// Outputs with the full force on.
-    pub armed: u64,
-    /// Faults.
-    pub faults: u64,
+    /// What the rules saw.
+    pub seen: Seen,
     /// Resets and power cycles.
     pub resets: u64,
     /// Cycles of the core.
     pub cycles: u64,
+}
+
+impl std::ops::AddAssign for Seen {
+    fn add_assign(&mut self, other: Self) {
+        self.obeyed += other.obeyed;
+        self.refused += other.refused;
+        self.faults += other.faults;
+        self.armed += other.armed;
+        self.forces += other.forces;
+    }
 }
 
 impl std::ops::AddAssign for Counts {
@@ -68,8 +76,7 @@ impl std::ops::AddAssign for Counts {
         self.replies += other.replies;
         self.frames += other.frames;
         self.outputs += other.outputs;
-        self.armed += other.armed;
-        self.faults += other.faults;
+        self.seen += other.seen;
         self.resets += other.resets;
         self.cycles += other.cycles;
     }
@@ -186,7 +193,7 @@ impl<'a> Run<'a> {
         }
         let Checks { oracle, properties, counts, .. } = &mut self.checks;
         [counts.frames, counts.replies] = oracle.compared;
-        (counts.faults, counts.armed) = (properties.faults, properties.armed_frames);
+        counts.seen = properties.seen;
         counts.cycles += self.world.powered.mcu.now() - begun;
         Ok(())
     }
