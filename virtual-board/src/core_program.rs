@@ -379,8 +379,8 @@ impl CoreProgram {
 
     /// The supply falls below the detector's level or rises above it.
     pub fn supply(&mut self, low: bool) {
+        self.enable.supply_noted |= low && !self.enable.supply_low;
         self.enable.supply_low = low;
-        self.enable.supply_noted |= low;
         self.enable.active &= !low;
     }
 

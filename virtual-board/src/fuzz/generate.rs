@@ -102,8 +102,8 @@ pub fn next(random: &mut Random, seen: &Situation) -> Vec<Action> {
     }
     if seen.activity != Activity::None {
         return match random.below(12) {
-            0..5 => vec![Action::Wait(random.below(2_000))],
-            5 | 6 => say("stop"),
+            0..6 => vec![Action::Wait(random.below(5_000))],
+            6 => say("stop"),
             7 => say("status"),
             8 => say("disarm"),
             _ => vec![Action::Say(several(random, seen, 6))],
@@ -129,10 +129,9 @@ fn say(line: &str) -> Vec<Action> {
 fn armed(random: &mut Random, seen: &Situation) -> Vec<Action> {
     match random.below(16) {
         0..6 => vec![Action::Say(several(random, seen, 12))],
-        6..9 => lead(random, seen),
+        6..8 => lead(random, seen),
         9 => vec![Action::Free, Action::Wait(random.below(600))],
-        10 if seen.held => vec![Action::Free, Action::Wait(600)],
-        10 => say("hit"),
+        8 | 10 => hit(random, seen),
         11 => vec![Action::Say(format!("calibrate {}", random.between(-12.0, 12.0)))],
         12 => say("unlock envelope"),
         13 if random.below(3) == 0 => {
@@ -142,6 +141,18 @@ fn armed(random: &mut Random, seen: &Situation) -> Vec<Action> {
         14 => vec![Action::Wait(random.below(500))],
         _ => vec![Action::Say(any(random))],
     }
+}
+
+/// A hit to its end, with a wall ahead.
+fn hit(random: &mut Random, seen: &Situation) -> Vec<Action> {
+    let wall_m = f64::from(seen.position) * 1e-6 + random.between(0.001, 0.006);
+    let any_n = random.between(-3.0, 6.2);
+    let push_n = random.of(&[seen.stored.full_scale_n, 2.0, any_n]);
+    let rms_m = 10f64.powf(random.between(-5.0, -2.5));
+    let line = format!(
+        "unlock envelope\nwall {wall_m:.6}\npush {push_n}\nsettle 0.02\nwindow 0.03\nrms {rms_m:.2e}\nhit"
+    );
+    vec![Action::Free, Action::Wait(300), Action::Say(line), Action::Wait(6_000)]
 }
 
 /// Commands typed at once.
@@ -300,7 +311,7 @@ fn useful(random: &mut Random, seen: &Situation) -> String {
         14 => format!("push {}", random.between(-3.0, 6.2)),
         15 => format!("start {}", random.between(-0.045, 0.02)),
         16 => format!("settle {}", random.between(0.0, 0.3)),
-        17 => format!("rms {}", random.between(0.0, 1e-4)),
+        17 => format!("rms {:.2e}", 10f64.powf(random.between(-5.0, -2.5))),
         18 => {
             let name = random.of(&["kstart", "kstep", "kmax", "bstart", "bstep", "bmax"]);
             format!("{name} {}", random.between(0.0, 5_000.0))
