@@ -88,7 +88,7 @@ enum Command {
     },
     /// Faults with the force on, in free motion and in contact: how long until it is off.
     Campaign(Campaign),
-    /// Random sessions of console, hand, switches and resets, held against a model of the pages.
+    /// Random sessions of console, hand, switches and resets, held against the firmware's library.
     Fuzz(Fuzz),
     /// The board in real time for other tools: RTT over TCP on 127.0.0.1, channel n on port PORT + n.
     /// The first line on stdout is the address of channel 0.

@@ -9,7 +9,7 @@ use zwidth::{
     store::Stored,
 };
 
-use super::{action::Action, oracle::is_in_image, properties::LOW_MV, run::Checks};
+use super::{action::Action, oracle::is_in_image, run::Checks};
 use crate::random::Random;
 
 /// Numbers that are no wall's.
@@ -60,7 +60,7 @@ impl Situation {
             position: newest.record.position.counts(),
             held: checks.held,
             stop_open: checks.properties.stop_open,
-            supply_low: checks.properties.supply_mv <= LOW_MV + 100,
+            supply_low: checks.properties.is_supply_low(),
             good_mv,
         })
     }

@@ -15,7 +15,7 @@ const ANSWER: u64 = 3_000;
 const LINE: u64 = 200;
 const SAVED: u64 = 25_000;
 /// A supply between this and what a board has is good, one below it is not, mV.
-pub const LOW_MV: u32 = 2_800;
+const LOW_MV: u32 = 2_800;
 
 /// What the rules go by.
 #[derive(Clone, Debug)]
