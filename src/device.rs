@@ -12,8 +12,8 @@ use self::designs::Designs;
 use crate::{
     Design, HitSettings, LoopParameters, Settings, SettingsError,
     experiment::{
-        CalibrationPlan, CalibrationSettings, DutySettings, Gains, HitSequencePlan, Order,
-        PeriodPlan, PulseTrainPlan, ReturnSettings, WalkSettings, pulse_train,
+        CalibrationPlan, CalibrationSettings, Criterion, DutySettings, Gains, HitSequencePlan,
+        Order, PeriodPlan, PulseTrainPlan, ReturnSettings, WalkSettings, pulse_train, quiet,
     },
     period::{PERIODS, TooSlow, leaves_time},
     range::within,
@@ -205,6 +205,17 @@ impl Device<'_> {
     pub fn experiment(&self, stored: &Stored) -> Result<HitSequencePlan, SettingsError> {
         let design = self.design(stored)?;
         let Stored { push_n, settle_s, window_s, rms_limit_m, .. } = *stored;
+        let rms_limit_m = match stored.criterion {
+            Criterion::Rms => rms_limit_m,
+            Criterion::Quiet => quiet::rms_limit_m(design.resolution_m),
+        };
+        if stored.criterion == Criterion::Quiet {
+            let most_n = design.full_scale_n / quiet::PUSH_MAX;
+            within("push_n", push_n, -most_n..=most_n)?;
+        }
+        if let Some(limit_n) = stored.force_rms_limit_n {
+            within("force_rms_limit_n", limit_n, 0.0..=design.full_scale_n)?;
+        }
         let hit = HitSettings { push_n, settle_s, window_s, rms_limit_m }.build(&design)?;
         let start_m = stored.start_m;
         // A motor weaker than it was taken for brings the handle back with what it has.
@@ -289,6 +300,8 @@ impl Device<'_> {
             settle_s: settle_s * part,
             window_s: window_s * part,
             rms_limit_m,
+            criterion: Criterion::Rms,
+            force_rms_limit_n: None,
             full_scale_n: self.design.full_scale_n,
             grid: self.walk,
         }

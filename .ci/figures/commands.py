@@ -4,7 +4,7 @@ Code of the kind `sh`, and code within a line that begins with a program's name.
 capitals (their options must exist), what needs hardware, what takes minutes (its stored result must exist), what
 other parts of .ci run. `<!-- given: COMMAND -->` is run and not shown: what the reader brings. `<!-- board: SCENE -->`
 before a block of console commands types them on the virtual board; what stands to the right of a command, and in the lines
-below that begin with a blank, must come in this order, but for the digits of an RMS. `<!-- file: NAME -->` before a block
+below that begin with a blank, must come in this order, but for the digits of an RMS and a ratio. `<!-- file: NAME -->` before a block
 makes that file of it, `<!-- append: NAME -->` puts it behind what is there.
 """
 
@@ -150,7 +150,7 @@ def board(scene, block, folder, environment):
     for command, *wanted in said:
         # A position in the scene is said in words.
         for piece in ", ".join(wanted).split(", ") if wanted and not command.startswith("hand ") else []:
-            piece = re.sub(r"^rms .*", "rms ", piece)
+            piece = re.sub(r"^(rms|force rms|ratio) .*", r"\1 ", piece)
             found = ran.stdout.find(piece, at)
             if found < 0:
                 return f"`{command}` is not answered by {piece!r}: {ran.stdout[at:][:400]!r}"

@@ -225,7 +225,7 @@ link.on("state", (state) => {
   for (const { from, text } of state.lines) {
     if (from !== "board") continue;
     plane.hear(text);
-    if (/^(ok hit [su n]|walk |error: (hit|walk)|calibrate|ok calibrate over|ok walk over)/.test(text)) by("result").textContent = text.replace(/^ok /, "");
+    if (/^(ok hit [su n]|hit push |walk |error: (hit|walk)|calibrate|ok calibrate over|ok walk over)/.test(text)) by("result").textContent = text.replace(/^ok /, "");
     if (text.startsWith("error")) { by("why").textContent = text.replace(/^error: /, ""); by("why").className = "bad"; }
     else if (/^ok [kb] /.test(text)) { by("why").textContent = text.replace(/^ok /, ""); by("why").className = "quiet"; }
   }

@@ -123,6 +123,14 @@ def test_answers_are_read(fake: FakeBoard) -> None:
         assert (hit.rms, hit.unit) == (7.5e-7, "rad")
         with pytest.raises(ValueError, match="speaks rad"):
             _ = hit.rms_m
+        assert (hit.force_rms, hit.penetration_ratio) == (None, None)
+        pushes = [f"hit push {n}: 2 N, stable, rms 0 m, force rms 0.1 N, ratio 1" for n in range(1, 5)]
+        said["hit"] = ["ok hit", *pushes, HIT + ", force rms 0.125 N, ratio 0.99"]
+        hit = board.hit()
+        assert (hit.force_rms, hit.penetration_ratio) == (0.125, 0.99)
+        said["hit"] = ["ok hit", HIT + ", force rms 0 N m, ratio none"]
+        hit = board.hit()
+        assert (hit.force_rms, hit.penetration_ratio) == (0.0, None)
         tested = board.selftest()
         assert not tested.passed
         assert tested.parts == {"chip": "pass", "encoder": "fail, 0 edges"}
@@ -131,7 +139,7 @@ def test_answers_are_read(fake: FakeBoard) -> None:
 
 def test_a_walk_is_read_line_by_line(fake: FakeBoard) -> None:
     lines = [
-        "walk hit 1: k 2000 N/m, b 10 N s/m, stable, rms 7.83140047075e-7 m",
+        "walk hit 1: k 2000 N/m, b 10 N s/m, stable, rms 7.83140047075e-7 m, force rms 0.1 N, ratio 1.01",
         "walk hit 2: k 22000 N/m, b 10 N s/m, unstable, rms 0.000105234735933 m",
         "walk boundary 1: k 2000 N/m, b 10 N s/m",
         "ok walk over, area 880000 N^2 s/m^2, peak k 2000 N/m, largest b 10 N s/m, hits 2, points 1, ended by cap",
@@ -195,7 +203,7 @@ def test_lines_of_an_experiment_are_no_answers(fake: FakeBoard) -> None:
         assert board.events[-1] == "ok pulses over"
     for line in ("ok hit", "ok walk", "ok pulses", "ok calibrate", "ok selftest", "error: on already", "ok k 5 N/m"):
         assert not is_event(line), line
-    for line in (HIT, "ok walk over, area", "ok pulses over", "ok calibrate over: x", "error: hit: x", "selftest a: x"):
+    for line in (HIT, "hit push 1: 2 N, stable", "ok walk over, area", "ok pulses over", "ok calibrate over: x", "error: hit: x", "selftest a: x"):
         assert is_event(line), line
 
 

@@ -5,7 +5,7 @@ use core::fmt;
 use super::{number, spoken::Spoken};
 use crate::{
     device::designs::is_design_name,
-    experiment::WalkSettings,
+    experiment::{Criterion, WalkSettings},
     store::Name,
     velocity::{EstimatorName, UnknownEstimator},
 };
@@ -81,6 +81,10 @@ pub enum Command {
     Window(f64),
     /// Limit of a stable hit's RMS, m.
     RmsLimit(f64),
+    /// What counts as stable.
+    Criterion(Criterion),
+    /// Limit of a quiet hit's RMS of the force, N; 0: a share of the push.
+    ForceRmsLimit(f64),
     /// Grid of the walk.
     Grid(GridValue, f64),
     /// The motor is mounted the other way round.
@@ -253,6 +257,15 @@ static TABLE: &[Entry] = {
         ("settle", "settle SECONDS", Number(C::Settle)),
         ("window", "window SECONDS", Number(C::Window)),
         ("rms", "rms METRES", Number(C::RmsLimit)),
+        (
+            "criterion",
+            "criterion rms|quiet",
+            Word(&[
+                (Criterion::Rms.name(), C::Criterion(Criterion::Rms)),
+                (Criterion::Quiet.name(), C::Criterion(Criterion::Quiet)),
+            ]),
+        ),
+        ("force_rms", "force_rms NEWTONS", Number(C::ForceRmsLimit)),
         ("kstart", "kstart N_PER_M", Number(|k| C::Grid(G::StiffnessStart, k))),
         ("kstep", "kstep N_PER_M", Number(|k| C::Grid(G::StiffnessStep, k))),
         ("kmax", "kmax N_PER_M", Number(|k| C::Grid(G::StiffnessMax, k))),

@@ -101,6 +101,14 @@ impl<P: Port> Console<P> {
                 stored.rms_limit_m = rms_limit_m;
                 self.keep(stored, ("rms", rms_limit_m, "m"));
             }
+            Command::Criterion(criterion) => {
+                stored.criterion = criterion;
+                self.keep_as(stored, Reply::Word("criterion", criterion.name()));
+            }
+            Command::ForceRmsLimit(limit_n) => {
+                stored.force_rms_limit_n = (limit_n != 0.0).then_some(limit_n);
+                self.keep(stored, ("force_rms", limit_n, "N"));
+            }
             Command::Grid(value, number) => {
                 *value.of(&mut stored.grid) = number;
                 self.keep(stored, (value.text(), number, value.unit()));
@@ -120,10 +128,7 @@ impl<P: Port> Console<P> {
                 let changed = ChangedSetting::Signs("encoder", reversed);
                 self.order(Order::Signs(stored.signs), Awaited::Settings(stored, changed));
             }
-            Command::Hit => match self.device.hit_sequence(&stored, false) {
-                Ok(plan) => self.order(Order::Hit(plan), Awaited::Done("hit")),
-                Err(error) => self.reply(Reply::Range(&error)),
-            },
+            Command::Hit => self.begin_hit(),
             Command::Pulses(push_n) => match self.device.pulse_train(&stored, push_n) {
                 Ok(plan) => self.order(Order::Pulses(plan), Awaited::Done("pulses")),
                 Err(error) => self.reply(Reply::Range(&error)),
@@ -202,11 +207,15 @@ impl<P: Port> Console<P> {
 
     /// Keeps a setting that only the next experiment looks at: name, value, unit.
     fn keep(&mut self, stored: Stored, (name, value, unit): (&'static str, f64, &'static str)) {
+        self.keep_as(stored, Reply::Value(name, value, unit));
+    }
+
+    fn keep_as(&mut self, stored: Stored, reply: Reply<'_>) {
         let checked = self.device.experiment(&stored);
         match checked.and_then(|_| stored.grid.check()) {
             Ok(()) => {
                 self.stored.set(stored);
-                self.reply(Reply::Value(name, value, unit));
+                self.reply(reply);
             }
             Err(error) => self.reply(Reply::Range(&error)),
         }

@@ -2,29 +2,91 @@
 
 use core::fmt;
 
-use super::{Decimal, spoken::Spoken};
+use super::{
+    Decimal,
+    spoken::{Said, Spoken},
+};
 use crate::{
-    experiment::{CalibrationEnd, Cell, Ended, RunningVariance, Verdict, WalkSettings, WalkTotals},
+    experiment::{
+        CalibrationEnd, Cell, Ended, HitWindow, Verdict, WalkSettings, WalkTotals,
+        quiet::QuietWindow,
+    },
     port::Exchanged,
     telemetry::Record,
     units::Force,
 };
 
-/// The line that ends a hit: verdict, window, what wall and hand have exchanged, metres per count, newtons at full scale,
-/// units.
-pub struct HitOver(pub Verdict, pub RunningVariance, pub Exchanged, pub [f64; 2], pub Spoken);
+/// One hit, and what it was judged to be.
+#[derive(Clone, Copy)]
+pub struct JudgedHit {
+    pub verdict: Verdict,
+    pub window: HitWindow,
+    /// What wall and hand have exchanged.
+    pub port: Exchanged,
+    /// What else it was judged by.
+    pub quiet: Option<QuietWindow>,
+}
+
+impl JudgedHit {
+    pub fn force_rms_n(&self) -> f64 {
+        self.quiet.map_or(0.0, |quiet| quiet.force_rms_n)
+    }
+}
+
+/// A hit as it is said: verdict and what it was judged by.
+pub struct SaidHit {
+    pub hit: JudgedHit,
+    pub resolution_m: f64,
+    pub spoken: Spoken,
+}
+
+impl SaidHit {
+    fn verdict(&self) -> &'static str {
+        self.hit.verdict.text()
+    }
+
+    fn rms(&self) -> Said {
+        self.spoken.number(self.hit.window.counts.rms_counts() * self.resolution_m, "m")
+    }
+
+    /// What a quiet wall is judged by beside the motion.
+    fn quiet(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Some(quiet) = &self.hit.quiet else { return Ok(()) };
+        write!(f, ", force rms {}", self.spoken.number(quiet.force_rms_n, "N"))?;
+        match quiet.penetration_ratio {
+            Some(ratio) => write!(f, ", ratio {}", Decimal(ratio)),
+            None => f.write_str(", ratio none"),
+        }
+    }
+}
+
+/// The line that ends a hit: what it was judged by, what wall and hand have exchanged; newtons at full scale.
+pub struct HitOver(pub SaidHit, pub f64);
 
 impl fmt::Display for HitOver {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self(verdict, window, port, [resolution_m, full_scale_n], spoken) = self;
-        let rms = spoken.number(window.rms_counts() * resolution_m, "m");
-        let mean = spoken.number(window.mean_counts() * resolution_m, "m");
-        write!(f, "ok hit {}, rms {rms}, mean {mean}", verdict.text())?;
+        let Self(said, full_scale_n) = self;
+        let SaidHit { hit, resolution_m, spoken } = said;
+        let mean = spoken.number(hit.window.counts.mean_counts() * resolution_m, "m");
+        write!(f, "ok hit {}, rms {}, mean {mean}", said.verdict(), said.rms())?;
         let unit_j = full_scale_n / f64::from(1u32 << Force::FRACTION_BITS) * resolution_m;
         #[expect(clippy::cast_precision_loss, reason = "for people")]
         let [taken, given] =
-            [port.energy, port.given].map(|energy| Decimal(energy as f64 * unit_j));
-        write!(f, ", taken {taken} J, given {given} J")
+            [hit.port.energy, hit.port.given].map(|energy| Decimal(energy as f64 * unit_j));
+        write!(f, ", taken {taken} J, given {given} J")?;
+        said.quiet(f)
+    }
+}
+
+/// One push of a quiet hit: its place, newtons, the hit.
+pub struct PushJudged(pub usize, pub f64, pub SaidHit);
+
+impl fmt::Display for PushJudged {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(place, push_n, said) = self;
+        let push = said.spoken.number(*push_n, "N");
+        write!(f, "hit push {}: {push}, {}, rms {}", place + 1, said.verdict(), said.rms())?;
+        said.quiet(f)
     }
 }
 
@@ -40,21 +102,15 @@ impl fmt::Display for Wall<'_> {
     }
 }
 
-/// One verdict of a walk: number of the hit, plan, cell, verdict, RMS in m, units.
-pub struct CellJudged<'a>(
-    pub u32,
-    pub &'a WalkSettings,
-    pub Cell,
-    pub Verdict,
-    pub f64,
-    pub Spoken,
-);
+/// One verdict of a walk: number of the hit, plan, cell, the hit.
+pub struct CellJudged<'a>(pub u32, pub &'a WalkSettings, pub Cell, pub SaidHit);
 
 impl fmt::Display for CellJudged<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self(hits, plan, cell, verdict, rms_m, spoken) = self;
-        let (wall, rms) = (Wall(plan, *cell, *spoken), spoken.number(*rms_m, "m"));
-        write!(f, "walk hit {hits}: {wall}, {}, rms {rms}", verdict.text())
+        let Self(hits, plan, cell, said) = self;
+        let wall = Wall(plan, *cell, said.spoken);
+        write!(f, "walk hit {hits}: {wall}, {}, rms {}", said.verdict(), said.rms())?;
+        said.quiet(f)
     }
 }
 

@@ -249,6 +249,10 @@ fn settings(
         Decimal(stored.window_s),
         said(stored.rms_limit_m, "m"),
     )?;
+    write!(f, ", criterion {}", stored.criterion.name())?;
+    if let Some(limit_n) = stored.force_rms_limit_n {
+        write!(f, ", force rms {}", said(limit_n, "N"))?;
+    }
     let grid = &stored.grid;
     let (k, b) = (|value| spoken.bare(value, "N/m"), |value| spoken.bare(value, "N s/m"));
     write!(
@@ -318,7 +322,7 @@ mod tests {
             designs::{DESIGNS_MAX, tests::NAMED},
             tests::DEVICE,
         },
-        experiment::{Activity, WalkSettings},
+        experiment::{Activity, Criterion, WalkSettings},
         safety::{
             FaultRecord, FaultSet, Inputs, State, Status,
             envelope::{Boundary, Envelope},
@@ -371,7 +375,7 @@ mod tests {
         shows(
             Reply::Version("0123456789ab-dirty", &DEVICE),
             "ok version 0.1.0, commit 0123456789ab-dirty, board a-board, scene bench 0badcafe, envelope 6f34aa47, \
-             layouts record 4, settings 4, telemetry 2",
+             layouts record 4, settings 5, telemetry 2",
         );
         shows(
             Reply::Refused(Refusal::Faulted(Fault::LateRender)),
@@ -460,6 +464,8 @@ mod tests {
             settle_s: 1.234_567_890_12e-5,
             window_s: 1.234_567_890_12e-5,
             rms_limit_m: 1.234_567_890_12e-5,
+            criterion: Criterion::Quiet,
+            force_rms_limit_n: Some(1.234_567_890_12e-5),
             full_scale_n: 1.234_567_890_12e-5,
             grid: WalkSettings {
                 stiffness_start_n_per_m: 1.234_567_890_12e-5,

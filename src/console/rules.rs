@@ -32,7 +32,7 @@ enum Need {
     Idle,
     /// No experiment but a calibration, which goes on with another force.
     IdleOrCalibration,
-    /// Neither a walk nor a pulse train, which go by K, B and push.
+    /// Neither a walk nor a pulse train nor a quiet hit, which go by K, B and push.
     NoWalk,
     /// No fault.
     NoFault,
@@ -67,9 +67,12 @@ const fn needs(command: &Command) -> &'static [Need] {
         Command::Stiffness(_) | Command::Damping(_) | Command::Push(_) | Command::Grid(..) => {
             &[N::NoWalk]
         }
-        Command::Start(_) | Command::Settle(_) | Command::Window(_) | Command::RmsLimit(_) => {
-            &[N::Idle]
-        }
+        Command::Start(_)
+        | Command::Settle(_)
+        | Command::Window(_)
+        | Command::RmsLimit(_)
+        | Command::Criterion(_)
+        | Command::ForceRmsLimit(_) => &[N::Idle],
         // A turned sign makes every wall pull, another full scale moves every force; what is counted in outputs begins
         // anew with another period; another design is another device to the hand.
         Command::MotorReversed(_)
@@ -116,7 +119,8 @@ impl Need {
                 unmet(free, Refusal::Busy)
             }
             Self::NoWalk => {
-                let own = matches!(now.activity, Activity::Walk | Activity::Pulses);
+                let own =
+                    matches!(now.activity, Activity::Walk | Activity::Pushes | Activity::Pulses);
                 unmet(!own, Refusal::Busy)
             }
             Self::NoFault => (state == State::Fault).then(|| {

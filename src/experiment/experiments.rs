@@ -173,12 +173,18 @@ impl Experiments {
     ) {
         self.pushed = self.push;
         self.duty.add(&self.duty_plan, grant.force().unwrap_or_default());
-        self.observe(wall, matches!(grant, OutputCommand::On(_)), positions);
+        self.observe(wall, grant, positions);
         self.prepare(position, wall.penetration(position) > 0);
     }
 
     /// Feeds the samples since the last output to the experiment.
-    fn observe(&mut self, wall: &Wall, on: bool, mut positions: impl Iterator<Item = Position>) {
+    fn observe(
+        &mut self,
+        wall: &Wall,
+        grant: OutputCommand,
+        mut positions: impl Iterator<Item = Position>,
+    ) {
+        let on = matches!(grant, OutputCommand::On(_));
         match self.experiment {
             Experiment::Hit(_) if !on => self.end(Event::HitAborted(AbortReason::Off)),
             Experiment::Calibration(_) if !on => {
@@ -202,8 +208,13 @@ impl Experiments {
                 verdict = verdict.or(hit.sample(position, wall.penetration(position) > 0));
             }
         }
+        if verdict.is_none()
+            && let OutputCommand::On(granted) = grant
+        {
+            hit.granted(granted.command());
+        }
         if let Some(verdict) = verdict.or_else(|| hit.early_verdict()) {
-            let window = hit.scatter();
+            let window = hit.window();
             self.end(Event::HitOver(verdict, window));
         }
     }
@@ -262,7 +273,10 @@ mod tests {
     use crate::{
         device::tests::DEVICE,
         experiment::{HitPlan, Verdict},
+        safety::GrantedForce,
     };
+
+    const ON: OutputCommand = OutputCommand::On(GrantedForce::ZERO);
 
     /// On the surface is no contact yet, for a hit's first sample, for its others, and for a calibration.
     #[test]
@@ -284,7 +298,7 @@ mod tests {
                     hit.output(start, false, &Duty::default()).unwrap();
                 }
                 experiments.set(Activity::Hit, Experiment::Hit(hit));
-                experiments.observe(&wall, true, core::iter::once(position));
+                experiments.observe(&wall, ON, core::iter::once(position));
                 let verdict = if contact { Verdict::Stable } else { Verdict::NoContact };
                 let Event::HitOver(judged, _) = *experiments.news() else { panic!("none") };
                 assert_eq!(judged, verdict, "{behind} {outputs_more}");

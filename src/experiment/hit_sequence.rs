@@ -4,12 +4,12 @@
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
 use super::{
-    Duty, DutyPlan, Hit, HitPlan, ReturnPlan, RunningVariance, Verdict,
+    Duty, DutyPlan, Hit, HitPlan, HitWindow, ReturnPlan, Verdict,
     approach::{AbortReason, Approach},
 };
 use crate::{
     safety::Doubled,
-    units::{Force, Position},
+    units::{Force, OutputCode, Position},
 };
 
 /// What a hit sequence is made of.
@@ -134,11 +134,19 @@ impl HitSequence {
         hit.certain_verdict()
     }
 
+    /// Takes the code of an output that was granted.
+    #[inline]
+    pub fn granted(&mut self, code: OutputCode) {
+        if let Phase::Hit(hit) = &mut self.phase {
+            hit.output(code);
+        }
+    }
+
     /// The window so far; empty before the hit.
-    pub fn scatter(&self) -> RunningVariance {
+    pub fn window(&self) -> HitWindow {
         match &self.phase {
-            Phase::Hit(hit) => *hit.scatter(),
-            Phase::Approach(_) => RunningVariance::default(),
+            Phase::Hit(hit) => hit.window(),
+            Phase::Approach(_) => HitWindow::default(),
         }
     }
 }
@@ -149,7 +157,7 @@ mod tests {
     use crate::{
         HitSettings,
         experiment::{
-            DutySettings,
+            DutySettings, RunningVariance,
             return_move::tests::{DESIGN, Handle, SETTINGS as BACK},
         },
     };

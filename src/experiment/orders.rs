@@ -1,8 +1,8 @@
 //! What the console asks of the output task, and what that one reports.
 
 use super::{
-    AbortReason, CalibrationEnd, CalibrationPlan, DutyPlan, HitSequencePlan, Promise,
-    PulseTrainPlan, RunningVariance, Verdict,
+    AbortReason, CalibrationEnd, CalibrationPlan, DutyPlan, HitSequencePlan, HitWindow, Promise,
+    PulseTrainPlan, Verdict,
 };
 use crate::{
     LoopParameters,
@@ -21,6 +21,8 @@ pub enum Activity {
     None,
     /// A wall hit.
     Hit,
+    /// The pushes of a quiet hit, which sets them by itself.
+    Pushes,
     /// A boundary walk, which sets K and B by itself.
     Walk,
     /// A force calibration.
@@ -34,7 +36,7 @@ impl Activity {
     pub const fn name(self) -> &'static str {
         match self {
             Self::None => "idle",
-            Self::Hit => "hit",
+            Self::Hit | Self::Pushes => "hit",
             Self::Walk => "walk",
             Self::Calibration => "calibration",
             Self::Pulses => "pulses",
@@ -97,7 +99,7 @@ pub enum Event {
     /// An order was met or refused.
     Answer(Result<(), Refusal>),
     /// A hit is over: its verdict, and the window it was judged by.
-    HitOver(Verdict, RunningVariance),
+    HitOver(Verdict, HitWindow),
     /// A hit ended without a verdict.
     HitAborted(AbortReason),
     /// A pulse train is over, or ended before.

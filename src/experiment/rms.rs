@@ -1,4 +1,4 @@
-//! Population RMS of counts about their mean, exact in integers.
+//! Population RMS of counts, or of output codes, about their mean, exact in integers.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -39,7 +39,7 @@ impl RmsLimit {
 pub struct RunningVariance {
     samples: u32,
     /// The first position: differences from it stay small.
-    origin: Position,
+    origin: i32,
     sum: i64,
     sum_of_squares: u128,
 }
@@ -48,10 +48,16 @@ impl RunningVariance {
     /// Takes one position.
     #[inline]
     pub fn push(&mut self, position: Position) {
+        self.push_number(position.counts());
+    }
+
+    /// Takes a number that is no count, as if it were one: the code of an output.
+    #[inline]
+    pub fn push_number(&mut self, number: i32) {
         if self.samples == 0 {
-            self.origin = position;
+            self.origin = number;
         }
-        let difference = i64::from(position.counts()) - i64::from(self.origin.counts());
+        let difference = i64::from(number) - i64::from(self.origin);
         let magnitude = difference.unsigned_abs(); // below 2^32
         self.add(1, difference, u128::from(magnitude * magnitude));
     }
@@ -96,7 +102,7 @@ impl RunningVariance {
     pub fn mean_counts(&self) -> f64 {
         #[expect(clippy::cast_precision_loss, reason = "for reports")]
         let mean = self.sum as f64 / f64::from(self.samples.max(1));
-        f64::from(self.origin.counts()) + mean
+        f64::from(self.origin) + mean
     }
 
     /// Population RMS about the mean, in counts.
@@ -115,7 +121,7 @@ impl RunningVariance {
         let (before, widest) = (samples - 1, 1i64 << 32);
         Self {
             samples: before,
-            origin: Position::from_counts(i32::MIN),
+            origin: i32::MIN,
             sum: i64::from(before) * widest,
             sum_of_squares: u128::from(before) * (1u128 << 64),
         }

@@ -18,6 +18,11 @@ pub struct GrantedForce {
     pub(super) command: OutputCode,
 }
 
+#[cfg(test)]
+impl GrantedForce {
+    pub(crate) const ZERO: Self = Self { force: Force::ZERO, command: OutputCode(0) };
+}
+
 impl GrantedForce {
     /// The force, within +-1 full scale.
     pub fn force(self) -> Force {

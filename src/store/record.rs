@@ -2,7 +2,7 @@
 
 use crate::{
     Settings, WallSettings, crc,
-    experiment::WalkSettings,
+    experiment::{Criterion, WalkSettings},
     velocity::{EstimatorName, PARAMETERS},
 };
 
@@ -27,6 +27,11 @@ pub struct Stored {
     pub window_s: f64,
     /// Limit of a stable hit's RMS, m.
     pub rms_limit_m: f64,
+    /// What counts as stable.
+    pub criterion: Criterion,
+    /// With the criterion `quiet`, limit of the force's RMS, N; without, [a share](crate::experiment::quiet::FORCE_SHARE)
+    /// of the push.
+    pub force_rms_limit_n: Option<f64>,
     /// Force at full command, N: what the calibration found.
     pub full_scale_n: f64,
     /// Grid and caps of the walk.
@@ -115,8 +120,9 @@ pub struct Signs {
 /// Flash words of a record.
 pub const RECORD_WORDS: usize = 44;
 
-/// Parameters of an estimator beyond the two that a record has: they stand in a record of their own, just before it.
-pub(super) type Further = [f64; FURTHER];
+/// What a record has no room for: parameters of an estimator beyond the two that it has, and a limit of the force's RMS.
+/// They stand in a record of their own, just before it.
+pub(super) type Further = [f64; FURTHER + 1];
 const KEPT: usize = 2;
 const FURTHER: usize = PARAMETERS - KEPT;
 
@@ -124,9 +130,11 @@ const FURTHER: usize = PARAMETERS - KEPT;
 const NUMBERS: usize = 17;
 
 /// Version of the layout.
-pub const LAYOUT: u8 = 4;
+pub const LAYOUT: u8 = 5;
 /// First word of a record: "ZWS" and that version.
 const HEAD: u32 = u32::from_le_bytes([b'Z', b'W', b'S', LAYOUT]);
+/// The same of layout 4, which knew no criterion but the first.
+const HEAD_4: u32 = u32::from_le_bytes(*b"ZWS\x04");
 /// The same of layout 3, which had the flags in a word of their own where the device's hash is now.
 const HEAD_3: u32 = u32::from_le_bytes(*b"ZWS\x03");
 /// The same of layout 2, which was layout 3 with 0 where the output period is, and this period.
@@ -139,6 +147,10 @@ const FLAG_BITS: u32 = 8;
 const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
 const ENCODER_REVERSED: u32 = 4;
+/// Those of older layouts.
+const FLAGS_4: u32 = 7;
+const QUIET: u32 = 8;
+const FORCE_LIMIT: u32 = 16;
 
 #[expect(clippy::cast_possible_truncation, reason = "halves of 64-bit words")]
 fn halves(value: f64) -> [u32; 2] {
@@ -188,27 +200,31 @@ pub(super) fn further_of_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Furt
 }
 
 impl Stored {
-    /// Whether the estimator has more parameters than a record: then a record of those stands before it.
+    /// Whether there is more than a record has room for: then a record of that stands before it.
     pub(super) fn has_further(&self) -> bool {
-        self.settings.velocity.name().parameters()[KEPT].is_some()
+        let of_estimator = self.settings.velocity.name().parameters()[KEPT].is_some();
+        of_estimator || self.force_rms_limit_n.is_some()
     }
 
-    /// The record of further parameters, if there are any.
+    /// The record of that, if there is any.
     pub(super) fn further_to_words(&self, sequence: u32) -> Option<[u32; RECORD_WORDS]> {
         if !self.has_further() {
             return None;
         }
         let (_, parameters) = EstimatorName::of(&self.settings.velocity);
-        let numbers = parameters.into_iter().skip(KEPT).flat_map(halves);
+        let limit = self.force_rms_limit_n.unwrap_or_default();
+        let numbers = parameters.into_iter().skip(KEPT).chain([limit]).flat_map(halves);
         Some(checked([HEAD_FURTHER, sequence].into_iter().chain(numbers)))
     }
 
-    /// The same with those further parameters.
+    /// The same with that.
     #[must_use]
     pub(super) fn with_further(mut self, further: &Further) -> Self {
-        for (n, number) in further.iter().enumerate() {
+        let [parameters @ .., limit] = further;
+        for (n, number) in parameters.iter().enumerate() {
             self.settings.velocity = self.settings.velocity.with_parameter(KEPT + n, *number);
         }
+        self.force_rms_limit_n = self.force_rms_limit_n.map(|_| *limit);
         self
     }
 
@@ -219,7 +235,9 @@ impl Stored {
         let flag = |set: bool, bit: u32| if set { bit } else { 0 };
         let flags = flag(wall.push_only, PUSH_ONLY)
             | flag(self.signs.motor_reversed, MOTOR_REVERSED)
-            | flag(self.signs.encoder_reversed, ENCODER_REVERSED);
+            | flag(self.signs.encoder_reversed, ENCODER_REVERSED)
+            | flag(self.criterion == Criterion::Quiet, QUIET)
+            | flag(self.force_rms_limit_n.is_some(), FORCE_LIMIT);
         let numbers = [
             parameters[0],
             parameters[1],
@@ -249,8 +267,8 @@ impl Stored {
         )
     }
 
-    /// Sequence number and content of those words, if they are a record of this version or of layout 3 or 2; further
-    /// parameters are 0.
+    /// Sequence number and content of those words, if they are a record of this version or of layout 4, 3 or 2; what
+    /// stands in a record of its own is 0.
     pub fn from_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Self)> {
         let [body @ .., check] = words;
         if crc::of_words(body) != *check {
@@ -262,8 +280,9 @@ impl Stored {
         let &[period] = rest else { return None };
         let (hash, estimator, flags, period) = match head {
             HEAD => (first, second >> FLAG_BITS, second, period),
-            HEAD_3 => (0, first, second, period),
-            HEAD_2 => (0, first, second, PERIOD_2),
+            HEAD_4 => (first, second >> FLAG_BITS, second & FLAGS_4, period),
+            HEAD_3 => (0, first, second & FLAGS_4, period),
+            HEAD_2 => (0, first, second & FLAGS_4, PERIOD_2),
             _ => return None,
         };
         let device = DeviceKey { name, hash };
@@ -310,6 +329,8 @@ impl Stored {
             settle_s,
             window_s,
             rms_limit_m,
+            criterion: if flags & QUIET == 0 { Criterion::Rms } else { Criterion::Quiet },
+            force_rms_limit_n: (flags & FORCE_LIMIT != 0).then_some(0.0),
             full_scale_n,
             grid: WalkSettings {
                 stiffness_start_n_per_m: k0,
@@ -349,6 +370,8 @@ pub(super) mod tests {
             settle_s: 4.0,
             window_s: 2.0,
             rms_limit_m: 1.5e-5,
+            criterion: Criterion::Rms,
+            force_rms_limit_n: None,
             full_scale_n: 5.906,
             grid: grid([2000.0, 1000.0, 1e7, 10.0, 20.0, 4000.0]),
         }
@@ -393,9 +416,12 @@ pub(super) mod tests {
     /// What was saved before there was a device record belongs to none; and before there was an output period it was
     /// that of 1 kHz.
     #[test]
-    fn records_of_layouts_2_and_3_are_read_and_are_no_devices() {
+    fn records_of_layouts_2_to_4_are_read_and_before_4_are_no_devices() {
         let saved = Stored { period: 1, ..stored(1.0) };
         let mut words = saved.to_words(7);
+        assert_eq!(Stored::from_words(&words), Some((7, saved)));
+        words[0] = HEAD_4;
+        sign(&mut words);
         assert_eq!(Stored::from_words(&words), Some((7, saved)));
         let (estimator, flags) = (words[7] >> FLAG_BITS, words[7] & 0xFF);
         [words[0], words[6], words[7]] = [HEAD_3, estimator, flags];
@@ -431,11 +457,21 @@ pub(super) mod tests {
                 settle_s: numbers[7],
                 window_s: numbers[8],
                 rms_limit_m: numbers[9],
+                criterion: if flags[1] { Criterion::Quiet } else { Criterion::Rms },
+                force_rms_limit_n: flags[3].then_some(numbers[0]),
                 full_scale_n: numbers[6],
                 grid: grid(walk),
             };
             let words = record.to_words(sequence);
             let (number, back) = Stored::from_words(&words).unwrap();
+            let further = record.further_to_words(sequence).map(|words| further_of_words(&words).unwrap());
+            prop_assert_eq!(further.is_some(), flags[3]);
+            let back = further.map_or(back, |(same, further)| {
+                assert_eq!(same, sequence);
+                back.with_further(&further)
+            });
+            prop_assert_eq!(back.force_rms_limit_n.map(f64::to_bits), record.force_rms_limit_n.map(f64::to_bits));
+            prop_assert_eq!(back.criterion, record.criterion);
             prop_assert_eq!((number, back.to_words(number)), (sequence, words));
             prop_assert_eq!((back.device, back.period), (record.device, period));
             prop_assert_eq!(back.rms_limit_m.to_bits(), numbers[9].to_bits());

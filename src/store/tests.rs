@@ -379,7 +379,7 @@ fn nor_is_it_damage_beside_what_was_saved() {
 /// Whole, but of a layout or with an estimator that this image has not: another image was here.
 #[test]
 fn a_whole_record_of_another_image_is_nothing_saved() {
-    for (place, word) in [(0, u32::from_le_bytes(*b"ZWS\x05")), (7, 0xEE00), (7, 28 << 8)] {
+    for (place, word) in [(0, u32::from_le_bytes(*b"ZWS\x06")), (7, 0xEE00), (7, 28 << 8)] {
         let mut flash = Mock::<4>::new();
         save(&mut flash, &stored(5.0)).unwrap();
         flash.words[place] = word;
@@ -392,14 +392,14 @@ fn a_whole_record_of_another_image_is_nothing_saved() {
 /// What once was a record is damage, whichever byte of it is wrong.
 #[test]
 fn a_record_that_cannot_be_read_is_damage() {
-    for head in [*b"ZWS\x05", *b"ZWS\x01", *b"XWS\x04", *b"ZWP\x03"] {
+    for head in [*b"ZWS\x06", *b"ZWS\x04", *b"ZWS\x01", *b"XWS\x05", *b"ZWP\x03"] {
         let mut flash = Mock::<4>::new();
         save(&mut flash, &stored(5.0)).unwrap();
         flash.words[0] = u32::from_le_bytes(head);
         let loaded = load(&mut flash, defaults());
         assert_eq!((loaded.stored, loaded.source), (defaults(), Source::Defaults), "{head:?}");
     }
-    for head in [*b"XWT\x04", *b"XWS\x05"] {
+    for head in [*b"XWT\x05", *b"XWS\x06"] {
         let mut flash = Mock::<4>::new();
         save(&mut flash, &stored(5.0)).unwrap();
         flash.words[0] = u32::from_le_bytes(head);
@@ -413,7 +413,7 @@ fn a_record_in_flash_is_its_words_least_significant_byte_first() {
     let mut flash = Mock::<4>::new();
     save(&mut flash, &stored(8000.0)).unwrap();
     let bytes: Vec<u8> = flash.words[..RECORD_WORDS].iter().flat_map(|w| w.to_le_bytes()).collect();
-    assert_eq!(&bytes[..20], b"ZWS\x04\x01\0\0\0paper-1um\0\0\0");
+    assert_eq!(&bytes[..20], b"ZWS\x05\x01\0\0\0paper-1um\0\0\0");
     assert_eq!(flash.words[12..14], [0, 0x40BF_4000]); // K as a double
     assert_eq!(flash.words[RECORD_WORDS - 2], 10);
     let (estimator, flags) = (flash.words[7] >> 8, flash.words[7] & 0xFF);

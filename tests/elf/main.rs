@@ -75,6 +75,7 @@ mod passivity;
 mod period;
 mod probe;
 mod profile;
+mod quiet;
 mod record;
 mod replay;
 mod rotary;

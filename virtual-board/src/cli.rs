@@ -344,6 +344,25 @@ struct HitJson<'a> {
     stable: bool,
     rms_m: f64,
     mean_m: f64,
+    #[serde(flatten)]
+    quiet: Option<QuietJson>,
+}
+
+/// What a hit by the criterion `quiet` says more: of the push that decides, and of each.
+#[derive(Serialize)]
+struct QuietJson {
+    force_rms_n: f64,
+    penetration_ratio: Option<f64>,
+    pushes: Vec<PushJson>,
+}
+
+#[derive(Serialize)]
+struct PushJson {
+    push_n: f64,
+    verdict: &'static str,
+    rms_m: f64,
+    force_rms_n: f64,
+    penetration_ratio: Option<f64>,
 }
 
 #[derive(Serialize)]
@@ -371,8 +390,26 @@ fn hit(
         note(&format!("{name}: {} to {} cycles", cycles.least, cycles.most));
     }
     if !json {
+        for push in &report.pushes {
+            print_text(&push.line)?;
+        }
         return print_text(&report.line);
     }
+    let quiet = report.deciding().map(|deciding| QuietJson {
+        force_rms_n: deciding.force_rms_n,
+        penetration_ratio: deciding.penetration_ratio,
+        pushes: report
+            .pushes
+            .iter()
+            .map(|push| PushJson {
+                push_n: push.push_n,
+                verdict: push.verdict.name(),
+                rms_m: push.rms_m,
+                force_rms_n: push.force_rms_n,
+                penetration_ratio: push.penetration_ratio,
+            })
+            .collect(),
+    });
     let [cutoff_hz, stiffness_n_per_m, damping_n_s_per_m] = wall;
     let json = HitJson {
         scene: &session.scene.name,
@@ -384,6 +421,7 @@ fn hit(
         stable: report.verdict == zwidth::experiment::Verdict::Stable,
         rms_m: report.rms_m,
         mean_m: report.mean_m,
+        quiet,
     };
     print_json(InUnits(session.scene.scene.units, json))
 }

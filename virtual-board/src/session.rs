@@ -3,7 +3,7 @@
 use defmt_decoder::Table;
 use host_sim::{
     error::Error,
-    scene::{NamedScene, Scene, Units},
+    scene::{Criterion, NamedScene, Scene, Units},
 };
 use zwidth::{
     experiment::Verdict,
@@ -63,21 +63,74 @@ pub struct BoardHit {
     pub mean_m: f64,
     /// What the wall has taken in the last contact, and the most that it has given in one, J.
     pub port_j: [f64; 2],
+    /// What a quiet hit showed at each push, in order; the one that decides stands above. Else none.
+    pub pushes: Vec<BoardPush>,
 }
 
 impl BoardHit {
+    /// Of the lines that say its pushes, if it has several, and the one that ends it.
+    ///
     /// # Errors
     /// The line is an error, or no result of a hit.
-    fn read(line: String, units: Units) -> Result<Self, Failed> {
+    fn read(pushes: &[String], line: String, units: Units) -> Result<Self, Failed> {
         let Some(rest) = line.strip_prefix("ok hit ") else { return Err(Failed::Refused(line)) };
-        let text = rest.split(',').next().unwrap_or_default();
-        let verdict = Verdict::ALL.into_iter().find(|verdict| verdict.text() == text);
-        let Some(verdict) = verdict else { return Err(Failed::Refused(line)) };
+        let Some(verdict) = verdict(rest) else { return Err(Failed::Refused(line)) };
         let metres = |name| Ok::<_, Failed>(units.from_reply("rms_m", number(&line, name)?));
         let (rms_m, mean_m) = (metres("rms ")?, metres("mean ")?);
         let port_j = [number(&line, "taken ")?, number(&line, "given ")?];
-        Ok(Self { verdict, rms_m, mean_m, port_j, line })
+        let pushes = pushes.iter().map(|push| BoardPush::read(push, units));
+        let pushes = pushes.collect::<Result<_, _>>()?;
+        Ok(Self { verdict, rms_m, mean_m, port_j, pushes, line })
     }
+
+    /// The push that decides: the one that was not held, or the one whose force moved most.
+    pub fn deciding(&self) -> Option<&BoardPush> {
+        let force_n = |push: &&BoardPush| push.force_rms_n;
+        let loudest = || self.pushes.iter().max_by(|a, b| force_n(a).total_cmp(&force_n(b)));
+        self.pushes.iter().find(|push| push.verdict != Verdict::Stable).or_else(loudest)
+    }
+}
+
+/// One push of a quiet hit, as the firmware reports it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardPush {
+    /// The firmware's line.
+    pub line: String,
+    /// N.
+    pub push_n: f64,
+    /// What the wall was judged to be at it.
+    pub verdict: Verdict,
+    /// RMS of the position about its mean, m.
+    pub rms_m: f64,
+    /// RMS of the force about its mean, N.
+    pub force_rms_n: f64,
+    /// `None` if the wall had no force.
+    pub penetration_ratio: Option<f64>,
+}
+
+impl BoardPush {
+    /// What begins the line of one.
+    const HEAD: &'static str = "hit push ";
+
+    fn read(line: &str, units: Units) -> Result<Self, Failed> {
+        let refused = || Failed::Refused(line.to_owned());
+        let (_, rest) = line.split_once(", ").ok_or_else(refused)?;
+        let at_handle = |key, name| Ok::<_, Failed>(units.from_reply(key, number(line, name)?));
+        Ok(Self {
+            line: line.to_owned(),
+            push_n: at_handle("push_n", ": ")?,
+            verdict: verdict(rest).ok_or_else(refused)?,
+            rms_m: at_handle("rms_m", ", rms ")?,
+            force_rms_n: at_handle("push_n", "force rms ")?,
+            penetration_ratio: number(line, "ratio ").ok(),
+        })
+    }
+}
+
+/// The verdict that begins a text.
+fn verdict(text: &str) -> Option<Verdict> {
+    let text = text.split(',').next().unwrap_or_default();
+    Verdict::ALL.into_iter().find(|verdict| verdict.text() == text)
 }
 
 /// A walk as the firmware reports it.
@@ -197,7 +250,12 @@ impl Session {
             format!("window {}", scene.wall_hit.window_s),
             format!("rms {}", said("rms_limit_m", scene.wall_hit.rms_limit_m)),
         ];
-        for line in before.into_iter().chain(tunings).chain(behind) {
+        let quiet =
+            (scene.wall_hit.criterion == Criterion::Quiet).then(|| "criterion quiet".to_owned());
+        let limit_n = scene.wall_hit.force_rms_limit_n;
+        let limit =
+            limit_n.map(|limit_n| format!("force_rms {}", said("force_rms_limit_n", limit_n)));
+        for line in before.into_iter().chain(tunings).chain(behind).chain(quiet).chain(limit) {
             if !line.is_empty() {
                 ask(&mut world, &line)?;
             }
@@ -218,8 +276,16 @@ impl Session {
         }
         world.run(ARM_SAMPLES)?;
         ask(&mut world, "hit")?;
-        let line = world.reply(LINE_SAMPLES)?;
-        Ok((BoardHit::read(line, units)?, world))
+        let mut pushes = vec![];
+        let line = loop {
+            let line = world.reply(LINE_SAMPLES)?;
+            if !line.starts_with(BoardPush::HEAD) {
+                break line;
+            }
+            world.lines.clear();
+            pushes.push(line);
+        };
+        Ok((BoardHit::read(&pushes, line, units)?, world))
     }
 
     /// The boundary walk over the scene's grid; `each` sees every line of it.

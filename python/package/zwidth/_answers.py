@@ -19,9 +19,12 @@ __all__ = ["BoardHit", "BoardSelfTest", "BoardStatus", "BoardWalk"]
 
 #: Lines that no command has asked for at that moment: those of experiments, and of a board that was not read.
 _EVENT = re.compile(
-    r"walk (hit|boundary) \d|ok hit \S|ok (walk|pulses|calibrate) over\b|error: (hit|walk|pulses): |calibrate holds "
+    r"walk (hit|boundary) \d|hit push \d|ok hit \S|ok (walk|pulses|calibrate) over\b|error: (hit|walk|pulses): |calibrate holds "
     r"|selftest |error: nobody was reading"
 )
+
+#: What a hit by the criterion ``quiet`` says more.
+_QUIET = r"(?:, force rms (?P<force>\S+) N(?: m)?, ratio (?P<ratio>\S+))?"
 
 
 def is_event(line: str) -> bool:
@@ -128,6 +131,10 @@ class BoardHit:
         ``"m"``; ``"rad"`` of a rotary device.
     port_taken_j, port_given_j : float
         What the wall has taken in the last contact, and the most that it has given in one, by its force and the counts, J.
+    force_rms : float or None
+        By the criterion ``quiet``: RMS of the force about its mean, N or N m, at the push that decides.
+    penetration_ratio : float or None
+        By the criterion ``quiet``: K times the mean penetration, over the mean force of the wall, if it has any.
     """
 
     verdict: str
@@ -136,6 +143,8 @@ class BoardHit:
     unit: str
     port_taken_j: float
     port_given_j: float
+    force_rms: float | None = None
+    penetration_ratio: float | None = None
 
     @property
     def stable(self) -> bool:
@@ -159,8 +168,11 @@ class BoardHit:
 
     @classmethod
     def _of(cls, line: str) -> BoardHit:
-        found = _read(r"ok hit ([a-z ]+), rms (\S+) (m|rad), mean (\S+) (m|rad), taken (\S+) J, given (\S+) J", line)
-        return cls(found[1].replace(" ", "_"), float(found[2]), float(found[4]), found[3], float(found[6]), float(found[7]))
+        hit = r"ok hit ([a-z ]+), rms (\S+) (m|rad), mean (\S+) (m|rad), taken (\S+) J, given (\S+) J" + _QUIET
+        found = _read(hit, line)
+        force, ratio = (None if said in (None, "none") else float(said) for said in found.group("force", "ratio"))
+        numbers = (float(found[n]) for n in (6, 7))
+        return cls(found[1].replace(" ", "_"), float(found[2]), float(found[4]), found[3], *numbers, force, ratio)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +215,7 @@ class BoardWalk(Tabular):
 
     @classmethod
     def _of(cls, lines: Sequence[str]) -> BoardWalk:
-        hit = r"walk hit \d+: k (\S+) ([^,]+), b (\S+) ([^,]+), ([a-z ]+), rms (\S+) (\w+)"
+        hit = r"walk hit \d+: k (\S+) ([^,]+), b (\S+) ([^,]+), ([a-z ]+), rms (\S+) (\w+)" + _QUIET
         hits = [_read(hit, line) for line in lines if line.startswith("walk hit ")]
         point = r"walk boundary \d+: k (\S+) [^,]+, b (\S+) [^,]+"
         points = [_read(point, line) for line in lines if line.startswith("walk boundary ")]

@@ -24,7 +24,7 @@ __all__ = ["SETTINGS", "Board"]
 #: Settings of the console that are a number, for :meth:`Board.set`.
 SETTINGS = (
     *("k", "b", "wall", "cutoff", "tuning", *(f"tuning{place}" for place in range(2, 9)), "period"),
-    *("push", "start", "settle", "window", "rms", "kstart", "kstep", "kmax", "bstart", "bstep", "bmax", "fullscale"),
+    *("push", "start", "settle", "window", "rms", "force_rms", "kstart", "kstep", "kmax", "bstart", "bstep", "bmax", "fullscale"),
 )
 
 _OPEN: weakref.WeakSet[Board] = weakref.WeakSet()
@@ -345,6 +345,10 @@ class Board:
         """The velocity estimator; returns its name."""
         return self.ask(f"estimator {name}").removeprefix("estimator ")
 
+    def criterion(self, name: str) -> str:
+        """What counts as stable: ``"rms"`` as in the paper, or ``"quiet"``; returns its name."""
+        return self.ask(f"criterion {name}").removeprefix("criterion ")
+
     def design(self, name: str) -> str:
         """Estimator and parameters of that design; returns its name."""
         return self.ask(f"design {name}").removeprefix("design ")
@@ -372,7 +376,8 @@ class Board:
     def hit(self, timeout_s: float = 900.0) -> BoardHit:
         """Run a hit: **the handle moves by itself**, back to the start, then at the wall.
 
-        A warm motor cools first, for up to some minutes.
+        By the criterion ``quiet`` it hits at four pushes, one after the other. A warm motor cools first, for up to some
+        minutes.
         """
         return BoardHit._of(self._console.last("hit", r"ok hit \S|error: hit: ", timeout_s)[-1])
 

@@ -54,6 +54,9 @@ fn every_command_is_read() {
         ("settle 4", C::Settle(4.0)),
         ("window 2", C::Window(2.0)),
         ("rms 1.5e-5", C::RmsLimit(1.5e-5)),
+        ("criterion rms", C::Criterion(Criterion::Rms)),
+        ("Criterion QUIET", C::Criterion(Criterion::Quiet)),
+        ("force_rms 0.2", C::ForceRmsLimit(0.2)),
         ("motor -", C::MotorReversed(true)),
         ("motor +", C::MotorReversed(false)),
         ("encoder -", C::EncoderReversed(true)),
@@ -64,7 +67,7 @@ fn every_command_is_read() {
     ] {
         assert_eq!(parse(line.as_bytes()), Ok(command), "{line}");
     }
-    assert_eq!(usages().count(), if cfg!(feature = "estimators") { 50 } else { 44 });
+    assert_eq!(usages().count(), if cfg!(feature = "estimators") { 52 } else { 46 });
 }
 
 #[test]

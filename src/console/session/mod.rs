@@ -4,14 +4,14 @@
 //! which comes with the next output.
 
 mod self_test;
+mod series;
 mod stream;
-mod walk;
 
 use core::fmt;
 
 use super::{
     Command, LINE_MAX, Line, LineReader, ParseError, Port, Reply, Situation,
-    lines::{CalibrationHolds, CalibrationOver, HitOver},
+    lines::{CalibrationHolds, CalibrationOver},
     parse_in,
     reply::ReplyIn,
     reply_channel::ReplyChannel,
@@ -19,15 +19,15 @@ use super::{
 };
 use crate::{
     device::Device,
-    experiment::{Activity, Event, Order, Report, WalkTotals},
+    experiment::{Event, Order, Report},
     safety::{Doubled, Fault, Refusal, Request},
     store::{Name, Source, Stored},
     telemetry::{InForce, Record},
     velocity::EstimatorName,
 };
 pub(super) use self_test::SelfTestStep;
+use series::HitSeries;
 use stream::Stream;
-use walk::WalkSession;
 
 /// Bytes that one pass takes at most: the whole channel.
 const BYTES_A_PASS: usize = 256;
@@ -51,8 +51,8 @@ pub(super) enum Awaited {
     Stop,
     /// Leave to write flash.
     Save,
-    /// The wall of a walk's next cell, or the hit at it.
-    Cell,
+    /// The next wall of a series, or the next hit.
+    Series,
     /// Nothing is replied.
     Quiet,
 }
@@ -81,14 +81,14 @@ pub struct Console<P> {
     pub(super) design: u8,
     awaited: Option<Awaited>,
     pub(super) latest: Option<Report>,
-    walking: Option<WalkSession>,
-    /// What a walk had come to that ended because nobody reads; not yet said.
-    pending_totals: Option<WalkTotals>,
+    series: Option<HitSeries>,
+    /// A series that ended because nobody reads; not yet said.
+    unread: Option<HitSeries>,
     /// Another wall than the stored one is in force: a walk has just ended.
     restore_wall: bool,
-    /// Between the beginning of a walk and the order after it: only then does the console give orders by itself. Kept
-    /// twice: by one bit that flips there is no walk.
-    walks: Doubled<bool>,
+    /// Between the beginning of a series and the order after it: only then does the console give orders by itself. Kept
+    /// twice: by one bit that flips there is none.
+    in_series: Doubled<bool>,
     pub(super) stream: Stream,
 }
 
@@ -106,10 +106,10 @@ impl<P: Port> Console<P> {
             design: device.designs.number_of(&stored.settings.velocity),
             awaited: None,
             latest: None,
-            walking: None,
-            pending_totals: None,
+            series: None,
+            unread: None,
             restore_wall: false,
-            walks: Doubled::new(false),
+            in_series: Doubled::new(false),
             stream: Stream::new(
                 first.as_ref().map(|(design, loop_parameters)| (*design, &stored, loop_parameters)),
             ),
@@ -150,19 +150,8 @@ impl<P: Port> Console<P> {
                 }
                 _ => self.answer(answer),
             },
-            Event::HitOver(verdict, window) if self.walking.is_some() => {
-                self.judged(verdict, &window);
-            }
-            Event::HitOver(verdict, window) => {
-                self.write(&HitOver(
-                    verdict,
-                    window,
-                    report.port,
-                    [self.device.design.resolution_m, self.stored.full_scale_n],
-                    self.spoken(),
-                ));
-            }
-            Event::HitAborted(reason) if self.walking.is_some() => self.end_walk(reason.text()),
+            Event::HitOver(verdict, window) => self.judged(verdict, window, report),
+            Event::HitAborted(reason) if self.series.is_some() => self.end_series(reason.text()),
             Event::HitAborted(reason) => {
                 self.write(&format_args!("error: hit: {}", reason.text()));
             }
@@ -188,7 +177,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Goes on with a walk, or obeys a command that has come, if it `listens`; whether there was anything to do. To be
+    /// Goes on with a series, or obeys a command that has come, if it `listens`; whether there was anything to do. To be
     /// called after the reports.
     pub fn pass(&mut self, listens: bool) -> bool {
         let free = self.awaited.is_none() && self.latest.is_some();
@@ -241,8 +230,7 @@ impl<P: Port> Console<P> {
 
     pub(super) fn situation(&self) -> Option<(Situation, Record)> {
         self.latest.map(|report| {
-            let walking = self.walking.is_some();
-            let activity = if walking { Activity::Walk } else { report.activity };
+            let activity = self.series.as_ref().map_or(report.activity, HitSeries::activity);
             let situation = Situation { status: report.status, activity };
             (situation, report.record)
         })
@@ -318,8 +306,8 @@ impl<P: Port> Console<P> {
     fn lose(&mut self) {
         self.trip();
         let refusal = Refusal::Faulted(Fault::Memory);
-        if self.walking.is_some() {
-            self.end_walk(refusal.text());
+        if self.series.is_some() {
+            self.end_series(refusal.text());
         } else {
             self.reply(Reply::Refused(refusal));
         }
@@ -330,10 +318,10 @@ impl<P: Port> Console<P> {
         let Some(awaited) = self.awaited.take() else { return };
         match (awaited, answer) {
             (Awaited::Quiet, _) => {}
-            (Awaited::Cell, Err(refusal)) => self.end_walk(refusal.text()),
-            (Awaited::Cell, Ok(())) => self.advance(),
+            (Awaited::Series, Err(refusal)) => self.end_series(refusal.text()),
+            (Awaited::Series, Ok(())) => self.advance(),
             (Awaited::Stop, _) => {
-                self.end_walk("stopped");
+                self.end_series("stopped");
                 self.reply(Reply::Done("stop"));
             }
             (Awaited::SelfTest(_), Err(refusal)) => {

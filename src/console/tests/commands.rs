@@ -147,12 +147,13 @@ fn settings_of_the_loop_are_proposed_and_kept_once_taken() {
 #[test]
 fn settings_of_experiments_are_kept_at_once_or_refused() {
     type Edit = fn(&mut Stored);
-    let cases: [(&str, &str, Edit); 11] = [
+    let cases: [(&str, &str, Edit); 12] = [
         ("push 2.5", "ok push 2.5 N", |s| s.push_n = 2.5),
         ("start 0.01", "ok start 0.01 m", |s| s.start_m = 0.01),
         ("settle 1", "ok settle 1 s", |s| s.settle_s = 1.0),
         ("window 1", "ok window 1 s", |s| s.window_s = 1.0),
         ("rms 2e-5", "ok rms 0.00002 m", |s| s.rms_limit_m = 2e-5),
+        ("force_rms 0.2", "ok force_rms 0.2 N", |s| s.force_rms_limit_n = Some(0.2)),
         ("kstart 1000", "ok kstart 1000 N/m", |s| s.grid.stiffness_start_n_per_m = 1000.0),
         ("kstep 500", "ok kstep 500 N/m", |s| s.grid.stiffness_step_n_per_m = 500.0),
         ("kmax 5000", "ok kmax 5000 N/m", |s| s.grid.stiffness_max_n_per_m = 5000.0),

@@ -26,6 +26,7 @@ mod channel;
 mod commands;
 mod designs;
 mod events;
+mod quiet;
 mod rotary;
 mod self_test;
 mod stream;
@@ -221,6 +222,6 @@ fn version() -> String {
     let version = env!("CARGO_PKG_VERSION");
     format!(
         "ok version {version}, commit 0123456789ab, board a-board, scene bench 0badcafe, envelope {hash:08x}, \
-         layouts record 4, settings 4, telemetry 2"
+         layouts record 4, settings 5, telemetry 2"
     )
 }

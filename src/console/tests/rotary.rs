@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::{
-    experiment::{CalibrationEnd, RunningVariance, Verdict},
+    experiment::{CalibrationEnd, HitWindow, Verdict},
     safety::envelope::Envelope,
 };
 use std::sync::LazyLock;
@@ -45,7 +45,7 @@ fn settings_are_typed_about_the_axis_and_ordered_at_the_handle() {
         bench.says("get"),
         "ok get k 100 N m/rad, b 1 N m s/rad, wall 0.2 rad, cutoff 1500 Hz, estimator butterworth, push 0.5 N m, \
          push only, device bench, motor +, encoder +, full scale 1.4765 N m, start 0.04 rad, settle 3 s, window 2 s, \
-         rms 0.0001 rad, walk k 125 step 125 to 625000 N m/rad, b 0.625 step 0.625 to 10 N m s/rad, period 10 samples"
+         rms 0.0001 rad, criterion rms, walk k 125 step 125 to 625000 N m/rad, b 0.625 step 0.625 to 10 N m s/rad, period 10 samples"
     );
 }
 
@@ -66,9 +66,9 @@ fn refusals_and_usages_are_about_the_axis() {
 #[test]
 fn experiments_are_told_about_the_axis() {
     let mut bench = Bench::on(&PADDLE, FREE);
-    let mut window = RunningVariance::default();
+    let mut window = HitWindow::default();
     for counts in [999, 1001] {
-        window.push(Position::from_counts(counts));
+        window.counts.push(Position::from_counts(counts));
     }
     bench.report(Event::HitOver(Verdict::Stable, window));
     assert_eq!(

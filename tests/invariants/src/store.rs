@@ -6,7 +6,7 @@ use embedded_storage::nor_flash::{
 use proptest::prelude::*;
 use zwidth::{
     Settings, WallSettings,
-    experiment::WalkSettings,
+    experiment::{Criterion, WalkSettings},
     store::{DeviceKey, RECORD_WORDS, Saved, Signs, Source, Stored, load, save},
     velocity::EstimatorName,
 };
@@ -140,6 +140,8 @@ fn stored(number: f64, name: EstimatorName, flags: [bool; 3]) -> Stored {
         settle_s: number,
         window_s: number,
         rms_limit_m: number,
+        criterion: if flags[1] { Criterion::Quiet } else { Criterion::Rms },
+        force_rms_limit_n: flags[2].then_some(number),
         full_scale_n: number,
         grid: WalkSettings {
             stiffness_start_n_per_m: number,

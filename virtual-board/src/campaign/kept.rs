@@ -3,7 +3,7 @@
 
 use zwidth::{
     Settings, VelocitySettings, WallSettings,
-    experiment::WalkSettings,
+    experiment::{Criterion, WalkSettings},
     store::{RECORD_WORDS, Signs, Stored},
 };
 
@@ -65,6 +65,8 @@ fn stored(board: Board, stiffness_n_per_m: f64) -> Stored {
         settle_s: 4.0,
         window_s: 2.0,
         rms_limit_m: 1.5e-5,
+        criterion: Criterion::Rms,
+        force_rms_limit_n: None,
         full_scale_n: 5.906,
         grid: WalkSettings {
             stiffness_start_n_per_m: 2000.0,

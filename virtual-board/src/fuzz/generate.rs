@@ -149,10 +149,12 @@ fn hit(random: &mut Random, seen: &Situation) -> Vec<Action> {
     let any_n = random.between(-3.0, 6.2);
     let push_n = random.of(&[seen.stored.full_scale_n, 2.0, any_n]);
     let rms_m = 10f64.powf(random.between(-5.0, -2.5));
+    let (criterion, pushes) = random.of(&[("rms", 1), ("quiet", 4)]);
     let line = format!(
-        "unlock envelope\nwall {wall_m:.6}\npush {push_n}\nsettle 0.02\nwindow 0.03\nrms {rms_m:.2e}\nhit"
+        "unlock envelope\nwall {wall_m:.6}\ncriterion {criterion}\npush {push_n}\nsettle 0.02\nwindow 0.03\n\
+         rms {rms_m:.2e}\nhit"
     );
-    vec![Action::Free, Action::Wait(300), Action::Say(line), Action::Wait(6_000)]
+    vec![Action::Free, Action::Wait(300), Action::Say(line), Action::Wait(6_000 * pushes)]
 }
 
 /// Commands typed at once.
@@ -283,7 +285,7 @@ fn useful(random: &mut Random, seen: &Situation) -> String {
     let [cutoff_hz, high, b] = seen.border(random.below(1_000)).unwrap_or([1500.0, 2000.0, 10.0]);
     let k = (high * random.of(&[0.1, 0.4, 0.9, 1.0, 1.0, 1.001, 1.5])).round();
     let near = |random: &mut Random| seen.wall_m() + random.between(-2e-3, 2e-3);
-    match random.below(24) {
+    match random.below(26) {
         0..3 => format!("k {k}"),
         3 => format!("k {}", random.between(0.0, 12_000.0)),
         4 | 5 => format!("b {b}"),
@@ -319,6 +321,8 @@ fn useful(random: &mut Random, seen: &Situation) -> String {
         19 => format!("fullscale {}", random.of(&[5.906, 5.5, 6.1, 1.9, 17.0, 18.0])),
         20 => random.of(&["faults", "help", "version", "get"]).into(),
         21 => "get".into(),
+        22 => format!("criterion {}", random.of(&["rms", "quiet"])),
+        23 => format!("force_rms {:.2e}", 10f64.powf(random.between(-3.0, 1.0))),
         _ => "status".into(),
     }
 }

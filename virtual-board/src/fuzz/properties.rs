@@ -182,7 +182,8 @@ impl Properties {
         }
         self.waited = 0;
         self.asked -= 1;
-        let count = if line.starts_with("ok ") { &mut self.seen.obeyed } else { &mut self.seen.refused };
+        let count =
+            if line.starts_with("ok ") { &mut self.seen.obeyed } else { &mut self.seen.refused };
         *count += 1;
         match line {
             "ok arm" => self.armed = true,

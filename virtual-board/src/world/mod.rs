@@ -178,10 +178,15 @@ impl<'a> World<'a> {
             return Err("[jitter]: a board samples when it samples; leave it out".to_owned());
         }
         let hit = &scene.wall_hit;
-        let by_counts = hit.criterion == Criterion::Rms && hit.rms_of() == RmsOf::Counts;
-        if hit.push_by == PushBy::Hand || !by_counts {
-            return Err("wall_hit: on a board the motor pushes and the RMS of counts decides; leave out push_by, \
-                        criterion and rms_of"
+        // Counts stand for the motion that nobody sees.
+        let judged = match hit.criterion {
+            Criterion::Rms => hit.rms_of() == RmsOf::Counts,
+            Criterion::Quiet => true,
+            Criterion::Unsaturated | Criterion::Felt => false,
+        };
+        if hit.push_by == PushBy::Hand || !judged {
+            return Err("wall_hit: on a board the motor pushes, and by rms its counts decide or by quiet its counts and \
+                        its force; leave out push_by and rms_of, and say criterion = \"quiet\" or none"
                 .to_owned());
         }
         let mut powered = Powered::on(board, elf)?;

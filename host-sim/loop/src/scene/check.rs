@@ -1,6 +1,6 @@
 //! What a scene may hold: ranges, and the one line that refuses a value.
 
-use zwidth::SettingsError;
+use zwidth::{SettingsError, experiment::quiet};
 
 use super::{
     Criterion, LATENCY_KNOWN_MAX, PushBy, Scene,
@@ -96,7 +96,7 @@ impl Scene {
             within("wall_hit.force_rms_limit_n", limit_n, ranges::FORCE_RMS_N)?;
         }
         if self.wall_hit.criterion == Criterion::Quiet {
-            let most_n = self.full_scale_n() / Criterion::QUIET_PUSHES[3];
+            let most_n = self.full_scale_n() / quiet::PUSH_MAX;
             let key = "wall_hit.push_n with criterion = \"quiet\", which also tries 3 % more";
             within(key, self.push_n(PushBy::Motor), -most_n..=most_n)?;
         }

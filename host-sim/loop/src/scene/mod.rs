@@ -12,7 +12,8 @@ use std::{
 use serde::{Deserialize, Serialize};
 use zwidth::{
     Design, HitSettings, Output, Settings, VelocitySettings, WallSettings,
-    device::designs::is_design_name, experiment::WalkSettings,
+    device::designs::is_design_name,
+    experiment::{WalkSettings, quiet},
 };
 
 pub use crate::scene::velocity::VelocityTable;
@@ -55,9 +56,6 @@ pub use tables::{
 };
 pub use uncertainty::Uncertainty;
 pub use units::Units;
-
-/// A quiet handle moves less than this, m RMS, or less than a count.
-const QUIET_M: f64 = 1e-6;
 /// The built-in scenes: name and text.
 pub const BUILT_IN: &[(&str, &str)] = &[
     ("paper-1um", include_str!("../../../../scenes/paper-1um.toml")),
@@ -434,7 +432,7 @@ impl Scene {
     /// `stable` is an RMS below this, m, whatever the criterion.
     pub fn rms_limit_m(&self) -> f64 {
         match self.wall_hit.criterion {
-            Criterion::Quiet => self.encoder.resolution_m.max(QUIET_M),
+            Criterion::Quiet => quiet::rms_limit_m(self.encoder.resolution_m),
             _ => self.wall_hit.rms_limit_m,
         }
     }

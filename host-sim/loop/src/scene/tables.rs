@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
+use zwidth::experiment::quiet;
 
 use super::FeltCurve;
 
@@ -129,9 +130,6 @@ pub struct WallHit {
     pub felt: FeltCurve,
 }
 
-/// From this share of a force on people tell two forces apart (Weber fraction; Jones, Percept. Psychophys. 45, 1989).
-const FORCE_SHARE: f64 = 0.07;
-
 impl WallHit {
     /// What the RMS is taken of.
     pub fn rms_of(&self) -> RmsOf {
@@ -149,7 +147,7 @@ impl WallHit {
 
     /// With the criterion `quiet`, `stable` is an RMS of the force below this, N.
     pub fn force_rms_limit_n(&self) -> f64 {
-        self.force_rms_limit_n.unwrap_or(FORCE_SHARE * self.push_n.abs())
+        self.force_rms_limit_n.unwrap_or(quiet::FORCE_SHARE * self.push_n.abs())
     }
 
     /// The same with a push of another size, and the limits of this one.
@@ -191,13 +189,11 @@ pub enum Criterion {
     Unsaturated,
     /// The motion's sensation level is below its limit.
     Felt,
-    /// At each of [four pushes](Self::QUIET_PUSHES) handle and force rest, and the wall stands.
+    /// At each of [four pushes](quiet::PUSHES) handle and force rest, and the wall stands.
     Quiet,
 }
 
 impl Criterion {
-    /// Shares of the scene's push that `quiet` tries: at one push a force can rest on a whole count by luck.
-    pub const QUIET_PUSHES: [f64; 4] = [0.97, 0.99, 1.0, 1.03];
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Rms, Self::Unsaturated, Self::Felt, Self::Quiet];
 

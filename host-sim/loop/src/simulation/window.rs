@@ -10,7 +10,10 @@
 
 use std::sync::Arc;
 
-use zwidth::experiment::{Hit, RmsLimit, Verdict};
+use zwidth::experiment::{
+    Hit, RmsLimit, Verdict,
+    quiet::{QuietWindow, penetration_ratio},
+};
 
 use crate::{
     numerics::fft::RealSpectrum,
@@ -102,9 +105,6 @@ pub struct Stiff {
     pub surface: i32,
 }
 
-/// A wall stands if its penetration is off by less than this share, or by less than a count.
-const STANDS: f64 = 0.1;
-
 /// How a scene's windows are judged.
 #[derive(Clone, Debug)]
 pub struct Judge {
@@ -190,7 +190,7 @@ impl Judge {
             force_rms_n: libm::sqrt(watch.force_scatter() / watch.outputs.max(1.0))
                 * self.full_scale_n,
             wall_force_n,
-            penetration_ratio: (wall_force_n != 0.0).then(|| spring_n / wall_force_n),
+            penetration_ratio: penetration_ratio(spring_n, wall_force_n),
         }
     }
 
@@ -200,10 +200,10 @@ impl Judge {
             RmsOf::Counts => hit.scatter().is_below(self.quiet_counts),
             RmsOf::Motion => measures.rms_motion_m < self.limit_m,
         };
+        let Measures { force_rms_n, wall_force_n, penetration_ratio, .. } = *measures;
         let count_n = wall.stiffness_n_per_m * self.resolution_m;
-        let off = STANDS.max(count_n / measures.wall_force_n.abs());
-        let stands = measures.penetration_ratio.is_some_and(|ratio| (ratio - 1.0).abs() <= off);
-        rests && measures.force_rms_n < self.quiet_force * self.full_scale_n && stands
+        let window = QuietWindow { force_rms_n, wall_force_n, penetration_ratio, count_n };
+        rests && window.is_quiet(self.quiet_force * self.full_scale_n)
     }
 
     /// The verdict of a whole window.

@@ -7,7 +7,7 @@ use std::sync::{Arc, OnceLock};
 
 use zwidth::{
     Design, SettingsError, VelocitySettings,
-    experiment::HitPlan,
+    experiment::{HitPlan, quiet},
     passivity::Passivity,
     units::{Force, Velocity},
 };
@@ -62,7 +62,7 @@ impl PreparedScene {
         if scene.wall_hit.criterion != Criterion::Quiet {
             return Ok(own);
         }
-        let pushes = Criterion::QUIET_PUSHES.iter().map(|share| {
+        let pushes = quiet::PUSHES.iter().map(|share| {
             let wall_hit = scene.wall_hit.with_push(*share);
             let of = Self::of_one_push(&Scene { wall_hit, ..scene.clone() })?;
             Ok(Self { readings: Arc::clone(&own.readings), ..of })

@@ -1,0 +1,291 @@
+//! Hits that follow one another: `walk`, and the pushes of a quiet `hit`. The output task runs one hit at a time; which
+//! one is next is decided here, with the settings built as for any other command.
+
+use super::{Awaited, Console};
+use crate::{
+    actuator::Actuator,
+    console::{
+        Port, Reply,
+        lines::{self, JudgedHit},
+    },
+    experiment::{
+        Activity, Criterion, HitWindow, Order, Report, Verdict, Walk, WalkError, WalkTotals,
+        quiet::{FORCE_SHARE, PUSHES, QuietWindow, penetration_ratio},
+    },
+    safety::State,
+    store::Stored,
+};
+
+/// What comes next.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Next {
+    /// The wall of a walk's cell.
+    Wall,
+    /// The hit.
+    Hit,
+    /// Wait for the verdict.
+    Verdict,
+}
+
+/// Hits that follow one another.
+#[derive(Clone, Copy)]
+pub struct HitSeries {
+    /// Without one it is a single hit, at the wall that is in force.
+    walk: Option<Walk>,
+    totals: WalkTotals,
+    next: Next,
+    /// Place of the next push among [`PUSHES`].
+    push: usize,
+    /// Of the pushes at this wall so far the one whose force moved most.
+    loudest: Option<JudgedHit>,
+}
+
+impl HitSeries {
+    fn of(walk: Option<Walk>, next: Next) -> Self {
+        Self { walk, totals: WalkTotals::default(), next, push: 0, loudest: None }
+    }
+
+    /// What goes on meanwhile.
+    pub(super) const fn activity(&self) -> Activity {
+        if self.walk.is_some() { Activity::Walk } else { Activity::Pushes }
+    }
+
+    /// Those settings with the wall of the walk's cell, and the push that is next.
+    #[inline(never)] // as `judged`
+    fn settings(&self, mut stored: Stored) -> Stored {
+        if let Some(walk) = &self.walk {
+            let (grid, cell) = (walk.plan(), walk.cell());
+            stored.settings.wall.stiffness_n_per_m = grid.stiffness_n_per_m(cell);
+            stored.settings.wall.damping_n_s_per_m = grid.damping_n_s_per_m(cell);
+        }
+        if stored.criterion == Criterion::Quiet {
+            stored.push_n *= PUSHES.get(self.push).copied().unwrap_or(1.0);
+        }
+        stored
+    }
+}
+
+impl<P: Port> Console<P> {
+    pub(in crate::console) fn begin_walk(&mut self) {
+        let grid = self.stored.grid;
+        if let Err(error) = grid.check() {
+            return self.reply(Reply::Range(&error));
+        }
+        self.begin(HitSeries::of(Some(Walk::new(grid)), Next::Wall), "walk");
+    }
+
+    /// One hit, or one at each push.
+    pub(in crate::console) fn begin_hit(&mut self) {
+        match (self.stored.criterion, self.device.hit_sequence(&self.stored, false)) {
+            (Criterion::Quiet, _) => self.begin(HitSeries::of(None, Next::Hit), "hit"),
+            (Criterion::Rms, Ok(plan)) => self.order(Order::Hit(plan), Awaited::Done("hit")),
+            (Criterion::Rms, Err(error)) => self.reply(Reply::Range(&error)),
+        }
+    }
+
+    fn begin(&mut self, series: HitSeries, name: &'static str) {
+        if let Err(error) = self.device.hit_sequence(&self.stored, true) {
+            return self.reply(Reply::Range(&error));
+        }
+        self.restore_wall = series.walk.is_some();
+        self.series = Some(series);
+        self.in_series.set(true);
+        self.reply(Reply::Done(name));
+    }
+
+    /// Gives the next order of a series, or brings the stored wall back after one; says whether it did.
+    pub(super) fn pursue(&mut self) -> bool {
+        if !self.is_mute()
+            && let Some(series) = self.unread.take()
+        {
+            self.say_end(&series, "nobody read its results");
+        }
+        if !self.in_series.is_whole() {
+            self.end_series("its state is damaged");
+            self.in_series.set(false);
+        }
+        if !*self.in_series {
+            self.series = None;
+            self.restore_wall = false;
+            return false;
+        }
+        let Some(series) = &self.series else {
+            self.in_series.set(false);
+            if core::mem::take(&mut self.restore_wall)
+                && let Ok(order) = self.device.order(&self.stored)
+            {
+                self.order_settings(&{ *self.stored }, order, Awaited::Quiet);
+                return true;
+            }
+            return false;
+        };
+        let armed = self.latest.is_some_and(|report| report.status.state == State::Armed);
+        match series.next {
+            Next::Verdict => return false,
+            _ if !armed => self.end_series("the force went off: see status and faults"),
+            // Said once somebody reads again: said now it would be lost.
+            _ if self.replies.is_mute(&mut self.port) => self.unread = self.series.take(),
+            Next::Wall => {
+                let stored = series.settings(*self.stored);
+                match self.device.order(&stored) {
+                    Ok(order) => self.order_settings(&stored, order, Awaited::Series),
+                    Err(error) => {
+                        self.reply(Reply::Range(&error));
+                        self.end_series("a wall is out of range");
+                    }
+                }
+            }
+            // Of a walk only the verdicts count, and it has many.
+            Next::Hit => {
+                let (stored, early) = (series.settings(*self.stored), series.walk.is_some());
+                match self.device.hit_sequence(&stored, early) {
+                    Ok(plan) => self.order(Order::Hit(plan), Awaited::Series),
+                    Err(_) => self.end_series("a setting is out of range"),
+                }
+            }
+        }
+        true
+    }
+
+    /// As bits that flip could leave it: in a walk, and with a wall to bring back, though nobody has begun one.
+    #[cfg(test)]
+    pub(in crate::console) fn damage(&mut self, in_walk: bool) {
+        let series = HitSeries::of(Some(Walk::new(self.stored.grid)), Next::Hit);
+        self.series = in_walk.then_some(series);
+        self.restore_wall = true;
+    }
+
+    /// The last order of the series was met.
+    pub(super) fn advance(&mut self) {
+        if let Some(series) = &mut self.series {
+            series.next = match series.next {
+                Next::Wall => Next::Hit,
+                Next::Hit | Next::Verdict => Next::Verdict,
+            };
+        }
+    }
+
+    /// A hit is over.
+    #[inline(never)] // f64 here would make every pass save the floating-point registers
+    pub(super) fn judged(&mut self, verdict: Verdict, window: HitWindow, report: &Report) {
+        let stored = self.series.map_or(*self.stored, |series| series.settings(*self.stored));
+        let quiet = match stored.criterion {
+            Criterion::Quiet => self.quiet_window(&stored, &window),
+            Criterion::Rms => None,
+        };
+        // The limit is that of the push which was set.
+        let limit_n =
+            stored.force_rms_limit_n.unwrap_or(FORCE_SHARE * libm::fabs(self.stored.push_n));
+        let loud =
+            verdict == Verdict::Stable && quiet.is_some_and(|quiet| !quiet.is_quiet(limit_n));
+        let verdict = if loud { Verdict::Unstable } else { verdict };
+        let hit = JudgedHit { verdict, window, port: report.port, quiet };
+        let Some(mut series) = self.series else { return self.say_hit(&hit) };
+        if series.walk.is_none() {
+            self.write(&lines::PushJudged(series.push, stored.push_n, self.said(&hit)));
+        }
+        let deciding = match series.loudest {
+            Some(before)
+                if verdict == Verdict::Stable && before.force_rms_n() > hit.force_rms_n() =>
+            {
+                before
+            }
+            _ => hit,
+        };
+        series.push += 1;
+        if quiet.is_some() && verdict == Verdict::Stable && series.push < PUSHES.len() {
+            (series.loudest, series.next) = (Some(deciding), Next::Hit);
+            self.series = Some(series);
+            return;
+        }
+        (series.push, series.loudest) = (0, None);
+        match series.walk {
+            Some(walk) => self.walk_on(series, walk, &deciding),
+            None => {
+                self.series = None;
+                self.say_hit(&deciding);
+            }
+        }
+    }
+
+    /// Force and wall of a window; `None` where a setting is out of range.
+    fn quiet_window(&self, stored: &Stored, window: &HitWindow) -> Option<QuietWindow> {
+        let design = self.device.design(stored).ok()?;
+        let actuator = Actuator::new(design.output).ok()?;
+        let wall = &stored.settings.wall;
+        let surface = design.position("position_m", wall.position_m).ok()?;
+        let code_n = design.full_scale_n / f64::from(actuator.codes_per_full_scale());
+        let pushed_n = (window.codes.mean_counts() - f64::from(actuator.zero().code())) * code_n;
+        let count_n = wall.stiffness_n_per_m * design.resolution_m;
+        let behind = window.counts.mean_counts() - f64::from(surface.counts());
+        let wall_force_n = stored.push_n - pushed_n;
+        Some(QuietWindow {
+            force_rms_n: window.codes.rms_counts() * code_n,
+            wall_force_n,
+            penetration_ratio: penetration_ratio(behind * count_n, wall_force_n),
+            count_n,
+        })
+    }
+
+    /// Takes the verdict on a walk's cell.
+    fn walk_on(&mut self, mut series: HitSeries, mut walk: Walk, hit: &JudgedHit) {
+        let (plan, cell, spoken) = (*walk.plan(), walk.cell(), self.spoken());
+        let number = series.totals.hits.saturating_add(1);
+        self.write(&lines::CellJudged(number, &plan, cell, self.said(hit)));
+        let step = walk.report(hit.verdict);
+        series.walk = Some(walk);
+        match step {
+            Ok(step) => {
+                series.totals.add(&plan, &step);
+                if let Some(cell) = step.boundary {
+                    self.write(&lines::BoundaryPoint(series.totals.points, &plan, cell, spoken));
+                }
+                series.next = Next::Wall;
+                self.series = Some(series);
+                if let Some(ended) = step.ended {
+                    self.series = None;
+                    self.write(&lines::WalkOver(series.totals, Ok(ended), spoken));
+                }
+            }
+            Err(error) => {
+                series.totals.hits = number;
+                self.series = Some(series);
+                self.end_series(match error {
+                    WalkError::FirstUnstable => {
+                        "the first point is unstable: lower kstart or bstart"
+                    }
+                    WalkError::NoContact(_) => {
+                        "the push does not bring the handle to the wall: raise push"
+                    }
+                });
+            }
+        }
+    }
+
+    /// A hit as it is said.
+    fn said(&self, hit: &JudgedHit) -> lines::SaidHit {
+        lines::SaidHit {
+            hit: *hit,
+            resolution_m: self.device.design.resolution_m,
+            spoken: self.spoken(),
+        }
+    }
+
+    fn say_hit(&mut self, hit: &JudgedHit) {
+        self.write(&lines::HitOver(self.said(hit), self.stored.full_scale_n));
+    }
+
+    /// Ends the series, if there is one, without a result.
+    pub(super) fn end_series(&mut self, why: &'static str) {
+        if let Some(series) = self.series.take() {
+            self.say_end(&series, why);
+        }
+    }
+
+    fn say_end(&mut self, series: &HitSeries, why: &'static str) {
+        match series.walk {
+            Some(_) => self.write(&lines::WalkOver(series.totals, Err(why), self.spoken())),
+            None => self.write(&format_args!("error: hit: {why}")),
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! Quiet walls: what a person would call one. At each of [four pushes](PUSHES) the handle rests within a
+//! [count](rms_limit_m), the force moves by less than people tell apart, and the wall [stands](QuietWindow::stands).
+//!
+//! At one push a force can rest on a whole count by luck; at four near each other it does not. How many rest is found
+//! out with integers while a hit goes on; what is here is asked once, at its end.
+
+/// What counts as stable.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Criterion {
+    /// The RMS of the counts is below its limit, as in the paper.
+    #[default]
+    Rms,
+    /// At each of four pushes handle and force rest, and the wall stands.
+    Quiet,
+}
+
+impl Criterion {
+    /// As it is typed.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Rms => "rms",
+            Self::Quiet => "quiet",
+        }
+    }
+}
+
+/// Shares of the push that are tried one after another.
+pub const PUSHES: [f64; 4] = [0.97, 0.99, 1.0, 1.03];
+/// The largest of them.
+pub const PUSH_MAX: f64 = PUSHES[3];
+/// From this share of a force on people tell two forces apart (Weber fraction; Jones, Percept. Psychophys. 45, 1989):
+/// the RMS of the force is below this share of the push where no other limit is set.
+pub const FORCE_SHARE: f64 = 0.07;
+/// Smallest limit of the RMS of the motion, m.
+const REST_M: f64 = 1e-6;
+/// A wall stands if its penetration is off by less than this share, or by less than a count.
+const STANDS: f64 = 0.1;
+
+/// The RMS of the motion is below this, m: a count, or 1 um at the handle.
+pub fn rms_limit_m(resolution_m: f64) -> f64 {
+    resolution_m.max(REST_M)
+}
+
+/// What a window shows of force and wall.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct QuietWindow {
+    /// RMS of the force about its mean, N.
+    pub force_rms_n: f64,
+    /// Mean force of the wall, N.
+    pub wall_force_n: f64,
+    /// The force that K alone has at the mean penetration, over that: 1 for a wall that stands, `None` where it has none.
+    pub penetration_ratio: Option<f64>,
+    /// K times one count, N.
+    pub count_n: f64,
+}
+
+/// K times the mean penetration, over the mean force of the wall, if it has any.
+pub fn penetration_ratio(spring_n: f64, wall_force_n: f64) -> Option<f64> {
+    (wall_force_n != 0.0).then(|| spring_n / wall_force_n)
+}
+
+impl QuietWindow {
+    /// Its penetration is that of its force, within a tenth or a count.
+    pub fn stands(&self) -> bool {
+        let off = STANDS.max(self.count_n / libm::fabs(self.wall_force_n));
+        self.penetration_ratio.is_some_and(|ratio| libm::fabs(ratio - 1.0) <= off)
+    }
+
+    /// The wall stands, and its force rests within that limit.
+    pub fn is_quiet(&self, force_rms_limit_n: f64) -> bool {
+        self.force_rms_n < force_rms_limit_n && self.stands()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const AT_REST: QuietWindow = QuietWindow {
+        force_rms_n: 0.1,
+        wall_force_n: 2.0,
+        penetration_ratio: Some(1.0),
+        count_n: 0.02,
+    };
+
+    fn at(spring_n: f64) -> QuietWindow {
+        QuietWindow { penetration_ratio: penetration_ratio(spring_n, 2.0), ..AT_REST }
+    }
+
+    #[test]
+    fn a_wall_stands_within_a_tenth_or_a_count() {
+        for (spring_n, count_n, stands) in [
+            (2.19, 0.02, true),
+            (2.21, 0.02, false),
+            (1.81, 0.02, true),
+            (1.79, 0.02, false),
+            (2.59, 0.6, true),
+            (2.61, 0.6, false),
+        ] {
+            let window = QuietWindow { count_n, ..at(spring_n) };
+            assert_eq!(window.stands(), stands, "{spring_n} {count_n}");
+        }
+        assert_eq!(penetration_ratio(1.0, 0.0), None);
+        assert!(!QuietWindow { penetration_ratio: None, ..AT_REST }.stands());
+    }
+
+    #[test]
+    fn a_quiet_wall_stands_with_a_force_below_its_limit() {
+        for (window, limit_n, quiet) in
+            [(AT_REST, 0.11, true), (AT_REST, 0.1, false), (at(1.0), 0.11, false)]
+        {
+            assert_eq!(window.is_quiet(limit_n), quiet, "{window:?} {limit_n}");
+        }
+    }
+}

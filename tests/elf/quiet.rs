@@ -1,0 +1,130 @@
+//! Quiet hits by the release ELF, push by push, against the simulator's by the same counts.
+
+use host_sim::{
+    scene::{Criterion, NamedScene, RmsOf, Scene},
+    simulation::prepared::{HitReport, Numeric, PreparedScene, WallHit},
+};
+use rand::{RngExt, SeedableRng, rngs::Xoshiro256PlusPlus};
+use virtual_board::{
+    board::{BOARDS, Board},
+    session::{BoardHit, Session},
+};
+use zwidth::experiment::{Verdict, quiet::PUSHES};
+
+use crate::firmware::Firmware;
+
+/// Share of a limit within which a verdict may be the other one: an RMS near a count scatters by a fifth from window to
+/// window, also in one of 2 s.
+const NEAR: f64 = 0.2;
+/// Places in a count from which the simulator hits.
+const STARTS: [f64; 4] = [0.0, 0.25, 0.5, 0.75];
+
+/// The board with its own scene, hits of that length, and a short way back.
+fn session(board: Board, [settle_s, window_s]: [f64; 2]) -> Session {
+    let Firmware { board, elf, table, .. } = Firmware::of(board);
+    let mut scene = NamedScene::load(board.name).unwrap();
+    let hit = &mut scene.scene.wall_hit;
+    hit.judge(Criterion::Quiet, Some(RmsOf::Counts));
+    (hit.settle_s, hit.window_s) = (settle_s, window_s);
+    scene.scene.device.start_position_m = 0.066;
+    scene.scene.check().unwrap();
+    Session { board, scene, elf, table }
+}
+
+/// How far a push is from not being held, as a share of the nearest limit; below 0 it is not.
+fn margin(scene: &Scene, stiffness_n_per_m: f64, report: &HitReport) -> f64 {
+    let count_n = stiffness_n_per_m * scene.encoder.resolution_m;
+    let off = (count_n / report.wall_force_n.abs()).max(0.1);
+    let ratio = report.penetration_ratio.unwrap_or(f64::INFINITY);
+    let of_limits = [
+        1.0 - report.rms_m / scene.rms_limit_m(),
+        1.0 - report.force_rms_n / scene.wall_hit.force_rms_limit_n(),
+        1.0 - (ratio - 1.0).abs() / off,
+    ];
+    of_limits.into_iter().fold(f64::INFINITY, f64::min)
+}
+
+/// Hits that many random walls; how many were held, not held, and left out.
+fn hits(board: Board, seconds: [f64; 2], walls: u64, seed: u64) -> [usize; 3] {
+    let session = session(board, seconds);
+    let scene = &session.scene.scene;
+    let prepared = PreparedScene::new(scene).unwrap();
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let mut counts = [0; 3];
+    for _ in 0..walls {
+        let cutoff_hz = random.random_range(150.0..1500.0f64).round();
+        let k = 10f64.powf(random.random_range(3.5..5.3)).round();
+        let b = random.random_range(0.0..300.0f64).round();
+        let from = |start_offset_counts: f64| {
+            let hit = WallHit {
+                velocity: scene.velocity.at(cutoff_hz),
+                stiffness_n_per_m: k,
+                damping_n_s_per_m: b,
+                start_offset_counts,
+            };
+            prepared.reports(Numeric::Fixed, &hit, |_| ()).unwrap()
+        };
+        // Of a wall the push with the least margin decides.
+        let of_start = |pushes: &Vec<(f64, HitReport)>| {
+            let margins = pushes.iter().map(|(_, report)| margin(scene, k, report));
+            margins.fold(f64::INFINITY, f64::min)
+        };
+        let starts = STARTS.map(from);
+        let margins = starts.each_ref().map(of_start);
+        let [simulated, ..] = &starts;
+        let (told, _) = session.hit([cutoff_hz, k, b]).unwrap();
+        let held = told.verdict == Verdict::Stable;
+        let case = format!("{}: {cutoff_hz} Hz, K {k}, B {b}", board.name);
+        assert_eq!(told.pushes.len(), tried(&told), "{case}: {told:?}");
+        let wanted = match margins {
+            _ if margins.iter().all(|margin| *margin > NEAR) => true,
+            _ if margins.iter().all(|margin| *margin < -NEAR) => false,
+            _ => {
+                counts[2] += 1;
+                continue;
+            }
+        };
+        counts[usize::from(!held)] += 1;
+        assert_eq!(held, wanted, "{case}: {:#?}\n{simulated:#?}", told.pushes);
+        for (push, (push_n, report)) in told.pushes.iter().zip(simulated) {
+            assert!((push.push_n / push_n - 1.0).abs() < 1e-9, "{case}");
+            if held {
+                // What is left of a limit cycle depends on where it began.
+                let off_n = (push.force_rms_n - report.force_rms_n).abs();
+                let off = push.penetration_ratio.unwrap() - report.penetration_ratio.unwrap();
+                let near = off_n < 0.25 * scene.wall_hit.force_rms_limit_n() && off.abs() < 0.01;
+                assert!(near, "{case}: {push:?} {report:?}");
+            }
+        }
+    }
+    println!("{}: {counts:?} held, not held, near a limit", board.name);
+    counts
+}
+
+/// How many pushes a hit has to have tried.
+fn tried(told: &BoardHit) -> usize {
+    let first = told.pushes.iter().position(|push| push.verdict != Verdict::Stable);
+    first.map_or(PUSHES.len(), |first| first + 1)
+}
+
+#[test]
+#[ignore = "a minute; CI runs it"]
+fn quiet_hits_on_the_boards_are_judged_as_in_the_simulator() {
+    for board in BOARDS {
+        let [held, not_held, _] = hits(board, [0.5, 0.3], 8, 5);
+        assert!(held >= 1 && not_held >= 1);
+    }
+}
+
+#[test]
+#[ignore = "minutes: .ci/long walks"]
+fn quiet_hits_on_the_boards_at_40_walls_each() {
+    std::thread::scope(|scope| {
+        for board in BOARDS {
+            scope.spawn(move || {
+                let [held, not_held, near] = hits(board, [0.5, 0.3], 40, 7);
+                assert!(held >= 8 && not_held >= 8 && near <= 13);
+            });
+        }
+    });
+}
