@@ -264,6 +264,6 @@ impl<P: Port> Console<P> {
     /// Force acts, and the envelope was not unlocked for it. With the force off a wall outside is
     /// taken, and `arm` refused.
     fn is_locked(&self) -> bool {
-        self.latest.is_some_and(|report| report.status.state.is_on() && !report.status.unlocked)
+        self.latest.is_some_and(|(now, _)| now.status.state.is_on() && !now.status.unlocked)
     }
 }

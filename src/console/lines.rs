@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     experiment::{
-        CalibrationEnd, Cell, Ended, HitWindow, Verdict, WalkSettings, WalkTotals,
+        CalibrationEnd, Cell, Ended, RunningVariance, Verdict, WalkSettings, WalkTotals,
         quiet::QuietWindow,
     },
     port::Exchanged,
@@ -20,7 +20,8 @@ use crate::{
 #[derive(Clone, Copy)]
 pub struct JudgedHit {
     pub verdict: Verdict,
-    pub window: HitWindow,
+    /// Of its window.
+    pub counts: RunningVariance,
     /// What wall and hand have exchanged.
     pub port: Exchanged,
     /// What else it was judged by.
@@ -46,7 +47,7 @@ impl SaidHit {
     }
 
     fn rms(&self) -> Said {
-        self.spoken.number(self.hit.window.counts.rms_counts() * self.resolution_m, "m")
+        self.spoken.number(self.hit.counts.rms_counts() * self.resolution_m, "m")
     }
 
     /// What a quiet wall is judged by beside the motion.
@@ -67,7 +68,7 @@ impl fmt::Display for HitOver {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self(said, full_scale_n) = self;
         let SaidHit { hit, resolution_m, spoken } = said;
-        let mean = spoken.number(hit.window.counts.mean_counts() * resolution_m, "m");
+        let mean = spoken.number(hit.counts.mean_counts() * resolution_m, "m");
         write!(f, "ok hit {}, rms {}, mean {mean}", said.verdict(), said.rms())?;
         let unit_j = full_scale_n / f64::from(1u32 << Force::FRACTION_BITS) * resolution_m;
         #[expect(clippy::cast_precision_loss, reason = "for people")]

@@ -3,9 +3,11 @@
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
+use core::hint::cold_path;
+
 use super::{
     AbortReason, Activity, Calibration, CalibrationEnd, CalibrationPlan, Duty, DutyPlan, Event,
-    HitSequence, HitSequencePlan, PulseTrain, PulseTrainPlan,
+    HitSequence, HitSequencePlan, PulseTrain, PulseTrainPlan, RunningVariance,
 };
 use crate::{
     safety::{Doubled, OutputCommand, Proposal, Refusal},
@@ -36,6 +38,12 @@ pub struct Experiments {
     duty_plan: Doubled<DutyPlan>,
     /// What has ended by itself, or begun; kept until it is taken.
     news: Event,
+    /// Codes of the outputs in the window of the last hit.
+    codes: RunningVariance,
+    /// The hit is over, and its codes come next: in one event with it every report would be longer.
+    tells_codes: bool,
+    /// They, once the end of the hit is told.
+    codes_news: Event,
 }
 
 impl Experiments {
@@ -49,6 +57,9 @@ impl Experiments {
             duty: Duty::default(),
             duty_plan: Doubled::new(duty_plan),
             news: Event::None,
+            codes: RunningVariance::EMPTY,
+            tells_codes: false,
+            codes_news: Event::None,
         }
     }
 
@@ -79,7 +90,7 @@ impl Experiments {
     /// What has happened, for its reader to take: `Event::None` if nothing has.
     #[inline(always)]
     pub fn news(&mut self) -> &mut Event {
-        &mut self.news
+        if matches!(self.news, Event::None) { &mut self.codes_news } else { &mut self.news }
     }
 
     /// Whether what it pushes with is as it was given. To be asked after each output.
@@ -146,7 +157,9 @@ impl Experiments {
     /// No experiment any more, without a word; what it pushed with fades.
     #[inline(always)]
     pub fn stop(&mut self) {
-        self.set(Activity::None, Experiment::None);
+        // Not by `set`, which would copy as much as the largest of them.
+        self.activity = Activity::None;
+        self.experiment = Experiment::None;
         self.push = Force::ZERO;
     }
 
@@ -173,6 +186,10 @@ impl Experiments {
     ) {
         self.pushed = self.push;
         self.duty.add(&self.duty_plan, grant.force().unwrap_or_default());
+        if core::mem::take(&mut self.tells_codes) {
+            cold_path(); // not with the output that ends the hit, which has enough to do
+            self.codes_news = Event::HitCodes(self.codes);
+        }
         self.observe(wall, grant, positions);
         self.prepare(position, wall.penetration(position) > 0);
     }
@@ -208,14 +225,17 @@ impl Experiments {
                 verdict = verdict.or(hit.sample(position, wall.penetration(position) > 0));
             }
         }
-        if verdict.is_none()
+        if hit.scatter().samples() == 0 {
+            self.codes = RunningVariance::EMPTY;
+        } else if verdict.is_none()
             && let OutputCommand::On(granted) = grant
         {
-            hit.granted(granted.command());
+            self.codes.push_number(granted.command().code());
         }
         if let Some(verdict) = verdict.or_else(|| hit.early_verdict()) {
-            let window = hit.window();
-            self.end(Event::HitOver(verdict, window));
+            let counts = *hit.scatter();
+            self.tells_codes = true;
+            self.end(Event::HitOver(verdict, counts));
         }
     }
 
@@ -300,14 +320,13 @@ mod tests {
                 experiments.set(Activity::Hit, Experiment::Hit(hit));
                 experiments.observe(&wall, ON, core::iter::once(position));
                 let verdict = if contact { Verdict::Stable } else { Verdict::NoContact };
-                let Event::HitOver(judged, _) = *experiments.news() else { panic!("none") };
+                let Event::HitOver(judged, _) = experiments.news else { panic!("none") };
                 assert_eq!(judged, verdict, "{behind} {outputs_more}");
             }
             let mut experiments = Experiments::new(plan.duty);
             experiments.calibrate(push).unwrap();
             experiments.prepare(position, contact);
-            let ended =
-                matches!(experiments.news(), Event::CalibrationOver(CalibrationEnd::Contact));
+            let ended = matches!(experiments.news, Event::CalibrationOver(CalibrationEnd::Contact));
             assert_eq!(ended, contact, "{behind}");
         }
     }

@@ -7,7 +7,7 @@ use super::{RmsLimit, RunningVariance};
 use crate::{
     Design,
     range::{SettingsError, limits, within},
-    units::{Force, OutputCode, Position},
+    units::{Force, Position},
 };
 
 /// The wall-hit experiment in SI units.
@@ -91,15 +91,6 @@ impl Verdict {
     }
 }
 
-/// What a hit on a board was judged by.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct HitWindow {
-    /// Counts of its samples.
-    pub counts: RunningVariance,
-    /// Codes of its outputs.
-    pub codes: RunningVariance,
-}
-
 /// A hit in progress. Feed it every sample; it answers once, with the last sample of its window.
 #[derive(Clone, Copy, Debug)]
 pub struct Hit {
@@ -107,20 +98,17 @@ pub struct Hit {
     samples: u32,
     contact_samples: u32,
     scatter: RunningVariance,
-    codes: RunningVariance,
 }
 
 impl Hit {
     /// A hit whose first sample is still to come.
     pub fn new(plan: HitPlan) -> Self {
-        let (scatter, codes) = (RunningVariance::default(), RunningVariance::default());
-        Self { plan, samples: 0, contact_samples: 0, scatter, codes }
+        Self { plan, samples: 0, contact_samples: 0, scatter: RunningVariance::default() }
     }
 
     /// A hit in its window, whose samples were taken elsewhere.
     pub fn in_window(plan: HitPlan, contact_samples: u32, scatter: RunningVariance) -> Self {
-        let codes = RunningVariance::default();
-        Self { plan, samples: plan.settle, contact_samples, scatter, codes }
+        Self { plan, samples: plan.settle, contact_samples, scatter }
     }
 
     /// What it goes by.
@@ -148,19 +136,6 @@ impl Hit {
         self.scatter.push(position);
         self.contact_samples += u32::from(contact);
         self.is_over().then(|| self.verdict())
-    }
-
-    /// Takes the code of the output that goes with the last sample.
-    #[inline]
-    pub fn output(&mut self, code: OutputCode) {
-        if self.scatter.samples() > 0 {
-            self.codes.push_number(code.code());
-        }
-    }
-
-    /// What it was judged by.
-    pub fn window(&self) -> HitWindow {
-        HitWindow { counts: self.scatter, codes: self.codes }
     }
 
     /// A verdict before the end, if it is certain to equal the one at the end.

@@ -4,12 +4,12 @@
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
 use super::{
-    Duty, DutyPlan, Hit, HitPlan, HitWindow, ReturnPlan, Verdict,
+    Duty, DutyPlan, Hit, HitPlan, ReturnPlan, RunningVariance, Verdict,
     approach::{AbortReason, Approach},
 };
 use crate::{
     safety::Doubled,
-    units::{Force, OutputCode, Position},
+    units::{Force, Position},
 };
 
 /// What a hit sequence is made of.
@@ -134,19 +134,11 @@ impl HitSequence {
         hit.certain_verdict()
     }
 
-    /// Takes the code of an output that was granted.
-    #[inline]
-    pub fn granted(&mut self, code: OutputCode) {
-        if let Phase::Hit(hit) = &mut self.phase {
-            hit.output(code);
-        }
-    }
-
     /// The window so far; empty before the hit.
-    pub fn window(&self) -> HitWindow {
+    pub fn scatter(&self) -> &RunningVariance {
         match &self.phase {
-            Phase::Hit(hit) => hit.window(),
-            Phase::Approach(_) => HitWindow::default(),
+            Phase::Hit(hit) => hit.scatter(),
+            Phase::Approach(_) => &RunningVariance::EMPTY,
         }
     }
 }
@@ -157,7 +149,7 @@ mod tests {
     use crate::{
         HitSettings,
         experiment::{
-            DutySettings, RunningVariance,
+            DutySettings,
             return_move::tests::{DESIGN, Handle, SETTINGS as BACK},
         },
     };

@@ -22,7 +22,7 @@ pub use duty::{Duty, DutyPlan, DutySettings};
 #[cfg(test)]
 pub(crate) use experiments::Experiment;
 pub use experiments::Experiments;
-pub use hit::{Hit, HitPlan, HitSettings, HitWindow, Verdict};
+pub use hit::{Hit, HitPlan, HitSettings, Verdict};
 pub use hit_sequence::{HitSequence, HitSequencePlan};
 pub use orders::{Activity, Event, Gains, Order, PeriodPlan, Report};
 pub use promise::{Host, Promise};

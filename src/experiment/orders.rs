@@ -1,8 +1,8 @@
 //! What the console asks of the output task, and what that one reports.
 
 use super::{
-    AbortReason, CalibrationEnd, CalibrationPlan, DutyPlan, HitSequencePlan, HitWindow, Promise,
-    PulseTrainPlan, Verdict,
+    AbortReason, CalibrationEnd, CalibrationPlan, DutyPlan, HitSequencePlan, Promise,
+    PulseTrainPlan, RunningVariance, Verdict,
 };
 use crate::{
     LoopParameters,
@@ -98,8 +98,10 @@ pub enum Event {
     None,
     /// An order was met or refused.
     Answer(Result<(), Refusal>),
-    /// A hit is over: its verdict, and the window it was judged by.
-    HitOver(Verdict, HitWindow),
+    /// A hit is over: its verdict, and the counts in the window that it was judged by.
+    HitOver(Verdict, RunningVariance),
+    /// The codes of the outputs in that window; comes after it.
+    HitCodes(RunningVariance),
     /// A hit ended without a verdict.
     HitAborted(AbortReason),
     /// A pulse train is over, or ended before.

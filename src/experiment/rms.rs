@@ -45,6 +45,9 @@ pub struct RunningVariance {
 }
 
 impl RunningVariance {
+    /// Of no position.
+    pub const EMPTY: Self = Self { samples: 0, origin: 0, sum: 0, sum_of_squares: 0 };
+
     /// Takes one position.
     #[inline]
     pub fn push(&mut self, position: Position) {

@@ -11,7 +11,7 @@ use core::fmt;
 
 use super::{
     Command, LINE_MAX, Line, LineReader, ParseError, Port, Reply, Situation,
-    lines::{CalibrationHolds, CalibrationOver},
+    lines::{CalibrationHolds, CalibrationOver, JudgedHit},
     parse_in,
     reply::ReplyIn,
     reply_channel::ReplyChannel,
@@ -80,8 +80,11 @@ pub struct Console<P> {
     /// Number of the design that they are; 0: of none.
     pub(super) design: u8,
     awaited: Option<Awaited>,
-    pub(super) latest: Option<Report>,
+    /// The newest output, and how things stood at it; of a series the console alone knows.
+    pub(super) latest: Option<(Situation, Record)>,
     series: Option<HitSeries>,
+    /// A hit that is over, and by `quiet` waits for its codes.
+    over: Option<JudgedHit>,
     /// A series that ended because nobody reads; not yet said.
     unread: Option<HitSeries>,
     /// Another wall than the stored one is in force: a walk has just ended.
@@ -107,6 +110,7 @@ impl<P: Port> Console<P> {
             awaited: None,
             latest: None,
             series: None,
+            over: None,
             unread: None,
             restore_wall: false,
             in_series: Doubled::new(false),
@@ -140,7 +144,8 @@ impl<P: Port> Console<P> {
     /// Takes what happened with an output. To be called for every report, in order.
     pub fn report(&mut self, report: &Report) {
         self.stream(report);
-        self.latest = Some(*report);
+        let Report { status, activity, record, .. } = *report;
+        self.latest = Some((Situation { status, activity }, record));
         match report.event {
             Event::None => {}
             Event::Answer(answer) => match self.stream.answered(answer.is_ok()) {
@@ -150,7 +155,8 @@ impl<P: Port> Console<P> {
                 }
                 _ => self.answer(answer),
             },
-            Event::HitOver(verdict, window) => self.judged(verdict, window, report),
+            Event::HitOver(verdict, counts) => self.hit_over(verdict, counts, report.port),
+            Event::HitCodes(codes) => self.hit_codes(codes),
             Event::HitAborted(reason) if self.series.is_some() => self.end_series(reason.text()),
             Event::HitAborted(reason) => {
                 self.write(&format_args!("error: hit: {}", reason.text()));
@@ -229,10 +235,9 @@ impl<P: Port> Console<P> {
     }
 
     pub(super) fn situation(&self) -> Option<(Situation, Record)> {
-        self.latest.map(|report| {
-            let activity = self.series.as_ref().map_or(report.activity, HitSeries::activity);
-            let situation = Situation { status: report.status, activity };
-            (situation, report.record)
+        self.latest.map(|(now, record)| {
+            let activity = self.series.as_ref().map_or(now.activity, HitSeries::activity);
+            (Situation { activity, ..now }, record)
         })
     }
 

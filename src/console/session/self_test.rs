@@ -55,7 +55,7 @@ impl<P: Port> Console<P> {
                 )),
             };
         };
-        let latched = self.latest.as_ref().is_some_and(|report| report.status.fault.is_some());
+        let latched = self.latest.is_some_and(|(now, _)| now.status.fault.is_some());
         let Device { safety, design, .. } = self.device;
         let fastest_hz = safety.speed_believable_m_per_s / design.resolution_m;
         let found = match part.drives() {

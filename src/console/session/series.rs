@@ -9,9 +9,10 @@ use crate::{
         lines::{self, JudgedHit},
     },
     experiment::{
-        Activity, Criterion, HitWindow, Order, Report, Verdict, Walk, WalkError, WalkTotals,
+        Activity, Criterion, Order, RunningVariance, Verdict, Walk, WalkError, WalkTotals,
         quiet::{FORCE_SHARE, PUSHES, QuietWindow, penetration_ratio},
     },
+    port::Exchanged,
     safety::State,
     store::Stored,
 };
@@ -119,7 +120,7 @@ impl<P: Port> Console<P> {
             }
             return false;
         };
-        let armed = self.latest.is_some_and(|report| report.status.state == State::Armed);
+        let armed = self.latest.is_some_and(|(now, _)| now.status.state == State::Armed);
         match series.next {
             Next::Verdict => return false,
             _ if !armed => self.end_series("the force went off: see status and faults"),
@@ -165,24 +166,40 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// A hit is over.
+    /// A hit is over; by `quiet` its codes decide, too.
+    pub(super) fn hit_over(&mut self, verdict: Verdict, counts: RunningVariance, port: Exchanged) {
+        let hit = JudgedHit { verdict, counts, port, quiet: None };
+        match self.stored.criterion {
+            Criterion::Rms => self.judged(hit),
+            Criterion::Quiet => self.over = Some(hit),
+        }
+    }
+
+    /// The codes of the hit that is over.
     #[inline(never)] // f64 here would make every pass save the floating-point registers
-    pub(super) fn judged(&mut self, verdict: Verdict, window: HitWindow, report: &Report) {
-        let stored = self.series.map_or(*self.stored, |series| series.settings(*self.stored));
-        let quiet = match stored.criterion {
-            Criterion::Quiet => self.quiet_window(&stored, &window),
-            Criterion::Rms => None,
-        };
+    pub(super) fn hit_codes(&mut self, codes: RunningVariance) {
+        // Without a series it was stopped meanwhile.
+        let (Some(mut hit), Some(series)) = (self.over.take(), self.series) else { return };
+        let stored = series.settings(*self.stored);
+        hit.quiet = self.quiet_window(&stored, &hit.counts, &codes);
         // The limit is that of the push which was set.
-        let limit_n =
-            stored.force_rms_limit_n.unwrap_or(FORCE_SHARE * libm::fabs(self.stored.push_n));
-        let loud =
-            verdict == Verdict::Stable && quiet.is_some_and(|quiet| !quiet.is_quiet(limit_n));
-        let verdict = if loud { Verdict::Unstable } else { verdict };
-        let hit = JudgedHit { verdict, window, port: report.port, quiet };
+        let share_n = FORCE_SHARE * libm::fabs(self.stored.push_n);
+        let limit_n = stored.force_rms_limit_n.unwrap_or(share_n);
+        let is_loud = hit.quiet.is_some_and(|quiet| !quiet.is_quiet(limit_n));
+        if hit.verdict == Verdict::Stable && is_loud {
+            hit.verdict = Verdict::Unstable;
+        }
+        self.judged(hit);
+    }
+
+    /// Goes on after a hit.
+    #[inline(never)] // as `hit_codes`
+    fn judged(&mut self, hit: JudgedHit) {
         let Some(mut series) = self.series else { return self.say_hit(&hit) };
+        let verdict = hit.verdict;
         if series.walk.is_none() {
-            self.write(&lines::PushJudged(series.push, stored.push_n, self.said(&hit)));
+            let push_n = series.settings(*self.stored).push_n;
+            self.write(&lines::PushJudged(series.push, push_n, self.said(&hit)));
         }
         let deciding = match series.loudest {
             Some(before)
@@ -193,7 +210,7 @@ impl<P: Port> Console<P> {
             _ => hit,
         };
         series.push += 1;
-        if quiet.is_some() && verdict == Verdict::Stable && series.push < PUSHES.len() {
+        if hit.quiet.is_some() && verdict == Verdict::Stable && series.push < PUSHES.len() {
             (series.loudest, series.next) = (Some(deciding), Next::Hit);
             self.series = Some(series);
             return;
@@ -209,18 +226,23 @@ impl<P: Port> Console<P> {
     }
 
     /// Force and wall of a window; `None` where a setting is out of range.
-    fn quiet_window(&self, stored: &Stored, window: &HitWindow) -> Option<QuietWindow> {
+    fn quiet_window(
+        &self,
+        stored: &Stored,
+        counts: &RunningVariance,
+        codes: &RunningVariance,
+    ) -> Option<QuietWindow> {
         let design = self.device.design(stored).ok()?;
         let actuator = Actuator::new(design.output).ok()?;
         let wall = &stored.settings.wall;
         let surface = design.position("position_m", wall.position_m).ok()?;
         let code_n = design.full_scale_n / f64::from(actuator.codes_per_full_scale());
-        let pushed_n = (window.codes.mean_counts() - f64::from(actuator.zero().code())) * code_n;
+        let pushed_n = (codes.mean_counts() - f64::from(actuator.zero().code())) * code_n;
         let count_n = wall.stiffness_n_per_m * design.resolution_m;
-        let behind = window.counts.mean_counts() - f64::from(surface.counts());
+        let behind = counts.mean_counts() - f64::from(surface.counts());
         let wall_force_n = stored.push_n - pushed_n;
         Some(QuietWindow {
-            force_rms_n: window.codes.rms_counts() * code_n,
+            force_rms_n: codes.rms_counts() * code_n,
             wall_force_n,
             penetration_ratio: penetration_ratio(behind * count_n, wall_force_n),
             count_n,

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::{
-    experiment::{AbortReason, CalibrationEnd, HitWindow, RunningVariance, Verdict},
+    experiment::{AbortReason, CalibrationEnd, RunningVariance, Verdict},
     units::{Force, OutputCode},
 };
 
@@ -23,8 +23,7 @@ fn a_hit_says_its_verdict_or_why_there_is_none() {
         (Verdict::Unstable, "unstable"),
         (Verdict::NoContact, "no contact"),
     ] {
-        let counts = window();
-        bench.report(Event::HitOver(verdict, HitWindow { counts, ..HitWindow::default() }));
+        bench.report(Event::HitOver(verdict, window()));
         let rms = Decimal(window().rms_counts() * 1e-6);
         let mean = Decimal(window().mean_counts() * 1e-6);
         // 2^40 LSB of force counts: 1024 counts at full scale

@@ -3,7 +3,7 @@
 //! The device has counts of 1 um, a DAC of 12 bits and 5.906 N at full scale; the wall of these tests is at 0.07 m.
 
 use super::*;
-use crate::experiment::{HitWindow, Verdict, quiet::PUSHES};
+use crate::experiment::{RunningVariance, Verdict, quiet::PUSHES};
 
 const PUSH_N: f64 = 2.0;
 const K: f64 = 50_000.0;
@@ -28,14 +28,20 @@ fn bench() -> Bench {
 }
 
 /// A handle at rest in that wall under that push, but for codes that swing by so many.
-fn window(push_n: f64, swing: i32) -> HitWindow {
-    let mut window = HitWindow::default();
+fn window(push_n: f64, swing: i32) -> [RunningVariance; 2] {
+    let [mut counts, mut codes] = [RunningVariance::default(); 2];
     let behind = DEVICE.design.position("position_m", push_n / K).unwrap().counts();
     for sign in [-1, 1] {
-        window.counts.push(Position::from_counts(70_000 + behind));
-        window.codes.push_number(2048 + sign * swing);
+        counts.push(Position::from_counts(70_000 + behind));
+        codes.push_number(2048 + sign * swing);
     }
-    window
+    [counts, codes]
+}
+
+fn over(bench: &mut Bench, verdict: Verdict, [counts, codes]: [RunningVariance; 2]) -> Vec<String> {
+    bench.report(Event::HitOver(verdict, counts));
+    bench.report(Event::HitCodes(codes));
+    bench.take().0
 }
 
 /// The hit at that push is ordered and met, and shows that.
@@ -47,8 +53,7 @@ fn pushed(bench: &mut Bench, share: f64, (verdict, swing): (Verdict, i32)) -> Ve
     let plan = DEVICE.hit_sequence(&stored, false).unwrap();
     assert_eq!(bench.take(), (Vec::new(), std::vec![Order::Hit(plan)]));
     assert!(bench.answer(Ok(())).is_empty());
-    bench.report(Event::HitOver(verdict, window(push_n, swing)));
-    bench.take().0
+    over(bench, verdict, window(push_n, swing))
 }
 
 fn force_rms(line: &str) -> f64 {
@@ -110,11 +115,9 @@ fn a_wall_that_does_not_stand_is_unstable_and_one_without_contact_stays_that() {
     bench.console.pass(true);
     bench.take();
     bench.answer(Ok(()));
-    let mut sunk = window(0.97 * PUSH_N, 0);
-    sunk.counts = Default::default();
-    sunk.counts.push(Position::from_counts(70_050));
-    bench.report(Event::HitOver(Verdict::Stable, sunk));
-    let said = bench.take().0;
+    let (mut sunk, [_, codes]) = (RunningVariance::default(), window(0.97 * PUSH_N, 0));
+    sunk.push(Position::from_counts(70_050));
+    let said = over(&mut bench, Verdict::Stable, [sunk, codes]);
     assert!(said[0].contains("N, unstable, ") && said[0].contains(", ratio 1.2"), "{said:?}");
     assert!(said[1].starts_with("ok hit unstable, "), "{said:?}");
     bench.says("hit");
@@ -184,8 +187,7 @@ fn a_walk_tries_every_push_of_a_cell_before_it_goes_on() {
             ordered += bench.take().1.len();
             bench.answer(Ok(()));
         }
-        bench.report(Event::HitOver(Verdict::Stable, window(share * PUSH_N, 1)));
-        let said = bench.take().0;
+        let said = over(&mut bench, Verdict::Stable, window(share * PUSH_N, 1));
         assert_eq!(said.len(), usize::from(n == 3), "{said:?}");
         if n == 3 {
             let head = "walk hit 1: k 50000 N/m, b 10 N s/m, stable, rms 0 m, force rms ";

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::{
-    experiment::{CalibrationEnd, HitWindow, Verdict},
+    experiment::{CalibrationEnd, RunningVariance, Verdict},
     safety::envelope::Envelope,
 };
 use std::sync::LazyLock;
@@ -66,9 +66,9 @@ fn refusals_and_usages_are_about_the_axis() {
 #[test]
 fn experiments_are_told_about_the_axis() {
     let mut bench = Bench::on(&PADDLE, FREE);
-    let mut window = HitWindow::default();
+    let mut window = RunningVariance::default();
     for counts in [999, 1001] {
-        window.counts.push(Position::from_counts(counts));
+        window.push(Position::from_counts(counts));
     }
     bench.report(Event::HitOver(Verdict::Stable, window));
     assert_eq!(

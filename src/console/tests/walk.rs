@@ -1,7 +1,7 @@
 //! A walk: every order it gives, every way it ends.
 
 use super::*;
-use crate::experiment::{AbortReason, HitWindow, Verdict};
+use crate::experiment::{AbortReason, RunningVariance, Verdict};
 
 const START: &str = "ok walk";
 const NO_RESULT: &str = "area 0 N^2 s/m^2, peak k 0 N/m, largest b 0 N s/m";
@@ -42,7 +42,7 @@ fn cell(bench: &mut Bench, k: f64, b: f64) {
 }
 
 fn judge(bench: &mut Bench, verdict: Verdict) -> Vec<String> {
-    bench.report(Event::HitOver(verdict, HitWindow::default()));
+    bench.report(Event::HitOver(verdict, RunningVariance::default()));
     bench.take().0
 }
 

@@ -48,7 +48,8 @@ fn nothing_changes_without_an_acknowledgement(board: Board) {
     let mut world = firmware.armed();
     let unread = |world: &mut World<'_>, line: &str| {
         world.send(&format!("{line}\n")).unwrap();
-        for _ in 0..30 {
+        // Longer than the board waits between two lines: it has met or ignored each before the next.
+        for _ in 0..40 {
             world.sample().unwrap();
         }
     };
