@@ -170,9 +170,16 @@ class BoardHit:
     def _of(cls, line: str) -> BoardHit:
         hit = r"ok hit ([a-z ]+), rms (\S+) (m|rad), mean (\S+) (m|rad), taken (\S+) J, given (\S+) J" + _QUIET
         found = _read(hit, line)
-        force, ratio = (None if said in (None, "none") else float(said) for said in found.group("force", "ratio"))
-        numbers = (float(found[n]) for n in (6, 7))
-        return cls(found[1].replace(" ", "_"), float(found[2]), float(found[4]), found[3], *numbers, force, ratio)
+        return cls(
+            verdict=found[1].replace(" ", "_"),
+            rms=float(found[2]),
+            mean=float(found[4]),
+            unit=found[3],
+            port_taken_j=float(found[6]),
+            port_given_j=float(found[7]),
+            force_rms=None if found["force"] is None else float(found["force"]),
+            penetration_ratio=None if found["ratio"] in (None, "none") else float(found["ratio"]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
