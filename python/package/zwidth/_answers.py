@@ -143,8 +143,8 @@ class BoardHit:
     unit: str
     port_taken_j: float
     port_given_j: float
-    force_rms: float | None = None
-    penetration_ratio: float | None = None
+    force_rms: float | None
+    penetration_ratio: float | None
 
     @property
     def stable(self) -> bool:
