@@ -56,6 +56,7 @@ pub use tables::{
 };
 pub use uncertainty::Uncertainty;
 pub use units::Units;
+
 /// The built-in scenes: name and text.
 pub const BUILT_IN: &[(&str, &str)] = &[
     ("paper-1um", include_str!("../../../../scenes/paper-1um.toml")),
