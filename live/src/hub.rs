@@ -27,8 +27,9 @@ pub use known::{From, Known, Line, Stopped};
 
 /// Between two looks at the link.
 const LOOK: Duration = Duration::from_millis(1);
-/// A reply that has not come by then does not come.
+/// A reply that has not come by then does not come; that to `save` waits for an erase of the flash.
 const REPLY: Duration = Duration::from_millis(500);
+const SAVED: Duration = Duration::from_secs(3);
 /// The board's promise, and how often it is kept.
 const PROMISE_MS: u32 = 200;
 const WORD: Duration = Duration::from_millis(50);
@@ -36,6 +37,12 @@ const WORD: Duration = Duration::from_millis(50);
 const STATUS: Duration = Duration::from_millis(500);
 /// Commands that may wait.
 const WAITING: usize = 64;
+/// Ends a line that was begun so that it is no command.
+const NO_COMMAND: &[u8] = b"?\n";
+/// A name that no estimator has, and what the refusal begins with: the names that the image has stand behind it.
+const ESTIMATORS: [&str; 2] = ["estimator ?", "error: unknown estimator, allowed "];
+/// What is asked at first, and of a board that was reset.
+const GREETING: [&str; 4] = ["version", ESTIMATORS[0], "get", "status"];
 /// The finger of a person: stiffness and damping of one that holds a handle lightly, and what it can do at most.
 const FINGER: Finger =
     Finger { target_m: 0.0, stiffness_n_per_m: 400.0, damping_n_s_per_m: 3.0, limit_n: 12.0 };
@@ -62,6 +69,8 @@ pub struct Hub {
 struct Asked {
     lines: VecDeque<String>,
     stops: Vec<(u64, Duration)>,
+    /// How many stops there were.
+    stopped: u64,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -119,21 +128,39 @@ impl Hub {
         lock(&self.history)
     }
 
-    /// A line for the console; whether there was room.
-    pub fn command(&self, line: &str) -> bool {
+    /// A line for the console. `stopped`: how many [stops](Self::stopped) its author knows of.
+    ///
+    /// # Errors
+    /// There is no room, or a stop that its author does not know of came first.
+    pub fn command(&self, line: &str, stopped: Option<u64>) -> Result<(), &'static str> {
         let mut asked = lock(&self.asked);
-        let room = asked.lines.len() < WAITING;
-        if room {
-            asked.lines.push_back(line.to_owned());
+        if stopped.is_some_and(|known| known != asked.stopped) {
+            return Err("a stop came first");
         }
-        room
+        if asked.lines.len() >= WAITING {
+            return Err("too many commands wait");
+        }
+        asked.lines.push_back(line.to_owned());
+        Ok(())
     }
 
-    /// Force off before everything else; what waits is forgotten.
+    /// Force off before everything else; what waits is not sent.
     pub fn stop(&self, id: u64) {
-        let mut asked = lock(&self.asked);
-        asked.lines.clear();
-        asked.stops.push((id, self.now()));
+        let forgotten = {
+            let mut asked = lock(&self.asked);
+            asked.stops.push((id, self.now()));
+            asked.stopped += 1;
+            std::mem::take(&mut asked.lines)
+        };
+        let mut known = self.known();
+        for line in forgotten {
+            known.answer(From::Server, format!("not sent: {line}"), line);
+        }
+    }
+
+    /// How many stops there were.
+    pub fn stopped(&self) -> u64 {
+        lock(&self.asked).stopped
     }
 
     /// The finger on a virtual board's handle; `target_m` in the board's positions.
@@ -177,9 +204,25 @@ impl Hub {
 /// What was sent last and is to be answered.
 struct Pending {
     line: String,
+    /// What the reply begins with; none: whatever is a reply. Of a question that the board always answers: replies to
+    /// what was sent before it are not taken for its own.
+    begins: Option<String>,
     /// A person is told the reply.
     loud: bool,
     since: Duration,
+}
+
+impl Pending {
+    fn is_answered_by(&self, line: &str) -> bool {
+        match &self.begins {
+            Some(begins) => line.starts_with(begins),
+            None => line.starts_with("ok") || line.starts_with("error"),
+        }
+    }
+
+    fn waits(&self) -> Duration {
+        if self.line.trim() == "save" { SAVED } else { REPLY }
+    }
 }
 
 /// The conversation with a board.
@@ -192,6 +235,8 @@ pub struct Talk {
     pending: Option<Pending>,
     /// Bytes that the board had no room for.
     unsent: Vec<u8>,
+    /// The board has a part of a line; at first perhaps that of a host before this one.
+    begun: bool,
     /// Pieces of a line.
     replies: Vec<u8>,
     /// Words whose replies are to come.
@@ -219,12 +264,13 @@ impl Talk {
             decoder: telemetry::Decoder::new(),
             pending: None,
             unsent: vec![],
+            begun: true,
             replies: vec![],
             words: 0,
             promised: false,
             word_at: now,
             status_at: now,
-            quiet: ["version", "get"].into(),
+            quiet: GREETING.into(),
             stops: vec![],
             twice: VecDeque::new(),
             settings: None,
@@ -266,11 +312,13 @@ impl Talk {
     /// Force off before everything that waits.
     fn disarm(&mut self) {
         self.unsent.clear();
-        self.unsent.push(b'\n'); // a line that was begun ends here, as no command
         self.send("disarm");
     }
 
     fn send(&mut self, line: &str) {
+        if self.begun && self.unsent.is_empty() {
+            self.unsent.extend_from_slice(NO_COMMAND);
+        }
         self.unsent.extend_from_slice(line.as_bytes());
         self.unsent.push(b'\n');
         self.flush();
@@ -279,7 +327,9 @@ impl Talk {
     fn flush(&mut self) {
         if !self.unsent.is_empty() {
             let sent = self.link.write(COMMANDS, &self.unsent);
-            self.unsent.drain(..sent);
+            if let Some(last) = self.unsent.drain(..sent).next_back() {
+                self.begun = last != b'\n';
+            }
         }
     }
 
@@ -289,17 +339,24 @@ impl Talk {
         let stops = std::mem::take(&mut lock(&self.hub.asked).stops);
         if !stops.is_empty() {
             self.disarm();
-            self.pending = None;
-            self.quiet.clear();
+            self.give_up("a stop came first");
+            self.quiet = ["get", "status"].into();
             self.stops.extend(stops);
             self.hub.known().say(From::Person, "disarm".to_owned());
+            self.pending = Some(Pending {
+                line: "disarm".to_owned(),
+                begins: Some("ok disarm".to_owned()),
+                loud: true,
+                since: now,
+            });
         }
         self.keep_the_promise(now);
-        if self.pending.as_ref().is_some_and(|pending| now.saturating_sub(pending.since) < REPLY) {
-            return;
-        }
-        if let Some(pending) = self.pending.take().filter(|pending| pending.loud) {
-            self.hub.known().say(From::Server, format!("no reply to {}", pending.line));
+        if let Some(pending) = &self.pending {
+            let waits = pending.waits();
+            if now.saturating_sub(pending.since) < waits {
+                return;
+            }
+            self.give_up(&format!("waited {} s", waits.as_secs_f64()));
         }
         let next = lock(&self.hub.asked).lines.pop_front();
         let (line, loud) = match next {
@@ -320,7 +377,27 @@ impl Talk {
             self.status_at = now;
         }
         self.send(&line);
-        self.pending = Some(Pending { line, loud, since: now });
+        let begins = match line.as_str() {
+            _ if loud => None,
+            question if question == ESTIMATORS[0] => Some(ESTIMATORS[1].to_owned()),
+            question => Some(format!("ok {question}")),
+        };
+        self.pending = Some(Pending { line, begins, loud, since: now });
+    }
+
+    /// The reply that is waited for does not come.
+    fn give_up(&mut self, why: &str) {
+        if let Some(Pending { line, .. }) = self.pending.take().filter(|pending| pending.loud) {
+            self.hub.known().answer(From::Server, format!("no reply to {line}: {why}"), line);
+        }
+    }
+
+    /// The board has begun anew: what it was asked is forgotten there, and nothing that is known of it need hold.
+    fn meet_again(&mut self) {
+        self.give_up("the board was reset");
+        self.hub.note("the board was reset");
+        self.quiet = GREETING.into();
+        (self.settings, self.promised, self.words) = (None, false, 0);
     }
 
     /// While the force is on and the owner is there, the board hears so; without the owner it is switched off, and if
@@ -383,8 +460,8 @@ impl Talk {
                 }
             }
         }
-        let is_answer = (line.starts_with("ok") || line.starts_with("error")) && !is_report(&line);
-        let pending = if is_answer { self.pending.take() } else { None };
+        let is_report = is_report(&line);
+        let answered = self.pending.take_if(|asked| !is_report && asked.is_answered_by(&line));
         if let Some(place) =
             match line.split_whitespace().nth(1).filter(|_| line.starts_with("ok ")) {
                 Some("get") => Some(&mut known.settings),
@@ -395,11 +472,25 @@ impl Talk {
         {
             place.clone_from(&line);
         }
-        if pending.as_ref().is_none_or(|pending| pending.loud) {
-            known.say(From::Board, line);
-            if pending.is_some() && !self.quiet.contains(&"get") {
-                self.quiet.extend(["get", "status"]);
+        if let Some(names) = line.strip_prefix(ESTIMATORS[1]) {
+            // Of a list that is cut off the last name is in doubt.
+            let whole = names
+                .strip_suffix('~')
+                .map_or(names, |cut| cut.rsplit_once(' ').unwrap_or_default().0);
+            known.estimators = whole.split(' ').map(str::to_owned).collect();
+        }
+        match answered {
+            Some(asked) if asked.loud => {
+                known.answer(From::Board, line, asked.line);
+                if !self.quiet.contains(&"get") {
+                    self.quiet.extend(["get", "status"]);
+                }
             }
+            Some(_) => {}
+            // What was asked by a host before this one.
+            None if !is_report
+                && self.pending.as_ref().is_some_and(|asked| asked.line == GREETING[0]) => {}
+            None => known.say(From::Board, line),
         }
     }
 
@@ -432,7 +523,7 @@ impl Talk {
             self.record = None;
         }
         let mut history = lock(&self.hub.history);
-        let mut newest = None;
+        let (mut newest, mut was_reset) = (None, false);
         for byte in bytes {
             let Some(frame) = self.decoder.push(byte) else { continue };
             for output in self.decoder.outputs(frame) {
@@ -441,6 +532,7 @@ impl Talk {
                     continue;
                 }
                 let step = self.last.map_or(0, |last| record.sample.wrapping_sub(last.sample));
+                was_reset |= self.last.is_some_and(|last| record.sample < last.sample);
                 self.last = Some(record);
                 if [1, 2, 5, 10].contains(&step) && step != history.step() {
                     history.restart(step);
@@ -450,6 +542,10 @@ impl Talk {
                     [record.position.counts(), record.velocity.bits(), record.force.bits()];
                 history.push(record.sample, &Row { values, flags: record.flags.bits() });
             }
+        }
+        drop(history);
+        if was_reset {
+            self.meet_again();
         }
         let mut known = self.hub.known();
         known.counts = [self.decoder.frames, self.decoder.dropped, self.decoder.garbage];

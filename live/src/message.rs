@@ -11,6 +11,8 @@ pub enum FromPage {
     Command {
         /// Without an end.
         line: String,
+        /// How many stops the page knows of, where it is not to come behind another.
+        stopped: Option<u64>,
     },
     /// Force off, at once; from any page.
     Stop {
@@ -58,6 +60,7 @@ pub enum FromPage {
 struct Keys {
     r#type: String,
     line: Option<String>,
+    stopped: Option<u64>,
     id: Option<u64>,
     target_m: Option<f64>,
     open: Option<bool>,
@@ -76,7 +79,7 @@ impl Keys {
     fn message(self) -> Option<FromPage> {
         let Self { line, id, target_m, open, span_s, columns, paused, .. } = self;
         Some(match self.r#type.as_str() {
-            "command" => FromPage::Command { line: line? },
+            "command" => FromPage::Command { line: line?, stopped: self.stopped },
             "stop" => FromPage::Stop { id: id? },
             "finger" => FromPage::Finger { target_m },
             "emergency_stop" => FromPage::EmergencyStop { open: open? },
@@ -111,7 +114,7 @@ impl FromPage {
         let keys: Keys = serde_json::from_str(text).map_err(|error| error.to_string())?;
         let message = keys.message().ok_or("a message without a type or with a key missing")?;
         let bad = match &message {
-            Self::Command { line } => line.len() > 64 || line.chars().any(char::is_control),
+            Self::Command { line, .. } => line.len() > 64 || line.chars().any(char::is_control),
             Self::Finger { target_m } => target_m.is_some_and(|m| !(-1.0..=1.0).contains(&m)),
             Self::View { span_s, columns, .. } => {
                 !(0.001..=110.0).contains(span_s) || !(10..=4000).contains(columns)

@@ -130,11 +130,23 @@ impl Page {
         self.shared.seats().hear(self.id, self.shared.hub.now());
     }
 
-    /// Does what the page says; a prediction is left to the caller.
+    /// Reads a message and does what it says; a prediction is left to the caller.
     ///
     /// # Errors
-    /// It is not for this page, or not now.
-    pub fn obey(&self, message: FromPage) -> Result<Option<Question>, &'static str> {
+    /// It is none, not for this page, or not now: what the page is to be told.
+    pub fn take(&self, message: &str) -> Result<Option<Question>, String> {
+        let refused = |line: Option<String>, why: &str| {
+            json!({ "type": "refused", "line": line, "why": why }).to_string()
+        };
+        let message = FromPage::read(message).map_err(|why| refused(None, &why))?;
+        let line = match &message {
+            FromPage::Command { line, .. } => Some(line.clone()),
+            _ => None,
+        };
+        self.obey(message).map_err(|why| refused(line, why))
+    }
+
+    fn obey(&self, message: FromPage) -> Result<Option<Question>, &'static str> {
         let Shared { hub, scale, .. } = &*self.shared;
         let now = hub.now();
         let owns = self.shared.seats().owns(self.id);
@@ -146,8 +158,7 @@ impl Page {
             return Err("another page has control: ask for it");
         }
         match message {
-            FromPage::Command { line } if hub.command(&line) => {}
-            FromPage::Command { .. } => return Err("too many commands wait"),
+            FromPage::Command { line, stopped } => hub.command(&line, stopped)?,
             FromPage::Stop { id } => hub.stop(id),
             FromPage::Finger { target_m } => hub.touch(target_m, scale.resolution_m),
             FromPage::EmergencyStop { open } => hub.emergency_stop(open),
@@ -297,6 +308,8 @@ impl Page {
             "settings": known.settings,
             "status": known.status,
             "version": known.version,
+            "estimators": known.estimators,
+            "stops": hub.stopped(),
             "lost": known.lost,
             "counts": known.counts,
             "stopped": known.stopped,

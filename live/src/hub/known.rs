@@ -31,6 +31,8 @@ pub struct Line {
     pub from: From,
     /// What.
     pub text: String,
+    /// The command that it answers, if one.
+    pub answers: Option<String>,
 }
 
 /// A stop, and how long it took until the board said that the force is off.
@@ -53,6 +55,8 @@ pub struct Known {
     pub status: String,
     /// As `settings`.
     pub version: String,
+    /// The estimators that its image has; none: it has not said.
+    pub estimators: Vec<String>,
     /// Why there is no board any more.
     pub lost: Option<String>,
     /// Lines, the oldest first.
@@ -68,8 +72,17 @@ pub struct Known {
 
 impl Known {
     pub(super) fn say(&mut self, from: From, text: String) {
+        self.add(from, text, None);
+    }
+
+    /// What has become of a command.
+    pub(super) fn answer(&mut self, from: From, text: String, command: String) {
+        self.add(from, text, Some(command));
+    }
+
+    fn add(&mut self, from: From, text: String, answers: Option<String>) {
         self.numbered += 1;
-        self.lines.push_back(Line { number: self.numbered, from, text });
+        self.lines.push_back(Line { number: self.numbered, from, text, answers });
         if self.lines.len() > LINES {
             self.lines.pop_front();
         }

@@ -56,10 +56,22 @@ fn count(board: &Board, wanted: &str) -> usize {
 
 /// What the board is asked by itself at first.
 fn greet(board: &Board) {
-    until("a first question", || count(board, "version") == 1);
-    board.says("ok version 1");
-    until("a second question", || count(board, "get") == 1);
-    board.says("ok get k 0 N/m");
+    for (question, reply) in [
+        ("version", "ok version 1"),
+        ("estimator ?", "error: unknown estimator, allowed butterworth kalman-3 lev~"),
+        ("get", "ok get k 0 N/m"),
+        ("status", "ok status off"),
+    ] {
+        until(question, || count(board, question) == 1);
+        board.says(reply);
+    }
+}
+
+/// What is said of that command.
+fn answers(hub: &Hub, command: &str) -> Vec<String> {
+    let known = hub.known();
+    let answers = known.lines.iter().filter(|line| line.answers.as_deref() == Some(command));
+    answers.map(|line| line.text.clone()).collect()
 }
 
 #[test]
@@ -68,7 +80,7 @@ fn one_command_at_a_time_and_a_stop_before_all_that_waits() {
     let (hub, thread) = Hub::start(Box::new(board.clone()), None, None, None);
     greet(&board);
     for k in 1..=5 {
-        assert!(hub.command(&format!("k {k}")));
+        assert_eq!(hub.command(&format!("k {k}"), None), Ok(()));
     }
     until("the first command", || count(&board, "k 1") == 1);
     thread::sleep(Duration::from_millis(30));
@@ -76,20 +88,31 @@ fn one_command_at_a_time_and_a_stop_before_all_that_waits() {
     board.says("walk hit 1: k 1 N/m, b 1 N s/m, stable, rms 0.1 m");
     board.says("ok k 1 N/m");
     until("the second command", || count(&board, "k 2") == 1);
+    let before = hub.stopped();
     hub.stop(7);
+    assert!(hub.command("arm", Some(before)).is_err(), "of a page that does not know of the stop");
+    assert_eq!(hub.command("get", Some(before + 1)), Ok(()));
     until("a stop", || count(&board, "disarm") == 1);
+    board.says("ok k 2 N/m");
     board.says("ok disarm");
+    until("the line behind it", || count(&board, "get") == 2);
+    board.says("ok get k 2 N/m");
     until("its answer", || hub.known().stopped.iter().any(|stopped| stopped.id == 7));
     thread::sleep(REPLY + Duration::from_millis(50));
     assert_eq!(count(&board, "k 3"), 0, "what waited is forgotten");
+    assert_eq!(answers(&hub, "k 1"), ["ok k 1 N/m"]);
+    assert_eq!(answers(&hub, "k 2"), ["no reply to k 2: a stop came first"]);
+    assert_eq!(answers(&hub, "k 5"), ["not sent: k 5"]);
+    assert_eq!(answers(&hub, "disarm"), ["ok disarm"], "not the reply to what was sent before it");
+    assert_eq!(answers(&hub, "get"), ["ok get k 2 N/m"]);
     let said: Vec<String> = hub.known().lines.iter().map(|line| line.text.clone()).collect();
     assert!(
         said.contains(&"ok k 1 N/m".to_owned()) && !said.contains(&"ok get k 0 N/m".to_owned())
     );
     for n in 0..WAITING {
-        assert!(hub.command("status") || n > WAITING - 3);
+        assert!(hub.command("status", None).is_ok() || n > WAITING - 3);
     }
-    assert!(!(0..3).all(|_| hub.command("status")), "an endless queue");
+    assert!(!(0..3).all(|_| hub.command("status", None).is_ok()), "an endless queue");
     hub.end();
     thread.join().unwrap();
     assert_eq!(count(&board, "disarm"), 2, "it leaves with the force off");
@@ -101,7 +124,7 @@ fn the_promise_is_kept_while_somebody_is_there_and_no_longer() {
     let (hub, thread) = Hub::start(Box::new(board.clone()), None, None, None);
     greet(&board);
     hub.attended.store(true, Relaxed);
-    hub.command("arm");
+    hub.command("arm", None).unwrap();
     until("arm", || count(&board, "arm") == 1);
     let lines = board.lines();
     let place = |wanted: &str| lines.iter().position(|line| line == wanted).unwrap();
@@ -120,6 +143,67 @@ fn the_promise_is_kept_while_somebody_is_there_and_no_longer() {
     // Else whoever arms next would have to keep it.
     until("the end of the promise", || count(&board, "alive 0") == 1);
     assert_eq!(count(&board, "alive 200"), words);
+    hub.end();
+    thread.join().unwrap();
+}
+
+/// What a host before this one has begun is no command, and what it had asked is no reply to this one.
+#[test]
+fn half_a_line_of_a_dead_host_is_ended_before_the_first_command() {
+    let board = Board::default();
+    lock(&board.0).0.push_str("k 12");
+    let (hub, thread) = Hub::start(Box::new(board.clone()), None, None, None);
+    until("a first question", || count(&board, "version") == 1);
+    assert_eq!(board.lines()[..2], ["k 12?", "version"]);
+    board.says("ok k 1 N/m");
+    board.says("error: not a number of at most 15 digits such as 2000, 0.07 or 1.5e3: k N_PER_M");
+    thread::sleep(Duration::from_millis(30));
+    assert_eq!(count(&board, "estimator ?"), 0, "the reply to version has not come");
+    greet(&board);
+    until("its settings", || hub.known().settings == "ok get k 0 N/m");
+    assert_eq!(hub.known().version, "ok version 1");
+    assert!(hub.known().lines.is_empty(), "what another host asked");
+    // Of a list that is cut off the last name is in doubt.
+    assert_eq!(hub.known().estimators, ["butterworth", "kalman-3"]);
+    hub.end();
+    thread.join().unwrap();
+    assert_eq!(count(&board, "?"), 0, "no line is ended that was not begun");
+}
+
+#[test]
+fn a_save_is_waited_for_as_long_as_an_erase_takes() {
+    let board = Board::default();
+    let (hub, thread) = Hub::start(Box::new(board.clone()), None, None, None);
+    greet(&board);
+    hub.command("save", None).unwrap();
+    until("save", || count(&board, "save") == 1);
+    thread::sleep(2 * REPLY);
+    board.says("ok save");
+    until("its end", || answers(&hub, "save") == ["ok save"]);
+    hub.command("save", None).unwrap();
+    until("a reply that does not come", || {
+        answers(&hub, "save").iter().any(|text| text.starts_with("no reply to save"))
+    });
+    hub.end();
+    thread.join().unwrap();
+}
+
+#[test]
+fn a_board_that_was_reset_is_asked_anew() {
+    let board = Board::default();
+    let (hub, thread) = Hub::start(Box::new(board.clone()), None, None, None);
+    greet(&board);
+    board.shows(7, Flags::default());
+    until("a row", || hub.known().record.is_some());
+    until("its settings", || count(&board, "get") == 2);
+    board.says("ok get k 0 N/m");
+    hub.command("k 3", None).unwrap();
+    until("a command", || count(&board, "k 3") == 1);
+    board.shows(0, Flags::default());
+    until("version", || count(&board, "version") == 2);
+    assert_eq!(answers(&hub, "k 3"), ["no reply to k 3: the board was reset"]);
+    board.says("ok version 2");
+    until("its estimators", || count(&board, "estimator ?") == 2);
     hub.end();
     thread.join().unwrap();
 }

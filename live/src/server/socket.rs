@@ -12,7 +12,6 @@ use futures_util::{
 };
 use live::{
     access::MESSAGES_PER_S,
-    message::FromPage,
     page::{Page, Question, TICK},
 };
 use serde_json::json;
@@ -60,13 +59,11 @@ async fn read(
             Message::Ping(_) => continue,
             Message::Binary(_) | Message::Close(_) => return,
         };
-        let obeyed =
-            FromPage::read(&text).and_then(|message| page.obey(message).map_err(str::to_owned));
-        match obeyed {
+        match page.take(&text) {
             Ok(None) => {}
             Ok(Some(question)) => answer(app, question, &tell),
-            Err(why) => {
-                let _ = tell.try_send(json!({ "type": "refused", "why": why }).to_string());
+            Err(refused) => {
+                let _ = tell.try_send(refused);
             }
         }
     }

@@ -71,7 +71,7 @@ const does = {
   },
   say({ message }) {
     const answer = module.ask({ ask: "say", message });
-    if (answer.refused) tell(JSON.stringify({ type: "refused", why: answer.refused }));
+    if (answer.refused) tell(answer.refused);
     if (answer.predict) postMessage({ predict: answer.predict });
   },
   rows({ from, rows, id }) {

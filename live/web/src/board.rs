@@ -13,7 +13,6 @@ use std::{
 use host_sim::{error::Error, scene::NamedScene};
 use live::{
     hub::{Hub, Talk},
-    message::FromPage,
     page::{Page, Shared},
 };
 use serde_json::json;
@@ -139,14 +138,12 @@ pub fn run(question: &Question) -> Answered {
 /// What the page says.
 pub fn say(question: &Question) -> Answered {
     running(|running| {
-        let obeyed = FromPage::read(&question.message)
-            .and_then(|message| running.page.obey(message).map_err(str::to_owned));
-        let answer = match obeyed {
+        let answer = match running.page.take(&question.message) {
             Ok(None) => json!({}),
             Ok(Some(asked)) => {
                 json!({ "predict": { "estimator": asked.estimator, "cutoff_hz": asked.cutoff_hz } })
             }
-            Err(why) => json!({ "refused": why }),
+            Err(refused) => json!({ "refused": refused }),
         };
         Ok((answer, vec![]))
     })

@@ -146,7 +146,7 @@ fn the_core_is_a_board_for_the_page() {
         "{seen}"
     );
     let refused = say(&json!({ "type": "command", "line": "k 1\ndisarm" }));
-    assert_eq!(refused["refused"], "a value that cannot be");
+    assert!(refused["refused"].as_str().unwrap().contains("a value that cannot be"));
     let predict = json!({ "type": "predict", "estimator": "butterworth", "cutoff_hz": 1500.0 });
     assert_eq!(say(&predict)["predict"]["cutoff_hz"], 1500.0);
     say(&json!({ "type": "stop", "id": 7 }));
