@@ -130,6 +130,11 @@ impl Page {
         self.shared.seats().hear(self.id, self.shared.hub.now());
     }
 
+    /// It has not answered for so long that it is no page any more.
+    pub fn is_gone(&self) -> bool {
+        self.shared.seats().is_gone(self.id, self.shared.hub.now())
+    }
+
     /// Reads a message and does what it says; a prediction is left to the caller.
     ///
     /// # Errors
@@ -148,7 +153,6 @@ impl Page {
 
     fn obey(&self, message: FromPage) -> Result<Option<Question>, &'static str> {
         let Shared { hub, scale, .. } = &*self.shared;
-        let now = hub.now();
         let owns = self.shared.seats().owns(self.id);
         let needs_control = matches!(
             message,
@@ -163,13 +167,13 @@ impl Page {
             FromPage::Finger { target_m } => hub.touch(target_m, scale.resolution_m),
             FromPage::EmergencyStop { open } => hub.emergency_stop(open),
             FromPage::Ask => {
-                let asked = self.shared.seats().ask(self.id, now);
+                let asked = self.shared.seats().ask(self.id);
                 if asked == Asked::Waiting {
                     hub.note(&format!("page {} asks for control", self.id));
                 }
             }
             FromPage::Give => {
-                let given = self.shared.seats().give(self.id, now);
+                let given = self.shared.seats().give(self.id);
                 if !given {
                     return Err("nobody asks for control");
                 }

@@ -2,8 +2,10 @@
 
 use std::time::Duration;
 
-/// A page that has not answered for so long is not there.
+/// A page that has not answered for so long is not there: the force goes off.
 pub const ABSENT: Duration = Duration::from_secs(1);
+/// After so long it has gone, control and place with it: whatever holds its socket open is no page.
+pub const GONE: Duration = Duration::from_secs(2);
 
 /// What becomes of a request for control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,11 +19,10 @@ pub enum Asked {
 /// The pages.
 #[derive(Debug, Default)]
 pub struct Seats {
-    pages: Vec<u64>,
+    /// Pages, and when each last answered.
+    pages: Vec<(u64, Duration)>,
     last: u64,
     owner: Option<u64>,
-    /// When the owner last answered.
-    heard: Option<Duration>,
     asking: Option<u64>,
 }
 
@@ -29,59 +30,71 @@ impl Seats {
     /// A page has come. It owns the board if nobody does.
     pub fn enter(&mut self, now: Duration) -> u64 {
         self.last += 1;
-        self.pages.push(self.last);
+        self.pages.push((self.last, now));
         if self.owner.is_none() {
-            self.own(self.last, now);
+            self.own(Some(self.last));
         }
         self.last
     }
 
-    /// A page has gone; whether it was the owner.
+    /// A page has gone; whether it was the owner. Then control goes to the page that asked for it, if one has.
     pub fn leave(&mut self, page: u64) -> bool {
-        self.pages.retain(|other| *other != page);
+        self.pages.retain(|(other, _)| *other != page);
         self.asking = self.asking.filter(|other| *other != page);
         let owned = self.owner == Some(page);
         if owned {
-            (self.owner, self.heard) = (None, None);
+            self.own(self.asking);
         }
         owned
     }
 
     /// A page would like to command.
-    pub fn ask(&mut self, page: u64, now: Duration) -> Asked {
+    pub fn ask(&mut self, page: u64) -> Asked {
         match self.owner {
             Some(owner) if owner != page => {
                 self.asking = Some(page);
                 Asked::Waiting
             }
             _ => {
-                self.own(page, now);
+                self.own(Some(page));
                 Asked::Granted
             }
         }
     }
 
     /// The owner gives control to the page that asked for it; whether it did.
-    pub fn give(&mut self, page: u64, now: Duration) -> bool {
-        let Some(next) = self.asking.filter(|_| self.owner == Some(page)) else { return false };
-        self.own(next, now);
-        true
+    pub fn give(&mut self, page: u64) -> bool {
+        let gives = self.owns(page) && self.asking.is_some();
+        if gives {
+            self.own(self.asking);
+        }
+        gives
     }
 
-    fn own(&mut self, page: u64, now: Duration) {
-        (self.owner, self.heard, self.asking) = (Some(page), Some(now), None);
+    fn own(&mut self, page: Option<u64>) {
+        (self.owner, self.asking) = (page, None);
     }
 
     /// A page has answered.
     pub fn hear(&mut self, page: u64, now: Duration) {
-        if self.owner == Some(page) {
-            self.heard = Some(now);
-        }
+        self.pages.iter_mut().filter(|(other, _)| *other == page).for_each(|seat| seat.1 = now);
+    }
+
+    /// For how long the page has been silent; none: there is no such page.
+    fn silence(&self, page: u64, now: Duration) -> Option<Duration> {
+        let seat = self.pages.iter().find(|(other, _)| *other == page);
+        seat.map(|(_, heard)| now.saturating_sub(*heard))
     }
 
     /// Whether the owner is there: then the board may be told so.
     pub fn is_attended(&self, now: Duration) -> bool {
-        self.heard.is_some_and(|heard| now.saturating_sub(heard) < ABSENT)
+        let silence = self.owner.and_then(|owner| self.silence(owner, now));
+        silence.is_some_and(|silence| silence < ABSENT)
+    }
+
+    /// Whether that page is there no longer, though its socket may be open.
+    pub fn is_gone(&self, page: u64, now: Duration) -> bool {
+        self.silence(page, now).is_none_or(|silence| silence >= GONE)
     }
 
     /// Whether that page may command.
@@ -115,23 +128,25 @@ mod tests {
         let mut seats = Seats::default();
         let [first, second, third] = [seats.enter(now), seats.enter(now), seats.enter(now)];
         assert!(seats.owns(first) && !seats.owns(second));
-        assert!(!seats.give(first, now), "to nobody");
-        assert_eq!(seats.ask(second, now), Asked::Waiting);
-        assert!(!seats.give(second, now), "not its own");
-        assert!(!seats.give(third, now));
+        assert!(!seats.give(first), "to nobody");
+        assert_eq!(seats.ask(second), Asked::Waiting);
+        assert!(!seats.give(second), "not its own");
+        assert!(!seats.give(third));
         assert!(seats.owns(first));
-        assert!(seats.give(first, now));
+        assert!(seats.give(first));
         assert!(seats.owns(second) && !seats.owns(first));
-        // Who goes leaves it to nobody; a watcher has to ask.
+        // Who goes leaves it to who has asked, else to nobody.
+        assert_eq!(seats.ask(first), Asked::Waiting);
         assert!(seats.leave(second));
+        assert!(seats.owns(first));
+        assert!(seats.leave(first));
         assert_eq!(seats.owner(), None);
-        assert!(!seats.leave(first));
-        assert_eq!(seats.ask(third, now), Asked::Granted);
+        assert_eq!(seats.ask(third), Asked::Granted);
         assert!(seats.owns(third));
     }
 
     #[test]
-    fn an_owner_that_does_not_answer_is_absent() {
+    fn a_page_that_does_not_answer_is_absent_and_then_gone() {
         let now = Duration::from_secs(7);
         let mut seats = Seats::default();
         assert!(!seats.is_attended(now));
@@ -142,7 +157,11 @@ mod tests {
         assert!(!seats.is_attended(now + ABSENT));
         seats.hear(first, now + ABSENT);
         assert!(seats.is_attended(now + ABSENT));
+        seats.hear(second, now + GONE);
+        assert!(!seats.is_gone(first, now + GONE), "it was heard later");
+        assert!(seats.is_gone(first, now + ABSENT + GONE));
+        assert!(!seats.is_gone(second, now + ABSENT + GONE));
         seats.leave(first);
-        assert!(!seats.is_attended(now + ABSENT));
+        assert!(!seats.is_attended(now + GONE) && seats.is_gone(first, now));
     }
 }

@@ -30,8 +30,17 @@ pub async fn run(app: Arc<App>, socket: WebSocket, _place: Place) {
     tokio::select! {
         () = read(&app, &page, from, tell) => {}
         () = write(&page, to, told) => {}
+        () = silence(&page) => {}
     }
     page.leave();
+}
+
+/// Until the page has not answered for too long, whether or not it still takes what is sent.
+async fn silence(page: &Page) {
+    let mut look = interval(TICK);
+    while !page.is_gone() {
+        look.tick().await;
+    }
 }
 
 async fn read(
