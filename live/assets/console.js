@@ -3,7 +3,10 @@ const KEPT = 800;
 
 export class Console {
   constructor(list, form, input, send) {
-    Object.assign(this, { list, past: [], place: 0 });
+    Object.assign(this, { list, past: [], place: 0, follows: true });
+    // A person who has scrolled up stays there; a list that only becomes lower is followed.
+    list.onscroll = () => { this.follows = list.scrollHeight - list.scrollTop - list.clientHeight < 30; };
+    new ResizeObserver(() => this.follow()).observe(list);
     form.onsubmit = (event) => {
       event.preventDefault();
       const line = input.value.trim();
@@ -24,7 +27,6 @@ export class Console {
 
   add(lines) {
     if (!lines.length) return;
-    const atEnd = this.list.scrollHeight - this.list.scrollTop - this.list.clientHeight < 30;
     for (const { from, text } of lines) {
       const item = document.createElement("li");
       item.className = text.startsWith("error") ? "error" : from;
@@ -32,6 +34,13 @@ export class Console {
       this.list.append(item);
     }
     while (this.list.childElementCount > KEPT) this.list.firstElementChild.remove();
-    if (atEnd) this.list.scrollTop = this.list.scrollHeight;
+    this.follow();
+  }
+
+  follow() { if (this.follows) this.list.scrollTop = this.list.scrollHeight; }
+
+  clear() {
+    this.list.replaceChildren();
+    this.follows = true;
   }
 }

@@ -7,7 +7,7 @@ export const SIGNALS = [
   { name: "velocity", least: 1e-3, colour: "--green" },
   { name: "force", least: 1e-3, colour: "--orange" },
 ];
-const CONTACT = 1, SATURATED = 4, REPLAY = 1024;
+const CONTACT = 1, SATURATED = 4, ON = 8;
 const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 export function context(canvas) {
@@ -63,7 +63,7 @@ export class Plots {
         } } },
         series: [{}, { stroke: style(signal.colour), width: 1.25, points: { show: false }, spanGaps: false }],
         axes: [axis({ show: true, size: last ? 26 : 8, values: last ? (_, all) => all.map((t) => `${+t.toFixed(4)} s`) : () => [] }),
-          axis({ size: 58, label: this.label(signal.name), labelSize: 14, labelFont: "11px system-ui", labelGap: 0, space: 24 })],
+          axis({ size: 58, values: (_, all) => all.map((value) => +value.toPrecision(6)), label: this.label(signal.name), labelSize: 14, labelFont: "11px system-ui", labelGap: 0, space: 24 })],
         hooks: { drawClear: [(plot) => this.shade(plot, n)] },
       }, [[0], [null]], this.parents[n]);
     });
@@ -99,16 +99,17 @@ export class Plots {
     const runs = (flag, colour, y, tall) => {
       ctx.fillStyle = colour;
       for (let k = 0; k < seen.count; k++) {
-        if (!(seen.flags[k] & flag)) continue;
+        const is = (place) => (seen.flags[place] & flag) === flag;
+        if (!is(k)) continue;
         let end = k;
-        while (end < seen.count && seen.flags[end] & flag) end++;
+        while (end < seen.count && is(end)) end++;
         const [a, b] = [k, end].map((place) => plot.valToPos(seen.start + place * seen.bin, "x", true));
         ctx.fillRect(a, y, Math.max(b - a, 1), tall);
         k = end;
       }
     };
     runs(CONTACT, style("--contact"), top, height);
-    if (n === 2) runs(SATURATED, style("--red"), top + height - 3, 3);
+    if (n === 2) runs(SATURATED | ON, style("--red"), top + height - 3, 3);
     ctx.restore();
   }
 
