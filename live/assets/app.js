@@ -1,6 +1,7 @@
 // The page: what is shown of the board, and what a person can do to it.
 import { link } from "./connect.js";
 import { Console } from "./console.js";
+import { Field, number } from "./field.js";
 import { Handle } from "./handle.js";
 import { Plane } from "./plane.js";
 import { Plots, SIGNALS } from "./plots.js";
@@ -14,15 +15,19 @@ const plane = new Plane(by("plane"), (point, last) => propose(point, last));
 const log = new Console(by("lines"), by("type"), by("line"), (line) => link.command(line));
 
 let units = new Units();
-let hello = null, now = null, settings = {}, asked = "", frame = {}, frames = 0, span = 5, paused = false;
+let hello = null, now = null, settings = {}, walked = "", frame = {}, frames = 0, span = 5, paused = false;
+// Lines that were said before this page was there are still to come.
+let backlog = true;
 
 // Stop: before anything else on the page has a say.
 let stops = Date.now();
 const stopAt = new Map();
+let arming = false; // Arm was pressed, and is to be answered
 function stop() {
   const id = ++stops;
   stopAt.set(id, performance.now());
   handle.release();
+  arming = false;
   const sent = link.send({ type: "stop", id });
   by("stopped").textContent = sent ? "stop sent …" : "NOT CONNECTED: use the wired stop.";
 }
@@ -64,7 +69,11 @@ by("pause").onclick = () => { paused = !(now?.view.paused ?? false); look(); };
 new ResizeObserver(() => look()).observe(by("plots"));
 
 // Trigger.
+let level = 0;
 function armTrigger() {
+  const typed = number(by("level").value);
+  if (Number.isFinite(typed)) level = typed;
+  by("level").value = level;
   const kind = by("trigger").value;
   const unit = units[SIGNALS[kind]?.name];
   by("level-label").hidden = !unit;
@@ -73,31 +82,71 @@ function armTrigger() {
   paused = false;
   if (!unit) return link.send({ type: "trigger", on: kind });
   const lsb = [hello.resolution_m, hello.resolution_m * hello.rate_hz / 65536, hello.full_scale_n / 2 ** 30][kind];
-  link.send({ type: "trigger", on: "level", signal: +kind, level: Math.round(by("level").value / unit.times / lsb), rising: by("rising").value === "1" });
+  link.send({ type: "trigger", on: "level", signal: +kind, level: Math.round(level / unit.times / lsb), rising: by("rising").value === "1" });
 }
 for (const id of ["trigger", "level", "rising"]) by(id).onchange = armTrigger;
 by("again").onclick = armTrigger;
 
-// What the buttons and fields do is what the console does.
-for (const button of document.querySelectorAll("[data-do]")) button.onclick = () => link.command(button.dataset.do);
-for (const input of document.querySelectorAll("[data-set]")) input.onchange = () => link.command(`${input.dataset.set} ${+input.value}`);
-by("estimator").onchange = () => link.command(`estimator ${by("estimator").value}`);
-by("cutoff").onchange = () => link.command(`${tuned()?.frequency ? "cutoff" : "tuning"} ${+by("cutoff").value}`);
+// What the buttons and fields do is what the console does. What the board answers stands below the buttons.
+const asked = new Map();
+function ask(line, said, stops) {
+  const sent = link.command(line, stops);
+  asked.set(line, said);
+  tell(said, sent ? `${line} …` : "not connected", !sent);
+}
+function tell(said, text, isBad) {
+  said.textContent = text;
+  said.classList.toggle("bad", isBad);
+}
+for (const button of document.querySelectorAll("[data-do]")) {
+  const said = button.closest("fieldset").querySelector(".said");
+  button.onclick = () => {
+    arming = button.dataset.do === "arm";
+    ask(button.dataset.do, said, arming ? now?.stops : undefined);
+  };
+}
+const send = (line) => link.command(line);
+const fields = {};
+for (const input of document.querySelectorAll("[data-set]")) {
+  const name = input.dataset.set;
+  fields[name] = new Field(input, send, () => name, /^[kb]$/.test(name) ? /envelope|arming/ : /arming/);
+}
+fields.estimator = new Field(by("estimator"), send, () => "estimator");
+fields.tuning = new Field(by("cutoff"), send, () => tuned()?.frequency ? "cutoff" : "tuning", /arming/);
+const each = (does) => Object.values(fields).forEach(does);
+
+// A K that the envelope does not allow waits, so that the force can be on without it. Not behind a stop that this page has
+// not seen.
+const STIFFNESS = /envelope: (no k|k at this b)/;
+function armWithout(why) {
+  arming = false;
+  if (!STIFFNESS.test(why) || !(fields.k.inForce > 0)) return;
+  fields.k.wait(0, why);
+  ask("arm", document.querySelector("#force .said"), now.stops);
+}
+
 // A cutoff that is dragged, over ratios: a few times a second, and at the end.
 const CUTOFFS = [20, 4000]; // Hz
 by("slide").oninput = () => slide(false);
 by("slide").onchange = () => slide(true);
-let slid = 0;
+let slid = 0, sliding = false;
 function slide(last) {
   const time = performance.now();
   const hertz = +(CUTOFFS[0] * (CUTOFFS[1] / CUTOFFS[0]) ** by("slide").value).toPrecision(3);
+  sliding = !last;
   by("cutoff").value = hertz;
   if (!last && time - slid < 200) return;
   slid = time;
   by("why").textContent = "";
-  link.command(`cutoff ${hertz}`);
+  fields.tuning.set(hertz);
 }
-by("calibrate").onclick = () => link.command(`calibrate ${+by("percent").value}`);
+let percent = 10;
+by("percent").onchange = () => {
+  const typed = number(by("percent").value);
+  if (Number.isFinite(typed)) percent = typed;
+  by("percent").value = percent;
+};
+by("calibrate").onclick = () => ask(`calibrate ${percent}`, by("result"));
 by("unlock").onclick = (event) => {
   event.preventDefault();
   if (now?.record?.unlocked) return;
@@ -132,24 +181,17 @@ function parse(text) {
   return found;
 }
 
-function show(id, value) {
-  const input = typeof id === "string" ? by(id) : id;
-  if (document.activeElement !== input && value !== undefined && input.value !== `${value}`) input.value = value;
-}
-
-function showSettings(text) {
-  for (const input of document.querySelectorAll("[data-set]")) show(input, settings[input.dataset.set]);
-  show("estimator", settings.estimator);
+function showSettings(text, after) {
   const tuning = tuned();
   by("cutoff-label").hidden = !tuning;
   const value = tuning && settings[tuning.name];
   if (tuning) {
     by("cutoff-label").firstChild.textContent = `${tuning.name} `;
     by("cutoff-label").querySelector("i").textContent = tuning.unit;
-    show("cutoff", value);
   }
+  for (const [name, field] of Object.entries(fields)) field.show(name === "tuning" ? value : settings[name], after);
   by("slide").hidden = !tuning?.frequency;
-  if (value > 0) show("slide", Math.log(value / CUTOFFS[0]) / Math.log(CUTOFFS[1] / CUTOFFS[0]));
+  if (value > 0 && !sliding) by("slide").value = Math.log(value / CUTOFFS[0]) / Math.log(CUTOFFS[1] / CUTOFFS[0]);
   if (!units.settings.test(text)) {
     alarm(`The board says other units than those of the scene ${hello.scene}: give cargo live the scene of its record.`);
     settings = {};
@@ -158,8 +200,8 @@ function showSettings(text) {
   plane.wall = { k: settings.k ?? 0, b: settings.b ?? 0 };
   plane.draw();
   const question = `${settings.estimator} ${value ?? 1000}`;
-  if (settings.estimator && question !== asked) {
-    asked = question;
+  if (settings.estimator && question !== walked) {
+    walked = question;
     by("area").textContent = "walking …";
     link.send({ type: "predict", estimator: settings.estimator, cutoff_hz: value ?? 1000 });
   }
@@ -173,6 +215,7 @@ function alarm(text) {
 // Another board or another device: nothing of the one before is shown any more.
 link.on("fresh", () => {
   [settings, frame, now] = [{}, {}, null];
+  each((field) => field.forget());
   plane.clear();
 });
 link.on("hello", (message) => {
@@ -184,7 +227,7 @@ link.on("hello", (message) => {
   by("speed").textContent = units.say("slow", hello.noise_speed_m_per_s, (said) => +said.toPrecision(3));
   plots.make();
   by("board").textContent = `${hello.board} · ${hello.scene}${hello.virtual ? " · virtual" : ""}`;
-  by("estimator").replaceChildren(...hello.estimators.map(({ name }) => new Option(name)));
+  frame.estimators = null;
   by("switch-label").hidden = by("handle-figure").hidden = !hello.virtual;
   by("legend").innerHTML = "";
   for (const [name, colour] of [["envelope", "--green"], ["predicted", "--blue"], ["walk", "--violet"]]) {
@@ -193,7 +236,9 @@ link.on("hello", (message) => {
     item.style.color = `var(${colour})`;
     by("legend").append(item);
   }
-  asked = frame.settings = "";
+  walked = frame.settings = frame.after = "";
+  backlog = true;
+  log.clear();
   alarm("");
   look();
 });
@@ -201,10 +246,51 @@ link.on("lost", (why) => {
   alarm(why);
   by("state").textContent = "not connected";
   by("state").className = "chip fault";
+  hold(false);
 });
-link.on("refused", ({ why }) => { by("why").textContent = why; by("why").className = "bad"; });
+link.on("refused", ({ line, why }) => {
+  by("why").textContent = why;
+  by("why").className = "bad";
+  hear(line, `error: ${why}`, 0);
+});
+
+// What has become of a command.
+function hear(line, text, number) {
+  each((field) => field.hear(line, text, number));
+  const said = asked.get(line);
+  if (!said) return;
+  asked.delete(line);
+  const isBad = !text.startsWith("ok");
+  // What the force does is said above.
+  tell(said, isBad ? text.replace(/^error: /, "") : said.closest("#force") ? "" : text, isBad);
+  if (line === "arm" && arming) armWithout(isBad ? text : "");
+}
+
+// Who has no control sees the settings in force, and cannot set them.
+function hold(mine) {
+  handle.allowed = plane.allowed = mine;
+  for (const item of document.querySelectorAll("#left button, #left input, #left select, #line")) {
+    if (!["svg", "csv"].includes(item.id) && !item.closest("#device, #studies")) item.disabled = !mine;
+  }
+  if (!mine) {
+    each((field) => field.release());
+    [arming, sliding] = [false, false];
+    for (const said of asked.values()) tell(said, "no reply", true);
+    asked.clear();
+  }
+}
+
+// The estimators that the image has, and the one in force; all until it says them.
+function showEstimators(names) {
+  const known = hello.estimators.map(({ name }) => name);
+  const list = [...new Set([...(names.length ? names : known), ...(settings.estimator ? [settings.estimator] : [])])];
+  if (`${list}` === frame.estimators) return;
+  frame.estimators = `${list}`;
+  by("estimator").replaceChildren(...list.map((name) => new Option(name)));
+  by("estimator").value = fields.estimator.inForce ?? settings.estimator ?? "";
+}
 link.on("predicted", ({ predicted }) => {
-  if (`${predicted.estimator} ${predicted.cutoff_hz}` !== asked) return;
+  if (`${predicted.estimator} ${predicted.cutoff_hz}` !== walked) return;
   plane.predicted = units.predicted(predicted);
   by("area").textContent = predicted.error ?? units.say("area", predicted.area, (said) => said.toExponential(3));
   by("delay").textContent = predicted.delay_s == null ? "–" : `${(predicted.delay_s * 1e3).toFixed(3)} ms`;
@@ -212,6 +298,7 @@ link.on("predicted", ({ predicted }) => {
   plane.draw();
 });
 link.on("state", (state) => {
+  const before = now?.record;
   now = state;
   const { record, owner, asking, pages, handle: seen, view } = state;
   for (const { id, ms } of state.stopped) {
@@ -222,18 +309,18 @@ link.on("state", (state) => {
     by("stopped").dataset.ms = here;
   }
   log.add(state.lines);
-  for (const { from, text } of state.lines) {
+  for (const { from, text, answers, number } of state.lines) {
+    if (from === "board") plane.hear(text);
+    if (backlog) continue;
+    if (answers) hear(answers, text, number);
     if (from !== "board") continue;
-    plane.hear(text);
-    if (/^(ok hit [su n]|hit push |walk |error: (hit|walk)|calibrate|ok calibrate over|ok walk over)/.test(text)) by("result").textContent = text.replace(/^ok /, "");
+    if (/^(ok hit [su n]|hit push |walk |error: (hit|walk)|calibrate|ok calibrate over|ok walk over)/.test(text)) tell(by("result"), text.replace(/^ok /, ""), text.startsWith("error"));
     if (text.startsWith("error")) { by("why").textContent = text.replace(/^error: /, ""); by("why").className = "bad"; }
     else if (/^ok [kb] /.test(text)) { by("why").textContent = text.replace(/^ok /, ""); by("why").className = "quiet"; }
   }
+  backlog = false;
   const mine = owner === hello?.id;
-  handle.allowed = plane.allowed = mine && !!record;
-  for (const item of document.querySelectorAll("#left button, #left input, #left select, #line")) {
-    if (!["svg", "csv"].includes(item.id)) item.disabled = !mine;
-  }
+  hold(mine && !!record && !state.lost);
   const control = by("control");
   const wanted = mine ? asking ? "give" : "mine" : owner ? asking === hello?.id ? "asked" : "ask" : "take";
   if (control.dataset.now !== wanted) {
@@ -248,11 +335,19 @@ link.on("state", (state) => {
       control.append(button);
     }
   }
-  if (state.settings && state.settings !== frame.settings) {
-    frame.settings = state.settings;
+  // Also where nothing has changed: a field may show more than was taken.
+  if (state.settings && (state.settings !== frame.settings || state.settings_after !== frame.after)) {
+    frame.after = state.settings_after;
     settings = parse(state.settings);
-    showSettings(state.settings);
+    showEstimators(state.estimators);
+    showSettings(state.settings, state.settings_after);
   }
+  if (hello) showEstimators(state.estimators);
+  // What waits is sent again where something has changed; not once walls of all sizes are taken or the force has gone off.
+  if (record?.unlocked) each((field) => field.giveUp());
+  if (before?.on && !record?.on) each((field) => { if (field.state === "waits") field.release(); });
+  if (state.settings !== frame.settings || record?.armed && !before?.armed) each((field) => field.again());
+  frame.settings = state.settings;
   const chip = by("state");
   if (state.lost) {
     alarm(`The board is gone: ${state.lost}`);
@@ -262,7 +357,7 @@ link.on("state", (state) => {
     const fault = hello?.faults.find(({ code }) => code === record.fault);
     chip.textContent = fault ? `FAULT ${fault.code}` : record.armed ? "ARMED: FORCE ON" : record.on ? "ARMING" : "FORCE OFF";
     chip.className = `chip ${fault ? "fault" : record.on ? "on" : ""}`;
-    const facts = [record.contact && "contact", record.saturated && "saturated", record.changing && "changing", !record.zeroed && "not zeroed", !record.stop_closed && "stop open", record.unlocked && "ENVELOPE UNLOCKED"];
+    const facts = [record.contact && "contact", record.on && record.saturated && "saturated", record.changing && "changing", !record.zeroed && "not zeroed", !record.stop_closed && "stop open", record.unlocked && "ENVELOPE UNLOCKED"];
     by("flags").textContent = facts.filter(Boolean).join(" · ");
     by("unlock").checked = record.unlocked;
     by("switch").checked = !record.stop_closed;

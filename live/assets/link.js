@@ -14,7 +14,8 @@ export class Link extends EventTarget {
 
   on(name, what) { this.addEventListener(name, (event) => what(event.detail)); }
 
-  command(line) { return this.send({ type: "command", line }); }
+  // `stopped`: how many stops the page knows of, where the command is not to come behind another.
+  command(line, stopped) { return this.send({ type: "command", line, stopped }); }
 }
 
 // A server over its socket. It comes back by itself after a loss; it never arms.

@@ -215,7 +215,11 @@ struct Pending {
 impl Pending {
     fn is_answered_by(&self, line: &str) -> bool {
         match &self.begins {
-            Some(begins) => line.starts_with(begins),
+            // A board whose device record is refused answers the first question, and no other.
+            Some(begins) => {
+                let may_refuse = !self.loud && self.line != GREETING[0];
+                line.starts_with(begins) || may_refuse && line.starts_with("error")
+            }
             None => line.starts_with("ok") || line.starts_with("error"),
         }
     }
@@ -464,7 +468,10 @@ impl Talk {
         let answered = self.pending.take_if(|asked| !is_report && asked.is_answered_by(&line));
         if let Some(place) =
             match line.split_whitespace().nth(1).filter(|_| line.starts_with("ok ")) {
-                Some("get") => Some(&mut known.settings),
+                Some("get") => {
+                    known.settings_after = known.numbered;
+                    Some(&mut known.settings)
+                }
                 Some("status") => Some(&mut known.status),
                 Some("version") => Some(&mut known.version),
                 _ => None,

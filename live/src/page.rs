@@ -310,6 +310,7 @@ impl Page {
             "type": "state",
             "record": record,
             "settings": known.settings,
+            "settings_after": known.settings_after,
             "status": known.status,
             "version": known.version,
             "estimators": known.estimators,

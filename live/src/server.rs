@@ -54,6 +54,7 @@ assets! {
     "style.css": "text/css", "uPlot.min.css": "text/css", "uPlot.iife.min.js": "text/javascript",
     "app.js": "text/javascript", "connect.js": "text/javascript", "link.js": "text/javascript", "plots.js": "text/javascript",
     "plane.js": "text/javascript", "handle.js": "text/javascript", "console.js": "text/javascript",
+    "field.js": "text/javascript",
     "save.js": "text/javascript", "units.js": "text/javascript", "uPlot.LICENSE": "text/plain"
 }
 const PAGE: &str = include_str!("../assets/index.html");

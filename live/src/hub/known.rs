@@ -51,6 +51,8 @@ pub struct Known {
     pub record: Option<Record>,
     /// The last replies to `get`, `status` and `version`.
     pub settings: String,
+    /// The last line that was said before the settings came.
+    pub settings_after: u64,
     /// As `settings`.
     pub status: String,
     /// As `settings`.
@@ -61,7 +63,7 @@ pub struct Known {
     pub lost: Option<String>,
     /// Lines, the oldest first.
     pub lines: VecDeque<Line>,
-    numbered: u64,
+    pub(super) numbered: u64,
     /// Frames that were found, that are missing, and bytes that belong to none.
     pub counts: [u64; 3],
     /// The last stops.
