@@ -119,6 +119,15 @@ def first_minute(browser, orders):
         settled(browser)
         marked = [name for name in ("k", "b", "cutoff") if seen(browser, name)[1]]
         check(f"the first minute: {', '.join(order)}", not wrong_fields(browser) and not marked, marked or "")
+    # The question may wait: the page answers, and the force stays on.
+    browser.find("unlock").click()
+    time.sleep(3)
+    check("a page that asks is not silent", browser.js("return zwidth.state.record.armed && !zwidth.state.record.unlocked"))
+    browser.driver.find_element("css selector", "#sure [value=allow]").click()
+    browser.until("zwidth.state.record.unlocked")
+    browser.js("zwidth.link.command('disarm')")
+    browser.until("!zwidth.state.record.on")
+    browser.arm()
     # What waits does not outlive the force.
     browser.js("zwidth.link.command('k 0'); zwidth.link.command('b 0')")
     browser.until("zwidth.settings.b === 0")
@@ -233,6 +242,8 @@ def looks(browser):
         click(browser, "save")
         browser.until("document.querySelector('#keep .said').textContent !== 'save …'", 10)
         check("a save says its end", browser.js("return document.querySelector('#keep .said').textContent") == "ok save")
+    browser.js("document.querySelector('#spans button').click()")
+    browser.until("zwidth.plots.plots[2].scales.y.max <= 0.0011")
     labels = browser.js("return zwidth.plots.plots.map((plot) => plot.axes[1]._values)")
     check("no two labels of an axis are alike", all(len(set(axis)) == len(axis) > 1 for axis in labels), labels[2])
     said = browser.js("""

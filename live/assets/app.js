@@ -22,12 +22,12 @@ let backlog = true;
 // Stop: before anything else on the page has a say.
 let stops = Date.now();
 const stopAt = new Map();
-let arming = false; // Arm was pressed, and is to be answered
+let armed = null; // where Arm was pressed and is to be answered: how many stops there had been
 function stop() {
   const id = ++stops;
   stopAt.set(id, performance.now());
   handle.release();
-  arming = false;
+  armed = null;
   const sent = link.send({ type: "stop", id });
   by("stopped").textContent = sent ? "stop sent …" : "NOT CONNECTED: use the wired stop.";
 }
@@ -101,8 +101,9 @@ function tell(said, text, isBad) {
 for (const button of document.querySelectorAll("[data-do]")) {
   const said = button.closest("fieldset").querySelector(".said");
   button.onclick = () => {
-    arming = button.dataset.do === "arm";
-    ask(button.dataset.do, said, arming ? now?.stops : undefined);
+    const stops = button.dataset.do === "arm" ? now.stops : null;
+    armed = stops;
+    ask(button.dataset.do, said, stops);
   };
 }
 const send = (line) => link.command(line);
@@ -115,14 +116,15 @@ fields.estimator = new Field(by("estimator"), send, () => "estimator");
 fields.tuning = new Field(by("cutoff"), send, () => tuned()?.frequency ? "cutoff" : "tuning", /arming/);
 const each = (does) => Object.values(fields).forEach(does);
 
-// A K that the envelope does not allow waits, so that the force can be on without it. Not behind a stop that this page has
-// not seen.
+// A K that the envelope does not allow waits, so that the force can be on without it. Not behind a stop that came since Arm
+// was pressed.
 const STIFFNESS = /envelope: (no k|k at this b)/;
 function armWithout(why) {
-  arming = false;
+  const stops = armed;
+  armed = null;
   if (!STIFFNESS.test(why) || !(fields.k.inForce > 0)) return;
   fields.k.wait(0, why);
-  ask("arm", document.querySelector("#force .said"), now.stops);
+  ask("arm", document.querySelector("#force .said"), stops);
 }
 
 // A cutoff that is dragged, over ratios: a few times a second, and at the end.
@@ -149,8 +151,12 @@ by("percent").onchange = () => {
 by("calibrate").onclick = () => ask(`calibrate ${percent}`, by("result"));
 by("unlock").onclick = (event) => {
   event.preventDefault();
-  if (now?.record?.unlocked) return;
-  if (confirm("Walls beyond the envelope may hammer and throw the handle. Allow them until the force goes off?")) link.command("unlock envelope");
+  if (!now?.record?.unlocked) by("sure").show();
+};
+// Not by `confirm`: while that waits nothing on the page can stop, and the server takes it for silent.
+by("sure").onclose = () => {
+  if (by("sure").returnValue === "allow") link.command("unlock envelope");
+  by("sure").returnValue = "";
 };
 by("switch").onchange = () => link.send({ type: "emergency_stop", open: by("switch").checked });
 by("svg").onclick = () => saveFigures(plots, plane, `${hello?.scene} on ${hello?.board}, ${new Date().toISOString()}: ${now?.settings ?? ""}`);
@@ -263,7 +269,7 @@ function hear(line, text, number) {
   const isBad = !text.startsWith("ok");
   // What the force does is said above.
   tell(said, isBad ? text.replace(/^error: /, "") : said.closest("#force") ? "" : text, isBad);
-  if (line === "arm" && arming) armWithout(isBad ? text : "");
+  if (line === "arm" && armed !== null) armWithout(isBad ? text : "");
 }
 
 // Who has no control sees the settings in force, and cannot set them.
@@ -274,7 +280,8 @@ function hold(mine) {
   }
   if (!mine) {
     each((field) => field.release());
-    [arming, sliding] = [false, false];
+    by("sure").close();
+    [armed, sliding] = [null, false];
     for (const said of asked.values()) tell(said, "no reply", true);
     asked.clear();
   }
