@@ -243,6 +243,7 @@ link.on("hello", (message) => {
     by("legend").append(item);
   }
   walked = frame.settings = frame.after = "";
+  frame.other_record = null;
   backlog = true;
   log.clear();
   alarm("");
@@ -298,7 +299,7 @@ function showEstimators(names) {
 }
 link.on("predicted", ({ predicted }) => {
   if (`${predicted.estimator} ${predicted.cutoff_hz}` !== walked) return;
-  plane.predicted = units.predicted(predicted);
+  plane.predicted = units.predicted(now?.other_record ? { ...predicted, envelope: [] } : predicted);
   by("area").textContent = predicted.error ?? units.say("area", predicted.area, (said) => said.toExponential(3));
   by("delay").textContent = predicted.delay_s == null ? "–" : `${(predicted.delay_s * 1e3).toFixed(3)} ms`;
   by("noise").textContent = predicted.noise_m_per_s == null ? "–" : units.say("slow", predicted.noise_m_per_s, (said) => said.toPrecision(3));
@@ -343,6 +344,10 @@ link.on("state", (state) => {
     }
   }
   // Also where nothing has changed: a field may show more than was taken.
+  if (state.other_record !== frame.other_record) {
+    frame.other_record = state.other_record;
+    alarm(state.other_record);
+  }
   if (state.settings && (state.settings !== frame.settings || state.settings_after !== frame.after)) {
     frame.after = state.settings_after;
     settings = parse(state.settings);

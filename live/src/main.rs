@@ -13,17 +13,24 @@ use std::{
 
 use clap::Parser;
 use host_sim::{
+    engine::Engine,
     error::Error,
+    interrupt,
     output::{
         files::{Outputs, Place},
-        terminal,
+        terminal::{self, note},
     },
-    scene::NamedScene,
+    scene::{NamedScene, record::board_facts},
+    simulation::prepared::Numeric,
+    study::board_envelope::{DeviceRecord, Part},
 };
-use live::hub::{Hub, Virtual};
+use live::{
+    hub::{Hub, Virtual},
+    page::Shared,
+};
 use virtual_board::{
     board::{Board, NUCLEO_F446RE},
-    cli,
+    cli, device,
     elf::Elf,
     image,
     link::{Begin, Link, LiveBoard, RttTcp},
@@ -42,6 +49,10 @@ struct Cli {
     /// The firmware of the virtual board, or the program whose log is read; built if not given.
     #[arg(long)]
     elf: Option<PathBuf>,
+    /// The board's device record, of `cargo sim prepare` [default: made of the scene with its envelope; of the board's own
+    /// scene that of the image]. A real board says whether it has this one.
+    #[arg(long, value_name = "FILE")]
+    device: Option<PathBuf>,
     /// Port on 127.0.0.1; 0: any.
     #[arg(long, default_value_t = 0)]
     port: u16,
@@ -67,9 +78,14 @@ fn execute(cli: Cli) -> Result<(), Error> {
     let board = cli::board(&cli.board)?;
     let with_probe = cli.probe.is_wanted(&cli.scene)?;
     let scene = NamedScene::load(&cli.scene)?;
-    let inputs: Vec<PathBuf> = scene.files.iter().chain(&cli.elf).cloned().collect();
+    let inputs: Vec<PathBuf> =
+        scene.files.iter().chain(&cli.elf).chain(&cli.device).cloned().collect();
     let mut outputs = Outputs::new(cli.force, &inputs);
     let record = outputs.option(cli.record.as_ref())?;
+    let mut record_bytes = match &cli.device {
+        Some(path) => Some(cli::given(path, board, &scene)?),
+        None => made(&scene, board)?,
+    };
     let mut live = None; // runs until the program ends
     let program = || -> Result<Elf, Error> {
         match &cli.elf {
@@ -89,22 +105,66 @@ fn execute(cli: Cli) -> Result<(), Error> {
             (Box::new(link), None, elf.bytes)
         }
         None => {
-            let session = cli::session(board, cli.elf.as_ref(), scene.clone())?;
-            let elf = session.elf.bytes.clone();
-            let begin = Begin { zeroed: true, period: None };
-            let board = live.insert(LiveBoard::start(session, begin)?);
+            let start = |record: &Option<Vec<u8>>| {
+                let elf = cli.elf.as_ref();
+                let session = cli::with_record(board, elf, scene.clone(), record.clone())?;
+                let elf = session.elf.bytes.clone();
+                let begin = Begin { zeroed: true, period: None };
+                Ok::<_, Error>((LiveBoard::start(session, begin)?, elf))
+            };
+            let started = start(&record_bytes).or_else(|error| {
+                // An image has not every estimator of a scene.
+                if cli.device.is_some() {
+                    return Err(error);
+                }
+                note(&format!("without an envelope: {error}"));
+                record_bytes = device::record(&scene, board)?;
+                start(&record_bytes)
+            });
+            let (board, elf) = started?;
+            let board = live.insert(board);
             (Box::new(board.link()), Some(board.wires()), elf)
         }
+    };
+    let device = match &record_bytes {
+        Some(bytes) => device::read(bytes, board)?,
+        None => *device::built_in(board),
     };
     let tape = Arc::new(Mutex::new(Tape { outputs, place: record }));
     let writer = record.map(|_| Box::new(Writer(Arc::clone(&tape))) as Box<dyn Write + Send>);
     let (hub, thread) = Hub::start(link, virtual_board, Some(&elf), writer);
-    let served = server::serve(&hub, &scene, board, cli.port);
+    let shared = Shared::new(Arc::clone(&hub), scene, board, Some(device));
+    let served = server::serve(shared, cli.port);
     hub.end();
     let _ = thread.join();
     drop(live);
     let tape = Arc::into_inner(tape).and_then(|tape| tape.into_inner().ok());
     tape.map_or(Ok(()), |tape| tape.outputs.commit()).and(served)
+}
+
+/// The record of a scene on that board, as `cargo sim prepare` makes it, or without an envelope where that refuses the
+/// scene. None for the board's own scene.
+fn made(scene: &NamedScene, board: Board) -> Result<Option<Vec<u8>>, Error> {
+    if device::is_built_in(scene, board) {
+        return Ok(None);
+    }
+    let facts = board_facts(board.name)?;
+    let on_board = scene.on(&facts);
+    let with_envelope = || {
+        let parts = Part::all(&on_board.scene)?;
+        let walks: u64 = parts.iter().map(Part::walks).sum();
+        note(&format!("computing the envelope of {}: {walks} walks", scene.name));
+        let (engine, numeric) = (Engine::lanes(), Numeric::default());
+        DeviceRecord::of(&on_board, &facts, parts, engine, numeric, interrupt::flag(), || {})
+    };
+    match with_envelope() {
+        Ok(made) => Ok(Some(made.bytes)),
+        Err(Error::Input(why)) => {
+            note(&format!("without an envelope: {why}"));
+            device::record(scene, board)
+        }
+        Err(error) => Err(error),
+    }
 }
 
 /// What is recorded, whole when the program ends.

@@ -9,7 +9,7 @@ use std::{
 use host_sim::scene::NamedScene;
 use serde_json::json;
 use virtual_board::board::Board;
-use zwidth::{safety::Fault, telemetry::Flags, velocity::EstimatorName};
+use zwidth::{device::Device, safety::Fault, telemetry::Flags, velocity::EstimatorName};
 
 use crate::{
     hub::Hub,
@@ -33,6 +33,8 @@ pub struct Shared {
     pub scene: NamedScene,
     /// Which board it is.
     pub board: Board,
+    /// Of the device record that it is to have; none: whatever record it has.
+    pub device: Option<Device<'static>>,
     /// From the control's integers to SI units.
     pub scale: Scale,
     seats: Mutex<Seats>,
@@ -44,9 +46,30 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Shared {
     /// Nobody looks yet.
-    pub fn new(hub: Arc<Hub>, scene: NamedScene, board: Board) -> Self {
+    pub fn new(
+        hub: Arc<Hub>,
+        scene: NamedScene,
+        board: Board,
+        device: Option<Device<'static>>,
+    ) -> Self {
         let scale = Scale::of(&scene.scene);
-        Self { hub, scene, board, scale, seats: Mutex::default() }
+        Self { hub, scene, board, device, scale, seats: Mutex::default() }
+    }
+
+    /// What is wrong where the board has another device record: by what its `version` says of it.
+    fn other_record(&self, version: &str) -> Option<String> {
+        let device = self.device.as_ref()?;
+        let (scene, envelope) = (device.scene_hash, device.envelope.hash());
+        let name = device.key.name.text();
+        let wanted = format!("scene {name} {scene:08x}, envelope {envelope:08x}");
+        if version.is_empty() || version.contains(&format!(", {wanted}, ")) {
+            return None;
+        }
+        let (_, has) = version.split_once(", board ").unwrap_or_default();
+        Some(format!(
+            "The board has another device record than cargo live was given ({wanted}): {has}. Give the scene of its \
+             record, or --device FILE."
+        ))
     }
 
     /// Who may command.
@@ -313,6 +336,7 @@ impl Page {
             "settings_after": known.settings_after,
             "status": known.status,
             "version": known.version,
+            "other_record": self.shared.other_record(&known.version),
             "estimators": known.estimators,
             "stops": hub.stopped(),
             "lost": known.lost,
@@ -338,4 +362,71 @@ fn remedy(code: u8) -> &'static str {
     };
     let line = PAGE.lines().find(is_its).unwrap_or_default();
     line.trim_end_matches([' ', '|']).rsplit('|').next().unwrap_or_default().trim()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+
+    use virtual_board::{board::NUCLEO_F446RE, device, link::Link};
+
+    use super::*;
+
+    struct Nothing;
+
+    impl Link for Nothing {
+        fn read(&mut self, _: usize, _: &mut Vec<u8>) {}
+
+        fn write(&mut self, _: usize, bytes: &[u8]) -> usize {
+            bytes.len()
+        }
+
+        fn lost(&self) -> Option<String> {
+            None
+        }
+    }
+
+    /// Two pages of a board that says nothing.
+    fn pages() -> (Arc<Shared>, VecDeque<Page>) {
+        let (hub, _) = Hub::new(Box::new(Nothing), None, None, Box::new(|| Duration::ZERO));
+        let scene = NamedScene::load("nucleo-f446re").unwrap();
+        let device = *device::built_in(NUCLEO_F446RE);
+        let shared = Arc::new(Shared::new(hub, scene, NUCLEO_F446RE, Some(device)));
+        let pages = (0..2).map(|_| Page::enter(&shared)).collect();
+        (shared, pages)
+    }
+
+    #[test]
+    fn a_board_with_another_record_is_told_by_its_hashes() {
+        let (shared, _) = pages();
+        let device = shared.device.unwrap();
+        let version = |scene: u32, envelope: u32| {
+            let hashes = format!("scene nucleo-f446re {scene:08x}, envelope {envelope:08x}");
+            format!("ok version 1, commit 2, board nucleo-f446re, {hashes}, layouts record 4")
+        };
+        let (scene, envelope) = (device.scene_hash, device.envelope.hash());
+        assert_eq!(shared.other_record(""), None, "it has not said");
+        assert_eq!(shared.other_record(&version(scene, envelope)), None);
+        for other in [version(scene ^ 1, envelope), version(scene, envelope ^ 1)] {
+            let said = shared.other_record(&other).unwrap();
+            assert!(said.contains("--device FILE") && said.contains(&format!("{scene:08x}")));
+        }
+        let none = "ok version 1, commit 2, board nucleo-f446re, no device record: it is damaged";
+        assert!(shared.other_record(none).unwrap().contains("no device record: it is damaged"));
+    }
+
+    #[test]
+    fn a_command_that_is_refused_is_named() {
+        let (shared, pages) = pages();
+        let refused = |page: &Page, message: &str| {
+            let told = page.take(message).err().unwrap();
+            serde_json::from_str::<serde_json::Value>(&told).unwrap()
+        };
+        let watcher = refused(&pages[1], r#"{"type":"command","line":"k 1"}"#);
+        assert_eq!(watcher["line"], "k 1");
+        shared.hub.stop(0);
+        let late = refused(&pages[0], r#"{"type":"command","line":"arm","stopped":0}"#);
+        assert_eq!((&late["line"], &late["why"]), (&json!("arm"), &json!("a stop came first")));
+        assert!(pages[0].take(r#"{"type":"command","line":"arm","stopped":1}"#).is_ok());
+    }
 }

@@ -10,8 +10,10 @@ use host_sim::{
     study::{boundary, walk},
 };
 use serde::Serialize;
-use virtual_board::{board::Board, device};
-use zwidth::{CounterWidth, Sampler, Settings, WallSettings, velocity::EstimatorName};
+use zwidth::{
+    CounterWidth, Sampler, Settings, WallSettings, device::Device, safety::envelope::Key,
+    velocity::EstimatorName,
+};
 
 /// A boundary, for the page: in m and N at the handle.
 #[derive(Clone, Debug, Serialize)]
@@ -34,25 +36,20 @@ pub struct Predicted {
     pub error: Option<String>,
 }
 
-/// Walks in the simulator; takes a second or so.
+/// Walks in the simulator; takes a second or so. `device`: of the board's record; none if that has no envelope.
 pub fn predict(
     scene: &NamedScene,
-    board: Board,
+    device: Option<&Device<'_>>,
     estimator: &str,
     cutoff_hz: f64,
     ended: &AtomicBool,
 ) -> Predicted {
-    // Another scene's record, which the virtual board makes by itself, has no envelope.
-    let is_images = matches!(device::record(scene, board), Ok(None));
     let mut predicted = Predicted {
         estimator: estimator.to_owned(),
         cutoff_hz,
         points: vec![],
         area: 0.0,
-        envelope: match is_images {
-            true => envelope(board, estimator, cutoff_hz),
-            false => vec![],
-        },
+        envelope: device.map_or_else(Vec::new, |device| envelope(device, estimator, cutoff_hz)),
         delay_s: None,
         noise_m_per_s: None,
         error: None,
@@ -79,11 +76,16 @@ const RISE: f64 = 1.0;
 const SETTLE: u32 = 5_000;
 const LOOKED_AT: u32 = 5_000;
 
-/// B, lowest and highest K of that filter's rows in the image's own envelope.
-fn envelope(board: Board, estimator: &str, cutoff_hz: f64) -> Vec<[f64; 3]> {
+/// B, lowest and highest K of that filter's rows in the envelope of a device, at its own output period.
+fn envelope(device: &Device<'_>, estimator: &str, cutoff_hz: f64) -> Vec<[f64; 3]> {
     let same = |other: f64| (other - cutoff_hz).abs() <= 1e-9 * other.abs().max(cutoff_hz.abs());
-    let all = device::built_in(board).envelope.boundaries();
-    all.filter(|(key, _)| key.estimator.text() == estimator && same(key.cutoff_hz))
+    let is_its = |key: &Key| {
+        (key.period, key.design) == (device.design.period, 0)
+            && key.estimator.text() == estimator
+            && same(key.cutoff_hz)
+    };
+    let all = device.envelope.boundaries();
+    all.filter(|(key, _)| is_its(key))
         .flat_map(|(_, points)| points)
         .map(|p| [p.damping_n_s_per_m, p.stiffness_low_n_per_m, p.stiffness_high_n_per_m])
         .collect()
@@ -148,7 +150,7 @@ fn boundary(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use virtual_board::board::NUCLEO_F446RE;
+    use virtual_board::{board::NUCLEO_F446RE, device};
 
     /// A second-order Butterworth lags by sqrt 2 / w at low frequencies, the difference by half a sample; and what is
     /// predicted is what the simulator walks.
@@ -164,18 +166,17 @@ mod tests {
         let [slow, fast] = [100.0, 2000.0].map(|hz| quality(&scene, "butterworth", hz).unwrap());
         assert!(slow[0] > fast[0] && slow[1] < fast[1]);
         let ended = AtomicBool::new(false);
-        let nothing = predict(&scene, NUCLEO_F446RE, "nonsense", 1000.0, &ended);
+        let nothing = predict(&scene, None, "nonsense", 1000.0, &ended);
         assert!(nothing.error.unwrap().contains("nonsense") && nothing.delay_s.is_none());
     }
 
-    /// The board refuses every wall with the record of another scene: no envelope may be shown then.
     #[test]
     fn the_envelope_is_that_of_the_boards_record() {
         let ended = AtomicBool::new(true);
-        for (name, rows) in [("nucleo-f446re", true), ("paper-1um", false)] {
-            let scene = NamedScene::load(name).unwrap();
-            let predicted = predict(&scene, NUCLEO_F446RE, "butterworth", 1500.0, &ended);
-            assert_eq!(predicted.envelope.len() > 10, rows, "{name}");
-        }
+        let scene = NamedScene::load("nucleo-f446re").unwrap();
+        let built_in = device::built_in(NUCLEO_F446RE);
+        let rows = |device, hz| predict(&scene, device, "butterworth", hz, &ended).envelope.len();
+        assert!(rows(Some(built_in), 1500.0) > 10);
+        assert_eq!([rows(Some(built_in), 1501.0), rows(None, 1500.0)], [0, 0]);
     }
 }

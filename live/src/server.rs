@@ -24,15 +24,12 @@ use host_sim::{
     error::Error,
     interrupt,
     output::terminal::{note, print_text},
-    scene::NamedScene,
 };
 use live::{
     access::{Access, MESSAGE_MAX, PAGES_MAX},
-    hub::Hub,
     page::{Question, Shared},
     predicted::{Predicted, predict},
 };
-use virtual_board::board::Board;
 
 /// Between two looks at who is there.
 const LOOK: Duration = Duration::from_millis(20);
@@ -88,8 +85,8 @@ impl App {
         }
         let app = Arc::clone(self);
         let walk = move || {
-            let Shared { scene, board, .. } = &*app.shared;
-            predict(scene, *board, &estimator, cutoff_hz, &app.ended)
+            let Shared { scene, device, .. } = &*app.shared;
+            predict(scene, device.as_ref(), &estimator, cutoff_hz, &app.ended)
         };
         let found = Arc::new(tokio::task::spawn_blocking(walk).await.ok()?);
         let mut all = lock(&self.predictions);
@@ -105,18 +102,18 @@ impl App {
 ///
 /// # Errors
 /// The port is taken.
-pub fn serve(hub: &Arc<Hub>, scene: &NamedScene, board: Board, port: u16) -> Result<(), Error> {
+pub fn serve(shared: Shared, port: u16) -> Result<(), Error> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
         .enable_all()
         .build()
         .map_err(|error| Error::Internal(error.to_string()))?;
-    let served = runtime.block_on(listen(hub, scene, board, port));
+    let served = runtime.block_on(listen(shared, port));
     runtime.shutdown_timeout(Duration::from_millis(100));
     served
 }
 
-async fn listen(hub: &Arc<Hub>, scene: &NamedScene, board: Board, port: u16) -> Result<(), Error> {
+async fn listen(shared: Shared, port: u16) -> Result<(), Error> {
     let taken = |error: std::io::Error| Error::Input(format!("--port {port}: {error}"));
     let listener =
         tokio::net::TcpListener::bind((Ipv4Addr::LOCALHOST, port)).await.map_err(taken)?;
@@ -124,7 +121,7 @@ async fn listen(hub: &Arc<Hub>, scene: &NamedScene, board: Board, port: u16) -> 
     let mut secret = [0; 16];
     getrandom::fill(&mut secret).map_err(|error| Error::Internal(error.to_string()))?;
     let app = Arc::new(App {
-        shared: Arc::new(Shared::new(Arc::clone(hub), scene.clone(), board)),
+        shared: Arc::new(shared),
         access: Access::new(secret, port),
         open: AtomicUsize::new(0),
         predictions: Mutex::default(),

@@ -4,7 +4,7 @@ mod typed;
 
 use std::{
     io::IsTerminal as _,
-    path::PathBuf,
+    path::{Path, PathBuf},
     process::ExitCode,
     sync::mpsc::RecvTimeoutError,
     thread,
@@ -207,9 +207,7 @@ impl Common {
         let board = board(&self.board)?;
         match &self.device {
             Some(path) => {
-                let bytes = record::load(path)?;
-                device::same_units(&bytes, board, &scene.scene)
-                    .map_err(|text| Error::Input(format!("--device {}: {text}", path.display())))?;
+                let bytes = given(path, board, &scene)?;
                 with_record(board, self.elf.as_ref(), scene, Some(bytes))
             }
             None => session(board, self.elf.as_ref(), scene),
@@ -244,8 +242,22 @@ pub fn session(board: Board, elf: Option<&PathBuf>, scene: NamedScene) -> Result
     with_record(board, elf, scene, record)
 }
 
+/// The record that `--device` names, for a device of that scene.
+///
+/// # Errors
+/// It cannot be read, or has other units than the scene.
+pub fn given(path: &Path, board: Board, scene: &NamedScene) -> Result<Vec<u8>, Error> {
+    let bytes = record::load(path)?;
+    device::same_units(&bytes, board, &scene.scene)
+        .map_err(|text| Error::Input(format!("--device {}: {text}", path.display())))?;
+    Ok(bytes)
+}
+
 /// The same with that record in its flash, or with the image's own.
-fn with_record(
+///
+/// # Errors
+/// As [`session`].
+pub fn with_record(
     board: Board,
     elf: Option<&PathBuf>,
     scene: NamedScene,

@@ -58,12 +58,15 @@ pub fn built_in(board: Board) -> &'static Device<'static> {
     let records = BUILT_IN.iter().zip(&DEVICES);
     let found = records.into_iter().find(|((name, _), _)| *name == board.name);
     let ((_, bytes), device) = found.expect("every board has a record");
-    device.get_or_init(|| {
-        let words = words(bytes).leak();
-        board_facts(board.name)
-            .and_then(|facts| Device::from_record(words, &facts).map_err(Error::input))
-            .expect("the record of a board is whole")
-    })
+    device.get_or_init(|| read(bytes, board).expect("the record of a board is whole"))
+}
+
+/// A record as a device; kept for good, since there is one of each program.
+///
+/// # Errors
+/// It is none for that board.
+pub fn read(record: &[u8], board: Board) -> Result<Device<'static>, Error> {
+    Device::from_record(words(record).leak(), &board_facts(board.name)?).map_err(Error::input)
 }
 
 /// A board with that record speaks the units of the scene. One that is no record passes: the board says what is wrong.
@@ -83,12 +86,17 @@ pub fn same_units(record: &[u8], board: Board, scene: &Scene) -> Result<(), Stri
     ))
 }
 
-/// The record of a scene on that board, without an envelope. None for the board's own scene, which its image has.
+/// That is the board's own scene, whose record its image has.
+pub fn is_built_in(scene: &NamedScene, board: Board) -> bool {
+    scene.files.is_empty() && scene.name == board.name
+}
+
+/// The record of a scene on that board, without an envelope. None for the board's own scene.
 ///
 /// # Errors
 /// The scene does not go with the board.
 pub fn record(scene: &NamedScene, board: Board) -> Result<Option<Vec<u8>>, Error> {
-    if scene.files.is_empty() && scene.name == board.name {
+    if is_built_in(scene, board) {
         return Ok(None);
     }
     let facts = board_facts(board.name)?;

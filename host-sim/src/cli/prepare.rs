@@ -7,7 +7,7 @@ use serde::Serialize;
 use zwidth::{
     Output,
     device::{Device, record::BoardFacts},
-    safety::{CurrentSettings, SafetySettings, envelope::Boundary},
+    safety::{CurrentSettings, SafetySettings},
 };
 
 use super::{Common, progress};
@@ -17,10 +17,10 @@ use crate::{
     interrupt,
     output::{in_units::InUnits, terminal::print_result},
     scene::{
-        BoardTable, Criterion, NamedScene, Scene,
+        Criterion, NamedScene, Scene,
         record::{Prepared, board_facts, words},
     },
-    study::board_envelope::{Found, Part, board_envelope},
+    study::board_envelope::{DeviceRecord, Found, Part},
 };
 
 /// Makes the device record of a scene: what turns a board's image into the firmware of this device.
@@ -109,22 +109,12 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
     let mut outputs = common.outputs(&scene.files)?;
     let place = outputs.file(&file)?;
     let parts = if args.starter { vec![] } else { Part::all(&scene.scene)? };
-    let first = first_settings(&scene.scene)?;
-    // What can be refused is refused before the first walk.
-    scene.scene.check_fits(!args.starter).map_err(|why| Error::Input(why).of(&scene.name))?;
-    scene.prepared(&board, first)?;
     let bar = progress::bar(parts.iter().map(Part::walks).sum());
-    let engine = Engine::from(common.engine);
-    let found = board_envelope(engine, parts, common.numeric, interrupt::flag(), || bar.inc(1))
-        .map_err(|error| error.of(&scene.name))?;
+    let (engine, numeric) = (Engine::from(common.engine), common.numeric);
+    let stop = interrupt::flag();
+    let made = DeviceRecord::of(&scene, &board, parts, engine, numeric, stop, || bar.inc(1))?;
     bar.finish_and_clear();
-    let said = |board: &BoardTable| board.cutoff_hz.is_some() || board.design.is_some();
-    let asked =
-        scene.scene.board.as_ref().is_some_and(said) || scene.scene.velocity.cutoff_hz().is_some();
-    let best = found.first().and_then(Found::best).filter(|_| !asked);
-    let prepared = scene.prepared(&board, best.unwrap_or(first))?;
-    let boundaries: Vec<Boundary<'_>> = found.iter().flat_map(Found::boundaries).collect();
-    let bytes = prepared.record(&boundaries, &board)?;
+    let DeviceRecord { prepared, found, bytes } = made;
     outputs.write(place, &bytes)?;
     outputs.commit()?;
     let record = words(&bytes);
@@ -142,24 +132,6 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
 fn beside(scene: &NamedScene) -> PathBuf {
     let folder = scene.files.first().and_then(|file| file.parent()).unwrap_or(Path::new(""));
     folder.join(format!("{}.device", scene.name))
-}
-
-/// What is in force at first: the design that the scene says, or the estimator at its cutoff or at the middle of its list.
-fn first_settings(scene: &Scene) -> Result<zwidth::VelocitySettings, Error> {
-    let design = scene.board.as_ref().and_then(|board| board.design.as_ref());
-    if let Some(design) = design.and_then(|name| scene.designs.get(name)) {
-        return design
-            .settings()
-            .ok_or_else(|| Error::Internal("a design without a cutoff".into()));
-    }
-    let estimators = scene.board_estimators().map_err(Error::Input)?;
-    let cutoffs = &scene.sweep.cutoffs_hz;
-    let middle = cutoffs.get(cutoffs.len() / 2).copied().unwrap_or_default();
-    let asked = scene.board.as_ref().and_then(|board| board.cutoff_hz);
-    let cutoff_hz = asked.or(scene.velocity.cutoff_hz()).unwrap_or(middle);
-    let first = estimators.first().copied();
-    let first = first.filter(|first| *first != scene.velocity.estimator());
-    Ok(first.map_or(scene.velocity, |first| first.defaults().into()).at(cutoff_hz))
 }
 
 /// Highest speed with a starter's record, m/s.

@@ -113,7 +113,7 @@ impl Running {
         let clock = Box::new(move || Duration::from_micros(clock.load(Relaxed)));
         let (hub, talk) = Hub::new(Box::new(board.link()), Some(board.wires()), elf, clock);
         hub.attended.store(true, Relaxed); // the page and this worker live and end together
-        let shared = Arc::new(Shared::new(hub, scene, of));
+        let shared = Arc::new(Shared::new(hub, scene, of, None));
         let page = Page::enter(&shared);
         Self { board, talk, shared, page, time_us }
     }

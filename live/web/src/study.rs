@@ -26,6 +26,7 @@ use host_sim::{
 use live::predicted::predict;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, json};
+use virtual_board::device;
 use zwidth::{experiment::Ended, velocity::EstimatorName};
 
 use crate::question::{Answered, Question};
@@ -122,7 +123,9 @@ pub fn scene(question: &Question) -> Answered {
 pub fn predicted(question: &Question) -> Answered {
     let (scene, board) = (question.scene()?, question.board()?);
     let cutoff_hz = question.cutoff_hz.unwrap_or_default();
-    let predicted = predict(&scene, board, &question.estimator, cutoff_hz, &STOP);
+    // Another scene's record is made here without an envelope.
+    let device = device::is_built_in(&scene, board).then(|| device::built_in(board));
+    let predicted = predict(&scene, device, &question.estimator, cutoff_hz, &STOP);
     Ok((json!({ "type": "predicted", "predicted": predicted }), vec![]))
 }
 

@@ -4,6 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use zwidth::{
     VelocitySettings,
+    device::record::BoardFacts,
     safety::envelope::{Boundary, Key, Point},
     velocity::EstimatorName,
 };
@@ -11,7 +12,7 @@ use zwidth::{
 use crate::{
     engine::Engine,
     error::Error,
-    scene::{Scene, VelocityTable},
+    scene::{BoardTable, NamedScene, Scene, VelocityTable, record::Prepared},
     simulation::prepared::{Numeric, PreparedScene},
     study::{
         envelope::{Interval, envelopes},
@@ -101,6 +102,65 @@ impl Found {
     pub fn best(&self) -> Option<VelocitySettings> {
         self.sweep.ideal.map(|ideal| self.part.scene.velocity.at(ideal.cutoff_hz))
     }
+}
+
+/// The device record of a scene, as `cargo sim prepare` makes it.
+pub struct DeviceRecord {
+    /// The device.
+    pub prepared: Prepared,
+    /// What its envelope is made of.
+    pub found: Vec<Found>,
+    /// The record.
+    pub bytes: Vec<u8>,
+}
+
+impl DeviceRecord {
+    /// Of a scene on that board, with the envelope of those parts of it; without parts it is that of a device that nobody
+    /// has measured. `done` with each walk.
+    ///
+    /// # Errors
+    /// The scene does not go with the board, or `stop` was set. What can be refused is refused before the first walk.
+    pub fn of(
+        named: &NamedScene,
+        board: &BoardFacts,
+        parts: Vec<Part>,
+        engine: Engine,
+        numeric: Numeric,
+        stop: &AtomicBool,
+        done: impl Fn() + Sync,
+    ) -> Result<Self, Error> {
+        let scene = &named.scene;
+        let first = first_settings(scene)?;
+        scene.check_fits(!parts.is_empty()).map_err(|why| Error::Input(why).of(&named.name))?;
+        named.prepared(board, first)?;
+        let found = board_envelope(engine, parts, numeric, stop, done)
+            .map_err(|error| error.of(&named.name))?;
+        let said = |board: &BoardTable| board.cutoff_hz.is_some() || board.design.is_some();
+        let asked = scene.board.as_ref().is_some_and(said) || scene.velocity.cutoff_hz().is_some();
+        let best = found.first().and_then(Found::best).filter(|_| !asked);
+        let prepared = named.prepared(board, best.unwrap_or(first))?;
+        let boundaries: Vec<Boundary<'_>> = found.iter().flat_map(Found::boundaries).collect();
+        let bytes = prepared.record(&boundaries, board)?;
+        Ok(Self { prepared, found, bytes })
+    }
+}
+
+/// What is in force at first: the design that the scene says, or the estimator at its cutoff or at the middle of its list.
+fn first_settings(scene: &Scene) -> Result<VelocitySettings, Error> {
+    let design = scene.board.as_ref().and_then(|board| board.design.as_ref());
+    if let Some(design) = design.and_then(|name| scene.designs.get(name)) {
+        return design
+            .settings()
+            .ok_or_else(|| Error::Internal("a design without a cutoff".into()));
+    }
+    let estimators = scene.board_estimators().map_err(Error::Input)?;
+    let cutoffs = &scene.sweep.cutoffs_hz;
+    let middle = cutoffs.get(cutoffs.len() / 2).copied().unwrap_or_default();
+    let asked = scene.board.as_ref().and_then(|board| board.cutoff_hz);
+    let cutoff_hz = asked.or(scene.velocity.cutoff_hz()).unwrap_or(middle);
+    let first = estimators.first().copied();
+    let first = first.filter(|first| *first != scene.velocity.estimator());
+    Ok(first.map_or(scene.velocity, |first| first.defaults().into()).at(cutoff_hz))
 }
 
 /// The sweeps of all parts; `done` with each walk.
