@@ -83,11 +83,11 @@ def fields(browser):
     check("an emptied field comes back to what is in force", seen(browser, "push")[:2] == ["1", ""])
     check("what is no number is refused", seen(browser, "k")[1:] == ["refused", "allowed a number"])
     check("neither sends anything", browser.js("return document.querySelectorAll('#lines .person').length") == lines)
-    put(browser, "wall", "1e9")
+    put(browser, "wall", "9999")
     browser.until("document.querySelector('[data-set=wall]').dataset.state === 'refused'")
     check("a refused value is marked, with the board's sentence", "allowed" in seen(browser, "wall")[2], seen(browser, "wall"))
-    put(browser, "wall", "1e9")
-    browser.until("[...document.querySelectorAll('#lines .person')].filter(i => i.textContent === 'wall 1000000000').length === 2")
+    put(browser, "wall", "9999")
+    browser.until("[...document.querySelectorAll('#lines .person')].filter(i => i.textContent === 'wall 9999').length === 2")
     check("typed again it is sent again", True)
     put(browser, "wall", "")
     put(browser, "k", "")
@@ -95,14 +95,19 @@ def fields(browser):
     browser.js("for (const line of ['b 10', 'k 2000']) zwidth.link.command(line)")
     browser.until("zwidth.settings.k === 2000")
     browser.arm()
-    browser.js("zwidth.link.send({ type: 'finger', target_m: 0.081 })")
-    browser.until("zwidth.state.record.contact")
     browser.js("const menu = document.getElementById('estimator'); menu.value = 'difference'; menu.dispatchEvent(new Event('change'))")
     browser.until("document.getElementById('estimator').dataset.state === 'refused'")
     check("a menu whose choice is refused shows what is in force, and why", seen(browser, "estimator")[0] == "butterworth"
-          and "contact" in seen(browser, "estimator")[2], seen(browser, "estimator"))
-    browser.js("zwidth.link.send({ type: 'finger', target_m: null }); zwidth.link.command('disarm')")
+          and "envelope" in seen(browser, "estimator")[2], seen(browser, "estimator"))
+    browser.js("zwidth.link.command('disarm')")
     browser.until("!zwidth.state.record.on")
+    browser.js("zwidth.link.command('load')")
+    settled(browser)
+    browser.js("const field = document.querySelector('[data-set=k]'); field.value = '300'; field.dispatchEvent(new Event('change'));"
+               "document.querySelector('[data-do=load]').click()")
+    browser.until("document.querySelector('#keep .said').textContent.startsWith('ok load')")
+    settled(browser)
+    check("a value that is taken and taken back is not shown", not wrong_fields(browser), wrong_fields(browser) or "")
 
 
 def first_minute(browser, orders):
@@ -226,13 +231,14 @@ def random_sequences(program, reset, sequences, seed=1):
 def looks(browser):
     """Console, save, small windows, idle."""
     browser.js("for (let n = 0; n < 40; n++) zwidth.link.command('version')")
-    browser.until("document.querySelectorAll('#lines li').length > 60")
+    browser.until("[...document.querySelectorAll('#lines li')].filter(i => i.textContent.startsWith('ok version')).length === 40")
     browser.js("document.getElementById('why').textContent = 'a refusal with a reason '.repeat(20)")
-    time.sleep(0.2)
-    browser.type("status")
     at_end = "const list = document.getElementById('lines'); return list.scrollHeight - list.scrollTop - list.clientHeight < 5"
+    time.sleep(0.2)
+    check("the console shows its end when a message makes it lower", browser.js(at_end))
+    browser.type("status")
     browser.until("document.querySelector('#lines').textContent.includes('ok status')")
-    check("the console follows when a message makes it lower", browser.js(at_end))
+    check("and goes on to follow", browser.js(at_end))
     browser.js("document.getElementById('lines').scrollTop = 0")
     time.sleep(0.2)
     browser.type("faults")
