@@ -138,6 +138,11 @@ def first_minute(browser, orders):
     browser.until("zwidth.settings.b === 0")
     put(browser, "k", "2000")
     browser.until("document.querySelector('[data-set=k]').dataset.state === 'waits'")
+    click(browser, "load")
+    browser.until("document.querySelector('[data-set=k]').dataset.state === 'refused'")
+    check("what is loaded ends what waits", seen(browser, "k")[2] != "")
+    put(browser, "k", "2000")
+    browser.until("document.querySelector('[data-set=k]').dataset.state === 'waits'")
     browser.press(" ")
     browser.until("!zwidth.state.record.on && !document.querySelector('[data-set=k]').dataset.state")
     check("a stop ends what waits", seen(browser, "k")[0] == "0")
@@ -232,7 +237,9 @@ def looks(browser):
     """Console, save, small windows, idle."""
     browser.js("for (let n = 0; n < 40; n++) zwidth.link.command('version')")
     browser.until("[...document.querySelectorAll('#lines li')].filter(i => i.textContent.startsWith('ok version')).length === 40")
-    browser.js("document.getElementById('why').textContent = 'a refusal with a reason '.repeat(20)")
+    browser.js("""
+        const { state, link } = zwidth, text = `error: ${"a refusal with its reason ".repeat(20)}`;
+        link.tell("state", { ...state, stopped: [], lines: [{ number: 0, from: "board", text }] });""")
     at_end = "const list = document.getElementById('lines'); return list.scrollHeight - list.scrollTop - list.clientHeight < 5"
     time.sleep(0.2)
     check("the console shows its end when a message makes it lower", browser.js(at_end))

@@ -321,6 +321,8 @@ link.on("state", (state) => {
     if (from === "board") plane.hear(text);
     if (backlog) continue;
     if (answers) hear(answers, text, number);
+    // Nobody wants any more what waited before.
+    if (answers === "load" || from === "server" && text === "the board was reset") each((field) => field.giveUp());
     if (from !== "board") continue;
     if (/^(ok hit [su n]|hit push |walk |error: (hit|walk)|calibrate|ok calibrate over|ok walk over)/.test(text)) tell(by("result"), text.replace(/^ok /, ""), text.startsWith("error"));
     if (text.startsWith("error")) { by("why").textContent = text.replace(/^error: /, ""); by("why").className = "bad"; }
@@ -328,7 +330,8 @@ link.on("state", (state) => {
   }
   backlog = false;
   const mine = owner === hello?.id;
-  hold(mine && !!record && !state.lost);
+  hold(mine && !state.lost);
+  if (!record) handle.allowed = plane.allowed = false;
   const control = by("control");
   const wanted = mine ? asking ? "give" : "mine" : owner ? asking === hello?.id ? "asked" : "ask" : "take";
   if (control.dataset.now !== wanted) {

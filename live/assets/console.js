@@ -3,10 +3,15 @@ const KEPT = 800;
 
 export class Console {
   constructor(list, form, input, send) {
-    Object.assign(this, { list, past: [], place: 0, follows: true });
-    // A person who has scrolled up stays there; a list that only becomes lower is followed.
-    list.onscroll = () => { this.follows = list.scrollHeight - list.scrollTop - list.clientHeight < 30; };
-    new ResizeObserver(() => this.follow()).observe(list);
+    Object.assign(this, { list, past: [], place: 0, follows: true, tall: 0 });
+    // A person who has scrolled up stays there. A list that has become lower, as by a message above it, is followed.
+    list.onscroll = () => {
+      if (list.clientHeight === this.tall) this.follows = list.scrollHeight - list.scrollTop - this.tall < 30;
+    };
+    new ResizeObserver(() => {
+      this.tall = list.clientHeight;
+      this.follow();
+    }).observe(list);
     form.onsubmit = (event) => {
       event.preventDefault();
       const line = input.value.trim();
