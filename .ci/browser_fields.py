@@ -276,20 +276,17 @@ def looks(browser):
     browser.driver.set_window_size(size["width"], size["height"])
 
 
-def silent(live, Socket):
+def silent(live, Owner, Socket):
     """Sockets that take nothing and answer nothing."""
     program = live()
-    owner = Socket(program)
+    owner = Owner(program)
     browser = Browser(program.line)
     for line in [b"k 200", b"b 2", b"arm"]:
         owner.send(b'{"type":"command","line":"%s"}' % line)
-    end = time.time() + 20
-    while not browser.js("return zwidth.state.record.armed") and time.time() < end:
-        owner.stream.recv(1 << 20)
-        owner.send(b"", 10)
-        time.sleep(0.02)
-    begun = time.time()
+    browser.until("zwidth.state.record.armed")
+    time.sleep(3)
     check("a page that answers keeps the force on", browser.js("return zwidth.state.record.armed && zwidth.state.owner !== zwidth.hello.id"))
+    owner.answers, begun = False, time.time()
     browser.until("zwidth.state.owner === null && !zwidth.state.record.on", 10)
     check("one that falls silent has lost control within 3 s, with the force off, s", time.time() - begun < 3, f"{time.time() - begun:.1f}")
     browser.js("document.querySelector('#control button').click()")

@@ -411,5 +411,6 @@ function drawHandle() {
   handle.draw({ position: record.position_m, wall: settings.wall == null ? hello.wall_m : settings.wall / units.wall.times, force: record.force_n, finger: now.handle?.finger_n, on: record.on, contact: record.contact });
 }
 requestAnimationFrame(draw);
+hold(false); // until the board is there
 // For measurements from outside.
 window.zwidth = { get frames() { return frames; }, get state() { return now; }, get settings() { return settings; }, get hello() { return hello; }, alarm, plots, plane, handle, link };
