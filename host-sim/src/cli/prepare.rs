@@ -15,12 +15,20 @@ use crate::{
     engine::Engine,
     error::Error,
     interrupt,
-    output::{in_units::InUnits, terminal::print_result},
+    output::{
+        in_units::InUnits,
+        recommended::{Answer, outside, sentences},
+        terminal::print_result,
+    },
     scene::{
         Criterion, NamedScene, Scene,
         record::{Prepared, board_facts, words},
     },
-    study::board_envelope::{DeviceRecord, Found, Part},
+    study::{
+        board_envelope::{DeviceRecord, Found, Part},
+        probability::How,
+        recommended::{QuietStudy, recommended},
+    },
 };
 
 /// Makes the device record of a scene: what turns a board's image into the firmware of this device.
@@ -77,6 +85,9 @@ struct Json {
     estimator: &'static str,
     cutoff_hz: Option<f64>,
     envelope: Vec<PartJson>,
+    /// What `sweep` recommends; nothing of a starter.
+    #[serde(flatten)]
+    recommended: Option<Answer>,
     guessed: Vec<String>,
     /// Keys of the scene that nobody measured.
     estimated: Vec<String>,
@@ -114,18 +125,31 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
     let stop = interrupt::flag();
     let made = DeviceRecord::of(&scene, &board, parts, engine, numeric, stop, || bar.inc(1))?;
     bar.finish_and_clear();
+    let quiet = (!args.starter).then(|| quiet_walls(&scene, common)).transpose()?;
     let DeviceRecord { prepared, found, bytes } = made;
     outputs.write(place, &bytes)?;
     outputs.commit()?;
     let record = words(&bytes);
     let device = Device::from_record(&record, &board).map_err(Error::input)?;
-    let says = Said { scene: &scene.scene, board, prepared: &prepared, device, found: &found };
+    let (prepared, found) = (&prepared, &found);
+    let says = Said { named: &scene, scene: &scene.scene, board, prepared, device, found, quiet };
     let json = says.json(&file, bytes.len());
     let units = scene.scene.units;
     print_result(common.json, InUnits(units, json), || {
         let guessed = says.left_out();
         units.text(&says.text(&file, bytes.len())) + &guessed
     })
+}
+
+/// What `sweep` recommends for the scene.
+fn quiet_walls(scene: &NamedScene, common: &Common) -> Result<QuietStudy, Error> {
+    let (engine, numeric) = (Engine::from(common.engine), common.numeric);
+    let how = How { engine, numeric, stop: interrupt::flag() };
+    let cutoffs_hz = &scene.scene.sweep.cutoffs_hz;
+    let bar = progress::bar(cutoffs_hz.len() as u64);
+    let found = recommended(how, scene, cutoffs_hz, true, || bar.inc(1));
+    bar.finish_and_clear();
+    found.map_err(|error| error.of(&scene.name))
 }
 
 /// `NAME.device` in the scene's folder, or here for a built-in one.
@@ -170,11 +194,14 @@ fn starter(mut named: NamedScene, is_boards: bool, board: &BoardFacts) -> NamedS
 
 /// What the board will be, for people and programs.
 struct Said<'a> {
+    named: &'a NamedScene,
     scene: &'a Scene,
     board: BoardFacts,
     prepared: &'a Prepared,
     device: Device<'a>,
     found: &'a [Found],
+    /// What `sweep` recommends; nothing of a starter.
+    quiet: Option<QuietStudy>,
 }
 
 impl Said<'_> {
@@ -235,6 +262,7 @@ impl Said<'_> {
             estimator: settings.velocity.name().text(),
             cutoff_hz: cutoff(&self.device),
             envelope: self.found.iter().map(part).collect(),
+            recommended: self.quiet.as_ref().map(|study| Answer::of(self.named, study)),
             guessed: self.prepared.guessed.clone(),
             estimated: self.scene.estimated_keys(),
         }
@@ -343,6 +371,14 @@ impl Said<'_> {
             lines.push("  envelope   none: every wall is refused until unlock envelope".into());
         } else {
             lines.push(format!("  judged by  {}", self.judged_by()));
+        }
+        if let Some(study) = &self.quiet {
+            lines.extend(sentences(self.named, study).first().map(|said| format!("  {said}")));
+            let first_hz = self.device.settings.velocity.cutoff_hz();
+            let note = first_hz.and_then(|first_hz| outside(study, first_hz));
+            lines.extend(
+                note.map(|note| format!("  note: at first {note}: board.cutoff_hz sets it")),
+            );
         }
         let wall_m = settings.wall.position_m;
         if wall_m > safety.travel_high_m {

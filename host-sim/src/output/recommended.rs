@@ -100,6 +100,14 @@ pub fn sentences(scene: &NamedScene, study: &QuietStudy) -> Vec<String> {
     vec![dial_in, format!("It has {}.", reason(units, study, of)), next]
 }
 
+/// What to know of a cutoff that is outside of the range to dial in, if so.
+pub fn outside(study: &QuietStudy, cutoff_hz: f64) -> Option<String> {
+    let [low, high] = study.recommended.as_ref().ok()?.range_hz;
+    (!(low..=high).contains(&cutoff_hz)).then(|| {
+        format!("{cutoff_hz} Hz is outside of {low} to {high} Hz, the cutoffs with the largest area of quiet walls")
+    })
+}
+
 /// What the scene's own criterion says; nothing where that is the same.
 pub fn by_its_own(scene: &NamedScene, ideal: Option<Ideal>) -> Option<String> {
     let hit = &scene.scene.wall_hit;

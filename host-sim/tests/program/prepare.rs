@@ -41,6 +41,35 @@ fn the_first_cutoff_is_the_boards_then_the_filters() {
     assert_eq!(first(&[("cutoff_hz = 1500 #", "#"), of_filter]), 800.0);
 }
 
+/// What it recommends is what `sweep` recommends, and a first cutoff outside of that range is a note.
+#[test]
+fn it_says_which_cutoff_to_dial_in() {
+    let folder = scene(&[]);
+    let json = |command: &str| {
+        let output = sim(folder.path(), &[command, "mine.toml", "--json", "--force"]);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice::<Value>(&output.stdout).unwrap()
+    };
+    let recommended = json("prepare")["recommended"].clone();
+    assert_eq!(recommended, json("sweep")["scenes"][0]["recommended"]);
+    let [low, high] = [0, 1].map(|end| recommended["range_hz"][end].as_f64().unwrap());
+    assert!(low >= 150.0 && high <= 1000.0, "{recommended}");
+    for (first_hz, outside) in [(1500.0, true), ((low + high) / 2.0, false)] {
+        let text = fs::read_to_string(folder.path().join("mine.toml")).unwrap();
+        let text = text.replacen("cutoff_hz = 1500 #", &format!("cutoff_hz = {first_hz} #"), 1);
+        fs::write(folder.path().join("mine.toml"), text).unwrap();
+        let output = sim(folder.path(), &["prepare", "mine.toml", "--force"]);
+        let said = String::from_utf8(output.stdout).unwrap();
+        assert!(said.contains(&format!("mine: dial in {} Hz", recommended["cutoff_hz"])), "{said}");
+        let note = format!("note: at first {first_hz} Hz is outside of {low} to {high} Hz");
+        assert_eq!(said.contains(&note), outside, "{said}");
+    }
+    let starter = ["prepare", "--starter", "--board", "nucleo-f446re", "--json"];
+    let output = sim(folder.path(), &starter);
+    let starter: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(starter.get("recommended").is_none(), "{starter}");
+}
+
 #[test]
 #[ignore = "two envelopes; CI runs it"]
 fn the_records_of_the_images_are_what_their_scenes_give() {
