@@ -13,7 +13,7 @@ use super::{
     shared::check_filters,
 };
 use crate::{
-    analysis::passive::{PassiveQuestion, passive},
+    analysis::passive::{Length, PassiveQuestion, passive},
     engine::Engine,
     error::Error,
     interrupt,
@@ -53,6 +53,10 @@ pub struct PassivityArgs {
     /// Steps of K and B of the walks, which are also the first ones, in the scene's units [default: the scene's walk].
     #[arg(long, value_name = "K,B", value_parser = pair)]
     steps: Option<Pair>,
+    /// Lengths of the hits at the boundary's walls, s before their window: what a hum is fed grows with them [default:
+    /// the scene's and 30].
+    #[arg(long, value_name = "LIST", value_parser = list::parse)]
+    settle: Option<List>,
     /// Walks each, their starts spread over one count.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeat: u32,
@@ -61,6 +65,8 @@ pub struct PassivityArgs {
 const NAMES: Names = Names { limits: "--limits", steps: "--steps" };
 const LIMITS: &str = "15e-6,1e-6";
 const CUTOFFS_HZ: [f64; 2] = [500.0, 1500.0];
+/// A long hit, s.
+const LONG_S: f64 = 30.0;
 
 const COLUMNS: &str = "\
 Columns of passivity.csv, one row for each limit, cutoff, and boundary whose walls were hit:
@@ -75,10 +81,18 @@ Columns of passivity.csv, one row for each limit, cutoff, and boundary whose wal
   saturated_fraction     outputs that asked for more than full scale
   rms_motion_m           RMS of the motion in the window
   roughness_n            force above 100 Hz in the window, RMS
-Fractions, RMS and roughness are means over the walls.";
+Fractions, RMS and roughness are means over the walls.
+Columns of lengths.csv, one row for each limit, cutoff, controller and length of the hits, at the boundary without it:
+  settle_s                  before the window
+  given_j                   as above; given_by_motion_j the same by the true motion, which the account cannot see
+  fed_w                     what the device's damping takes from the hum in the window, b <v^2>: the wall gives it, for as
+                            long as the hum lasts
+  withheld_most_fraction    at the wall at which most is withheld
+  sag                       mean penetration over push / K: above 1 the wall is softer than it was commanded";
 
 /// Every file of a result.
-const FILES: [&str; 4] = ["passivity.csv", "passivity.svg", "passivity.png", MANIFEST];
+const FILES: [&str; 5] =
+    ["passivity.csv", "lengths.csv", "passivity.svg", "passivity.png", MANIFEST];
 
 #[derive(Serialize)]
 struct Json<'a> {
@@ -86,6 +100,7 @@ struct Json<'a> {
     acceleration_m_per_s2: f64,
     reserve_j: f64,
     rows: Vec<PassiveArea>,
+    lengths: &'a [Length],
 }
 
 pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
@@ -113,7 +128,16 @@ pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
     check_filters(&scene, &filters)?;
     let cutoffs: Vec<String> =
         filters.iter().filter_map(|filter| Some(filter.cutoff_hz()?.to_string())).collect();
-    let question = PassiveQuestion { limits, filters, repeats: args.repeat, walk, table };
+    let own_s = scene.scene.wall_hit.settle_s;
+    let settles_s = args.settle.as_ref().map_or_else(|| vec![own_s, LONG_S], |list| list.0.clone());
+    for settle_s in &settles_s {
+        let mut long = scene.clone();
+        long.scene.wall_hit.settle_s = *settle_s;
+        long.scene.check().map_err(|why| Error::Input(format!("--settle: {why}")))?;
+    }
+    let settle: Vec<String> = settles_s.iter().map(f64::to_string).collect();
+    let question =
+        PassiveQuestion { limits, filters, repeats: args.repeat, walk, table, settles_s };
     let default = || PathBuf::from("zwidth-out").join(&scene.name).join("passivity");
     let folder = common.out.clone().unwrap_or_else(default);
     let mut outputs = common.outputs(&scene.files)?;
@@ -128,9 +152,10 @@ pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
         all => format!(" --cutoffs {}", all.join(",")),
     };
     let command = format!(
-        "passivity {}{cutoffs} --limits {} --acceleration {acceleration_m_per_s2}{steps} --repeat {} --engine {}",
+        "passivity {}{cutoffs} --limits {} --acceleration {acceleration_m_per_s2}{steps} --settle {} --repeat {} --engine {}",
         scene.name,
         args.limits.as_typed(),
+        settle.join(","),
         args.repeat,
         engine.name()
     );
@@ -140,6 +165,7 @@ pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
     bar.finish_and_clear();
     let study = Passive(study);
     outputs.add(to, "passivity.csv", in_units::csv(units, study.csv()).as_bytes())?;
+    outputs.add(to, "lengths.csv", in_units::csv(units, study.lengths_csv()).as_bytes())?;
     outputs.add_figure(to, "passivity", &study.figure(&scene)?)?;
     outputs.add(to, MANIFEST, &json_bytes(&Manifest::new(command, &scene))?)?;
     outputs.commit()?;
@@ -148,6 +174,7 @@ pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
         acceleration_m_per_s2,
         reserve_j: study.0.reserve_j,
         rows: study.areas(),
+        lengths: &study.0.lengths,
     };
     print_of(common.json, &scene.scene, json, || {
         format!("{}: {}\n  results in {}", scene.name, study.text(), folder.display())

@@ -47,6 +47,11 @@ impl Passive {
         versioned(self.0.table()).csv()
     }
 
+    /// `lengths.csv`.
+    pub fn lengths_csv(&self) -> String {
+        versioned(self.0.length_table()).csv()
+    }
+
     /// The boundaries at the first limit, without the controller and with it.
     ///
     /// # Errors
@@ -95,8 +100,8 @@ impl Passive {
         for row in &self.0.rows {
             let cut = if row.boundaries.capped() > 0 { ">" } else { "" };
             let area = format!("{cut}{}", millions(row.boundaries.area()));
-            let controller = if row.controller { "with" } else { "without" };
-            let cutoff = cutoff(row);
+            let controller = with(row.controller);
+            let cutoff = cutoff(row.cutoff_hz);
             for (of, hits) in ["without", "with"].into_iter().zip(&row.hits) {
                 if hits.walls == 0 {
                     continue;
@@ -112,17 +117,38 @@ impl Passive {
                 );
             }
         }
-        text + "\n  area in 10^6 N^2 s/m^2"
+        text += "\n  area in 10^6 N^2 s/m^2\n  the walls of the boundary without, by the length of the hit: most given by counts and by \
+                 the motion, fed by the hum,\n  force withheld, mean and most, and how far the wall sags";
+        for row in &self.0.lengths {
+            let _ = write!(
+                text,
+                "\n  {:>14} {:>10} {:>10} {:>6} s {:>11.3e} J {:>11.3e} J {:>11.3e} W {:>7.2} % {:>7.2} % {:>6.3}",
+                name(row.limit),
+                cutoff(row.cutoff_hz),
+                with(row.controller),
+                row.settle_s,
+                row.given_j,
+                row.given_by_motion_j,
+                row.fed_w,
+                100.0 * row.withheld_fraction,
+                100.0 * row.withheld_most_fraction,
+                row.sag
+            );
+        }
+        text
     }
 }
 
 fn told(row: &PassiveRow) -> String {
-    let controller = if row.controller { "with" } else { "without" };
-    format!("{}, {controller}", cutoff(row))
+    format!("{}, {}", cutoff(row.cutoff_hz), with(row.controller))
 }
 
-fn cutoff(row: &PassiveRow) -> String {
-    row.cutoff_hz.map_or_else(|| "no cutoff".into(), |cutoff_hz| format!("{cutoff_hz} Hz"))
+fn with(controller: bool) -> &'static str {
+    if controller { "with" } else { "without" }
+}
+
+fn cutoff(cutoff_hz: Option<f64>) -> String {
+    cutoff_hz.map_or_else(|| "no cutoff".into(), |cutoff_hz| format!("{cutoff_hz} Hz"))
 }
 
 fn area(row: &PassiveRow) -> PassiveArea {

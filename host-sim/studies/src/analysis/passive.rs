@@ -14,7 +14,10 @@ use crate::{
     error::Error,
     interrupt,
     scene::{PassivityTable, RmsOf, Scene, Walk},
-    simulation::prepared::{Numeric, PreparedScene, WallHit},
+    simulation::{
+        Sample,
+        prepared::{Numeric, PreparedScene, WallHit},
+    },
     study::{
         boundary::Boundaries,
         limits::{Limit, Question, Situation, limits},
@@ -38,6 +41,8 @@ pub struct PassiveQuestion {
     pub walk: Walk,
     /// The controller.
     pub table: PassivityTable,
+    /// Lengths of the hits before their window, s: a hum is fed for as long as it lasts.
+    pub settles_s: Vec<f64>,
 }
 
 impl PassiveQuestion {
@@ -45,6 +50,34 @@ impl PassiveQuestion {
     pub fn walks(&self) -> u64 {
         (2 * self.limits.len() * self.filters.len()) as u64 * u64::from(self.repeats)
     }
+}
+
+/// The walls of a boundary, hit for so long; means over the walls but where it says most.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Length {
+    /// Nominal cutoff, Hz; nothing without one.
+    pub cutoff_hz: Option<f64>,
+    /// The limit of the boundary.
+    #[serde(skip)]
+    pub limit: Limit,
+    /// With the controller.
+    pub controller: bool,
+    /// Before the window, s.
+    pub settle_s: f64,
+    /// How many walls.
+    pub walls: usize,
+    /// The most that one has given in a contact, by the account of force and counts, J.
+    pub given_j: f64,
+    /// The same by force and true motion, J.
+    pub given_by_motion_j: f64,
+    /// What the device's damping takes from the hum in the window, b <v^2>, W. What keeps the hum up gives as much.
+    pub fed_w: f64,
+    /// What the controller has withheld, as a fraction of the wall's force.
+    pub withheld_fraction: f64,
+    /// At the wall where that is most.
+    pub withheld_most_fraction: f64,
+    /// Mean penetration in the window over push / K: above 1 the wall sags.
+    pub sag: f64,
 }
 
 /// Hits at walls of a boundary, each mean over the walls.
@@ -93,6 +126,8 @@ pub struct PassiveStudy {
     pub reserve_j: f64,
     /// By limit and cutoff, without the controller first.
     pub rows: Vec<PassiveRow>,
+    /// By limit, cutoff and length, without the controller first; of the boundaries without it.
+    pub lengths: Vec<Length>,
 }
 
 /// Walks every cutoff without the controller and with it, and hits the walls of their boundaries. `done` is called after
@@ -122,7 +157,7 @@ pub fn passive(
     };
     let walked = |scene: &Scene| limits(engine, scene, &asked, Numeric::Fixed, stop, &done);
     let [without, passive] = [walked(&plain)?, walked(&with)?];
-    let mut rows = vec![];
+    let (mut rows, mut by_length) = (vec![], vec![]);
     for (before, after) in without.iter().zip(&passive) {
         for (plain_at, passive_at) in before.result.cutoffs.iter().zip(&after.result.cutoffs) {
             let velocity = plain_at.velocity;
@@ -131,6 +166,14 @@ pub fn passive(
                 let prepared = PreparedScene::new(scene)?;
                 let [own, passive] = &walls;
                 let of = |walls: &[WallHit]| hits(&prepared, walls, reserve_j, stop);
+                for &settle_s in &question.settles_s {
+                    let mut scene = scene.clone();
+                    scene.wall_hit.settle_s = settle_s;
+                    let (limit, cutoff_hz) = (before.limit, velocity.cutoff_hz());
+                    let mut length = length(&PreparedScene::new(&scene)?, own, limit, stop)?;
+                    (length.cutoff_hz, length.controller) = (cutoff_hz, controller);
+                    by_length.push(length);
+                }
                 rows.push(PassiveRow {
                     cutoff_hz: velocity.cutoff_hz(),
                     limit: before.limit,
@@ -141,7 +184,8 @@ pub fn passive(
             }
         }
     }
-    Ok(PassiveStudy { question, reserve_j, rows })
+    by_length.sort_by_key(|length: &Length| length.controller);
+    Ok(PassiveStudy { question, reserve_j, rows, lengths: by_length })
 }
 
 /// Walls of the first boundary.
@@ -155,6 +199,66 @@ fn walls(boundaries: &Boundaries, velocity: VelocitySettings) -> Vec<WallHit> {
         start_offset_counts: 0.0,
     };
     first.points.iter().step_by(step).map(hit).collect()
+}
+
+/// The walls, hit for as long as the scene says.
+fn length(
+    prepared: &PreparedScene,
+    walls: &[WallHit],
+    limit: Limit,
+    stop: &AtomicBool,
+) -> Result<Length, Error> {
+    let hit = prepared.scene().wall_hit.clone();
+    let damping_n_s_per_m = prepared.scene().device.damping_n_s_per_m;
+    let (surface_m, rate_hz) = (prepared.scene().wall.position_m, prepared.design().rate_hz);
+    let settle = u64::from(prepared.plan().settle);
+    let of_wall = |wall: &WallHit| {
+        interrupt::unless(stop)?;
+        let mut before: Option<Sample> = None;
+        let (mut energy_j, mut given_j, mut squares, mut samples) = (0.0, 0.0, 0.0, 0.0);
+        let report = prepared.hit(Numeric::Fixed, wall, |sample| {
+            if let Some(before) = before {
+                let (moved_m, wall_n) =
+                    (sample.position_m - before.position_m, hit.push_n - before.output_n);
+                // a contact has its own account
+                energy_j = if wall_n == 0.0 { 0.0 } else { energy_j + wall_n * moved_m };
+                given_j = f64::max(given_j, -energy_j);
+                if sample.index > settle {
+                    squares += (moved_m * rate_hz).powi(2);
+                    samples += 1.0;
+                }
+            }
+            before = Some(*sample);
+        })?;
+        let fed_w = damping_n_s_per_m * squares / f64::max(samples, 1.0);
+        let sag = wall.stiffness_n_per_m * (report.mean_m - surface_m) / hit.push_n;
+        Ok::<_, Error>((report.port, given_j, fed_w, sag))
+    };
+    let all: Vec<_> = walls.par_iter().map(of_wall).collect::<Result<_, _>>()?;
+    #[expect(clippy::cast_precision_loss, reason = "at most 24")]
+    let part = 1.0 / all.len().max(1) as f64;
+    let mut sum = Length {
+        cutoff_hz: None,
+        limit,
+        controller: false,
+        settle_s: hit.settle_s,
+        walls: all.len(),
+        given_j: 0.0,
+        given_by_motion_j: 0.0,
+        fed_w: 0.0,
+        withheld_fraction: 0.0,
+        withheld_most_fraction: 0.0,
+        sag: 0.0,
+    };
+    for (port, given_j, fed_w, sag) in all {
+        sum.given_j = sum.given_j.max(port.given_j);
+        sum.given_by_motion_j = sum.given_by_motion_j.max(given_j);
+        sum.fed_w += part * fed_w;
+        sum.withheld_fraction += part * port.withheld_fraction;
+        sum.withheld_most_fraction = sum.withheld_most_fraction.max(port.withheld_fraction);
+        sum.sag += part * sag;
+    }
+    Ok(sum)
 }
 
 fn hits(
@@ -188,6 +292,43 @@ fn hits(
 }
 
 impl PassiveStudy {
+    /// A row for each limit, cutoff and length of the hits, without the controller and with it.
+    pub fn length_table(&self) -> Table {
+        use Kind::{Flag, Number, Text, Whole};
+        let mut table = Table::new([
+            ("cutoff_hz", Number),
+            ("limit", Number),
+            ("limit_unit", Text),
+            ("controller", Flag),
+            ("settle_s", Number),
+            ("walls", Whole),
+            ("given_j", Number),
+            ("given_by_motion_j", Number),
+            ("fed_w", Number),
+            ("withheld_fraction", Number),
+            ("withheld_most_fraction", Number),
+            ("sag", Number),
+        ]);
+        for row in &self.lengths {
+            let (limit, unit) = row.limit.told();
+            table.rows.push(vec![
+                Cell::number(row.cutoff_hz),
+                limit.into(),
+                unit.into(),
+                row.controller.into(),
+                row.settle_s.into(),
+                Cell::count(row.walls),
+                row.given_j.into(),
+                row.given_by_motion_j.into(),
+                row.fed_w.into(),
+                row.withheld_fraction.into(),
+                row.withheld_most_fraction.into(),
+                row.sag.into(),
+            ]);
+        }
+        table
+    }
+
     /// A row for each limit, cutoff, and boundary whose walls were hit.
     pub fn table(&self) -> Table {
         use Kind::{Flag, Number, Text, Whole};
