@@ -1,17 +1,22 @@
 //! Estimators beside each other, and what limits the walls of a scene.
 
-use std::sync::Arc;
+use std::sync::{Arc, atomic::AtomicBool};
 
 use pyo3::{
     exceptions::PyValueError, inspect::PyStaticExpr, prelude::*, type_hint_identifier,
     type_hint_subscript, type_hint_union,
 };
-use sim_loop::scene::NamedScene;
+use sim_loop::{
+    engine::Engine,
+    error::Error,
+    scene::{Criterion, NamedScene},
+    simulation::prepared::Numeric,
+};
 use sim_studies::{
     analysis::{
         compare::{
             self as study, Entry, most_walks,
-            peers::{PeerQuestion, compare_peers},
+            peers::{LIMITS, PeerQuestion, compare_peers},
             search::Budget,
             table,
             usable::{self as commanded, UsableQuestion, UsableStudy},
@@ -20,8 +25,9 @@ use sim_studies::{
         explain as changed,
     },
     study::{
-        asked,
+        How, asked,
         limits_asked::{LimitAsked, Names},
+        recommended::{Ranked, ranked},
     },
     table::{Kind, Table},
 };
@@ -39,6 +45,27 @@ fn budget_of(tunings: u32, repeats: u32, fewest_repeats: u32) -> PyResult<Budget
     in_range("budget", tunings, 3..=1000)?;
     in_range("repeat", repeats, fewest_repeats..=1000)?;
     Ok(Budget { tunings, repeats })
+}
+
+/// What walls are ranked by.
+fn criterion_of(name: &str) -> PyResult<Criterion> {
+    Criterion::ALL.into_iter().find(|criterion| criterion.name() == name).ok_or_else(|| {
+        let names = Criterion::ALL.map(Criterion::name).join(", ");
+        PyValueError::new_err(format!("criterion is {name:?}, allowed {names}"))
+    })
+}
+
+/// The scene as it is ranked, checked.
+fn ranked_of(
+    engine: Engine,
+    scene: &NamedScene,
+    by: Criterion,
+    stop: &AtomicBool,
+) -> Result<Ranked, Error> {
+    asked::prepare(scene)?;
+    let how = How { engine, numeric: Numeric::Fixed, stop };
+    let rms_of = scene.scene.wall_hit.rms_of.filter(|_| by != Criterion::Quiet);
+    ranked(how, scene, by, rms_of).map_err(|error| error.of(&scene.name))
 }
 
 /// Those that are named, each once; none where nobody names one.
@@ -98,7 +125,7 @@ result! { table(table)
 
 /// Tune estimators by the same search and compare them.
 ///
-/// Limit, criterion, push, arm, latency and output period are the scene's: `Scene.replace` sets others.
+/// Limit, push, arm, latency and output period are the scene's: `Scene.replace` sets others.
 ///
 /// Parameters
 /// ----------
@@ -106,6 +133,10 @@ result! { table(table)
 ///     Device and experiment; its own estimator does not matter.
 /// estimators : iterable of str, optional
 ///     Their names; by default the usual ones that the scene can feed.
+/// criterion : str
+///     What walls are ranked by: `"quiet"`, on a grid that suits these walls, or `"rms"`, `"unsaturated"`, `"felt"` on the
+///     scene's. With `"quiet"` the column `scene_area_n2_s_per_m2` has the area by the scene's own criterion at the same
+///     tuning.
 /// damping : float, optional
 ///     B at which K is read off and contacts are compared, N s/m; by default 100, or half of the largest B that finite
 ///     difference and Butterworth reaches, if that is less.
@@ -130,7 +161,7 @@ result! { table(table)
 ///
 /// >>> steps = {"stiffness_step_n_per_m": 20e3, "damping_step_n_s_per_m": 200.0}
 /// >>> scene = Scene.load("paper-2um").replace(walk=steps)
-/// >>> made = compare(scene, estimators=["butterworth", "first-order"], budget=3, repeat=2)
+/// >>> made = compare(scene, estimators=["butterworth", "first-order"], criterion="rms", budget=3, repeat=2)
 /// >>> made.table["estimator"].tolist()
 /// ['butterworth', 'first-order']
 /// >>> (made.table["area_n2_s_per_m2"] / 1e6).round(1).tolist()  # 10^6 N^2 s/m^2
@@ -139,14 +170,15 @@ result! { table(table)
 /// ('area_n2_s_per_m2', ('first-order',))
 #[pyfunction]
 #[pyo3(signature = (
-    scene, *, estimators = None, damping = None, budget = 24, repeat = 4, engine = "lanes", threads = None,
-    progress = None
+    scene, *, estimators = None, criterion = "quiet", damping = None, budget = 24, repeat = 4, engine = "lanes",
+    threads = None, progress = None
 ))]
 #[expect(clippy::too_many_arguments, reason = "keywords of a function")]
 pub fn compare(
     py: Python<'_>,
     scene: Given,
     estimators: Option<Texts>,
+    criterion: &str,
     damping: Option<f64>,
     budget: u32,
     repeat: u32,
@@ -154,7 +186,7 @@ pub fn compare(
     threads: Option<usize>,
     progress: Option<Progress>,
 ) -> PyResult<Comparison> {
-    let (scene, engine) = (scene.0, engine_of(engine)?);
+    let (scene, engine, by) = (scene.0, engine_of(engine)?, criterion_of(criterion)?);
     let budget = budget_of(budget, repeat, 1)?;
     let entries = entries_of(estimators, &scene)?;
     let entries = entries.unwrap_or_else(|| Entry::usual(&scene.scene));
@@ -164,9 +196,9 @@ pub fn compare(
     let total = most_walks(&entries, budget);
     let of_work = Arc::clone(&scene);
     let (place, compared) = run(py, threads, progress.as_ref(), total, move |course| {
-        asked::prepare(&of_work)?;
-        let (scene, done) = (&of_work.scene, |walks| course.add(walks));
-        study::compare(engine, scene, &entries, damping, budget, &course.stop, done)
+        let Ranked { scene, beside } = ranked_of(engine, &of_work, by, &course.stop)?;
+        let (both, done) = ((&scene.scene, beside.as_ref()), |walks| course.add(walks));
+        study::compare(engine, both, &entries, damping, budget, &course.stop, done)
     })?;
     let mut walls =
         Table::new([("stiffness_n_per_m", Kind::Number), ("damping_n_s_per_m", Kind::Number)]);
@@ -216,12 +248,14 @@ result! { table(table)
 
 /// Change one element at a time, tune the velocity filter anew for each, and rank the changes.
 ///
-/// Limit, criterion, push, arm, latency and output period are the scene's: `Scene.replace` sets others.
+/// Limit, push, arm, latency and output period are the scene's: `Scene.replace` sets others.
 ///
 /// Parameters
 /// ----------
 /// scene : Scene
 ///     Device and experiment.
+/// criterion : str
+///     As in `compare`.
 /// damping : float, optional
 ///     B at which K is read off, N s/m; by default 100, or half of the largest B that the scene reaches, if that is
 ///     less.
@@ -238,12 +272,14 @@ result! { table(table)
 ///     Something is out of range, or the handle does not reach the wall.
 #[pyfunction]
 #[pyo3(signature = (
-    scene, *, damping = None, budget = 8, repeat = 4, engine = "lanes", threads = None, progress = None
+    scene, *, criterion = "quiet", damping = None, budget = 8, repeat = 4, engine = "lanes", threads = None,
+    progress = None
 ))]
 #[expect(clippy::too_many_arguments, reason = "keywords of a function")]
 pub fn explain(
     py: Python<'_>,
     scene: Given,
+    criterion: &str,
     damping: Option<f64>,
     budget: u32,
     repeat: u32,
@@ -251,16 +287,16 @@ pub fn explain(
     threads: Option<usize>,
     progress: Option<Progress>,
 ) -> PyResult<Explanation> {
-    let (scene, engine) = (scene.0, engine_of(engine)?);
+    let (scene, engine, by) = (scene.0, engine_of(engine)?, criterion_of(criterion)?);
     let budget = budget_of(budget, repeat, 2)?;
     if let Some(damping) = damping {
         asked::check_read_off(&scene, damping, "damping").map_err(raised)?;
     }
     let (name, total) = (scene.name.clone(), changed::most_walks(&scene.scene, budget));
     let found = run(py, threads, progress.as_ref(), total, move |course| {
-        asked::prepare(&scene)?;
-        let done = |walks| course.add(walks);
-        changed::explain(engine, &scene.scene, damping, budget, &course.stop, done)
+        let Ranked { scene, beside } = ranked_of(engine, &scene, by, &course.stop)?;
+        let (both, done) = ((&scene.scene, beside.as_ref()), |walks| course.add(walks));
+        changed::explain(engine, both, damping, budget, &course.stop, done)
             .map_err(|error| error.of(&scene.name))
     })?;
     Ok(Explanation {
@@ -330,8 +366,8 @@ result! { table(table)
 /// scene : Scene
 ///     Device and experiment.
 /// limits : iterable of float or str, optional
-///     RMS of the true motion, m; `"felt"` for the scene's sensation level, `"felt=10"` for another one, dB. By default
-///     15, 5, 2 and 1 um, and felt.
+///     `"quiet"`; RMS of the true motion, m; `"felt"` for the scene's sensation level, `"felt=10"` for another one, dB.
+///     By default quiet, 15 and 1 um, and felt.
 /// steps : tuple of float, optional
 ///     Steps of K, N/m, and B, N s/m, of the walks, which are also the first ones; by default a quarter and a half of
 ///     the scene's.
@@ -365,10 +401,7 @@ pub fn peers(
     in_range("repeat", repeat, 1..=1000)?;
     let limits = match limits {
         Some(Limits(limits)) => limits,
-        None => ["15e-6", "5e-6", "2e-6", "1e-6", "felt"]
-            .into_iter()
-            .map(limit_of)
-            .collect::<PyResult<_>>()?,
+        None => LIMITS.split(',').map(limit_of).collect::<PyResult<_>>()?,
     };
     not_empty("limits", &limits)?;
     let two = |Numbers(steps): Numbers| {
@@ -402,8 +435,8 @@ result! { table(table)
 
 /// Tune estimators for the walls that are stable and whose rendered impedance is off by no more than a limit.
 ///
-/// Limit, criterion, push, arm, latency and output period are the scene's: `Scene.replace` sets others. With the
-/// usual estimators and the scene's own steps it takes minutes.
+/// Limit, push, arm, latency and output period are the scene's: `Scene.replace` sets others. With the usual estimators it
+/// takes minutes.
 ///
 /// Parameters
 /// ----------
@@ -414,7 +447,7 @@ result! { table(table)
 ///     one.
 /// estimators : iterable of str, optional
 ///     Their names; by default the usual ones of each kind that the scene can feed.
-/// budget, repeat, engine, threads, progress
+/// criterion, budget, repeat, engine, threads, progress
 ///     As in `compare`.
 ///
 /// Raises
@@ -424,8 +457,8 @@ result! { table(table)
 ///     reach the wall.
 #[pyfunction]
 #[pyo3(signature = (
-    scene, *, percents = Numbers(vec![5.0, 10.0, 20.0]), estimators = None, budget = 24, repeat = 4, engine = "lanes",
-    threads = None, progress = None
+    scene, *, percents = Numbers(vec![5.0, 10.0, 20.0]), estimators = None, criterion = "quiet", budget = 24, repeat = 4,
+    engine = "lanes", threads = None, progress = None
 ))]
 #[expect(clippy::too_many_arguments, reason = "keywords of a function")]
 pub fn usable(
@@ -433,13 +466,14 @@ pub fn usable(
     scene: Given,
     percents: Numbers,
     estimators: Option<Texts>,
+    criterion: &str,
     budget: u32,
     repeat: u32,
     engine: &str,
     threads: Option<usize>,
     progress: Option<Progress>,
 ) -> PyResult<Usable> {
-    let (scene, engine) = (scene.0, engine_of(engine)?);
+    let (scene, engine, by) = (scene.0, engine_of(engine)?, criterion_of(criterion)?);
     let budget = budget_of(budget, repeat, 1)?;
     not_empty("percents", &percents.0)?;
     let percents = commanded::percents(&percents.0, "percents").map_err(raised)?;
@@ -448,7 +482,7 @@ pub fn usable(
     let question = UsableQuestion::of(entries, &percents, budget);
     let (name, total) = (scene.name.clone(), question.most_walks());
     let found = run(py, threads, progress.as_ref(), total, move |course| {
-        asked::prepare(&scene)?;
+        let scene = ranked_of(engine, &scene, by, &course.stop)?.scene;
         let done = |walks| course.add(walks);
         let found = commanded::usable(engine, &scene.scene, &question, &course.stop, done)
             .map_err(|error| error.of(&scene.name))?;

@@ -5,7 +5,10 @@ use std::{path::PathBuf, sync::Arc};
 use host_sim::output::study::{Folder, Part};
 use pyo3::{exceptions::PyValueError, prelude::*};
 use sim_loop::simulation::prepared::Numeric;
-use sim_studies::study::planned::{Study, StudyFile, unit::How};
+use sim_studies::study::{
+    How,
+    planned::{Study, StudyFile},
+};
 
 use crate::{
     result::Asked,

@@ -11,7 +11,10 @@ use pyo3::{
     types::{PyDict, PyMapping},
 };
 use sim_loop::{error::Error, input};
-use sim_studies::study::planned::{Study as Planned, StudyFile, unit::How};
+use sim_studies::study::{
+    How,
+    planned::{Study as Planned, StudyFile},
+};
 
 use crate::{
     given::Progress,

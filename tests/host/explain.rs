@@ -23,7 +23,7 @@ fn the_best_changes_stand_in_the_order_of_full_searches() {
     for name in ["paper-1um", "paper-2um"] {
         let scene = NamedScene::load(name).unwrap().scene;
         let quick = Budget { tunings: 8, repeats: 4 };
-        let found = explain(engine, &scene, None, quick, &stop, |_| ()).unwrap();
+        let found = explain(engine, (&scene, None), None, quick, &stop, |_| ()).unwrap();
         // what `compare` searches with by default
         let full = Budget { tunings: 24, repeats: 4 };
         let areas: Vec<f64> = found.changes[..3]

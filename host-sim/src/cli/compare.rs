@@ -33,7 +33,10 @@ use crate::{
     },
     scene::{NamedScene, Units},
     simulation::prepared::Numeric,
-    study::asked::{check_read_off, prepare},
+    study::{
+        asked::{check_read_off, prepare},
+        recommended::Ranked,
+    },
 };
 
 /// Compares velocity estimators, each tuned by the same search: Z-width, delay, noise, roughness,
@@ -128,6 +131,7 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
         return peers::run(&args.peers, args.repeat, &scene, common);
     }
     let budget = Budget { tunings: args.budget, repeats: args.repeat };
+    prepare(&scene)?;
     if let Some(percents) = &args.usable.usable {
         let named = (!args.estimators.is_empty())
             .then(|| Entry::named(&args.estimators, &scene, "--estimators"));
@@ -135,7 +139,6 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
         return usable::run(percents, asked, &scene, common);
     }
     let entries = Entry::named(&args.estimators, &scene, "--estimators")?;
-    prepare(&scene)?;
     let units = scene.scene.units;
     let damping = args.damping.map(|damping| units.damping_n_s_per_m(damping));
     if let Some(damping) = damping {
@@ -145,10 +148,11 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     let folder = common.out.clone().unwrap_or_else(default);
     let mut outputs = common.outputs(&scene.files)?;
     let to = outputs.folder(&folder, &FILES)?;
+    let Ranked { scene, beside } = args.conditions.ranked(&scene, common)?;
     let bar = progress::bar(most_walks(&entries, budget));
     let (place, compared) = compare(
         common.engine.into(),
-        &scene.scene,
+        (&scene.scene, beside.as_ref()),
         &entries,
         damping,
         budget,

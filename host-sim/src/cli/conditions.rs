@@ -3,10 +3,17 @@
 
 use clap::{Args, ValueEnum};
 
-use super::limits::{Limits, RmsOfArg, parse};
+use super::{
+    Common,
+    limits::{Limits, RmsOfArg, parse},
+};
 use crate::{
     error::Error,
-    scene::{Criterion, PushBy, Scene},
+    scene::{Criterion, NamedScene, PushBy, RmsOf, Scene},
+    study::{
+        limits::Limit,
+        recommended::{Ranked, ranked},
+    },
 };
 
 /// When a wall counts as stable.
@@ -27,12 +34,7 @@ impl Judged {
     /// The scene cannot have it.
     pub fn apply(self, scene: &mut Scene) -> Result<(), Error> {
         let hit = &mut scene.wall_hit;
-        let criterion = self.criterion.map_or(hit.criterion, |criterion| match criterion {
-            CriterionArg::Rms => Criterion::Rms,
-            CriterionArg::Unsaturated => Criterion::Unsaturated,
-            CriterionArg::Felt => Criterion::Felt,
-            CriterionArg::Quiet => Criterion::Quiet,
-        });
+        let criterion = self.criterion.map_or(hit.criterion, Into::into);
         hit.judge(criterion, self.rms_of.map(Into::into).or(hit.rms_of));
         scene.check().map_err(Error::Input)
     }
@@ -44,8 +46,13 @@ pub struct Conditions {
     /// Limit in the place of the scene's: an RMS in m, or `felt` for wall_hit.felt_limit_db.
     #[arg(long, value_name = "LIMIT", value_parser = one, conflicts_with = "criterion")]
     limit: Option<Limits>,
-    #[command(flatten)]
-    judged: Judged,
+    /// What the RMS is taken of, in the place of the scene's; counts resolve no limit near one of them.
+    #[arg(long, value_enum)]
+    rms_of: Option<RmsOfArg>,
+    /// When a wall counts as stable. `quiet` walks on a grid that suits these walls, and the area by the scene's own
+    /// criterion stands beside [default: quiet, or the limit's].
+    #[arg(long, value_enum)]
+    criterion: Option<CriterionArg>,
     /// Who pushes, in the place of the scene's.
     #[arg(long, value_enum)]
     push: Option<PushArg>,
@@ -68,6 +75,17 @@ enum CriterionArg {
     Quiet,
 }
 
+impl From<CriterionArg> for Criterion {
+    fn from(arg: CriterionArg) -> Self {
+        match arg {
+            CriterionArg::Rms => Self::Rms,
+            CriterionArg::Unsaturated => Self::Unsaturated,
+            CriterionArg::Felt => Self::Felt,
+            CriterionArg::Quiet => Self::Quiet,
+        }
+    }
+}
+
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum PushArg {
     Motor,
@@ -82,14 +100,34 @@ fn one(text: &str) -> Result<Limits, String> {
 }
 
 impl Conditions {
-    /// Puts them into the scene.
+    /// A scene to which they were [applied](Self::apply), as its estimators or changes are ranked.
+    ///
+    /// # Errors
+    /// The scene cannot have the criterion, or it has no quiet wall.
+    pub fn ranked(&self, scene: &NamedScene, common: &Common) -> Result<Ranked, Error> {
+        let mut scene = scene.clone();
+        let limit = self.limit.as_ref().and_then(|limits| limits.0.first());
+        let limit = limit.map(|limit| limit.of(&scene.scene));
+        let rms_of = self.rms_of.map(RmsOf::from);
+        let own = &mut scene.scene.wall_hit;
+        let (by, rms_of) = match limit {
+            Some(limit @ (Limit::Rms(_) | Limit::Felt(_))) => {
+                limit.set(own);
+                (own.criterion, rms_of.or(own.rms_of))
+            }
+            _ => match self.criterion.map_or(Criterion::Quiet, Into::into) {
+                Criterion::Quiet => (Criterion::Quiet, rms_of),
+                by => (by, rms_of.or(own.rms_of)),
+            },
+        };
+        ranked(common.how(), &scene, by, rms_of).map_err(|error| error.of(&scene.name))
+    }
+
+    /// Puts them into the scene, but for the criterion.
     ///
     /// # Errors
     /// There is no such arm, or the scene cannot have them.
     pub fn apply(&self, scene: &mut Scene) -> Result<(), Error> {
-        if let Some(limit) = self.limit.as_ref().and_then(|limits| limits.0.first()) {
-            limit.of(scene).set(&mut scene.wall_hit);
-        }
         if let Some(push) = self.push {
             scene.wall_hit.push_by = match push {
                 PushArg::Motor => PushBy::Motor,
@@ -106,19 +144,19 @@ impl Conditions {
         if let Some(period) = self.period {
             scene.actuator.period = period;
         }
-        self.judged.apply(scene)
+        scene.check().map_err(Error::Input)
     }
 
     /// As on the command line.
     pub fn as_typed(&self) -> String {
         let name =
             |value: Option<clap::builder::PossibleValue>| value.map(|v| v.get_name().to_owned());
-        let Judged { rms_of, criterion } = self.judged;
+        let Self { rms_of, criterion, .. } = self;
         let typed = [
             ("limit", self.limit.as_ref().map(Limits::as_typed)),
-            ("rms-of", name(rms_of.and_then(|value| value.to_possible_value()))),
-            ("criterion", name(criterion.and_then(|value| value.to_possible_value()))),
-            ("push", name(self.push.and_then(|value| value.to_possible_value()))),
+            ("rms-of", name(rms_of.as_ref().and_then(|value| value.to_possible_value()))),
+            ("criterion", name(criterion.as_ref().and_then(|value| value.to_possible_value()))),
+            ("push", name(self.push.as_ref().and_then(|value| value.to_possible_value()))),
             ("arm", self.arm.clone()),
             ("latency", self.latency.map(|latency| latency.to_string())),
             ("period", self.period.map(|period| period.to_string())),

@@ -23,6 +23,7 @@ use crate::{
         manifest::Manifest,
     },
     scene::{Criterion, NamedScene, PushBy, RmsOf, Scene},
+    study::{asked, recommended::ranked},
 };
 
 /// Designs a velocity filter for a device: poles, lead and second zero of one or two biquads behind the finite difference,
@@ -57,8 +58,8 @@ pub struct DesignArgs {
     /// the free handle, or `all` for it and all of them [default: the scene's].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     arms: Option<Vec<String>>,
-    /// Limits in the place of the scene's, the worst counts: RMS limits in m, `felt` for
-    /// wall_hit.felt_limit_db, `felt=DB` for another level.
+    /// Limits, the worst counts: `quiet`, RMS limits in m, `felt` for wall_hit.felt_limit_db, `felt=DB` for another level
+    /// [default: quiet; with --rms-of or --unsaturated the scene's].
     #[arg(long, value_name = "LIST", value_parser = parse)]
     limits: Option<Limits>,
     /// What the RMS is taken of, in the place of the scene's; counts resolve no limit near one of them.
@@ -67,7 +68,8 @@ pub struct DesignArgs {
     /// A wall counts as stable only while no output of the window is at the actuator's limit.
     #[arg(long)]
     unsaturated: bool,
-    /// Steps of K and B of the walks, which are also the first ones, in the scene's units [default: the scene's].
+    /// Steps of K and B of the walks, which are also the first ones, in the scene's units [default: what suits quiet walls;
+    /// where another limit is asked for the scene's].
     #[arg(long, value_name = "K,B", value_parser = pair)]
     steps: Option<Pair>,
     /// Filters that the search walks, two walks each in every condition [default: 6000 over their number,
@@ -116,12 +118,10 @@ pub fn run(args: &DesignArgs, common: &Common) -> Result<(), Error> {
             crate::range::within(option, value, range).map_err(Error::Input)?;
         }
     }
-    let conditions = args.conditions(&named.scene).map_err(|error| error.of(&named.name))?;
+    let base = args.base(&named, common)?;
+    let conditions = args.conditions(base).map_err(|error| error.of(&named.name))?;
     for condition in &conditions {
-        crate::study::asked::prepare(&NamedScene {
-            scene: condition.scene.clone(),
-            ..named.clone()
-        })?;
+        asked::prepare(&NamedScene { scene: condition.scene.clone(), ..named.clone() })?;
     }
     let budget = args.budget.unwrap_or_else(|| {
         let number = u32::try_from(conditions.len()).unwrap_or(u32::MAX).max(1);
@@ -174,15 +174,25 @@ pub fn run(args: &DesignArgs, common: &Common) -> Result<(), Error> {
 }
 
 impl DesignArgs {
-    /// Every push in every arm below every limit.
-    fn conditions(&self, scene: &Scene) -> Result<Vec<Condition>, Error> {
-        let mut base = scene.clone();
+    /// The scene under what holds for all conditions.
+    fn base(&self, named: &NamedScene, common: &Common) -> Result<Scene, Error> {
+        if self.limits.is_none() && self.rms_of.is_none() && !self.unsaturated {
+            asked::prepare(named)?;
+            let ranked = ranked(common.how(), named, Criterion::Quiet, None);
+            return Ok(ranked.map_err(|error| error.of(&named.name))?.scene.scene);
+        }
+        let mut base = named.scene.clone();
         if let Some(rms_of) = self.rms_of {
             base.wall_hit.judge(base.wall_hit.criterion, Some(rms_of.into()));
         }
         if self.unsaturated {
             base.wall_hit.criterion = Criterion::Unsaturated;
         }
+        Ok(base)
+    }
+
+    /// Every push in every arm below every limit.
+    fn conditions(&self, mut base: Scene) -> Result<Vec<Condition>, Error> {
         if let Some([k, b]) = self.steps.map(|steps| steps.at_handle(&base)) {
             let walk = &mut base.walk;
             (walk.stiffness_start_n_per_m, walk.stiffness_step_n_per_m) = (k, k);

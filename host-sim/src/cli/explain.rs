@@ -24,7 +24,10 @@ use crate::{
     },
     scene::{NamedScene, Units},
     simulation::prepared::Numeric,
-    study::asked::{check_read_off, prepare},
+    study::{
+        asked::{check_read_off, prepare},
+        recommended::Ranked,
+    },
 };
 
 /// What limits this device's walls: one element changed at a time (encoder, latency, output, estimator, amplifier,
@@ -53,6 +56,7 @@ Columns:
   change          the element, and what it becomes
   times the area  area over that of the scene as it is, mean (least to most over the starts); ? not told from 1
   area            mean area below the boundary; > cut at a cap of [walk]
+  by the scene    the same tuning's area by the scene's own criterion, where that is not the one of the search
   peak K          largest stable K at any B, mean over the starts
   K at B          largest stable K at the B of --damping, mean over the starts
   noise           RMS noise of the velocity in motion; times B it is the noise of the force
@@ -92,15 +96,16 @@ pub fn run(args: &ExplainArgs, common: &Common) -> Result<(), Error> {
     let folder = common.out.clone().unwrap_or_else(default);
     let mut outputs = common.outputs(&scene.files)?;
     let to = outputs.folder(&folder, &FILES)?;
+    let Ranked { scene, beside } = args.conditions.ranked(&scene, common)?;
     let budget = Budget { tunings: args.budget, repeats: args.repeat };
     let bar = progress::bar(most_walks(&scene.scene, budget));
     let engine: Engine = common.engine.into();
-    let found = explain(engine, &scene.scene, damping, budget, interrupt::flag(), |walks| {
-        bar.inc(walks);
-    })
-    .map_err(|error| error.of(&scene.name))?;
+    let (both, done) = ((&scene.scene, beside.as_ref()), |walks| bar.inc(walks));
+    let found = explain(engine, both, damping, budget, interrupt::flag(), done)
+        .map_err(|error| error.of(&scene.name))?;
     bar.finish_and_clear();
-    let report = ExplainReport { scene: &scene.name, units, found: &found };
+    let criterion = scene.scene.wall_hit.criterion.name();
+    let report = ExplainReport { scene: &scene.name, criterion, units, found: &found };
     let command = format!(
         "explain {}{} --damping {} --budget {} --repeat {} --engine {}",
         scene.name,

@@ -30,8 +30,9 @@ use crate::{
     scene::NamedScene,
     simulation::prepared::WallHit,
     study::{
+        How,
         asked::{Walls, prepare},
-        probability::{Draws, How, at_walls},
+        probability::{Draws, at_walls},
     },
 };
 

@@ -16,8 +16,6 @@ pub(super) use crate::study::limits_asked::LimitAsked as Asked;
 
 /// Sensation levels that `felt` stands for, dB over `wall_hit.felt_limit_db`.
 const LEVELS_DB: [f64; 4] = [0.0, 10.0, 20.0, 30.0];
-/// What a sweep shows without `--limits`: nearer to what a hand feels than the paper's limit, and quick.
-const DEFAULT: Limit = Limit::Rms(1e-6);
 const NAMES: Names = Names { limits: "--limits", steps: "--steps, --starts" };
 
 /// Limits side by side.
@@ -139,7 +137,7 @@ impl LimitArgs {
         }))
     }
 
-    /// What a sweep asks beside its own walks: as `--limits`, else one limit by motor and by hand, one walk each, with
+    /// What a sweep asks beside its own walks: as `--limits`, else one count by motor and by hand, one walk each, with
     /// the scene's steps; `None` with `plain`.
     pub fn or_default(
         &self,
@@ -152,7 +150,7 @@ impl LimitArgs {
             return self.question(scene, filters, repeats);
         }
         Ok((!plain).then(|| Question {
-            limits: vec![DEFAULT],
+            limits: vec![Limit::Rms(scene.encoder.resolution_m)],
             rms_of: RmsOf::Motion,
             filters: filters.to_vec(),
             repeats: 1,
@@ -162,13 +160,11 @@ impl LimitArgs {
         }))
     }
 
-    /// The limits of `--levers`: those that were asked for, else the scene's and the one of a plain sweep.
+    /// The limits of `--levers`: those that were asked for, else quiet walls and the scene's limit.
     pub fn of_levers(&self, scene: &Scene) -> Result<Vec<Limit>, Error> {
         let asked = self.question(scene, &[], 1)?.map(|question| question.limits);
-        Ok(asked.unwrap_or_else(|| {
-            let own = Limit::Rms(scene.wall_hit.rms_limit_m);
-            if own == DEFAULT { vec![own] } else { vec![own, DEFAULT] }
-        }))
+        let quiet = Asked::Quiet.of(scene);
+        Ok(asked.unwrap_or_else(|| vec![quiet, Limit::Rms(scene.wall_hit.rms_limit_m)]))
     }
 
     /// Whether the limits were asked for.

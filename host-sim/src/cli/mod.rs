@@ -36,9 +36,10 @@ use clap::{
 use crate::{
     engine::Engine,
     error::Error,
+    interrupt,
     output::{files::Outputs, terminal},
     simulation::prepared::Numeric,
-    study::list,
+    study::{How, list},
 };
 
 /// Which velocity-filter cutoff gives a haptic device the largest Z-width, the range of virtual
@@ -107,6 +108,11 @@ struct Common {
 }
 
 impl Common {
+    /// How hits are run.
+    fn how(&self) -> How<'static> {
+        How { engine: self.engine.into(), numeric: self.numeric, stop: interrupt::flag() }
+    }
+
     /// The files that a command is to write; `inputs` are not replaced.
     fn outputs(&self, inputs: &[PathBuf]) -> Result<Outputs, Error> {
         let outputs = Outputs::new(self.force, inputs);

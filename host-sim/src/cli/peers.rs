@@ -37,7 +37,7 @@ pub struct PeerArgs {
     /// areas by limit, in the scene's own loop and with the latency of both boards.
     #[arg(long, conflicts_with_all = ["estimators", "damping", "budget", "limit", "rms_of", "criterion", "push", "arm", "latency", "period"])]
     pub peers: bool,
-    /// With --peers: limits of the RMS of the motion in m, and `felt` for wall_hit.felt_limit_db.
+    /// With --peers: `quiet`, limits of the RMS of the motion in m, and `felt` for wall_hit.felt_limit_db.
     #[arg(long, value_name = "LIST", value_parser = parse, default_value = LIMITS, requires = "peers")]
     limits: Limits,
     /// With --peers: steps of K and B, which are also the first ones, in the scene's units [default: a quarter of the scene's K,

@@ -25,8 +25,11 @@ use crate::{
         record::{Prepared, board_facts, words},
     },
     study::{
+    study::{
+        How,
         board_envelope::{DeviceRecord, Found, Part},
-        probability::How,
+        recommended::{QuietStudy, recommended},
+    },
         recommended::{QuietStudy, recommended},
     },
 };

@@ -13,7 +13,7 @@ use crate::{
         study::{Folder, Part},
         terminal::print_result,
     },
-    study::planned::{Study, StudyFile, trial::Estimate, unit::How},
+    study::planned::{Study, StudyFile, trial::Estimate},
 };
 
 /// Makes every point of a study, in units whose results are files of their own; goes on where it was ended.
@@ -85,10 +85,6 @@ fn load(path: &Path, common: &Common) -> Result<(Study, Subject), Error> {
     Ok((study, subject))
 }
 
-fn how(common: &Common) -> How<'static> {
-    How { engine: common.engine.into(), numeric: common.numeric, stop: interrupt::flag() }
-}
-
 pub fn run(args: &StudyArgs, common: &Common) -> Result<(), Error> {
     if common.force {
         return Err(Error::Input(
@@ -111,7 +107,7 @@ pub fn run(args: &StudyArgs, common: &Common) -> Result<(), Error> {
             continue;
         }
         interrupt::check()?;
-        let made = study.run(unit, how(common))?;
+        let made = study.run(unit, common.how())?;
         folder.add(unit, study.unit_key(unit, numeric), &Part::from(&made))?;
         units_made += 1;
         bar.inc(1);
@@ -134,7 +130,7 @@ pub fn run(args: &StudyArgs, common: &Common) -> Result<(), Error> {
 
 pub fn plan(args: &PlanArgs, common: &Common) -> Result<(), Error> {
     let (study, subject) = load(&args.study, common)?;
-    let trial = study.trial(how(common))?;
+    let trial = study.trial(common.how())?;
     let json = PlanJson {
         subject,
         scenes: study.blocks.len() as u64 * study.file.variants(),

@@ -31,11 +31,12 @@ use crate::{
     scene::{NamedScene, PushBy, STUDY, Units},
     simulation::prepared::PreparedScene,
     study::{
+        How,
         asked::no_cutoff,
         envelope::envelopes,
         levers::{Lever, LeverQuestion, levers, walk_levers},
         limits::{Question, limits},
-        probability::{Draws, How, contour, maps, verdicts},
+        probability::{Draws, contour, maps, verdicts},
         rates::Rates,
         recommended::recommended,
         sensitivity::{Variant, variants},
@@ -59,7 +60,8 @@ pub struct SweepArgs {
     sensitivity: bool,
     /// What limits the walls first: the same device in other loops, by limit and cutoff: acting as soon as each board,
     /// with an output every 10, 5, 2 or 1 samples, through an amplifier of 1 kHz, with a handle on a transmission of
-    /// 150 Hz, or with the true velocity. Limits: those of --limits, else the scene's and 1 um.
+    /// 150 Hz, or with the true velocity. Limits: those of --limits, else quiet walls and the
+    /// scene's limit.
     #[arg(long, conflicts_with = "plain")]
     levers: bool,
     /// The same device with these rates of the encoder, Hz, each with each output rate that divides it; the latency keeps its
@@ -73,7 +75,8 @@ pub struct SweepArgs {
     limits: LimitArgs,
     #[command(flatten)]
     draws: DrawArgs,
-    /// Nothing but the scene's own criterion, limit and push; else a limit of 1 um, by motor and by hand, stands beside it.
+    /// Nothing but the scene's own criterion, limit and push; else a limit of one count, by motor and by hand, stands beside
+    /// it.
     #[arg(long, conflicts_with = "limits")]
     plain: bool,
 }

@@ -28,7 +28,6 @@ use crate::{
         usable::UsableReport,
     },
     scene::NamedScene,
-    study::asked::prepare,
 };
 
 /// Every file of a result.
@@ -63,7 +62,6 @@ pub fn run(
     scene: &NamedScene,
     common: &Common,
 ) -> Result<(), Error> {
-    prepare(scene)?;
     let percents = usable::percents(&percents.0, "--usable")?;
     let typed: Vec<String> = percents.iter().map(f64::to_string).collect();
     let entries = asked.entries.unwrap_or_else(|| usable::usual(&scene.scene));
@@ -74,6 +72,7 @@ pub fn run(
     let mut outputs = common.outputs(&scene.files)?;
     let to = outputs.folder(&folder, &FILES)?;
     let engine = Engine::from(common.engine);
+    let scene = &asked.conditions.ranked(scene, common)?.scene;
     let command = format!(
         "compare {} --usable {} --estimators {}{} --budget {} --repeat {} --engine {}",
         scene.name,

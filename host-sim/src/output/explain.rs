@@ -46,14 +46,15 @@ fn share(row: &Row) -> String {
     row.share_of_core.map_or("?".into(), |share| format!("{:.2}", 100.0 * share))
 }
 
-/// What people read of it: rank, change, times the area, area, peak K, K at B, noise, share of the core, cost.
+/// What people read of it: rank, change, times the area, area, area by the scene's own criterion, peak K, K at B, noise, share of the core, cost.
 /// Areas, stiffnesses and velocities are multiplied by those factors.
-fn cells(row: &Row, [area, k, v]: [f64; 3]) -> [String; 9] {
+fn cells(row: &Row, [area, k, v]: [f64; 3]) -> [String; 10] {
     [
         if row.rank == 0 { String::new() } else { row.rank.to_string() },
         row.what.clone(),
         times(row),
         self::area(row, area),
+        row.scene_area_n2_s_per_m2.map_or_else(String::new, |of_scene| digits(area * of_scene)),
         digits(k * row.stiffness_peak_n_per_m),
         digits(k * row.stiffness_n_per_m),
         noise(v * row.velocity_noise_m_per_s),
@@ -66,6 +67,8 @@ fn cells(row: &Row, [area, k, v]: [f64; 3]) -> [String; 9] {
 pub struct ExplainReport<'a> {
     /// The scene's name.
     pub scene: &'a str,
+    /// Name of the criterion of the search.
+    pub criterion: &'static str,
     /// What it speaks.
     pub units: Units,
     /// What was found.
@@ -112,25 +115,27 @@ impl ExplainReport<'_> {
     pub fn text(&self) -> String {
         let Spoken { k: (k_unit, k), v: (v_unit, v), area_unit, area } = self.spoken();
         let mut text = format!(
-            "what limits the walls of {}; areas in {area_unit}, K in {k_unit}, K at B = {}, noise in {v_unit}, \
-             each with the best tuning\n{:>4} {:<60} {:>24} {:>9} {:>9} {:>9} {:>9} {:>9}  cost",
+            "what limits the walls of {}, judged by {}; areas in {area_unit}, K in {k_unit}, K at B = {}, noise in {v_unit}, \
+             each with the best tuning\n{:>4} {:<60} {:>24} {:>9} {:>12} {:>9} {:>9} {:>9} {:>9}  cost",
             self.scene,
+            self.criterion,
             self.units.said(self.found.damping_n_s_per_m, "N s/m"),
             "rank",
             "change",
             "times the area",
             "area",
+            "by the scene",
             "peak K",
             "K at B",
             "noise",
             "of core %",
         );
         for row in self.found.rows() {
-            let [rank, what, times, area, peak, at_damping, noise, share, cost] =
+            let [rank, what, times, area, own, peak, at_damping, noise, share, cost] =
                 cells(&row, [area, k, v]);
             let _ = write!(
                 text,
-                "\n{rank:>4} {what:<60} {times:>24} {area:>9} {peak:>9} {at_damping:>9} {noise:>9} {share:>9}  {cost}",
+                "\n{rank:>4} {what:<60} {times:>24} {area:>9} {own:>12} {peak:>9} {at_damping:>9} {noise:>9} {share:>9}  {cost}",
             );
         }
         for answer in self.found.answers() {
@@ -149,6 +154,7 @@ impl ExplainReport<'_> {
             ("Change", ""),
             ("Times the area", "mean (range)"),
             ("Area", area_unit.as_str()),
+            ("By the scene", area_unit.as_str()),
             ("Peak K", k_unit),
             ("K at that B", k_unit),
             ("Noise", v_unit),

@@ -30,6 +30,17 @@ struct Row {
     damping_max_n_s_per_m: f64,
     area_n2_s_per_m2: f64,
     reason: String,
+    /// The lower end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    free_motion: Option<FreeRow>,
+}
+
+#[derive(Clone, Copy, Debug, Serialize)]
+struct FreeRow {
+    mass_kg: f64,
+    damping_n_s_per_m: f64,
+    friction_n: f64,
+    hum_n: f64,
 }
 
 impl Answer {
@@ -47,6 +58,12 @@ impl Answer {
                     damping_max_n_s_per_m: of.damping_max_n_s_per_m,
                     area_n2_s_per_m2: of.area,
                     reason: reason(scene.scene.units, study, of),
+                    free_motion: study.free.map(|free| FreeRow {
+                        mass_kg: free.mass_kg,
+                        damping_n_s_per_m: free.damping_n_s_per_m,
+                        friction_n: free.friction_n,
+                        hum_n: free.hum_n,
+                    }),
                 };
                 Self { recommended: Some(row), reason: None }
             }
@@ -97,7 +114,17 @@ pub fn sentences(scene: &NamedScene, study: &QuietStudy) -> Vec<String> {
     let next = format!(
         "Next: `cargo sim explain {name}` says what limits these walls, `cargo sim prepare` makes the board's record"
     );
-    vec![dial_in, format!("It has {}.", reason(units, study, of)), next]
+    let has = format!("It has {}.", reason(units, study, of));
+    let free = study.free.map(|free| {
+        format!(
+            "The other end of the Z-width, free motion: {}, {}, dry friction {}; at rest in free air the output hums by {} RMS.",
+            units.said(free.mass_kg, "kg"),
+            units.said(free.damping_n_s_per_m, "N s/m"),
+            units.said(free.friction_n, "N"),
+            units.said(free.hum_n, "N"),
+        )
+    });
+    [dial_in, has].into_iter().chain(free).chain([next]).collect()
 }
 
 /// What to know of a cutoff that is outside of the range to dial in, if so.

@@ -367,7 +367,7 @@ impl Study {
     /// What a reader must know beside the numbers.
     pub fn notes(&self) -> Vec<String> {
         let left_out = self.limits_left_out.iter();
-        let left_out = left_out.map(|why| format!("the limit of 1 um is left out: {why}"));
+        let left_out = left_out.map(|why| format!("the limit of one count is left out: {why}"));
         let units = self.scene.scene.units;
         let estimated = self.scene.scene.estimated_note();
         let notes = self.result.notes().into_iter().chain(left_out);

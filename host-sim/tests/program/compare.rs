@@ -21,12 +21,17 @@ fn scene(folder: &Path) {
     fs::write(folder.join("coarse.toml"), text).unwrap();
 }
 
+fn is_judged(extra: &[&str]) -> bool {
+    ["--limit", "--criterion"].iter().any(|option| extra.contains(option))
+}
+
 fn compare(folder: &Path, extra: &[&str]) -> (i32, String, String) {
     let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))
         .current_dir(folder)
         .args(["compare", "coarse.toml"])
         .args(if extra.contains(&"--budget") { &[][..] } else { &["--budget", "6"][..] })
         .args(if extra.contains(&"--repeat") { &[][..] } else { &["--repeat", "2"][..] })
+        .args(if is_judged(extra) { &[][..] } else { &["--criterion", "rms"][..] })
         .args(extra)
         .output()
         .unwrap();
@@ -123,6 +128,35 @@ fn force_is_compared_at_a_damping_that_the_boundary_reaches() {
     }
 }
 
+/// Without words for another criterion walls are quiet ones, on a grid of their own; the area by the scene's criterion at
+/// the same tuning is that of a walk.
+#[test]
+fn quiet_walls_rank_and_the_scene_s_criterion_stands_beside() {
+    let folder = TempDir::new().unwrap();
+    scene(folder.path());
+    let few = ["--json", "--estimators", "butterworth,kalman-3", "--budget", "3", "--repeat", "1"];
+    let run = |more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+        let all = [&["compare", "coarse.toml"][..], &few, more].concat();
+        let output = command.current_dir(folder.path()).args(all).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice::<Value>(&output.stdout).unwrap()
+    };
+    let quiet = run(&["--out", "quiet"]);
+    assert_eq!(quiet, run(&["--criterion", "quiet", "--out", "again"]));
+    let row = &quiet["estimators"][0];
+    let of = |value: &Value| value.as_f64().unwrap();
+    assert!(of(&row["area_n2_s_per_m2"]) < of(&row["scene_area_n2_s_per_m2"]), "{row}");
+    let hz = row["tuning"].to_string();
+    let mut walk = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+    let args = ["walk", "coarse.toml", "--cutoff", &hz, "--json"];
+    let output = walk.current_dir(folder.path()).args(args).output().unwrap();
+    let walked: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(walked["area_n2_s_per_m2"], row["scene_area_n2_s_per_m2"]);
+    let own = run(&["--criterion", "rms", "--out", "own"]);
+    assert!(own["estimators"][0]["scene_area_n2_s_per_m2"].is_null());
+}
+
 /// Runs what `commands` makes of a scene's name, at the lowest and at the highest sample rate.
 fn at_both_rates(commands: impl Fn(u32, &str) -> Vec<Vec<String>>) {
     let folder = TempDir::new().unwrap();
@@ -162,7 +196,7 @@ fn every_command_runs_at_the_lowest_and_the_highest_rate() {
             format!("grid {name} --cutoffs 200 --dampings 10 --stiffnesses 2000"),
             format!("linear {name} --cutoffs 200 --dampings 10 --multirate"),
             format!("sweep {name} --repeat 1"),
-            format!("compare {name} --estimators {some} --budget 3 --repeat 1"),
+            format!("compare {name} --criterion rms --estimators {some} --budget 3 --repeat 1"),
         ]
         .map(words)
         .to_vec()

@@ -60,7 +60,8 @@ fn it_says_which_cutoff_to_dial_in() {
         fs::write(folder.path().join("mine.toml"), text).unwrap();
         let output = sim(folder.path(), &["prepare", "mine.toml", "--force"]);
         let said = String::from_utf8(output.stdout).unwrap();
-        assert!(said.contains(&format!("mine: dial in {} Hz", recommended["cutoff_hz"])), "{said}");
+        let cutoff_hz = recommended["cutoff_hz"].as_f64().unwrap();
+        assert!(said.contains(&format!("mine: dial in {cutoff_hz} Hz")), "{said}");
         let note = format!("note: at first {first_hz} Hz is outside of {low} to {high} Hz");
         assert_eq!(said.contains(&note), outside, "{said}");
     }

@@ -35,6 +35,7 @@ fn told(key: &str) -> (String, f64) {
     let (r, one) = (RADIUS_M, 1.0);
     for (linear, rotary, factor) in [
         ("n2_s_per_m2", "n2_m2_s_per_rad2", r.powi(4)),
+        ("mass_kg", "inertia_kg_m2", r * r),
         ("n_per_m", "n_m_per_rad", r * r),
         ("n_s_per_m", "n_m_s_per_rad", r * r),
         ("m_per_s", "rad_per_s", one / r),

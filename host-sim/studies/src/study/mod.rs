@@ -21,3 +21,18 @@ pub mod sensitivity;
 pub mod sweep;
 pub mod walk;
 mod walk_lanes;
+
+use std::sync::atomic::AtomicBool;
+
+use crate::{engine::Engine, simulation::prepared::Numeric};
+
+/// How hits are run; neither engine nor number of threads changes a bit of the result.
+#[derive(Clone, Copy, Debug)]
+pub struct How<'a> {
+    /// What runs them.
+    pub engine: Engine,
+    /// Arithmetic of the controller.
+    pub numeric: Numeric,
+    /// Set to end early.
+    pub stop: &'a AtomicBool,
+}

@@ -4,16 +4,20 @@
 //! where the best one is an end of the list, the list goes on beyond. The grid of the walks is the scene's, or where its
 //! steps are too coarse or too fine for the quiet walls one that the first walks suggest.
 
+use zwidth::{VelocitySettings, velocity::EstimatorName};
+
 use super::{
+    How,
     asked::prepare,
     boundary::BoundaryPoint,
-    probability::How,
+    probability::held,
     sweep::{CutoffResult, Plan, ascending, filters, sweep},
 };
 use crate::{
     error::Error,
     notation::rounded,
-    scene::{Criterion, NamedScene, Scene, Walk},
+    scene::{Criterion, NamedScene, RmsOf, Scene, Walk, element::Friction},
+    simulation::prepared::{PreparedScene, WallHit},
 };
 
 /// Areas that are at least this share of the largest are as good.
@@ -25,20 +29,18 @@ const BEYOND: f64 = 1.25;
 const TRIES: usize = 12;
 /// Steps that a boundary should have, of K up to its peak and of B.
 const STEPS: [[f64; 2]; 2] = [[24.0, 400.0], [16.0, 240.0]];
+/// Grids that are tried.
+const GRIDS: usize = 8;
 /// What a new grid aims at.
-const AIM: [f64; 2] = [64.0, 48.0];
-/// Without any wall on a grid: shares of the scene's steps of K and B that are the next ones, and where they begin.
-const OTHER_GRIDS: [[f64; 2]; 9] = [
-    [1.0, 1.0],
-    [0.5, 0.5],
-    [0.25, 0.25],
-    [2.0, 2.0],
-    [1.0, 0.25],
-    [0.25, 1.0],
-    [4.0, 4.0],
-    [0.05, 0.05],
-    [20.0, 20.0],
-];
+const AIM: [f64; 2] = [48.0, 32.0];
+/// A boundary of few steps says little of its size: the next grid is at most so many times finer.
+const FINER: f64 = 8.0;
+/// Without any wall on a grid, single walls are tried: so many of K and of B, each this part of the one before, from the
+/// largest that can be quiet.
+const TRIED: [u32; 2] = [17, 13];
+const APART: f64 = 0.562;
+/// A cutoff is looked at if its walls have this share of the best one's area.
+const PROMISING: f64 = 0.3;
 
 /// What was tried, and what comes of it.
 #[derive(Clone, Debug)]
@@ -49,6 +51,8 @@ pub struct QuietStudy {
     pub cutoffs: Vec<CutoffResult>,
     /// The cutoff to dial in, or why there is none.
     pub recommended: Result<Recommended, String>,
+    /// Free motion beside the stiffest wall of that cutoff.
+    pub free: Option<FreeMotion>,
 }
 
 /// A cutoff to dial in.
@@ -70,6 +74,39 @@ pub struct Recommended {
     pub is_cut: bool,
 }
 
+/// What free motion feels like, the lower end of the Z-width.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FreeMotion {
+    /// Of device and handle, kg.
+    pub mass_kg: f64,
+    /// Viscous damping, N s/m.
+    pub damping_n_s_per_m: f64,
+    /// Dry friction while sliding, N.
+    pub friction_n: f64,
+    /// RMS of the output about its mean while the handle rests where no wall is, N.
+    pub hum_n: f64,
+}
+
+impl FreeMotion {
+    /// Of a scene that would render that wall.
+    ///
+    /// # Errors
+    /// The handle leaves the range of the core without a push.
+    fn of(how: How<'_>, scene: &Scene, wall: &WallHit) -> Result<Self, Error> {
+        let mut free = scene.clone();
+        free.wall_hit.judge(Criterion::Rms, None);
+        free.wall_hit.push_n = 0.0;
+        let report = PreparedScene::new(&free)?.report(how.numeric, wall)?;
+        let sliding = |friction: Friction| friction.coulomb_n;
+        Ok(Self {
+            mass_kg: scene.device.mass_kg + scene.mode.map_or(0.0, |mode| mode.mass_kg),
+            damping_n_s_per_m: scene.device.damping_n_s_per_m,
+            friction_n: scene.friction.map_or(0.0, sliding),
+            hum_n: report.force_rms_n,
+        })
+    }
+}
+
 /// Looks for the cutoff to dial in among those of a list; `goes_on`: and beyond its ends. `done` is called after each
 /// walk.
 ///
@@ -87,7 +124,60 @@ pub fn recommended(
         Err(Error::Input(why)) => Err(why),
         found => found?.ok_or_else(|| "no quiet wall at any cutoff".to_owned()),
     };
-    Ok(QuietStudy { walk: study.scene.scene.walk, cutoffs: study.cutoffs, recommended })
+    let free = recommended.as_ref().ok().map(|found| {
+        let wall = WallHit {
+            velocity: scene.scene.velocity.at(found.cutoff_hz),
+            stiffness_n_per_m: found.stiffest.stiffness_n_per_m,
+            damping_n_s_per_m: found.stiffest.damping_n_s_per_m,
+            start_offset_counts: 0.0,
+        };
+        FreeMotion::of(how, &scene.scene, &wall)
+    });
+    let free = free.transpose()?;
+    Ok(QuietStudy { walk: study.scene.scene.walk, cutoffs: study.cutoffs, recommended, free })
+}
+
+/// A scene as its estimators, filters and changes are ranked.
+#[derive(Clone, Debug)]
+pub struct Ranked {
+    /// The scene that is walked.
+    pub scene: NamedScene,
+    /// The scene with its own criterion and grid, which stands beside; `None` where that is no other.
+    pub beside: Option<Scene>,
+}
+
+/// Ranked by a criterion. [`Quiet`](Criterion::Quiet): on a grid that suits these walls, that of finite difference and
+/// Butterworth at the cutoffs of `[sweep]`; another one on the scene's.
+///
+/// # Errors
+/// There is no quiet wall, the scene cannot have the criterion, or `stop` was set.
+pub fn ranked(
+    how: How<'_>,
+    scene: &NamedScene,
+    by: Criterion,
+    rms_of: Option<RmsOf>,
+) -> Result<Ranked, Error> {
+    let mut ranked = scene.clone();
+    ranked.scene.wall_hit.judge(by, rms_of);
+    ranked.scene.check().map_err(Error::Input)?;
+    if by != Criterion::Quiet {
+        return Ok(Ranked { scene: ranked, beside: None });
+    }
+    let mut butterworth = ranked.clone();
+    butterworth.scene.velocity = EstimatorName::Butterworth.defaults().into();
+    let mut search = Search { how, scene: butterworth, done: || (), cutoffs: vec![] };
+    let mut cutoffs_hz = ascending(&scene.scene.sweep.cutoffs_hz);
+    cutoffs_hz.retain(|hz| search.is_allowed(*hz));
+    search.walk(&cutoffs_hz)?;
+    search.fit_grid(&cutoffs_hz)?;
+    if search.best().is_none() {
+        let why = "no quiet wall at any cutoff of [sweep]; --criterion rms ranks by the paper's criterion";
+        return Err(Error::input(why));
+    }
+    ranked.scene.walk = search.scene.scene.walk;
+    let other = scene.scene.wall_hit.criterion != Criterion::Quiet;
+    let beside = other.then(|| scene.scene.clone());
+    Ok(Ranked { scene: ranked, beside })
 }
 
 /// The scene, judged by what a person would call a wall.
@@ -133,12 +223,11 @@ impl<D: Fn() + Sync> Search<'_, D> {
 
     /// Walks anew where the grid does not suit the walls.
     fn fit_grid(&mut self, cutoffs_hz: &[f64]) -> Result<(), Error> {
-        let own = self.scene.scene.walk;
-        let mut others = OTHER_GRIDS.iter();
-        for _ in 0..=OTHER_GRIDS.len() {
+        let mut is_seeded = false;
+        for _ in 0..GRIDS {
             let walk = self.scene.scene.walk;
             let steps = [walk.stiffness_step_n_per_m, walk.damping_step_n_s_per_m];
-            let steps = match self.best().map(|best| &self.cutoffs[best].boundaries) {
+            self.scene.scene.walk = match self.best().map(|best| &self.cutoffs[best].boundaries) {
                 Some(found) => {
                     let most = [found.stiffness_peak_n_per_m(), found.damping_max_n_s_per_m()];
                     let suits = |axis: usize| {
@@ -148,28 +237,87 @@ impl<D: Fn() + Sync> Search<'_, D> {
                     if suits(0) && suits(1) {
                         return Ok(());
                     }
-                    [0, 1].map(|axis| {
-                        if suits(axis) { steps[axis] } else { round(most[axis] / AIM[axis]) }
-                    })
+                    let steps = [0, 1].map(|axis| {
+                        let finest = steps[axis] / FINER;
+                        if suits(axis) {
+                            steps[axis]
+                        } else {
+                            round((most[axis] / AIM[axis]).max(finest))
+                        }
+                    });
+                    let starts = [walk.stiffness_start_n_per_m, walk.damping_start_n_s_per_m];
+                    let [k, b] = if is_seeded { starts } else { steps };
+                    Walk {
+                        stiffness_start_n_per_m: k,
+                        stiffness_step_n_per_m: steps[0],
+                        damping_start_n_s_per_m: b,
+                        damping_step_n_s_per_m: steps[1],
+                        ..walk
+                    }
                 }
-                None => match others.next() {
-                    Some([k, b]) => {
-                        [k * own.stiffness_step_n_per_m, b * own.damping_step_n_s_per_m]
+                None if is_seeded => return Ok(()),
+                None => match self.first_walls(cutoffs_hz)? {
+                    Some(walk) => {
+                        is_seeded = true;
+                        walk
                     }
                     None => return Ok(()),
                 },
-            };
-            self.scene.scene.walk = Walk {
-                stiffness_start_n_per_m: steps[0],
-                stiffness_step_n_per_m: steps[0],
-                damping_start_n_s_per_m: steps[1],
-                damping_step_n_s_per_m: steps[1],
-                ..own
             };
             self.cutoffs.clear();
             self.walk(cutoffs_hz)?;
         }
         Ok(())
+    }
+
+    /// A grid that begins at a wall that is quiet at all cutoffs that promise something, found among single walls.
+    fn first_walls(&self, cutoffs_hz: &[f64]) -> Result<Option<Walk>, Error> {
+        let (prepared, scene) = (prepare(&self.scene)?, &self.scene.scene);
+        let caps = scene.walk_plan();
+        let axis = |most: f64, number: u32| -> Vec<f64> {
+            (0..number).map(|n| rounded(most * APART.powf(f64::from(n)), 2)).collect()
+        };
+        let stiffnesses = axis(caps.stiffness_max_n_per_m, TRIED[0]);
+        let dampings = axis(caps.damping_max_n_s_per_m, TRIED[1]);
+        let walls: Vec<[f64; 2]> = dampings
+            .iter()
+            .rev()
+            .flat_map(|b| stiffnesses.iter().rev().map(|k| [*k, *b]))
+            .collect();
+        let hits = |velocity: VelocitySettings| {
+            let of_wall = move |&[stiffness_n_per_m, damping_n_s_per_m]: &[f64; 2]| WallHit {
+                velocity,
+                stiffness_n_per_m,
+                damping_n_s_per_m,
+                start_offset_counts: 0.0,
+            };
+            (&prepared, walls.iter().map(of_wall).collect())
+        };
+        let filters = filters(&scene.velocity, cutoffs_hz).into_iter();
+        let mut quiet = held(self.how, &filters.map(hits).collect::<Vec<_>>())?;
+        let area = |held: &Vec<bool>| -> f64 {
+            walls.iter().zip(held).filter(|(_, held)| **held).map(|([k, b], _)| k * b).sum()
+        };
+        let most = quiet.iter().map(area).fold(0.0, f64::max);
+        if most == 0.0 {
+            return Ok(None);
+        }
+        quiet.retain(|held| area(held) >= PROMISING * most);
+        let holding = |place: usize| quiet.iter().filter(|held| held[place]).count();
+        let all = (0..walls.len()).map(holding).max().unwrap_or(0);
+        let first = (0..walls.len()).find(|place| holding(*place) == all);
+        let largest = |axis: usize| {
+            let held = (0..walls.len()).filter(|place| holding(*place) > 0);
+            held.map(|place| walls[place][axis]).fold(0.0, f64::max)
+        };
+        let steps = [0, 1].map(|axis| round(largest(axis) / AIM[axis]));
+        Ok(first.map(|place| Walk {
+            stiffness_start_n_per_m: walls[place][0],
+            stiffness_step_n_per_m: steps[0],
+            damping_start_n_s_per_m: walls[place][1],
+            damping_step_n_s_per_m: steps[1],
+            ..scene.walk
+        }))
     }
 
     /// The place of the largest area.

@@ -9,7 +9,7 @@ use crate::{error::Error, numerics::statistics::Repeats, study::boundary::Bounda
 
 /// Starts of the walks of a search, counts: the golden section and half a count from it, which no
 /// number of repeats has among its own.
-pub(super) const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
+pub(in crate::analysis) const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
 
 /// Share of the best area that a tuning must have from the first start, so that it is walked from the second.
 pub const CAN_WIN: f64 = 0.95;

@@ -18,7 +18,7 @@ pub mod axis;
 pub mod bandwidth;
 pub mod cost;
 pub mod fidelity;
-mod looked;
+pub(super) mod looked;
 pub mod peers;
 pub mod roughness;
 pub mod search;
@@ -241,6 +241,8 @@ pub struct Compared {
     pub settings: VelocitySettings,
     /// The search and the boundaries at its result.
     pub tuned: Tuned,
+    /// Boundaries of that tuning by the scene's own criterion; none where that is the one of the search.
+    pub beside: Option<Boundaries>,
     /// Delay and noise.
     pub signal: Signal,
     /// In contact with each of the walls.
@@ -301,14 +303,14 @@ pub fn most_walks(entries: &[Entry], budget: search::Budget) -> u64 {
 }
 
 /// Compares `entries`. Finite difference and Butterworth, tuned, gives the walls ([`Place`]) at which
-/// contacts are compared, whether it is among them or not. `done` is called with the number of walks
-/// made.
+/// contacts are compared, whether it is among them or not. `beside` is the scene with another criterion, whose area at each
+/// result is told as well. `done` is called with the number of walks made.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
 pub fn compare(
     engine: Engine,
-    scene: &Scene,
+    (scene, beside): (&Scene, Option<&Scene>),
     entries: &[Entry],
     damping_n_s_per_m: Option<f64>,
     budget: search::Budget,
@@ -366,7 +368,13 @@ pub fn compare(
             let contacts = [soft?, middle?, hard?];
             let fidelity = fidelity::measure(&with, settings, &walls, stop)?;
             let cost = cost::of(settings.name());
-            Ok(Compared { entry, settings, tuned, signal, contacts, fidelity, cost })
+            let beside = beside.map(|own| {
+                let scene = &entry.told(own);
+                let walker = search::Walker { engine, scene, stop, done: &|_| () };
+                walker.boundaries(&settings, budget)
+            });
+            let beside = beside.transpose()?;
+            Ok(Compared { entry, settings, tuned, beside, signal, contacts, fidelity, cost })
         })
         .collect();
     Ok((place, compared.into_iter().collect::<Result<_, _>>()?))

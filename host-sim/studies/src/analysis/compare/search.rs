@@ -54,7 +54,7 @@ impl Budget {
     }
 
     /// Starts of the walks at the result, counts.
-    pub(super) fn starts(&self) -> Vec<f64> {
+    pub(in crate::analysis) fn starts(&self) -> Vec<f64> {
         (0..self.repeats).map(|repeat| start_offset_counts(repeat, self.repeats)).collect()
     }
 }
@@ -92,7 +92,7 @@ pub struct Walker<'a, D> {
 
 impl<D: Fn(u64) + Sync> Walker<'_, D> {
     /// Boundaries of tunings of one estimator from those starts.
-    pub(super) fn walks(
+    pub(in crate::analysis) fn walks(
         &self,
         settings: &[VelocitySettings],
         starts: &[f64],
@@ -102,6 +102,18 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         let (numeric, done) = (Numeric::Fixed, |_: &_| (self.done)(1));
         let made = boundaries(self.engine, &scenes, numeric, settings, starts, self.stop, done)?;
         Ok(made.into_iter().flatten().collect())
+    }
+
+    /// Boundaries of a result.
+    ///
+    /// # Errors
+    /// As [`best`](Self::best).
+    pub fn boundaries(
+        &self,
+        settings: &VelocitySettings,
+        budget: Budget,
+    ) -> Result<Boundaries, Error> {
+        Ok(self.walks(&[*settings], &budget.starts())?.pop().unwrap_or_default())
     }
 
     /// The best tuning from `start` and its boundaries, without what is left of it where it is wrong; as it is if it is
@@ -146,7 +158,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
             tuned.tried = search.tried;
         }
         tuned.bandwidth_hz = bandwidth_hz(&best, &self.scene.design()).map_err(Error::input)?;
-        tuned.boundaries = self.walks(&[best], &budget.starts())?.pop().unwrap_or_default();
+        tuned.boundaries = self.boundaries(&best, budget)?;
         tuned.hits += tuned.boundaries.hits();
         Ok((best, tuned))
     }

@@ -129,13 +129,15 @@ const LESS: Option<Better> = Some(Better::Less);
 const NEARER: Option<Better> = Some(Better::NearerToZero);
 
 /// All columns.
-pub const CRITERIA: [Criterion; 26] = criteria! {
+pub const CRITERIA: [Criterion; 27] = criteria! {
     Boundary MORE, "area_n2_s_per_m2":
         "area", AREA, 1e-6, 2, |c, _| c.tuned.boundaries.areas();
     Boundary None, "area_low_n2_s_per_m2":
         "lowest", AREA, 1e-6, 2, |c, _| vec![c.tuned.boundaries.area_range()[0]];
     Boundary None, "area_high_n2_s_per_m2":
         "highest", AREA, 1e-6, 2, |c, _| vec![c.tuned.boundaries.area_range()[1]];
+    Boundary None, "scene_area_n2_s_per_m2":
+        "by the scene", AREA, 1e-6, 2, |c, _| c.beside.as_ref().map_or_else(Vec::new, Boundaries::areas);
     Boundary None, "share_of_true_velocity":
         "of true v", "%", 1e2, 0, |c, place| Vec::from_iter(share(c, place));
     Boundary MORE, "stiffness_peak_mean_n_per_m":

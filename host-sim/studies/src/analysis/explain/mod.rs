@@ -5,6 +5,11 @@
 //! screened from one start, the best three are searched with twice the tunings of everything else: the surface of each is
 //! rough, and a change of the element has but one of them.
 //!
+//! **What a search hides.** The surface is rough, so two searches may end at tops of other heights, and an element that
+//! changes nothing would seem to. So the scene as it is is tried at the tunings of all its changes, and each change at that
+//! of the scene; the best of them counts. The most that any gains by that is [`hidden`](Explanation::hidden): what differs
+//! by less is not told apart.
+//!
 //! **Ranges.** Each boundary is walked from starts spread over a count, with other noise where the scene has noise. Two
 //! changes have the same rank if Welch's t-test, one-sided at 5 %, cannot tell that the area of one is below the other's.
 
@@ -20,6 +25,7 @@ pub use changes::{CLOCK_HZ, Change, Kind, changes, cost_of_estimator};
 
 use super::compare::{
     Entry, damping_of,
+    looked::STARTS,
     search::{Budget, Walker},
     settings_of, signal,
 };
@@ -38,11 +44,10 @@ use crate::{
 const FINALISTS: usize = 3;
 /// Tunings of that search, for each that another element has.
 const FINAL_TUNINGS: u32 = 2;
+/// Walks of each change beside its search: the scene at its tuning, it at its own and the scene's.
+const POOLED: u64 = 3 * STARTS.len() as u64;
 /// Tunings of a plant that is integrated step by step, and takes ten times as long.
 const INTEGRATED_TUNINGS: u32 = 5;
-/// Share of the other's area below which a change must be shown to be, to be called smaller.
-const SAME: f64 = 1.0;
-
 /// A scene with one element changed, and its walls.
 #[derive(Clone, Debug)]
 pub struct Explained {
@@ -52,6 +57,8 @@ pub struct Explained {
     pub settings: VelocitySettings,
     /// Its boundaries, one per start.
     pub boundaries: Boundaries,
+    /// The same by the scene's own criterion; none where that is the one of the search.
+    pub beside: Option<Boundaries>,
     /// Noise of its velocity in motion, m/s RMS.
     pub noise_m_per_s: f64,
     /// The search ended because nothing near is better.
@@ -100,13 +107,20 @@ pub struct Explanation {
     pub changes: Vec<Explained>,
     /// B at which K is read off, N s/m.
     pub damping_n_s_per_m: f64,
+    /// Share of an area that a search is known to have missed.
+    pub hidden: f64,
 }
 
 impl Explanation {
+    /// Share of another's area below which an area must be shown to be, to be called smaller.
+    fn same(&self) -> f64 {
+        1.0 / (1.0 + self.hidden)
+    }
+
     /// Rank of a change: one more than the changes that are better for certain.
     pub fn rank(&self, place: usize) -> usize {
         let own = self.changes[place].boundaries.repeats();
-        let better = |other: &&Explained| own.is_below(SAME, &other.boundaries.repeats());
+        let better = |other: &&Explained| own.is_below(self.same(), &other.boundaries.repeats());
         1 + self.changes.iter().filter(better).count()
     }
 
@@ -119,12 +133,12 @@ impl Explanation {
 
     /// Whether a change is better than the scene as it is, for certain.
     pub fn is_better(&self, change: &Explained) -> bool {
-        self.base.boundaries.repeats().is_below(SAME, &change.boundaries.repeats())
+        self.base.boundaries.repeats().is_below(self.same(), &change.boundaries.repeats())
     }
 
     /// Whether it is worse, for certain.
     pub fn is_worse(&self, change: &Explained) -> bool {
-        change.boundaries.repeats().is_below(SAME, &self.base.boundaries.repeats())
+        change.boundaries.repeats().is_below(self.same(), &self.base.boundaries.repeats())
     }
 }
 
@@ -152,7 +166,7 @@ fn final_search(budget: Budget) -> Budget {
 pub fn most_walks(scene: &Scene, budget: Budget) -> u64 {
     let names = estimators(scene);
     let changes = changes(scene, &names).len() as u64;
-    changes * budget.most()
+    changes * (budget.most() + POOLED)
         + FINALISTS as u64 * final_search(budget).most()
         + names.len() as u64 * screening(budget).most()
 }
@@ -163,7 +177,7 @@ pub fn most_walks(scene: &Scene, budget: Budget) -> u64 {
 /// The handle does not reach the wall, or `stop` was set.
 pub fn explain(
     engine: Engine,
-    scene: &Scene,
+    (scene, beside): (&Scene, Option<&Scene>),
     damping_n_s_per_m: Option<f64>,
     budget: Budget,
     stop: &AtomicBool,
@@ -183,6 +197,7 @@ pub fn explain(
             change,
             settings,
             boundaries: tuned.boundaries,
+            beside: None,
             noise_m_per_s: signal.noise_in_motion_m_per_s,
             settled: tuned.settled,
             at_edge: tuned.edges.iter().any(Option::is_some),
@@ -247,11 +262,79 @@ pub fn explain(
         }
     });
     let mut explained = explained.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let base = explained.remove(0);
+    let mut base = explained.remove(0);
+    let walks = |changed: &Scene, settings: &[VelocitySettings], starts: &[f64]| {
+        Walker { engine, scene: changed, stop, done: &done }.walks(settings, starts)
+    };
+    let hidden = pool(&walks, scene, &mut base, &mut explained, &budget.starts())?;
+    if let Some(own) = beside {
+        let same = changes(own, &names);
+        for one in explained.iter_mut().chain([&mut base]) {
+            let changed = match &one.change {
+                None => Some(own),
+                Some(change) => {
+                    same.iter().find(|other| other.name == change.name).map(|other| &other.scene)
+                }
+            };
+            let starts = budget.starts();
+            let walked = changed.map(|changed| walks(changed, &[one.settings], &starts));
+            one.beside = walked.transpose()?.and_then(|mut walked| walked.pop());
+        }
+    }
     explained.sort_by(|a, b| b.boundaries.area().total_cmp(&a.boundaries.area()));
     let damping_n_s_per_m =
         damping_n_s_per_m.unwrap_or_else(|| damping_of(Some(&base.boundaries), scene));
-    Ok(Explanation { base, changes: explained, damping_n_s_per_m })
+    Ok(Explanation { base, changes: explained, damping_n_s_per_m, hidden })
+}
+
+/// Walks of a scene at tunings of one estimator, from those starts.
+type Walks<'a> = dyn Fn(&Scene, &[VelocitySettings], &[f64]) -> Result<Vec<Boundaries>, Error> + 'a;
+
+/// Tries the scene at the tunings of its changes, and these at its own. Gives the largest share that any gains by that.
+fn pool(
+    walks: &Walks<'_>,
+    scene: &Scene,
+    base: &mut Explained,
+    explained: &mut [Explained],
+    starts: &[f64],
+) -> Result<f64, Error> {
+    let estimator = base.settings.name();
+    let like = |one: &Explained| one.settings.name() == estimator;
+    let others = explained.iter().filter(|one| like(one)).map(|one| one.settings).collect();
+    let mut hidden = base.try_at(walks, scene, others, starts)?;
+    for one in explained.iter_mut().filter(|one| like(one)) {
+        let changed = one.change.as_ref().map_or(scene, |change| &change.scene).clone();
+        hidden = hidden.max(one.try_at(walks, &changed, vec![base.settings], starts)?);
+    }
+    Ok(hidden)
+}
+
+impl Explained {
+    /// Takes the best of its own and other tunings, and gives the share that it gains.
+    fn try_at(
+        &mut self,
+        walks: &Walks<'_>,
+        scene: &Scene,
+        others: Vec<VelocitySettings>,
+        starts: &[f64],
+    ) -> Result<f64, Error> {
+        let mut all = vec![self.settings];
+        for other in others {
+            if !all.contains(&other) && other.build(&scene.design()).is_ok() {
+                all.push(other);
+            }
+        }
+        if all.len() == 1 {
+            return Ok(0.0);
+        }
+        let areas: Vec<f64> = walks(scene, &all, &STARTS)?.iter().map(Boundaries::area).collect();
+        let best = (1..all.len()).max_by(|a, b| areas[*a].total_cmp(&areas[*b]));
+        let Some(best) = best.filter(|best| areas[*best] > areas[0]) else { return Ok(0.0) };
+        self.settings = all[best];
+        self.boundaries = walks(scene, &all[best..=best], starts)?.pop().unwrap_or_default();
+        self.hits += self.boundaries.hits();
+        Ok(if areas[0] > 0.0 { areas[best] / areas[0] - 1.0 } else { 0.0 })
+    }
 }
 
 #[cfg(test)]
@@ -274,7 +357,7 @@ mod tests {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let (budget, stop) = (Budget { tunings: 3, repeats: 4 }, AtomicBool::new(false));
         let engine = Engine::lanes();
-        pool.install(|| explain(engine, &scene(), None, budget, &stop, |_| ()).unwrap())
+        pool.install(|| explain(engine, (&scene(), None), None, budget, &stop, |_| ()).unwrap())
     }
 
     #[test]

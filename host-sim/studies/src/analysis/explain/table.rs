@@ -40,6 +40,8 @@ pub struct Row {
     pub area_low_n2_s_per_m2: f64,
     /// Largest.
     pub area_high_n2_s_per_m2: f64,
+    /// Mean by the scene's own criterion at the same tuning, where that is not the one of the search.
+    pub scene_area_n2_s_per_m2: Option<f64>,
     /// Largest K of a boundary, mean.
     pub stiffness_peak_n_per_m: f64,
     /// Smallest.
@@ -86,7 +88,7 @@ pub struct Row {
 type Column = (&'static str, Kind, fn(&Row) -> Cell);
 
 /// All of them, as a [`Row`] has them.
-const COLUMNS: [Column; 31] = [
+const COLUMNS: [Column; 32] = [
     ("rank", Kind::Whole, |row| Cell::count(row.rank)),
     ("change", Kind::Text, |row| row.change.into()),
     ("what", Kind::Text, |row| row.what.clone().into()),
@@ -98,6 +100,7 @@ const COLUMNS: [Column; 31] = [
     ("area_n2_s_per_m2", Kind::Number, |row| row.area_n2_s_per_m2.into()),
     ("area_low_n2_s_per_m2", Kind::Number, |row| row.area_low_n2_s_per_m2.into()),
     ("area_high_n2_s_per_m2", Kind::Number, |row| row.area_high_n2_s_per_m2.into()),
+    ("scene_area_n2_s_per_m2", Kind::Number, |row| Cell::number(row.scene_area_n2_s_per_m2)),
     ("stiffness_peak_n_per_m", Kind::Number, |row| row.stiffness_peak_n_per_m.into()),
     ("stiffness_peak_low_n_per_m", Kind::Number, |row| row.stiffness_peak_low_n_per_m.into()),
     ("stiffness_peak_high_n_per_m", Kind::Number, |row| row.stiffness_peak_high_n_per_m.into()),
@@ -149,6 +152,7 @@ impl Explanation {
             area_n2_s_per_m2: area,
             area_low_n2_s_per_m2: area_low,
             area_high_n2_s_per_m2: area_high,
+            scene_area_n2_s_per_m2: one.beside.as_ref().map(Boundaries::area),
             stiffness_peak_n_per_m: peak,
             stiffness_peak_low_n_per_m: peak_low,
             stiffness_peak_high_n_per_m: peak_high,
@@ -226,10 +230,17 @@ impl Explanation {
                 change.cost
             ))
         });
+        let hidden = (self.hidden > 0.0).then(|| {
+            let percent = rounded(100.0 * self.hidden, 2);
+            format!(
+                "A search missed {percent} % of an area: what differs by less is not told apart"
+            )
+        });
         [
             named(ChangeKind::Part, "Which part to buy?"),
             named(ChangeKind::Firmware, "What can be had without a part?"),
             leaving,
+            hidden,
         ]
         .into_iter()
         .flatten()

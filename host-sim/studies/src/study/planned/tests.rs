@@ -1,10 +1,7 @@
 use std::{path::Path, sync::atomic::AtomicBool};
 
-use super::{
-    unit::{How, Made},
-    *,
-};
-use crate::{engine::Engine, simulation::prepared::Numeric, table};
+use super::{unit::Made, *};
+use crate::{engine::Engine, simulation::prepared::Numeric, study::How, table};
 
 const SHORT: &str = "wall_hit = { settle_s = [0.6], window_s = [0.4] }
 walk = { stiffness_step_n_per_m = [8000], damping_step_n_s_per_m = [80] }\n";

@@ -3,13 +3,11 @@
 
 use std::time::{Duration, Instant};
 
-use super::{
-    Point, Study,
-    unit::{How, Made},
-};
+use super::{Point, Study, unit::Made};
 use crate::{
     error::Error,
     numerics::statistics::Repeats,
+    study::How,
     table::{Cell, csv_line},
 };
 

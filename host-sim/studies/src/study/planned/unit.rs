@@ -1,8 +1,6 @@
 //! A unit of work: a scene, a list of points, the program text and the schema. Its key is the SHA-256 of all that; its
 //! result is one table. It may be made twice or anywhere: the bits are the same.
 
-use std::sync::atomic::AtomicBool;
-
 use rayon::prelude::*;
 use sha2::{Digest as _, Sha256};
 use toml::Value;
@@ -10,11 +8,12 @@ use zwidth::{VelocitySettings, experiment::Ended};
 
 use super::{Block, Measure, Point, SCHEMA, SOURCES, Study};
 use crate::{
-    engine::{Depth, Engine, Outcome, stream},
+    engine::{Depth, Outcome, stream},
     error::Error,
     scene::{NamedScene, Units},
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
     study::{
+        How,
         boundary::Boundary,
         sweep::{Plan, SweepResult, filters, on_all_threads, sweep},
         walk_lanes::{Queue, Start, walks},
@@ -24,17 +23,6 @@ use crate::{
 
 /// Scenes with changes that are in memory at once.
 const AT_ONCE: usize = 256;
-
-/// What runs the points.
-#[derive(Clone, Copy, Debug)]
-pub struct How<'a> {
-    /// What runs the hits; the bits do not depend on it.
-    pub engine: Engine,
-    /// Arithmetic of the controller.
-    pub numeric: Numeric,
-    /// Set when the work shall end.
-    pub stop: &'a AtomicBool,
-}
 
 /// What was made of some points.
 #[derive(Clone, Debug, PartialEq)]

@@ -14,13 +14,16 @@ use std::{collections::BTreeMap, sync::atomic::AtomicBool};
 use rayon::prelude::*;
 use zwidth::{VelocitySettings, experiment::Verdict};
 
-use super::sweep::{CutoffResult, SweepResult};
+use super::{
+    How,
+    sweep::{CutoffResult, SweepResult},
+};
 use crate::{
-    engine::{Depth, Engine, Outcome, Work, run},
+    engine::{Depth, Outcome, Work, run},
     error::Error,
     numerics::{random, statistics::AS_GOOD_AS_BEST},
     scene::Scene,
-    simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
+    simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
 /// Cells between 0 and the extent of the walks, in each direction.
@@ -101,17 +104,6 @@ impl Draws {
     }
 }
 
-/// How the hits are run.
-#[derive(Clone, Copy, Debug)]
-pub struct How<'a> {
-    /// Which text runs them.
-    pub engine: Engine,
-    /// In which arithmetic.
-    pub numeric: Numeric,
-    /// Set to end early.
-    pub stop: &'a AtomicBool,
-}
-
 /// Hits of one scene, in order.
 struct List<'a> {
     hits: &'a [WallHit],
@@ -148,7 +140,10 @@ impl Work for List<'_> {
 }
 
 /// Whether each wall of each scene holds; on all threads.
-fn held(how: How<'_>, tasks: &[(&PreparedScene, Vec<WallHit>)]) -> Result<Vec<Vec<bool>>, Error> {
+pub(super) fn held(
+    how: How<'_>,
+    tasks: &[(&PreparedScene, Vec<WallHit>)],
+) -> Result<Vec<Vec<bool>>, Error> {
     let chunks: Vec<(usize, &PreparedScene, &[WallHit])> = tasks
         .iter()
         .enumerate()

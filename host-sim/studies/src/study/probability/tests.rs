@@ -1,6 +1,8 @@
 use super::*;
 use crate::{
+    engine::Engine,
     scene::NamedScene,
+    simulation::prepared::Numeric,
     study::sweep::{Plan, filters, sweep},
 };
 

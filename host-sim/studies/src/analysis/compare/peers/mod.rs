@@ -29,7 +29,7 @@ use crate::{
 pub use table::PeerArea;
 
 /// The limits where nobody names others, as they are typed.
-pub const LIMITS: &str = "15e-6,5e-6,2e-6,1e-6,felt";
+pub const LIMITS: &str = "quiet,15e-6,1e-6,felt";
 /// Cutoffs of the scene's own estimator, Hz: for what is felt as a faint hum, and for the paper's limit.
 const OWN_HZ: [f64; 2] = [500.0, 1500.0];
 
