@@ -38,8 +38,11 @@ def criteria_limits():
 @block
 def criteria_levers(limit, push):
     """Area at the ideal cutoff, and that cutoff, by loop and what is between."""
-    file, body = "levers-paper-1um.csv", []
-    found = [r for r in limit_rows(file, push=push) if abs(float(r["limit"]) / float(limit) - 1) < 1e-9]
+    body = []
+    if limit == "quiet":
+        found = limit_rows("levers-paper-1um-quiet.csv", push=push)
+    else:
+        found = [r for r in limit_rows("levers-paper-1um.csv", push=push) if abs(float(r["limit"]) / float(limit) - 1) < 1e-9]
     for of_loop, period in dict.fromkeys((r["loop"], r["output_period_samples"]) for r in found):
         in_row = [r for r in found if (r["loop"], r["output_period_samples"]) == (of_loop, period)]
         cells = []
@@ -86,10 +89,11 @@ def explained(encoder):
         cut = "> " if int(r["capped_walks"]) else ""
         body.append([r["rank"] if r["rank"] != "0" else "", r["what"].replace(";", ","), times,
                      cut + number(float(f"{float(r['area_n2_s_per_m2']) * 1e-6:.3g}")),
+                     number(float(f"{float(r['scene_area_n2_s_per_m2']) * 1e-6:.3g}")) if r["scene_area_n2_s_per_m2"] else "",
                      number(float(r["stiffness_peak_n_per_m"]), 0), number(float(r["stiffness_n_per_m"]), 0),
                      f"{1e3 * float(r['velocity_noise_m_per_s']):.2g}", share])
     b = float(rows(f"explain-paper-{encoder}.csv")[0]["damping_n_s_per_m"])
-    return table(["rank", "change", "times the area", "area, 10^6 N^2 s/m^2", "peak K, N/m", f"K at B = {b:g}, N/m",
+    return table(["rank", "change", "times the area", "area, 10^6 N^2 s/m^2", "by 15 um", "peak K, N/m", f"K at B = {b:g}, N/m",
                   "noise, mm/s", "of the core, %"], body)
 
 

@@ -91,7 +91,7 @@ def make_best():
     with tempfile.TemporaryDirectory() as folder:
         for scene in DEVICES:
             (Path(folder) / "SCENE.toml").write_text(text_of(scene))
-            compared = sim(folder, f"compare SCENE.toml --estimators {ESTIMATORS} --budget 16 --out compare --force")
+            compared = sim(folder, f"compare SCENE.toml --criterion rms --estimators {ESTIMATORS} --budget 16 --out compare --force")
             areas = {r["estimator"]: next(value for key, value in r.items() if key.startswith("area_n"))
                      for r in compared["estimators"]}
             best = max(areas, key=areas.get)
@@ -100,7 +100,7 @@ def make_best():
     note_made(LONG["devices"][0], {"devices": BEST})
 
 
-LONG["devices"] = ("cargo sim compare SCENE --estimators " + ESTIMATORS + " --budget 16", {"devices": BEST}, make_best)
+LONG["devices"] = ("cargo sim compare SCENE --criterion rms --estimators " + ESTIMATORS + " --budget 16", {"devices": BEST}, make_best)
 LONG["devices-sweeps"] = ("cargo sim sweep SCENE --plain --repeat 2", {"sweeps": SWEEPS}, make_sweeps)
 
 

@@ -341,7 +341,25 @@ def peers_sources():
 
 @block
 def readme_peers():
-    columns = [(loop, text, limit, name) for loop, text in [("paper-1um", "paper's loop"), ("nucleo-f446re", "board")]
-               for limit, name in (PEER_LIMITS[0], PEER_LIMITS[3], PEER_LIMITS[4])]
-    return table(["velocity by default", *(f"{text}, {name}" for _, text, _, name in columns)],
-                 [[f"`{row_}`", *(peer_area(peer(loop, row_, limit)) for loop, _, limit, _ in columns)] for row_ in peer_names()])
+    """Quiet walls first, then the paper's criterion."""
+    quiet = {(r["loop"], r["estimator"]): peer_area(r) for r in rows("peers-paper-1um-quiet.csv")}
+    loops = [("paper-1um", "paper's loop"), ("nucleo-f446re", "board")]
+    body = [[f"`{name}`", *(quiet[loop, name] for loop, _ in loops),
+             *(peer_area(peer(loop, name, PEER_LIMITS[0][0])) for loop, _ in loops)] for name in peer_names()]
+    return table(["velocity by default", *(f"{text}, {by}" for by in ("quiet", PEER_LIMITS[0][1]) for _, text in loops)], body)
+
+
+@block
+def comparison_quiet():
+    def cells(scene):
+        return {r["estimator"]: [significant(float(r["area_n2_s_per_m2"]) / 1e6, 3),
+                                 f"{100 * float(r['share_of_true_velocity']):.0f} %",
+                                 significant(float(r["scene_area_n2_s_per_m2"]) / 1e6, 3),
+                                 f"{float(r['tuning']):.0f} Hz" if r["tuning_unit"] == "Hz" else ""]
+                for r in rows(f"compare-{scene}-quiet.csv")}
+
+    paper, board = cells("paper-1um"), cells("nucleo-f446re")
+    order = sorted(paper, key=lambda name: -float(paper[name][0]))
+    head = ["quiet", "of the true velocity's", "by 15 um", "at"]
+    return table(["estimator", *(f"{loop}: {text}" for loop in ("paper's loop", "board") for text in head)],
+                 [[f"`{name}`", *paper[name], *board[name]] for name in order])

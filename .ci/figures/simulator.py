@@ -1,5 +1,7 @@
 """README, first results, device, theory of the loop, first power-up, passivity: what the simulator says in seconds."""
 
+import re
+
 from . import block
 from .source import changed_scene, constant, lit, m, measured, number, rows, significant, sim, table
 
@@ -46,6 +48,23 @@ def readme_levers():
         millions = result["recommended"]["area_n2_s_per_m2"] / 1e6
         body.append([loop, str(period), *dial_in(result), significant(millions, 3)])
     return table(["loop", "samples an output", "dial in", "as good", "stiffest wall", "area, 10^6 N^2 s/m^2"], body)
+
+
+@block
+def quiet_choices():
+    """The cutoff to dial in by other limits of the force, and with an amplifier of 1 kHz."""
+    body = []
+    for name in ("paper-1um", "nucleo-f446re"):
+        for share, amplifier in [(3, False), (7, False), (15, False), (7, True)]:
+            scene = changed_scene(name)
+            push_n = float(re.search(r"(?m)^push_n = (\S+)", scene)[1])
+            scene = scene.replace("[wall_hit]\n", f"[wall_hit]\nforce_rms_limit_n = {share / 100 * push_n:.5f}\n", 1)
+            scene += "\n[amplifier]\nbandwidth_hz = 1000\n" if amplifier else ""
+            result = sim("sweep SCENE.toml --repeat 1", scene)["scenes"][0]
+            millions = result["recommended"]["area_n2_s_per_m2"] / 1e6
+            body.append([name, f"{share} %", "1 kHz" if amplifier else "none", *dial_in(result), significant(millions, 3)])
+    return table(["scene", "force below, of the push", "amplifier", "dial in", "as good", "stiffest wall",
+                  "area, 10^6 N^2 s/m^2"], body)
 
 
 FINE = dict(stiffness_step_n_per_m=500, damping_step_n_s_per_m=5, rms_limit_m="1e-6")
@@ -301,3 +320,14 @@ def passivity(scene):
     head = [f"`{scene}`, reserve {significant(1e3 * found['reserve_j'], 2)} mJ: limit, cutoff", "controller", "area, 10^6 N^2 s/m^2",
             "walls of the boundary", "most given, mJ", "withheld, %", "RMS, µm", "force above 100 Hz, N"]
     return table(head, body, right=(2, 4, 5, 6, 7))
+
+
+@block
+def passivity_lengths():
+    found = sim("passivity paper-1um --cutoffs 1500 --limits 15e-6 --repeat 1 --settle 4,30,120,600")
+    body = [[number(row["settle_s"]), "with" if row["controller"] else "without", significant(1e3 * row["given_j"], 2),
+             significant(1e3 * row["given_by_motion_j"], 2), significant(1e3 * row["fed_w"], 2),
+             significant(100 * row["withheld_fraction"], 2), significant(100 * row["withheld_most_fraction"], 2),
+             significant(row["sag"], 3)] for row in found["lengths"]]
+    return table(["length, s", "controller", "most given, mJ", "by motion, mJ", "fed by the hum, mW", "withheld, %", "most, %", "sag"],
+                 body, right=(0, 2, 3, 4, 5, 6, 7))

@@ -25,35 +25,38 @@ LONG = {
     "campaign": ("cargo board campaign --random 10000", {"rows": "campaign-rows.csv", "random": "campaign-random.csv",
                                                          "left": "campaign-left.csv"}),
     "walk-nucleo-f446re": ("cargo board walk nucleo-f446re --cutoff 1500", {"csv": "walk-nucleo-f446re.csv"}),
-    "compare-paper-1um": ("cargo sim compare paper-1um", {
+    "compare-paper-1um": ("cargo sim compare paper-1um --criterion rms", {
         "compare.csv": "compare-paper-1um.csv", "fidelity.csv": "compare-paper-1um-fidelity.csv",
         "tuning.csv": "compare-paper-1um-tuning.csv", "json": "compare-paper-1um.json"}),
-    "compare-paper-2um": ("cargo sim compare paper-2um", {
+    "compare-paper-2um": ("cargo sim compare paper-2um --criterion rms", {
         "compare.csv": "compare-paper-2um.csv"}),
     # Rows that came later or changed: they do not depend on the others.
-    "compare-paper-2um-added": ("cargo sim compare paper-2um --estimators butterworth,time-stamps", {
+    "compare-paper-2um-added": ("cargo sim compare paper-2um --criterion rms --estimators butterworth,time-stamps", {
         "compare.csv": "compare-paper-2um-added.csv"}),
     "compare-paper-1um-accelerometer": (
-        "cargo sim compare docs/data/paper-1um-accelerometer.toml --estimators fusion",
+        "cargo sim compare docs/data/paper-1um-accelerometer.toml --criterion rms --estimators fusion",
         {"compare.csv": "compare-paper-1um-accelerometer.csv", "fidelity.csv": "compare-paper-1um-accelerometer-fidelity.csv"}),
     **{f"compare-paper-1um-{name}": (
         f"cargo sim compare paper-1um {words} --estimators {SIX}", {"compare.csv": f"compare-paper-1um-{name}.csv"})
-       for name, words in {"motor-1um": "--limit 1e-6 --rms-of motion", "hand-15um": "--push hand",
+       for name, words in {"motor-1um": "--limit 1e-6 --rms-of motion", "hand-15um": "--criterion rms --push hand",
                            "hand-1um": "--limit 1e-6 --rms-of motion --push hand",
                            "board-1um": "--limit 1e-6 --rms-of motion --latency 0.115"}.items()},
+    **{f"compare-{name}-quiet": (f"cargo sim compare {name} --estimators {SIX}", {"compare.csv": f"compare-{name}-quiet.csv"})
+       for name in ("paper-1um", "nucleo-f446re")},
     **{f"explain-{name}": (f"cargo sim explain {name}", {"explain.csv": f"explain-{name}.csv"})
        for name in ("paper-1um", "paper-2um")},
-    "peers-paper-1um": ("cargo sim compare paper-1um --peers", {"peers.csv": "peers-paper-1um.csv"}),
+    "peers-paper-1um-quiet": ("cargo sim compare paper-1um --peers --limits quiet --repeat 1", {"peers.csv": "peers-paper-1um-quiet.csv"}),
+    "peers-paper-1um": ("cargo sim compare paper-1um --peers --limits 15e-6,5e-6,2e-6,1e-6,felt", {"peers.csv": "peers-paper-1um.csv"}),
     **{f"design-{name}": (f"cargo sim design {words}", {"design.csv": f"design-{name}.csv"}) for name, words in {
-        "paper-1um": "paper-1um", "paper-2um": "paper-2um",
-        "paper-1um-hand": "paper-1um --push hand --gain-peak-db 6",
-        "paper-2um-hand": "paper-2um --push hand --gain-peak-db 6",
-        "paper-2um-hand-4500": "docs/data/paper-2um-cap-4500.toml --push hand --gain-peak-db 6",
+        "paper-1um": "paper-1um --limits 15e-6", "paper-2um": "paper-2um --limits 15e-6",
+        "paper-1um-hand": "paper-1um --limits 15e-6 --push hand --gain-peak-db 6",
+        "paper-2um-hand": "paper-2um --limits 15e-6 --push hand --gain-peak-db 6",
+        "paper-2um-hand-4500": "docs/data/paper-2um-cap-4500.toml --limits 15e-6 --push hand --gain-peak-db 6",
         **{f"{scene}-quiet": f"{scene} --limits 1e-6 --rms-of motion --steps 1000,5 --gain-peak-db 3"
            for scene in ("paper-1um", "paper-2um")},
-        **{f"{scene}-two": f"{scene} --sections 2" for scene in ("paper-1um", "paper-2um")},
-        **{f"{scene}-two-no-delay": f"{scene} --sections 2 --delay 0" for scene in ("paper-1um", "paper-2um")}}.items()},
-    "design-paper-1um-six": ("cargo sim design paper-1um --push motor,hand --arms none,heavy,light", {
+        **{f"{scene}-two": f"{scene} --limits 15e-6 --sections 2" for scene in ("paper-1um", "paper-2um")},
+        **{f"{scene}-two-no-delay": f"{scene} --limits 15e-6 --sections 2 --delay 0" for scene in ("paper-1um", "paper-2um")}}.items()},
+    "design-paper-1um-six": ("cargo sim design paper-1um --limits 15e-6 --push motor,hand --arms none,heavy,light", {
         "design.csv": "design-paper-1um-six.csv", "conditions.csv": "design-paper-1um-six-conditions.csv"}),
     "limits-paper-1um": (
         "cargo sim sweep paper-1um --limits 15e-6,5e-6,2e-6,1e-6,0.5e-6,felt", {"limits.csv": "limits-paper-1um.csv"}),
@@ -69,9 +72,9 @@ LONG = {
     **{f"felt-designed-{scene}": (
         f"cargo sim sweep docs/data/felt-design-{scene}-0.toml --limits felt=-12,felt=0,felt=12 --arms all --repeat 1",
         {"limits.csv": f"felt-designed-{scene}.csv"}) for scene in ("paper-1um", "paper-2um")},
-    "usable-paper-1um": ("cargo sim compare paper-1um --usable", {"usable.csv": "usable-paper-1um.csv"}),
+    "usable-paper-1um": ("cargo sim compare paper-1um --criterion rms --usable", {"usable.csv": "usable-paper-1um.csv"}),
     "usable-paper-1um-caps-doubled": (
-        "cargo sim compare docs/data/paper-1um-caps-doubled.toml --usable", {"usable.csv": "usable-paper-1um-caps-doubled.csv"}),
+        "cargo sim compare docs/data/paper-1um-caps-doubled.toml --criterion rms --usable", {"usable.csv": "usable-paper-1um-caps-doubled.csv"}),
     "usable-paper-1um-hand": (
         "cargo sim compare paper-1um --usable --limit 1e-6 --rms-of motion --push hand --arm heavy",
         {"usable.csv": "usable-paper-1um-hand.csv"}),
@@ -81,12 +84,15 @@ LONG = {
         "cargo sim sweep docs/data/paper-2um-uncertain.toml --plain --probability --uncertain 40",
         {"summary.json": "probability-paper-2um-uncertain.json"}),
     "rates-paper-1um": (
-        "cargo sim sweep paper-1um --cutoffs 200,300,500,700,990,1500,2000,2400,3000,4000,4900 "
+        "cargo sim sweep paper-1um --limits 15e-6,1e-6 --cutoffs 200,300,500,700,990,1500,2000,2400,3000,4000,4900 "
         "--encoder-rates 2000,5000,10000,20000,50000 --output-rates 500,1000,2000,5000,10000",
         {"rates.csv": "rates-paper-1um.csv"}),
-    "levers-paper-1um": ("cargo sim sweep paper-1um --levers", {"levers.csv": "levers-paper-1um.csv"}),
+    "levers-paper-1um-quiet": (
+        "cargo sim sweep paper-1um --levers --limits quiet --cutoffs 100,150,200,300,500,700,1000,1500 --repeat 1",
+        {"levers.csv": "levers-paper-1um-quiet.csv"}),
+    "levers-paper-1um": ("cargo sim sweep paper-1um --levers --limits 15e-6,1e-6", {"levers.csv": "levers-paper-1um.csv"}),
     **{f"compare-limit-{um}um": (
-        f"cargo sim compare docs/data/paper-1um-limit-{um}um.toml --estimators {FIVE}",
+        f"cargo sim compare docs/data/paper-1um-limit-{um}um.toml --criterion rms --estimators {FIVE}",
         {"compare.csv": f"compare-paper-1um-limit-{um}um.csv"}) for um in (5, 30)},
     "trade-paper-1um": ("cargo sim trade paper-1um", {
         "filters.csv": "trade-filters-paper-1um.csv", "plant.csv": "trade-plant-paper-1um.csv", "json": "trade-paper-1um.json"}),
