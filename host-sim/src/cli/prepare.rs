@@ -25,11 +25,7 @@ use crate::{
         record::{Prepared, board_facts, words},
     },
     study::{
-    study::{
-        How,
         board_envelope::{DeviceRecord, Found, Part},
-        recommended::{QuietStudy, recommended},
-    },
         recommended::{QuietStudy, recommended},
     },
 };
@@ -146,8 +142,7 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
 
 /// What `sweep` recommends for the scene.
 fn quiet_walls(scene: &NamedScene, common: &Common) -> Result<QuietStudy, Error> {
-    let (engine, numeric) = (Engine::from(common.engine), common.numeric);
-    let how = How { engine, numeric, stop: interrupt::flag() };
+    let how = common.how();
     let cutoffs_hz = &scene.scene.sweep.cutoffs_hz;
     let bar = progress::bar(cutoffs_hz.len() as u64);
     let found = recommended(how, scene, cutoffs_hz, true, || bar.inc(1));
