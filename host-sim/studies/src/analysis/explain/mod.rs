@@ -7,8 +7,8 @@
 //!
 //! **What a search hides.** The surface is rough, so two searches may end at tops of other heights, and an element that
 //! changes nothing would seem to. So the scene as it is is tried at the tunings of all its changes, and each change at that
-//! of the scene; the best of them counts. The most that any gains by that is [`hidden`](Explanation::hidden): what differs
-//! by less is not told apart.
+//! of the scene; the best of them counts. What one gains by that its search is known to have [missed](Explained::missed):
+//! a difference that is smaller is not told.
 //!
 //! **Ranges.** Each boundary is walked from starts spread over a count, with other noise where the scene has noise. Two
 //! changes have the same rank if Welch's t-test, one-sided at 5 %, cannot tell that the area of one is below the other's.
@@ -63,6 +63,8 @@ pub struct Explained {
     pub noise_m_per_s: f64,
     /// The search ended because nothing near is better.
     pub settled: bool,
+    /// Share of the area that its own search has missed, as far as is known.
+    pub missed: f64,
     /// The best tuning lies at an end of what was searched.
     pub at_edge: bool,
     /// Hits that its search and its result took; of the best estimator, those of all that were tried.
@@ -107,20 +109,13 @@ pub struct Explanation {
     pub changes: Vec<Explained>,
     /// B at which K is read off, N s/m.
     pub damping_n_s_per_m: f64,
-    /// Share of an area that a search is known to have missed.
-    pub hidden: f64,
 }
 
 impl Explanation {
-    /// Share of another's area below which an area must be shown to be, to be called smaller.
-    fn same(&self) -> f64 {
-        1.0 / (1.0 + self.hidden)
-    }
-
     /// Rank of a change: one more than the changes that are better for certain.
     pub fn rank(&self, place: usize) -> usize {
-        let own = self.changes[place].boundaries.repeats();
-        let better = |other: &&Explained| own.is_below(self.same(), &other.boundaries.repeats());
+        let own = &self.changes[place];
+        let better = |other: &&Explained| own.is_below(other);
         1 + self.changes.iter().filter(better).count()
     }
 
@@ -133,12 +128,12 @@ impl Explanation {
 
     /// Whether a change is better than the scene as it is, for certain.
     pub fn is_better(&self, change: &Explained) -> bool {
-        self.base.boundaries.repeats().is_below(self.same(), &change.boundaries.repeats())
+        self.base.is_below(change)
     }
 
     /// Whether it is worse, for certain.
     pub fn is_worse(&self, change: &Explained) -> bool {
-        change.boundaries.repeats().is_below(self.same(), &self.base.boundaries.repeats())
+        change.is_below(&self.base)
     }
 }
 
@@ -200,6 +195,7 @@ pub fn explain(
             beside: None,
             noise_m_per_s: signal.noise_in_motion_m_per_s,
             settled: tuned.settled,
+            missed: 0.0,
             at_edge: tuned.edges.iter().any(Option::is_some),
             hits: tuned.hits,
         })
@@ -266,7 +262,7 @@ pub fn explain(
     let walks = |changed: &Scene, settings: &[VelocitySettings], starts: &[f64]| {
         Walker { engine, scene: changed, stop, done: &done }.walks(settings, starts)
     };
-    let hidden = pool(&walks, scene, &mut base, &mut explained, &budget.starts())?;
+    pool(&walks, scene, &mut base, &mut explained, &budget.starts())?;
     if let Some(own) = beside {
         let same = changes(own, &names);
         for one in explained.iter_mut().chain([&mut base]) {
@@ -284,40 +280,46 @@ pub fn explain(
     explained.sort_by(|a, b| b.boundaries.area().total_cmp(&a.boundaries.area()));
     let damping_n_s_per_m =
         damping_n_s_per_m.unwrap_or_else(|| damping_of(Some(&base.boundaries), scene));
-    Ok(Explanation { base, changes: explained, damping_n_s_per_m, hidden })
+    Ok(Explanation { base, changes: explained, damping_n_s_per_m })
 }
 
 /// Walks of a scene at tunings of one estimator, from those starts.
 type Walks<'a> = dyn Fn(&Scene, &[VelocitySettings], &[f64]) -> Result<Vec<Boundaries>, Error> + 'a;
 
-/// Tries the scene at the tunings of its changes, and these at its own. Gives the largest share that any gains by that.
+/// Tries the scene at the tunings of its changes, and these at its own.
 fn pool(
     walks: &Walks<'_>,
     scene: &Scene,
     base: &mut Explained,
     explained: &mut [Explained],
     starts: &[f64],
-) -> Result<f64, Error> {
+) -> Result<(), Error> {
     let estimator = base.settings.name();
     let like = |one: &Explained| one.settings.name() == estimator;
     let others = explained.iter().filter(|one| like(one)).map(|one| one.settings).collect();
-    let mut hidden = base.try_at(walks, scene, others, starts)?;
+    base.try_at(walks, scene, others, starts)?;
     for one in explained.iter_mut().filter(|one| like(one)) {
         let changed = one.change.as_ref().map_or(scene, |change| &change.scene).clone();
-        hidden = hidden.max(one.try_at(walks, &changed, vec![base.settings], starts)?);
+        one.try_at(walks, &changed, vec![base.settings], starts)?;
     }
-    Ok(hidden)
+    Ok(())
 }
 
 impl Explained {
-    /// Takes the best of its own and other tunings, and gives the share that it gains.
+    /// Whether its area is shown to be below another's, beyond what their searches have missed.
+    fn is_below(&self, other: &Self) -> bool {
+        let same = 1.0 / (1.0 + self.missed.max(other.missed));
+        self.boundaries.repeats().is_below(same, &other.boundaries.repeats())
+    }
+
+    /// Takes the best of its own and other tunings.
     fn try_at(
         &mut self,
         walks: &Walks<'_>,
         scene: &Scene,
         others: Vec<VelocitySettings>,
         starts: &[f64],
-    ) -> Result<f64, Error> {
+    ) -> Result<(), Error> {
         let mut all = vec![self.settings];
         for other in others {
             if !all.contains(&other) && other.build(&scene.design()).is_ok() {
@@ -325,15 +327,16 @@ impl Explained {
             }
         }
         if all.len() == 1 {
-            return Ok(0.0);
+            return Ok(());
         }
         let areas: Vec<f64> = walks(scene, &all, &STARTS)?.iter().map(Boundaries::area).collect();
         let best = (1..all.len()).max_by(|a, b| areas[*a].total_cmp(&areas[*b]));
-        let Some(best) = best.filter(|best| areas[*best] > areas[0]) else { return Ok(0.0) };
+        let Some(best) = best.filter(|best| areas[*best] > areas[0]) else { return Ok(()) };
         self.settings = all[best];
         self.boundaries = walks(scene, &all[best..=best], starts)?.pop().unwrap_or_default();
         self.hits += self.boundaries.hits();
-        Ok(if areas[0] > 0.0 { areas[best] / areas[0] - 1.0 } else { 0.0 })
+        self.missed = if areas[0] > 0.0 { areas[best] / areas[0] - 1.0 } else { f64::INFINITY };
+        Ok(())
     }
 }
 

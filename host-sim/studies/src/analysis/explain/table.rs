@@ -10,6 +10,9 @@ use crate::{
     table::{Cell, Kind, Table},
 };
 
+/// A share that a search missed, and that people are told.
+const TOLD: f64 = 0.01;
+
 /// Three digits, of what is below 1 too.
 pub fn digits(value: f64) -> String {
     if value.abs() < 0.995 { rounded(value, 3).to_string() } else { three_digits(value) }
@@ -230,17 +233,24 @@ impl Explanation {
                 change.cost
             ))
         });
-        let hidden = (self.hidden > 0.0).then(|| {
-            let percent = rounded(100.0 * self.hidden, 2);
+        let missed = self.changes.iter().filter(|one| one.missed > TOLD);
+        let missed: Vec<String> = missed
+            .filter_map(|one| {
+                let change = one.change.as_ref()?;
+                Some(format!("{} ({})", change.text, digits(one.missed)))
+            })
+            .collect();
+        let missed = (!missed.is_empty()).then(|| {
             format!(
-                "A search missed {percent} % of an area: what differs by less is not told apart"
+                "Shares of the area that a search missed, told by the scene's tuning: {}",
+                missed.join("; ")
             )
         });
         [
             named(ChangeKind::Part, "Which part to buy?"),
             named(ChangeKind::Firmware, "What can be had without a part?"),
             leaving,
-            hidden,
+            missed,
         ]
         .into_iter()
         .flatten()
