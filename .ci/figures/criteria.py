@@ -38,11 +38,8 @@ def criteria_limits():
 @block
 def criteria_levers(limit, push):
     """Area at the ideal cutoff, and that cutoff, by loop and what is between."""
-    body = []
-    if limit == "quiet":
-        found = limit_rows("levers-paper-1um-quiet.csv", push=push)
-    else:
-        found = [r for r in limit_rows("levers-paper-1um.csv", push=push) if abs(float(r["limit"]) / float(limit) - 1) < 1e-9]
+    file, body = "levers-paper-1um.csv", []
+    found = [r for r in limit_rows(file, push=push) if abs(float(r["limit"]) / float(limit) - 1) < 1e-9]
     for of_loop, period in dict.fromkeys((r["loop"], r["output_period_samples"]) for r in found):
         in_row = [r for r in found if (r["loop"], r["output_period_samples"]) == (of_loop, period)]
         cells = []

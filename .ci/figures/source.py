@@ -87,9 +87,6 @@ LONG = {
         "cargo sim sweep paper-1um --limits 15e-6,1e-6 --cutoffs 200,300,500,700,990,1500,2000,2400,3000,4000,4900 "
         "--encoder-rates 2000,5000,10000,20000,50000 --output-rates 500,1000,2000,5000,10000",
         {"rates.csv": "rates-paper-1um.csv"}),
-    "levers-paper-1um-quiet": (
-        "cargo sim sweep paper-1um --levers --limits quiet --cutoffs 100,150,200,300,500,700,1000,1500 --repeat 1",
-        {"levers.csv": "levers-paper-1um-quiet.csv"}),
     "levers-paper-1um": ("cargo sim sweep paper-1um --levers --limits 15e-6,1e-6", {"levers.csv": "levers-paper-1um.csv"}),
     **{f"compare-limit-{um}um": (
         f"cargo sim compare docs/data/paper-1um-limit-{um}um.toml --criterion rms --estimators {FIVE}",
