@@ -95,6 +95,9 @@ def device_choices():
     return table(
         ["choice", "1 um encoder", "2 um encoder"],
         [
+            ["**the paper**, simulated (its Figure 7)", "no gain above 2000", "1700"],
+            ["**the paper**, measured (its Figure 8)", "no gain above 2000", "1500"],
+            ["**quiet walls**, to be dialled in", *[hz_range(v["recommended"]["range_hz"]) for v in variants]],
             ["as the paper: RMS limit 15 um, latency 10 samples, push by the motor, wall that never pulls",
              *[cell(v["ideal_cutoff_range_hz"], 4000.0) for v in variants]],
             ["RMS limit 30 um", *variant("rms_limit_double")],
