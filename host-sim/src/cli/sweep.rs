@@ -165,7 +165,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             walked.transpose().map_err(|error| error.of(&scene.name))
         };
         let (levers, rates) = (walked(job.levers)?, walked(job.rates)?.map(RateStudy));
-        let how = How { engine, numeric, stop: interrupt::flag() };
+        let how = common.how();
         let probability = draws.map(|draws| probability(how, &draws, &result)).transpose();
         let probability = probability.map_err(|error| error.of(&scene.name))?;
         let bar = progress::bar(cutoffs_hz.len() as u64);

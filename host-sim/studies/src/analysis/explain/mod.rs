@@ -48,6 +48,7 @@ const FINAL_TUNINGS: u32 = 2;
 const POOLED: u64 = 3 * STARTS.len() as u64;
 /// Tunings of a plant that is integrated step by step, and takes ten times as long.
 const INTEGRATED_TUNINGS: u32 = 5;
+
 /// A scene with one element changed, and its walls.
 #[derive(Clone, Debug)]
 pub struct Explained {
