@@ -336,7 +336,7 @@ fn a_residual_beyond_quantisation_is_said_with_its_cause() {
     let alone = "not quantisation and noise alone";
     for (truth, said, cause) in [
         (Truth { error: Some(error), ..paper() }, alone, "periodic error of the encoder"),
-        (Truth { lag_samples: 1.5, ..paper() }, "is not white", "lag of the amplifier"),
+        (Truth { lag_samples: 1.5, ..paper() }, alone, "lag of the amplifier"),
     ] {
         let record = truth.noisy_record(3, 0.0);
         let blind = Options { terms: Terms::NONE, ..truth.options() };

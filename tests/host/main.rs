@@ -29,6 +29,7 @@ mod extremes;
 mod filter;
 mod force_step;
 mod identify_accuracy;
+mod identify_devices;
 mod identify_joint;
 mod identify_terms;
 mod linear_elements;

@@ -140,7 +140,7 @@ fn what_is_wrong_with_a_record_is_said_about_the_axis() {
     let rows: Vec<String> = [header.to_owned()].into_iter().chain(rows).collect();
     fs::write(folder.join("large.csv"), rows.join("\n")).unwrap();
     for (record, option, value, wanted) in [
-        ("large.csv", "--resolution", "0", "deg, allowed 3581 deg; position_rad is in rad: are"),
+        ("large.csv", "--resolution", "0", "position_rad is in rad: are"),
         (
             "fit.csv",
             "--resolution",

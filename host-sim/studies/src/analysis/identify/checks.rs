@@ -3,24 +3,20 @@
 use super::{
     Options,
     confidence::{Estimate, Estimates},
-    record::Record,
-    terms::{FAMILY_P, Tested, said},
+    record::{IN_MM, Record, range},
+    terms::{FAMILY_P, Term, Tested, said},
 };
 use crate::{range::refused, scene::ranges};
 
 /// Fewest counts of motion.
 const FEWEST_COUNTS: f64 = 20.0;
-/// Longest travel, m.
-const TRAVEL_MAX_M: f64 = 5.0;
-/// The usual cause of positions a thousand times too large.
-const IN_MM: &str = "; position_m is in m: are these mm?";
 /// Largest distance of a position from a whole count, counts: what printing may cost.
 const OFF_GRID_MAX: f64 = 0.01;
 /// A voltage whose changes are smaller than this part of the limit excites nothing.
 const EXCITATION_MIN: f64 = 1e-4;
 /// Least part of the motion's variance that the model must explain: beyond it the parameters of what is left out
 /// are as large as those that are sought.
-const EXPLAINED_MIN: f64 = 0.99;
+pub(super) const EXPLAINED_MIN: f64 = 0.99;
 /// A parameter that could change the response over the whole record by less than this part counts as 0.
 const NEGLIGIBLE: f64 = 0.1;
 
@@ -46,12 +42,6 @@ pub(super) fn before(record: &Record, first: usize, options: &Options) -> Result
         ));
     }
     let (low, high) = range(&record.position_m);
-    if high - low > TRAVEL_MAX_M {
-        let travel_m = high - low;
-        return Err(format!(
-            "the position moves by {travel_m:.3} m, allowed {TRAVEL_MAX_M} m{IN_MM}"
-        ));
-    }
     let resolution_m = options.resolution_m;
     if high - low <= FEWEST_COUNTS * resolution_m {
         let counts = if resolution_m > 0.0 { ((high - low) / resolution_m).round() } else { 0.0 };
@@ -89,12 +79,6 @@ fn on_grid(record: &Record, resolution_m: f64) -> Result<(), String> {
 
 fn gcd(a: u64, b: u64) -> u64 {
     if b == 0 { a } else { gcd(b, a % b) }
-}
-
-fn range(values: &[f64]) -> (f64, f64) {
-    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-        (low.min(*value), high.max(*value))
-    })
 }
 
 /// Refuses a model that does not follow the motion.
@@ -150,6 +134,37 @@ pub(super) fn questions(mass_kg: f64, force_n: f64, speed_m_per_s: f64) -> Vec<S
     questions
 }
 
+/// Least counts of a step, and how many times the RMS of the steps around it.
+const STEP_COUNTS: f64 = 3.0;
+const STEP_PER_RMS: f64 = 6.0;
+/// Rows on each side with which a step is compared, and those by which it must stay.
+const AROUND: usize = 50;
+const STAYS: usize = 5;
+
+/// Row after the first at which a residual steps and stays, and by how many counts. No force makes a handle jump.
+pub(super) fn step(residual_counts: &[f64]) -> Option<(usize, f64)> {
+    let steps: Vec<f64> = residual_counts.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let middle = |rows: &[f64]| {
+        let mut rows = rows.to_vec();
+        rows.sort_by(f64::total_cmp);
+        rows[rows.len() / 2]
+    };
+    (STAYS..steps.len().saturating_sub(STAYS)).find_map(|row| {
+        let step = steps[row];
+        if step.abs() < STEP_COUNTS {
+            return None;
+        }
+        let around = row.saturating_sub(AROUND)..(row + AROUND).min(steps.len());
+        let rows = around.len() as f64;
+        let squares: f64 = steps[around].iter().map(|step| step * step).sum();
+        let rms = ((squares - step * step) / rows).max(0.0).sqrt();
+        let before = middle(&residual_counts[row + 1 - STAYS..=row]);
+        let stays = middle(&residual_counts[row + 1..=row + STAYS]) - before;
+        let is_step = step.abs() > STEP_PER_RMS * rms && stays / step > 0.5;
+        is_step.then_some((row + 1, step))
+    })
+}
+
 /// Warnings of terms that were asked for and that the record does not tell from none.
 pub(super) fn untold(tests: &[Tested]) -> Vec<String> {
     let untold = tests.iter().filter(|tested| tested.p >= FAMILY_P);
@@ -165,7 +180,11 @@ pub(super) fn untold(tests: &[Tested]) -> Vec<String> {
 }
 
 /// Refuses estimates that the record does not hold; answers with warnings. `seconds` is the longest record's length.
-pub(super) fn after(found: &Estimates, seconds: f64) -> Result<Vec<String>, String> {
+pub(super) fn after(
+    found: &Estimates,
+    tests: &[Tested],
+    seconds: f64,
+) -> Result<Vec<String>, String> {
     let mut warnings = vec![];
     let Estimates { mass, damping, spring, gain, .. } = found;
     if !seen(mass) {
@@ -185,10 +204,12 @@ pub(super) fn after(found: &Estimates, seconds: f64) -> Result<Vec<String>, Stri
         ));
     }
     if damping.low() <= 0.0 {
-        // A damping b changes the response over the record by about b seconds / m.
-        if damping.half_width * seconds > NEGLIGIBLE * mass.value {
+        // A damping b changes the response over the record by about b seconds / m; what friction takes hides it.
+        let is_friction = |one: &Tested| one.term == Term::Friction && one.p < FAMILY_P;
+        let has_loss = found.is_widened || tests.iter().any(is_friction);
+        if !has_loss && damping.half_width * seconds > NEGLIGIBLE * mass.value {
             return Err(format!(
-                "the record does not show the damping: {}; make it longer",
+                "the record does not show the damping: {}; move faster, or go on until the handle has come to rest",
                 with(damping, "N s/m")
             ));
         }

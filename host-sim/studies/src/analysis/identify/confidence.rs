@@ -31,6 +31,7 @@ use super::{
         Values,
     },
     residual::{Piece, Weighed},
+    weighting::Weighting,
 };
 use crate::interrupt;
 
@@ -40,6 +41,9 @@ pub const CONFIDENCE: f64 = 0.95;
 const CONDITION_MAX: f64 = 1e8;
 /// Parameters of the weakest direction are named from this part of the largest on.
 const NAMED_SHARE: f64 = 0.3;
+
+/// A term beside the model that could bring the true value so many half-widths away is worth a wider interval.
+const FAR_OUTSIDE: f64 = 3.0;
 
 /// A value and its 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,8 +95,52 @@ pub(super) struct Estimates {
     pub phase: Option<[Estimate; 4]>,
     /// Largest ratio of a stated interval to the one that white noise would give.
     pub widening: f64,
+    /// An interval holds what a term beside the model would change.
+    pub is_widened: bool,
     /// Of the device's numbers.
     pub joint: Joint,
+}
+
+impl Estimates {
+    /// Widens the intervals by how far those of another way are off.
+    pub fn hold(&mut self, other: &Self) {
+        let widen = |own: &mut Estimate, other: &Estimate| {
+            own.half_width = own.half_width.hypot(own.value - other.value);
+        };
+        let before = *self;
+        widen(&mut self.mass, &other.mass);
+        widen(&mut self.damping, &other.damping);
+        for (own, other) in self.spring.iter_mut().flatten().zip(other.spring.iter().flatten()) {
+            widen(own, other);
+        }
+        for (own, other) in [
+            (&mut self.gain, &other.gain),
+            (&mut self.latency, &other.latency),
+            (&mut self.friction, &other.friction),
+            (&mut self.lag, &other.lag),
+            (&mut self.offset, &other.offset),
+        ] {
+            own.iter_mut().zip(other).for_each(|(own, other)| widen(own, other));
+        }
+        for (own, was) in self
+            .numbers()
+            .into_iter()
+            .zip(before.numbers())
+            .enumerate()
+            .filter_map(|(place, (own, was))| Some(((place, own?.half_width), was?.half_width)))
+        {
+            let (place, half_width) = own;
+            if was > 0.0 {
+                self.joint.deviations[place] *= half_width / was;
+            }
+        }
+    }
+
+    /// Those of a device.
+    fn numbers(&self) -> [Option<Estimate>; NUMBERS] {
+        let [stiffness, rest] = self.spring.map_or([None; 2], |spring| spring.map(Some));
+        [Some(self.mass), Some(self.damping), stiffness, rest, self.gain, self.latency]
+    }
 }
 
 /// Standard error of an estimate of many rows.
@@ -101,40 +149,84 @@ pub(super) fn standard_error(estimate: &Estimate) -> f64 {
     estimate.half_width / quantile
 }
 
-/// The estimates of a solution.
+/// A parameter that is not in the model.
+pub(super) struct Hidden {
+    /// The derivative by it.
+    pub by: DVector<f64>,
+    /// What of that the model's own derivatives do not make.
+    pub left: DVector<f64>,
+    /// Its largest size, whatever the record allows.
+    pub most: f64,
+}
+
+/// The estimates of a solution. An interval that a
+/// `hidden` parameter, as large as the record allows, would leave is widened to hold what that would change.
 ///
 /// # Errors
 /// The record cannot tell parameters apart: which. Or `stop` was set.
 pub(super) fn estimates(
     solution: &Solution,
-    weighed: &Weighed,
+    (weighed, weighting): (&Weighed, &Weighting),
+    hidden: &[Hidden],
     stop: &AtomicBool,
 ) -> Result<Estimates, String> {
     let (pieces, residual) = (&weighed.pieces()[..], &weighed.found);
     let (values, layout) = (&solution.values, solution.values.layout());
     let influence = influence(solution, weighed.unit_m)?;
-    let rows = influence.nrows() as f64;
-    let freedom = rows - values.vector().len() as f64;
-    let variance =
-        pieces.iter().flat_map(|piece| piece.residual).map(|r| r * r).sum::<f64>() / freedom;
+    let rows = weighting.rows(influence.nrows());
+    let freedom = (rows - values.vector().len() as f64).max(1.0);
+    let weighed_unit = weighed.unit_m;
+    let weighed: Vec<f64> =
+        solution.weighed_m.iter().map(|error_m| error_m / weighed_unit).collect();
+    let variance = weighed.iter().map(|r| r * r).sum::<f64>() / freedom;
     let quantile = StudentsT::new(0.0, 1.0, freedom)
         .map_err(|error| format!("no intervals: {error}"))?
         .inverse_cdf(f64::midpoint(1.0, CONFIDENCE));
     let mut widening: f64 = 1.0;
     let mut half_widths = vec![];
-    let model = ErrorModel::new(residual, variance);
-    let columns: Vec<Vec<f64>> =
-        influence.column_iter().map(|column| column.iter().copied().collect()).collect();
+    let raw: Vec<f64> = match weighting.is_force() {
+        true => weighed.clone(),
+        false => pieces.iter().flat_map(|piece| piece.residual).copied().collect(),
+    };
+    let of_rows = raw.iter().map(|r| r * r).sum::<f64>() / raw.len() as f64;
+    let model = ErrorModel::new(residual, of_rows, weighting.is_force());
+    let columns: Vec<Vec<f64>> = influence
+        .column_iter()
+        .map(|column| {
+            let mut column: Vec<f64> = column.iter().copied().collect();
+            weighting.of_rows(&mut column);
+            column
+        })
+        .collect();
     let mut seen = vec![];
-    for column in &columns {
+    for (column, weighed) in columns.iter().zip(influence.column_iter()) {
         interrupt::unless(stop).map_err(|error| error.to_string())?;
-        let white = variance * column.iter().map(|q| q * q).sum::<f64>();
+        let white = variance * weighed.norm_squared();
         seen.push(model.seen(column, pieces));
         let modelled = seen.last().map_or(0.0, |seen| model.covariance(seen, seen));
-        let larger = modelled.max(robust(column, pieces, stop));
+        let larger = modelled.max(robust(column, (&raw, pieces), stop));
         let stated = larger.max(white);
         widening = widening.max((stated / white).sqrt());
         half_widths.push([stated, white].map(|variance| quantile * variance.sqrt()));
+    }
+    let mut is_widened = false;
+    for Hidden { by, left, most } in hidden {
+        let per_square = 1.0 / left.norm_squared();
+        let mut column: Vec<f64> =
+            left.iter().map(|value| value * per_square * weighed_unit).collect();
+        let white = variance * column.iter().map(|q| q * q).sum::<f64>();
+        weighting.of_rows(&mut column);
+        let seen = model.seen(&column, pieces);
+        let larger = model.covariance(&seen, &seen).max(robust(&column, (&raw, pieces), stop));
+        let value = left.dot(&solution.weighed_m) * per_square;
+        let size = (value.abs() + quantile * larger.max(white).sqrt()).min(*most);
+        for (own, [stated, _]) in influence.column_iter().zip(&mut half_widths) {
+            let change = (own.dot(by) / weighed_unit).abs() * size;
+            if change > FAR_OUTSIDE * *stated {
+                *stated += change;
+                is_widened = true;
+            }
+        }
     }
     let joint = joint(layout, &model.correlations(&seen), &half_widths);
     let mut half_widths = half_widths.into_iter();
@@ -167,6 +259,7 @@ pub(super) fn estimates(
             [first, second, phase, known.unwrap_or_else(|| next(1.0 / cycles))]
         }),
         widening,
+        is_widened,
         joint,
     })
 }
@@ -286,16 +379,15 @@ fn names(layout: &Layout, count: usize) -> Vec<&'static str> {
 }
 
 /// Variance of the estimate from the residual itself, with its correlation in time.
-fn robust(column: &[f64], pieces: &[Piece<'_>], stop: &AtomicBool) -> f64 {
-    let mut total = 0.0;
-    let mut rest = column;
-    for piece in pieces {
+fn robust(column: &[f64], (errors, pieces): (&[f64], &[Piece<'_>]), stop: &AtomicBool) -> f64 {
+    let scores: Vec<f64> = column.iter().zip(errors).map(|(q, r)| q * r).collect();
+    let mut rest = &scores[..];
+    let own = pieces.iter().map(|piece| {
         let (own, others) = rest.split_at(piece.residual.len());
         rest = others;
-        let scores: Vec<f64> = own.iter().zip(piece.residual).map(|(q, r)| q * r).collect();
-        total += long_run(&scores, stop);
-    }
-    total
+        long_run(own, stop)
+    });
+    own.sum()
 }
 
 /// Newey-West variance of the sum of `scores`; any value once `stop` is set.
@@ -328,7 +420,7 @@ mod tests {
     use crate::analysis::identify::residual::Residual;
 
     fn modelled(column: &[f64], piece: Piece<'_>, residual: &Residual) -> f64 {
-        let model = ErrorModel::new(residual, 1.0 / 12.0);
+        let model = ErrorModel::new(residual, 1.0 / 12.0, false);
         let seen = model.seen(column, &[piece]);
         model.covariance(&seen, &seen)
     }

@@ -2,7 +2,8 @@
 //!
 //! The residual is averaged in bins of the position, and its spectrum over the position taken. The error of an encoder is
 //! a line there; friction, noise and the quantiser are not. A line is measured against the median of its neighbours, so
-//! that a coloured residual does not pass for one. Cycles from eight counts up to a quarter of the travel are looked at.
+//! that a coloured residual does not pass for one. Cycles from eight counts, and from twice the longest way between two
+//! rows (a shorter one cannot be told from a longer one), up to a quarter of the travel are looked at.
 
 use super::fit::{Fitted, Solution};
 use crate::numerics::fft::RealSpectrum;
@@ -52,7 +53,11 @@ pub(super) fn strongest(
     let length = spectrum.length();
     // Places per line of the travel.
     let line = length / bins;
-    let (first, end) = (FEWEST * line, length / SHORTEST);
+    let ways = records.iter().flat_map(|fitted| fitted.positions_m[fitted.first..].windows(2));
+    let longest_m = ways.map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+    let shortest = (2.0 * longest_m / bin_m).max(SHORTEST as f64);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "below length")]
+    let (first, end) = (FEWEST * line, (length as f64 / shortest) as usize);
     if first + 2 * line >= end {
         return None;
     }

@@ -14,7 +14,7 @@ use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
 use super::{
     layout::{
-        DAMPING, MASS,
+        DAMPING, MASS, Parameter,
         Parameter::{
             Constant, Cosine, Cycles, Damping, Friction, Gain, Lag, Latency, Mass, Second, Sine,
             Stiffness,
@@ -24,6 +24,7 @@ use super::{
     model::{Point, Reduced, response},
     motion::{self, Motion},
     record::Record,
+    weighting::Weighting,
 };
 
 /// Evaluations per parameter before the solver gives up; it needs about five in all.
@@ -37,6 +38,16 @@ const FAR: f64 = 1e100;
 
 /// Change of a parameter that a derivative is taken over, as a part of what it can be told apart by.
 const DIFFERENCE: f64 = 1e-6;
+/// Times that derivatives are taken again over the standard errors that they give.
+const SECANTS: usize = 6;
+/// Change of the derivatives, as a part of them, below which they are the same.
+const SECANT_SAME: f64 = 0.02;
+
+/// Steps of Gauss and Newton, and halvings of one.
+const POLISHES: usize = 20;
+const HALVINGS: i32 = 6;
+/// A step that lessens the sum of squares by less than this part of their mean leads no further.
+const POLISHED: f64 = 1e-2;
 
 /// A record prepared for the fit.
 #[derive(Clone, Debug)]
@@ -67,6 +78,8 @@ impl Fitted<'_> {
 pub(super) struct Problem<'a> {
     pub records: &'a [Fitted<'a>],
     pub values: Values,
+    /// What makes the residual white.
+    pub weighting: &'a Weighting,
 }
 
 impl Problem<'_> {
@@ -220,18 +233,124 @@ impl Problem<'_> {
         let middle = self.stacked()?;
         let mut jacobian = DMatrix::zeros(self.rows(), self.values.vector().len());
         for (place, by) in self.differences().into_iter().enumerate() {
-            let mut moved = self.clone();
-            moved.values.slice_mut()[place] += by;
-            jacobian.set_column(place, &((moved.stacked()? - &middle) / by));
+            jacobian.set_column(place, &self.difference(&middle, place, by)?);
         }
         jacobian.iter().all(|value| value.is_finite()).then_some(jacobian)
     }
 
-    /// All readings of the model, record by record.
+    fn difference(&self, middle: &DVector<f64>, place: usize, by: f64) -> Option<DVector<f64>> {
+        let mut moved = self.clone();
+        moved.values.slice_mut()[place] += by;
+        Some((moved.stacked()? - middle) / by)
+    }
+
+    /// The derivative by one parameter.
+    pub(super) fn by(&self, parameter: Parameter) -> Option<DVector<f64>> {
+        let place = self.values.layout().place(parameter)?;
+        self.difference(&self.stacked()?, place, self.differences()[place])
+    }
+
+    /// Goes on to the minimum by steps of Gauss and Newton with derivatives over the standard errors: where the model has
+    /// kinks those at a point lead no further. Answers with the derivatives there; `None` if that is no minimum, which it
+    /// need not be shown to be if it `is_done`.
+    fn polish(&mut self, is_done: bool) -> Option<DMatrix<f64>> {
+        let mut residual = self.residuals()?;
+        let mut jacobian = self.by_differences()?;
+        let freedom = (self.weighting.rows(self.rows()) - jacobian.ncols() as f64).max(1.0);
+        for _ in 0..POLISHES {
+            let square = residual.norm_squared() / freedom;
+            jacobian = self.settled(jacobian, square.sqrt());
+            let step = least_squares_step(&jacobian, &residual)?;
+            let promised = (&jacobian * &step).norm_squared();
+            if promised < POLISHED * square {
+                return Some(jacobian);
+            }
+            let better = (0..HALVINGS).find_map(|halvings| {
+                let mut moved = self.clone();
+                let part = 0.5_f64.powi(halvings);
+                moved
+                    .values
+                    .slice_mut()
+                    .iter_mut()
+                    .zip(&step)
+                    .for_each(|(value, step)| *value -= part * step);
+                let [friction, lag] = [Friction, Lag].map(|one| moved.values.of(one));
+                let left = moved.residuals().filter(|_| friction >= 0.0 && lag >= 0.0)?;
+                (left.norm_squared() < residual.norm_squared()).then_some((moved.values, left))
+            });
+            let Some((values, left)) = better else {
+                return (is_done || promised < square).then_some(jacobian);
+            };
+            let gained = residual.norm_squared() - left.norm_squared();
+            (self.values, residual) = (values, left);
+            if gained < POLISHED * square {
+                return Some(self.settled(jacobian, square.sqrt()));
+            }
+        }
+        is_done.then_some(jacobian)
+    }
+
+    /// Derivatives over the standard errors that they give themselves.
+    fn settled(&self, mut jacobian: DMatrix<f64>, deviation_m: f64) -> DMatrix<f64> {
+        for _ in 0..SECANTS {
+            let Some(secants) = self.secants(&jacobian, deviation_m) else { break };
+            let change = (&secants - &jacobian).norm() / secants.norm();
+            jacobian = secants;
+            if change < SECANT_SAME {
+                break;
+            }
+        }
+        jacobian
+    }
+
+    /// Derivatives over the standard errors that those of `jacobian` give, along their principal axes. Where friction
+    /// holds and lets go the model has kinks, more of them than an interval is wide: the derivative at one point is
+    /// then not that of the interval.
+    fn secants(&self, jacobian: &DMatrix<f64>, deviation_m: f64) -> Option<DMatrix<f64>> {
+        let scales: Vec<f64> = jacobian.column_iter().map(|column| column.norm()).collect();
+        let mut scaled = jacobian.clone();
+        for (mut column, scale) in scaled.column_iter_mut().zip(&scales) {
+            column.unscale_mut(*scale);
+        }
+        let triangle = scaled.qr().unpack_r();
+        if !triangle.iter().all(|value| value.is_finite()) {
+            return None;
+        }
+        let svd = triangle.svd(false, true);
+        let axes = svd.v_t?;
+        let middle = self.stacked()?;
+        let mut along = DMatrix::zeros(self.rows(), scales.len());
+        for (axis, singular) in svd.singular_values.iter().enumerate() {
+            let size = deviation_m / singular;
+            let moved = |by: f64| {
+                let mut moved = self.clone();
+                let (values, parts) = (moved.values.slice_mut(), axes.row(axis));
+                for ((value, scale), part) in values.iter_mut().zip(&scales).zip(&parts) {
+                    *value += by * size * part / scale;
+                }
+                let [friction, lag] = [Friction, Lag].map(|one| moved.values.of(one));
+                (friction >= 0.0 && lag >= 0.0).then(|| moved.stacked()).flatten()
+            };
+            let change = match (moved(1.0), moved(-1.0)) {
+                (Some(up), Some(down)) => (up - down) / 2.0,
+                (Some(up), None) => up - &middle,
+                (None, Some(down)) => &middle - down,
+                (None, None) => return None,
+            };
+            along.set_column(axis, &(change / size));
+        }
+        let mut found = along * axes;
+        for (mut column, scale) in found.column_iter_mut().zip(&scales) {
+            column.scale_mut(*scale);
+        }
+        found.iter().all(|value| value.is_finite()).then_some(found)
+    }
+
+    /// All readings of the model, record by record, as they are weighed.
     fn stacked(&self) -> Option<DVector<f64>> {
         let mut all = Vec::with_capacity(self.rows());
         for index in 0..self.records.len() {
-            all.extend(self.readings(index)?);
+            all.extend(self.weighting.weighed(index, self.readings(index)?));
         }
         Some(DVector::from_vec(all))
     }
@@ -264,7 +383,8 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
                 return Some(DVector::from_element(self.rows(), FAR));
             };
             let measured = &fitted.positions_m[fitted.first..];
-            residuals.extend(readings.iter().zip(measured).map(|(reading, x)| reading - x));
+            let errors = readings.iter().zip(measured).map(|(reading, x)| reading - x);
+            residuals.extend(self.weighting.weighed(index, errors.collect()));
         }
         Some(DVector::from_vec(residuals))
     }
@@ -278,6 +398,12 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
         for (index, fitted) in self.records.iter().enumerate() {
             let points = self.points(index)?;
             self.fill(index, &points, top, &mut jacobian);
+            for mut column in
+                jacobian.column_iter_mut().filter(|_| !matches!(self.weighting, Weighting::White))
+            {
+                let mut own = column.rows_mut(top, fitted.rows());
+                own.copy_from_slice(&self.weighting.weighed(index, own.iter().copied().collect()));
+            }
             top += fitted.rows();
         }
         jacobian.iter().all(|value| value.is_finite()).then_some(jacobian)
@@ -300,6 +426,8 @@ pub(super) fn motion(fitted: &[Fitted<'_>]) -> f64 {
 pub(super) struct Solution {
     pub values: Values,
     pub residual_m: DVector<f64>,
+    /// As it is weighed, and the derivatives.
+    pub weighed_m: DVector<f64>,
     pub jacobian: DMatrix<f64>,
     /// Times that the model was computed.
     pub evaluations: usize,
@@ -316,18 +444,35 @@ pub(super) fn solve(problem: Problem<'_>) -> Result<Solution, String> {
     } else {
         solver.with_patience(PATIENCE_OF_TERMS).with_ftol(TOLERANCE).with_xtol(TOLERANCE)
     };
-    let (problem, report) = solver.minimize(problem);
+    let (mut problem, report) = solver.minimize(problem);
     // At the limit of rounding the solver says so instead of `converged`: it is the minimum all the same.
     let done = report.termination.was_successful()
         || matches!(report.termination, TerminationReason::NoImprovementPossible(_));
     let hopeless = || {
         "no mass, damping and stiffness describe this record: something else moved or held the handle".to_owned()
     };
-    if !done {
-        return Err(hopeless());
-    }
-    let residual = problem.residuals().ok_or_else(hopeless)?;
-    let jacobian = problem.jacobian().ok_or_else(hopeless)?;
+    let jacobian = match problem.values.layout().terms.plain() {
+        true => done.then(|| problem.jacobian()).flatten(),
+        false => problem.polish(done),
+    };
+    let jacobian = jacobian.ok_or_else(hopeless)?;
+    let weighed_m = -problem.residuals().ok_or_else(hopeless)?;
+    let raw = Problem { weighting: &Weighting::White, ..problem.clone() };
+    let residual_m = -raw.residuals().ok_or_else(hopeless)?;
     let evaluations = report.number_of_evaluations;
-    Ok(Solution { values: problem.values, residual_m: -residual, jacobian, evaluations })
+    Ok(Solution { values: problem.values, residual_m, weighed_m, jacobian, evaluations })
+}
+
+/// The step of Gauss and Newton, to be taken away.
+fn least_squares_step(jacobian: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
+    let mut scaled = jacobian.clone();
+    let scales: Vec<f64> =
+        jacobian.column_iter().map(|column| column.norm().max(f64::MIN_POSITIVE)).collect();
+    for (mut column, scale) in scaled.column_iter_mut().zip(&scales) {
+        column.unscale_mut(*scale);
+    }
+    let qr = scaled.qr();
+    let mut step = qr.r().solve_upper_triangular(&qr.q().tr_mul(residual))?;
+    step.iter_mut().zip(scales).for_each(|(step, scale)| *step /= scale);
+    step.iter().all(|step| step.is_finite()).then_some(step)
 }

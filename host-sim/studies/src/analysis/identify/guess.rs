@@ -51,70 +51,106 @@ pub(super) fn without_mass(
     (drive > 0.0).then_some(explained)
 }
 
-/// Windows of a record over which motion is fitted by a parabola: short ones for devices that swing, long ones for noise.
-pub(super) const WINDOWS: [usize; 2] = [400, 100];
+/// Windows of a record: short ones for devices that swing or turn often, long ones for noise.
+pub(super) const WINDOWS: [usize; 3] = [400, 100, 25];
 /// Fewest rows of a window.
-const WINDOW_ROWS: usize = 20;
+const WINDOW_ROWS: usize = 12;
 /// Fewest windows in motion.
-const FEWEST_WINDOWS: usize = 12;
-/// A window counts as motion from this part of the fastest one on.
+const FEWEST_WINDOWS: usize = 8;
+/// A quarter of a window counts as motion from this part of the fastest one on.
 const IN_MOTION: f64 = 0.02;
-/// Change of the voltage within a window from which it is left out, of the largest voltage.
-const SAME_VOLTAGE: f64 = 0.05;
 
-/// Reduced parameters and friction per mass, for a device that friction may hold: parabolas through short windows of the
-/// record give position, speed and acceleration, and those in motion obey `a = g u - d v - w x + o - f sign(v)`. `None`
-/// without enough of them, or if no force drives it forward.
+/// Weight over a window that ends with its first two derivatives at 0, by the place in it, -1 to 1: its integral and
+/// itself, and its first and second derivative.
+fn weight(s: f64) -> [f64; 4] {
+    let (s2, left) = (s * s, 1.0 - s * s);
+    [
+        s * (1.0 - s2 * (1.0 - s2 * (0.6 - s2 / 7.0))),
+        left.powi(3),
+        -6.0 * s * left.powi(2),
+        left * (30.0 * s2 - 6.0),
+    ]
+}
+
+/// Reduced parameters and friction per mass, for a device that friction may hold: the equation of motion times a weight,
+/// integrated by parts over windows in which the handle goes one way, so that nothing is differentiated (Shinbrot, Trans.
+/// ASME 79 (1957) 579). `None` without enough of them, or if no force drives it forward.
 pub(super) fn moving(
     (record, positions_m, first): (&Record, &[f64], usize),
     latency: f64,
-    spring: bool,
+    (spring, constant): (bool, bool),
     windows: usize,
 ) -> Option<(Reduced, f64)> {
     let held = Held::new(record, latency);
-    let rows = ((record.len() - first) / windows).max(WINDOW_ROWS);
+    let rows = ((record.len() - first) / windows).max(WINDOW_ROWS).next_multiple_of(4);
     let half_s = 0.5 * rows as f64 * record.step_s;
-    let most_v = record.voltage_v.iter().fold(0.0, |most: f64, volt| most.max(volt.abs()));
-    let mut windows: Vec<[f64; 4]> = vec![];
-    let mut start = first;
-    while start + rows <= record.len() {
-        let volts = (start..start + rows).map(|row| held.at(row).1);
-        let (low, high) =
-            volts.clone().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), volt| {
-                (low.min(volt), high.max(volt))
-            });
-        if high - low <= SAME_VOLTAGE * most_v {
-            let table = DMatrix::from_fn(rows, 3, |row, power| {
-                ((row as f64 + 0.5) * record.step_s / half_s - 1.0)
-                    .powi(i32::try_from(power).unwrap_or(0))
-            });
-            let measured = DVector::from_column_slice(&positions_m[start..start + rows]);
-            let normal = table.tr_mul(&table);
-            let found = normal.lu().solve(&table.tr_mul(&measured))?;
-            let volt = volts.sum::<f64>() / rows as f64;
-            windows.push([found[0], found[1] / half_s, 2.0 * found[2] / (half_s * half_s), volt]);
+    let place = |row: f64| 2.0 * row / rows as f64 - 1.0;
+    let weights: Vec<[f64; 4]> = (0..=rows).map(|row| weight(place(row as f64))).collect();
+    let until: Vec<f64> =
+        (0..rows).map(|row| weight(place(row as f64 + held.fraction))[0]).collect();
+    let mut windows = vec![];
+    for start in (first..).step_by(rows / 2).take_while(|start| start + rows < record.len()) {
+        let x = |row: usize| positions_m[start + row];
+        let quarter = rows / 4;
+        let quarters = [0, 1, 2, 3].map(|n| x((n + 1) * quarter) - x(n * quarter));
+        let mut sums = [0.0; 4];
+        for (row, [_, itself, first, second]) in weights.iter().enumerate() {
+            let from_middle = x(row) - x(rows / 2);
+            sums[0] += second * from_middle / half_s;
+            sums[1] += first * from_middle;
+            sums[2] += itself * x(row) * half_s;
         }
-        start += rows;
+        for row in 0..rows {
+            let (before, after) = held.at(start + row);
+            let [from, to] = [weights[row][0], weights[row + 1][0]];
+            sums[3] += (before * (until[row] - from) + after * (to - until[row])) * half_s;
+        }
+        let step_s = record.step_s / half_s;
+        windows.push((quarters, [sums[0] * step_s, sums[1] * step_s, sums[2] * step_s, sums[3]]));
     }
-    let fastest = windows.iter().map(|[_, v, ..]| v.abs()).fold(0.0, f64::max);
-    windows.retain(|[_, v, a, _]| v.abs() > (IN_MOTION * fastest).max(a.abs() * half_s));
+    let slowest = |quarters: &[f64; 4]| {
+        let one_way = quarters.iter().all(|moved| moved * quarters[0] > 0.0);
+        let least = quarters.iter().fold(f64::INFINITY, |least: f64, moved| least.min(moved.abs()));
+        if one_way { least } else { 0.0 }
+    };
+    let fastest = windows.iter().map(|(quarters, _)| slowest(quarters)).fold(0.0, f64::max);
+    windows.retain(|(quarters, _)| slowest(quarters) > IN_MOTION * fastest);
     if windows.len() < FEWEST_WINDOWS {
         return None;
     }
-    let columns = if spring { 5 } else { 4 };
-    let table = DMatrix::from_fn(windows.len(), columns, |row, column| {
-        let [x, v, _, volt] = windows[row];
-        [volt, -v, -v.signum(), 1.0, -x][column]
+    let all = 2.0 * weight(1.0)[0] * half_s;
+    // A column of zeros takes no part.
+    let mut table = DMatrix::from_fn(windows.len(), 5, |row, column| {
+        let (quarters, [_, x1, x0, volts]) = &windows[row];
+        let constant = if constant { all } else { 0.0 };
+        let x0 = if spring { -x0 } else { 0.0 };
+        [*volts, *x1, -quarters[0].signum() * all, constant, x0][column]
     });
+    let scales: Vec<f64> =
+        table.column_iter().map(|column| column.norm().max(f64::MIN_POSITIVE)).collect();
+    for (mut column, scale) in table.column_iter_mut().zip(&scales) {
+        column.unscale_mut(*scale);
+    }
     let accelerations =
-        DVector::from_iterator(windows.len(), windows.iter().map(|[_, _, a, _]| *a));
-    let found = least_squares(table, &accelerations, 1e-12)?;
-    let w = if spring { found[4].max(0.0) } else { 0.0 };
+        DVector::from_iterator(windows.len(), windows.iter().map(|(_, [x2, ..])| *x2));
+    let mut found = least_squares(table, &accelerations, 1e-12)?;
+    found.iter_mut().zip(scales).for_each(|(value, scale)| *value /= scale);
     let [gain, d, friction, offset] = [found[0], found[1].max(0.0), found[2].max(0.0), found[3]];
-    let head = &positions_m[first..first + WINDOW_ROWS];
-    let x = head.iter().sum::<f64>() / head.len() as f64;
-    let reduced = Reduced { w, d, gain, offset, x, v: 0.0, latency };
+    let w = found[4].max(0.0);
+    let [x, v] = begins(record, positions_m, first, rows)?;
+    let reduced = Reduced { w, d, gain, offset, x, v, latency };
     (gain > 0.0 && gain.is_finite()).then_some((reduced, friction))
+}
+
+/// Position and speed at the first row, by a parabola through the first rows.
+fn begins(record: &Record, positions_m: &[f64], first: usize, rows: usize) -> Option<[f64; 2]> {
+    let rows = rows.min(record.len() - first);
+    let table = DMatrix::from_fn(rows, 3, |row, power| {
+        (row as f64 / rows as f64).powi(i32::try_from(power).unwrap_or(0))
+    });
+    let measured = DVector::from_column_slice(&positions_m[first..first + rows]);
+    let found = least_squares(table, &measured, 1e-12)?;
+    Some([found[0], found[1] / (rows as f64 * record.step_s)])
 }
 
 /// Least squares without the directions whose singular values are at most `least`; `None` of what is not finite, which

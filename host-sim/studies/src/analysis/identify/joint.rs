@@ -97,12 +97,15 @@ pub(super) struct Seen<'a> {
 }
 
 impl ErrorModel {
-    /// Of a residual of that variance.
-    pub fn new(residual: &Residual, variance: f64) -> Self {
+    /// Of a residual of that variance; one that was made white has no sawtooth.
+    pub fn new(residual: &Residual, variance: f64, is_whitened: bool) -> Self {
         let power = |h: u32| residual.harmonic_squared(h) / (2.0 * PI * PI * f64::from(h * h));
         let kept = (1..=HARMONICS).take_while(|h| power(*h) > 1e-9);
-        let harmonics: Vec<f64> =
-            if residual.rms_counts.is_some() { kept.map(power).collect() } else { vec![] };
+        let harmonics: Vec<f64> = if residual.rms_counts.is_some() && !is_whitened {
+            kept.map(power).collect()
+        } else {
+            vec![]
+        };
         Self { white: (variance - harmonics.iter().sum::<f64>()).max(0.0), harmonics }
     }
 

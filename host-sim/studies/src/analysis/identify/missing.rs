@@ -1,30 +1,13 @@
-//! Whether the residual is what the model allows, and if not, what is likely missing.
-//!
-//! A residual that noise makes is white (Ljung and Box, `residual`). One that the quantiser makes is not, though the model
-//! is right. Then it is held against [`COPIES`] that are made as the model says: the modelled motion from a start within
-//! the count, noise as the sawtooth shows it, the quantiser, and the part that the fit would take out. It is larger than
-//! the model allows if its mean square, and more coloured if the mean square of its means over [`BLOCKS`] stretches, is
-//! beyond [`BEYOND`] standard deviations of theirs, on a logarithmic scale.
-
-use nalgebra::DVector;
+//! What is likely missing in a model whose residual is not what it allows.
 
 use super::{
     fit::Fitted,
-    layout::Layout,
-    residual::Residual,
+    layout::{Layout, Parameter},
     search::{Model, Search},
     terms::{Term, said},
 };
-use crate::numerics::{fft::RealSpectrum, random};
+use crate::numerics::fft::RealSpectrum;
 
-/// Records that are made as the model says.
-const COPIES: u64 = 40;
-/// Stretches of a record over which means are taken.
-const BLOCKS: usize = 200;
-/// Standard deviations beyond which a residual is not the model's.
-const BEYOND: f64 = 6.0;
-/// Least factor of a mean square that is worth a warning.
-const WORTH: f64 = 1.15;
 /// Part of the residual that a cause must explain to be named.
 const NAMED_SHARE: f64 = 0.1;
 /// Part of the residual's power that one frequency must hold to be called a vibration.
@@ -32,90 +15,9 @@ const LINE_SHARE: f64 = 0.3;
 /// Lowest frequency of a vibration, Hz.
 const VIBRATION_HZ: f64 = 5.0;
 
-/// How much larger, or more coloured, the residual of a model is than the model allows.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Misfit {
-    /// Its RMS, and that of the model, counts.
-    Larger(f64, f64),
-    /// The RMS of its means over stretches, and that of the model, counts.
-    Coloured(f64, f64),
-}
-
-/// Standard deviation of the noise that leaves so much of the sawtooth, counts.
-fn noise_counts(residual: &Residual) -> f64 {
-    let squared = residual.coherence.powi(2) - 2.0 * residual.coherence_squared_error;
-    let coherence = squared.clamp(1e-6, 1.0).sqrt();
-    (-coherence.ln() / 2.0).sqrt() / std::f64::consts::PI
-}
-
-/// The misfit of a residual that the quantiser makes; `None` if it is as the model says.
-pub(super) fn misfit(records: &[Fitted<'_>], model: &Model) -> Option<Misfit> {
-    let pieces = model.weighed.pieces();
-    let noise = noise_counts(&model.weighed.found);
-    let mut jacobian = model.solution.jacobian.clone();
-    for mut column in jacobian.column_iter_mut() {
-        let norm = column.norm().max(f64::MIN_POSITIVE);
-        column.unscale_mut(norm);
-    }
-    let basis = jacobian.qr().q();
-    let rows: Vec<usize> = records.iter().map(Fitted::rows).collect();
-    let own: Vec<f64> = pieces.iter().flat_map(|piece| piece.residual).copied().collect();
-    let own = measures(&own, &rows);
-    let copies: Vec<[f64; 2]> = (0..COPIES)
-        .map(|copy| {
-            let mut seed = 0;
-            let errors = pieces.iter().enumerate().flat_map(|(record, piece)| {
-                let shift = random::uniform(copy, record as u64);
-                seed += 1;
-                let stream = (copy << 8) | seed;
-                piece.position.iter().enumerate().map(move |(row, x)| {
-                    let at = x + shift;
-                    let read = at + noise * random::gaussian(stream, row as u64);
-                    read.floor() + 0.5 - at
-                })
-            });
-            let errors = DVector::from_iterator(own_rows(&rows), errors);
-            let left = &errors - &basis * basis.tr_mul(&errors);
-            measures(left.as_slice(), &rows)
-        })
-        .collect();
-    let beyond = |measure: usize| {
-        let logs: Vec<f64> = copies.iter().map(|copy| copy[measure].ln()).collect();
-        let mean = logs.iter().sum::<f64>() / logs.len() as f64;
-        let variance = logs.iter().map(|log| (log - mean).powi(2)).sum::<f64>();
-        let deviation = (variance / (logs.len() - 1) as f64).sqrt();
-        let most = copies.iter().map(|copy| copy[measure]).fold(0.0, f64::max);
-        let over = own[measure].ln() - mean;
-        let counts = (own[measure].sqrt(), mean.exp().sqrt());
-        (over > BEYOND * deviation && own[measure] > WORTH * most).then_some(counts)
-    };
-    beyond(0)
-        .map(|(is, allowed)| Misfit::Larger(is, allowed))
-        .or_else(|| beyond(1).map(|(is, allowed)| Misfit::Coloured(is, allowed)))
-}
-
-fn own_rows(rows: &[usize]) -> usize {
-    rows.iter().sum()
-}
-
-/// Mean square of a residual, and of its means over stretches.
-fn measures(residual: &[f64], rows: &[usize]) -> [f64; 2] {
-    let square = residual.iter().map(|r| r * r).sum::<f64>() / residual.len() as f64;
-    let (mut sum, mut count, mut rest) = (0.0, 0.0, residual);
-    for rows in rows {
-        let (own, others) = rest.split_at(*rows);
-        rest = others;
-        for stretch in own.chunks_exact((rows / BLOCKS).max(2)) {
-            let mean = stretch.iter().sum::<f64>() / stretch.len() as f64;
-            (sum, count) = (sum + mean * mean, count + 1.0);
-        }
-    }
-    [square, f64::max(sum / f64::max(count, 1.0), f64::MIN_POSITIVE)]
-}
-
 /// What is likely missing in a model whose residual is not as it should be, the likeliest first.
 pub(super) fn likely(search: &Search<'_>, model: &Model) -> String {
-    let all = model.solution.residual_m.norm_squared();
+    let all = model.solution.weighed_m.norm_squared();
     let mut causes: Vec<(f64, String)> = vec![];
     let mut add = |explained: Option<f64>, cause: String| {
         let share = explained.unwrap_or(0.0) / all;
@@ -130,7 +32,8 @@ pub(super) fn likely(search: &Search<'_>, model: &Model) -> String {
     }
     if !search.options.fit_latency {
         let free = Layout { latency_s: None, ..*model.layout() };
-        add(search.explains_by(free, model), "another latency (--fit-latency)".into());
+        let explained = search.explains_by(free, Parameter::Latency, model);
+        add(explained, "another latency (--fit-latency)".into());
     }
     if let Some((share, hz)) = vibration(search.records, model) {
         let cause = format!("a flexible transmission or a second mass ({hz:.0} Hz)");

@@ -20,6 +20,7 @@ mod joint;
 mod json;
 mod layout;
 mod made;
+mod misfit;
 mod missing;
 mod model;
 mod motion;
@@ -33,6 +34,7 @@ mod telemetry;
 mod terms;
 #[cfg(test)]
 mod tests;
+mod weighting;
 
 pub use asked::{Asked, GainAsked, identify_in, read};
 pub use confidence::{CONFIDENCE, Estimate};
@@ -52,7 +54,7 @@ use std::{f64::consts::TAU, sync::atomic::AtomicBool};
 use crate::scene::{Rounding, Scene};
 use fit::Fitted;
 use layout::{Included, Layout, Parameter, Values};
-use missing::Misfit;
+use misfit::{Misfit, misfit};
 use search::{Model, Search};
 
 /// Extra room for a latency that is fitted, s.
@@ -222,15 +224,17 @@ fn identified(
                     it rests without that force, or --no-spring"
             .into());
     }
-    let (mut model, mut tests) = search::choose(&fitted, &values, options)?;
+    let (mut model, mut tests, mut weighting) = search::choose(&fitted, &values, options)
+        .map_err(|error| without_mass(&fitted, options).unwrap_or(error))?;
     let mut held = None;
     if let Some(latency) = model.estimates.latency.filter(|latency| latency.value < 0.0) {
         let warning = checks::early(&latency, fitted[0].record.step_s)?;
         held = Some((Estimate { value: 0.0, ..latency }, warning));
         let none = Layout { latency_s: Some(0.0), ..layout };
-        (model, tests) = search::choose(&fitted, &values.within(none), options)?;
+        (model, tests, weighting) = search::choose(&fitted, &values.within(none), options)?;
     }
-    let mut found = conclude(&fitted, &model, tests, options)?;
+    let search = Search { records: &fitted, options, weighting };
+    let mut found = conclude(&search, &model, tests)?;
     if let Some((latency_s, warning)) = held {
         found.latency_s = latency_s;
         found.warnings.push(warning);
@@ -262,6 +266,17 @@ fn first_row(record: &Record, options: &Options) -> Result<usize, String> {
     Ok(first)
 }
 
+/// Why a record that no model describes does not show the mass, if a device without one explains it.
+fn without_mass(fitted: &[Fitted<'_>], options: &Options) -> Option<String> {
+    fitted.iter().find_map(|Fitted { record, positions_m, first, .. }| {
+        let latency = options.latency_s / record.step_s;
+        let guess = guess::guess(record, positions_m, *first, latency)?;
+        let explained = guess::without_mass(record, positions_m, *first, latency)?;
+        let is_hidden = guess.gain <= 0.0 && explained >= checks::EXPLAINED_MIN;
+        is_hidden.then(|| of(record, &checks::not_driven(Some(explained))))
+    })
+}
+
 /// First values of all parameters, from the records alone.
 fn first_values(
     fitted: &[Fitted<'_>],
@@ -280,7 +295,7 @@ fn first_values(
         // Friction that holds the handle for a while spoils integrals over it.
         let held = options.terms.may_have_friction();
         let mut windows = guess::WINDOWS.into_iter().filter(|_| held).filter_map(|windows| {
-            guess::moving((record, positions_m, *first), latency, options.spring, windows)
+            guess::moving((record, positions_m, *first), latency, (options.spring, true), windows)
         });
         match windows.next() {
             Some((guess, _)) => guesses.push(guess),
@@ -322,11 +337,11 @@ fn first_values(
 
 /// Verdict on a model of the records.
 fn conclude(
-    fitted: &[Fitted<'_>],
+    search: &Search<'_>,
     model: &Model,
     tests: Vec<Tested>,
-    options: &Options,
 ) -> Result<Identification, String> {
+    let fitted = search.records;
     let Model { solution, weighed, estimates: found, .. } = model;
     let (values, reference_m) = (model.values(), model.layout().reference_m);
     let residual = weighed.found;
@@ -349,9 +364,11 @@ fn conclude(
             speed_m_per_s,
         });
     }
-    checks::explains(residual.rms_m, fit::motion(fitted))?;
+    if !search.weighting.is_force() {
+        checks::explains(residual.rms_m, fit::motion(fitted))?;
+    }
     let seconds = fitted.iter().map(|fitted| fitted.rows() as f64 * fitted.record.step_s);
-    let mut warnings = checks::after(found, seconds.fold(0.0, f64::max))?;
+    let mut warnings = checks::after(found, &tests, seconds.fold(0.0, f64::max))?;
     if let Some(latency) = found.latency {
         let room_s = fitted.iter().map(|fitted| fitted.first as f64 * fitted.record.step_s);
         if latency.value > room_s.fold(f64::INFINITY, f64::min) {
@@ -369,14 +386,31 @@ fn conclude(
         fastest(fitted),
     ));
     warnings.extend(checks::untold(&tests));
-    let search = Search { records: fitted, options };
     warnings.extend(search.delay_instead(model).map(|rows| {
         format!(
             "a latency of {rows:.3} rows explains this as well as the lag of the amplifier: the record is too short or too \
              noisy to tell them apart"
         )
     }));
-    warnings.extend(of_residual(&residual, found.widening, &search, model));
+    for (fitted, piece) in
+        fitted.iter().zip(weighed.pieces()).filter(|_| search.options.resolution_m > 0.0)
+    {
+        if let Some((row, counts)) = checks::step(piece.residual) {
+            let row = fitted.first + row;
+            warnings.push(format!(
+                "{}: the position steps by {counts:.0} counts at {:.4} s (row {row} of the record, from 0), which no force \
+                 does: counts were lost, or the counter was set; --from and --to take a part",
+                fitted.record.name,
+                fitted.record.time_s(row)
+            ));
+        }
+    }
+    if found.is_widened {
+        warnings.push(
+            "a term beside those of the model cannot be told from none; the intervals hold what it would change".into(),
+        );
+    }
+    warnings.extend(of_residual(&residual, found.widening, search, model));
     Ok(Identification {
         mass_kg: found.mass,
         damping_n_s_per_m: found.damping,
@@ -430,14 +464,21 @@ fn of_residual(
     model: &Model,
 ) -> Vec<String> {
     let mut warnings = vec![];
-    if residual.is_bound_by_quantisation() {
+    if search.weighting.is_force() {
+        warnings.push(format!(
+            "the residual is not quantisation and noise alone (autocorrelation {:.3} from row to row): \
+             something is not modelled; the fit weighs it as the force that is missing, and the intervals count with its colour; likely missing: {}",
+            residual.autocorrelation,
+            missing::likely(search, model)
+        ));
+    } else if residual.is_bound_by_quantisation() {
         warnings.push(format!(
             "quantisation, not noise, makes the residual ({:.0} % of its sawtooth is left); the intervals count with \
              that and are up to {widening:.1} times those of white noise",
             100.0 * residual.coherence
         ));
-        let misfit = missing::misfit(search.records, model);
-        let said = misfit.map(|misfit| match misfit {
+        let larger = misfit(&model.weighed, |errors| search.left(model, errors));
+        let said = larger.map(|larger| match larger {
             Misfit::Larger(is, allowed) => {
                 format!("larger than they allow: {is:.2} counts RMS, {allowed:.2} with this model")
             }

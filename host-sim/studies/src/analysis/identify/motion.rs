@@ -78,6 +78,12 @@ impl Motion {
         Step { seconds, phi, drive, constant }
     }
 
+    /// Trace and determinant of the free step over a time.
+    pub(super) fn invariants(&self, seconds: f64) -> [f64; 2] {
+        let phi = self.step(seconds).phi;
+        [phi[(0, 0)] + phi[(1, 1)], phi[(0, 0)] * phi[(1, 1)] - phi[(0, 1)] * phi[(1, 0)]]
+    }
+
     /// What would accelerate a handle at rest.
     fn net(&self, state: &State) -> f64 {
         state[2] - self.w * state[0] + self.offset

@@ -15,6 +15,10 @@ pub const MOST_ROWS: usize = 1_000_000;
 const JITTER_MAX: f64 = 0.1;
 /// Steps of time between rows, s: up to 100 kHz, and slow enough for any hand-held device.
 const STEP_S: RangeInclusive<f64> = 1e-5..=0.1;
+/// The usual cause of positions a thousand times too large.
+pub(super) const IN_MM: &str = "; position_m is in m: are these mm?";
+/// Longest travel of a handle, m; an angle has none.
+const TRAVEL_MAX_M: f64 = 5.0;
 /// Counts that a counter of 16 bits loses or gains when it wraps.
 const WRAP: f64 = 65_536.0;
 /// Columns of a log.
@@ -107,7 +111,15 @@ impl Record {
             position_m: position * metres,
         });
         let rows = span.of(rows.collect(), |row: &Row| row.time_s)?;
-        Self::even(name, &rows, resolution_m, "line")
+        let record = Self::even(name, &rows, resolution_m, "line")?;
+        let (low, high) = range(&record.position_m);
+        if units == Units::Linear && high - low > TRAVEL_MAX_M {
+            let travel_m = high - low;
+            return Err(format!(
+                "the position moves by {travel_m:.3} m, allowed {TRAVEL_MAX_M} m{IN_MM}"
+            ));
+        }
+        Ok(record)
     }
 
     /// The record of rows whose time stamps must be even; `place` is what a row's number is called.
@@ -216,6 +228,12 @@ impl Record {
     pub fn is_empty(&self) -> bool {
         self.position_m.is_empty()
     }
+}
+
+pub(super) fn range(values: &[f64]) -> (f64, f64) {
+    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+        (low.min(*value), high.max(*value))
+    })
 }
 
 fn in_range(step_s: f64) -> Result<(), String> {

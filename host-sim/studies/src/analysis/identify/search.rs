@@ -3,19 +3,23 @@
 //! Forward: of all terms that pass beside those that are in, the one that leaves least, the encoder's
 //! error after all others; until none passes. Then backward: a term that no longer passes beside the others goes.
 
+use std::f64::consts::TAU;
+
 use levenberg_marquardt::LeastSquaresProblem as _;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF as _, Normal};
 
 use super::{
-    Options,
-    confidence::{self, Estimates, standard_error},
+    Options, checks,
+    confidence::{self, Estimates, Hidden, standard_error},
     cycle,
     fit::{self, Fitted, Problem, Solution},
     guess,
     layout::{Included, Layout, Parameter, Values},
+    misfit::misfit,
     residual::Weighed,
     terms::{FAMILY_P, Term, Terms, Tested, said, tail},
+    weighting::Weighting,
 };
 
 /// Friction that a search begins with, as parts of the largest force.
@@ -24,6 +28,12 @@ const FRICTION_STARTS: [f64; 3] = [0.02, 0.08, 0.2];
 const LAG_STARTS: [f64; 2] = [0.5, 3.0];
 /// Starts of a search that are followed.
 const STARTS_TAKEN: usize = 3;
+/// From one stride to twice as many rows the force of noise falls by 4, a white one by the root of 2: by half between.
+const STILL_NOISE: f64 = 0.5;
+/// Longest strides in the shortest record.
+const STRIDES: usize = 20;
+/// How many times shorter and longer the strides beside are.
+const ASIDE: usize = 4;
 /// A step of the search may bring friction to this part of the largest force.
 const FRICTION_MOST: f64 = 0.5;
 
@@ -32,20 +42,25 @@ pub(super) struct Model {
     pub solution: Solution,
     pub weighed: Weighed,
     pub estimates: Estimates,
+    /// Of the derivatives, orthonormal.
+    pub basis: DMatrix<f64>,
     /// Cycles of the encoder's error that were looked at.
     cycles: f64,
 }
 
 impl Model {
-    fn new(
-        records: &[Fitted<'_>],
-        solution: Solution,
-        options: &Options,
-        cycles: f64,
-    ) -> Result<Self, String> {
+    fn new(search: &Search<'_>, solution: Solution, cycles: f64) -> Result<Self, String> {
+        let Search { records, options, weighting } = search;
         let weighed = Weighed::new(records, &solution, options);
-        let estimates = confidence::estimates(&solution, &weighed, records[0].stop)?;
-        Ok(Self { solution, weighed, estimates, cycles })
+        let given = (&weighed, weighting);
+        let estimates = confidence::estimates(&solution, given, &[], records[0].stop)?;
+        let mut jacobian = solution.jacobian.clone();
+        for mut column in jacobian.column_iter_mut() {
+            let norm = column.norm().max(f64::MIN_POSITIVE);
+            column.unscale_mut(norm);
+        }
+        let basis = jacobian.qr().q();
+        Ok(Self { solution, weighed, estimates, basis, cycles })
     }
 
     pub(super) fn values(&self) -> &Values {
@@ -57,7 +72,12 @@ impl Model {
     }
 
     fn squares(&self) -> f64 {
-        self.solution.residual_m.norm_squared()
+        self.solution.weighed_m.norm_squared()
+    }
+
+    /// What of a column the model's own derivatives do not make.
+    fn without(&self, column: &DVector<f64>) -> DVector<f64> {
+        column - &self.basis * self.basis.tr_mul(column)
     }
 
     /// The test of a term that is in the model, `candidates` of which are tried.
@@ -94,25 +114,46 @@ pub(super) fn choose(
     records: &[Fitted<'_>],
     values: &Values,
     options: &Options,
-) -> Result<(Model, Vec<Tested>), String> {
-    let search = Search { records, options };
-    let solved = fit::solve(Problem { records, values: values.clone() });
-    let plain = solved.and_then(|solution| Model::new(records, solution, options, 1.0));
-    if options.terms == Terms::Auto {
-        return search.automatic(values, plain);
-    }
-    let model = match plain {
+) -> Result<(Model, Vec<Tested>, Weighting), String> {
+    let mut search = Search { records, options, weighting: Weighting::White };
+    let solved = fit::solve(search.problem(values.clone()));
+    let plain = solved.and_then(|solution| Model::new(&search, solution, 1.0));
+    let is_auto = options.terms == Terms::Auto;
+    let mut model = match plain {
+        plain if is_auto => search.automatic(values, plain)?,
         Ok(plain) if Term::ALL.iter().all(|term| !options.terms.asks(*term)) => plain,
         plain => search.asked(values, plain.as_ref().ok())?,
     };
-    let tests = search.tests(&model, 1);
-    Ok((model, tests))
+    if model.weighed.found.is_bound_by_quantisation() {
+        let readings = records.iter().map(|fitted| &fitted.positions_m[fitted.first..]);
+        search.weighting = Weighting::of_readings(&readings.collect::<Vec<_>>());
+        if let Ok(weighed) = search.fit(*model.layout(), model.values(), model.cycles) {
+            model = if is_auto { search.automatic(values, Ok(weighed))? } else { weighed };
+        } else {
+            search.weighting = Weighting::White;
+        }
+    }
+    if !search.is_explained(&model) {
+        checks::explains(model.weighed.found.rms_m, fit::motion(records))?;
+        model = search.by_force(model, values)?;
+    }
+    let candidates = if is_auto { candidates(values.layout()).len() } else { 1 };
+    let tests = search.tests(&model, candidates);
+    search.widen(&mut model)?;
+    if let Weighting::Force { stride, .. } = search.weighting {
+        // What is not modelled makes the estimates depend on the stride.
+        let strides = [(stride / ASIDE).max(1), stride * ASIDE];
+        let others = strides.map(|stride| search.by_stride(&model, stride));
+        others.iter().flatten().for_each(|other| model.estimates.hold(&other.estimates));
+    }
+    Ok((model, tests, search.weighting))
 }
 
 /// Fits of the same records with more terms or fewer.
 pub(super) struct Search<'a> {
     pub records: &'a [Fitted<'a>],
     pub options: &'a Options,
+    pub weighting: Weighting,
 }
 
 /// Orders in which terms that are asked for are taken in: one that hides another may lead astray if it comes first.
@@ -124,32 +165,46 @@ const ORDERS: [[Term; 4]; 2] = [
 impl Search<'_> {
     /// The terms that are asked for, whatever the record tells of them.
     fn asked(&self, values: &Values, plain: Option<&Model>) -> Result<Model, String> {
-        let mut refused = String::new();
-        for order in ORDERS {
-            let mut model: Option<Model> = None;
-            let asked = order.into_iter().filter(|term| self.options.terms.asks(*term));
-            let all = asked.into_iter().all(|term| {
-                let before = model.as_ref().or(plain);
-                let found = self.with(term, before.map_or(values, Model::values), before, false);
-                if found.is_none() {
-                    refused = format!("the record does not show the {}", said(term));
-                }
-                let is_there = found.is_some();
-                model = found;
-                is_there
-            });
-            if let (true, Some(model)) = (all, model) {
-                return Ok(model);
-            }
+        let asked = |term: &Term| self.options.terms.asks(*term);
+        if let Some(model) = self.with_all(asked, values, plain) {
+            return Ok(model);
         }
-        Err(refused)
+        // The one without which the others leave least.
+        let without = |one: Term| {
+            let others = self.with_all(|term| asked(term) && *term != one, values, plain)?;
+            Some((one, others.squares()))
+        };
+        let each = Term::ALL.into_iter().filter(asked).filter_map(without);
+        let hidden = each.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(term, _)| term);
+        let names = Term::ALL.into_iter().filter(asked).map(said).collect::<Vec<_>>().join(", ");
+        Err(format!(
+            "the record does not show the {}",
+            hidden.map_or(names, |term| said(term).into())
+        ))
     }
 
-    fn automatic(
+    /// All terms that are asked for; the plain model of none.
+    fn with_all(
         &self,
+        asked: impl Fn(&Term) -> bool,
         values: &Values,
-        plain: Result<Model, String>,
-    ) -> Result<(Model, Vec<Tested>), String> {
+        plain: Option<&Model>,
+    ) -> Option<Model> {
+        if Term::ALL.iter().all(|term| !asked(term)) {
+            return plain.and_then(|plain| self.fit(*plain.layout(), plain.values(), 1.0).ok());
+        }
+        ORDERS.into_iter().find_map(|order| {
+            let mut model: Option<Model> = None;
+            for term in order.into_iter().filter(&asked) {
+                let before = model.as_ref().or(plain);
+                let from = before.map_or(values, Model::values);
+                model = Some(self.with(term, from, before, false)?);
+            }
+            model
+        })
+    }
+
+    fn automatic(&self, values: &Values, plain: Result<Model, String>) -> Result<Model, String> {
         let candidates = candidates(values.layout());
         let passes = |model: &Model, term: Term| model.tested(term, candidates.len()).p < FAMILY_P;
         let mut model = plain;
@@ -177,8 +232,25 @@ impl Search<'_> {
             let terms = gone.add(model.layout().terms, false);
             model = self.fit(Layout { terms, ..*model.layout() }, model.values(), 1.0)?;
         }
-        let tests = self.tests(&model, candidates.len());
-        Ok((model, tests))
+        // Friction is in every device: a term that it explains as well is not told.
+        let others = [Term::Amplifier, Term::Offset].into_iter();
+        for term in others.filter(|_| !model.layout().terms.friction) {
+            if !term.is_in(model.layout().terms) {
+                continue;
+            }
+            let terms = term.add(model.layout().terms, false);
+            let without = model.values().within(Layout { terms, ..*model.layout() });
+            let room = enough() * model.squares() / self.rows(&model);
+            let instead = self.with(Term::Friction, &without, None, false);
+            if let Some(instead) = instead.filter(|one| one.squares() < model.squares() + room) {
+                model = match passes(&instead, Term::Friction) {
+                    true => instead,
+                    false => self.fit(*without.layout(), &without, 1.0)?,
+                };
+                break;
+            }
+        }
+        Ok(model)
     }
 
     fn tests(&self, model: &Model, candidates: usize) -> Vec<Tested> {
@@ -203,14 +275,16 @@ impl Search<'_> {
         }
         let more = Layout { terms: term.add(from.layout().terms, true), ..*from.layout() };
         let start = from.within(more);
-        let mut starts = vec![];
-        if let (Some(model), Some((step, gain))) = (before, self.linear_step(&start)) {
-            let rows = model.solution.residual_m.len() as f64;
-            if likely && gain / (model.squares() / rows) < enough() {
+        if let Some(model) = before.filter(|_| likely) {
+            let rows = self.rows(model);
+            let is_promised = self.explains(term, model)? / (model.squares() / rows) >= enough();
+            // A handle that rests hides what a small friction would change.
+            if !is_promised && (term != Term::Friction || self.is_explained(model)) {
                 return None;
             }
-            starts.push(self.bounded(step));
         }
+        let mut starts = vec![];
+        starts.extend(self.linear_step(&start).map(|(step, _)| self.bounded(step)));
         if term == Term::Friction {
             let windows = guess::WINDOWS.into_iter();
             starts.extend(windows.filter_map(|windows| self.in_motion(&start, windows)));
@@ -233,7 +307,7 @@ impl Search<'_> {
         let mut starts: Vec<(f64, Values)> = starts
             .into_iter()
             .filter_map(|start| {
-                let problem = Problem { records: self.records, values: start };
+                let problem = self.problem(start);
                 let squares = problem.residuals()?.norm_squared();
                 Some((squares, problem.values))
             })
@@ -249,6 +323,12 @@ impl Search<'_> {
     }
 
     fn with_phase(&self, before: &Model, likely: bool) -> Option<Model> {
+        // At an even speed the quantiser's own sawtooth has lines over the position too.
+        let residual = &before.weighed.found;
+        let is_quantised = residual.is_bound_by_quantisation() && self.is_explained(before);
+        if likely && (is_quantised || self.weighting.is_force()) {
+            return None;
+        }
         let seen = self.strongest(before)?;
         let more = Layout {
             terms: Term::Phase.add(before.layout().terms, true),
@@ -256,7 +336,7 @@ impl Search<'_> {
             ..*before.layout()
         };
         let (step, gain) = self.linear_step(&before.values().within(more))?;
-        let rows = before.solution.residual_m.len() as f64;
+        let rows = self.rows(before);
         if likely && gain / (before.squares() / rows) < enough() + 2.0 * seen.looked_at.ln() {
             return None;
         }
@@ -274,7 +354,10 @@ impl Search<'_> {
         {
             model = twice;
         }
-        (model.squares() < before.squares()).then_some(model)
+        // An error that rises faster than the position would make the reading run backwards.
+        let [first, second, _, cycle] = model.estimates.phase?;
+        let is_encoder = TAU * (first.value + 2.0 * second.value.abs()) < cycle.value;
+        (is_encoder && model.squares() < before.squares()).then_some(model)
     }
 
     /// The latency, rows, with which a delay in place of the amplifier's lag leaves as little; `None` if the record tells
@@ -288,7 +371,7 @@ impl Search<'_> {
         let mut start = model.values().within(late);
         start.set(Parameter::Latency, latency_s + lag_s);
         let delayed = self.fit(late, &start, 1.0).ok()?;
-        let rows = model.solution.residual_m.len() as f64;
+        let rows = self.rows(model);
         let more = (delayed.squares() - model.squares()) / (model.squares() / rows);
         let step_s = self.records[0].record.step_s;
         (more < enough()).then(|| delayed.values().of(Parameter::Latency) / step_s)
@@ -299,13 +382,119 @@ impl Search<'_> {
         let mut more = Layout { terms: term.add(model.layout().terms, true), ..*model.layout() };
         if term == Term::Phase {
             more.cycles_per_m = Some(self.strongest(model)?.cycles_per_m);
+            return self.linear_step(&model.values().within(more)).map(|(_, gain)| gain);
         }
-        self.explains_by(more, model)
+        self.explains_by(more, term.parameter(), model)
     }
 
-    /// By how much another layout would lessen the sum of squares, linearly.
-    pub(super) fn explains_by(&self, layout: Layout, model: &Model) -> Option<f64> {
-        self.linear_step(&model.values().within(layout)).map(|(_, gain)| gain)
+    /// By how much one more parameter would lessen the sum of squares, linearly.
+    pub(super) fn explains_by(
+        &self,
+        layout: Layout,
+        parameter: Parameter,
+        model: &Model,
+    ) -> Option<f64> {
+        let left = model.without(&self.problem(model.values().within(layout)).by(parameter)?);
+        let promised = left.dot(&model.solution.weighed_m).powi(2) / left.norm_squared();
+        promised.is_finite().then_some(promised)
+    }
+
+    /// The same fit weighed by the force that it lacks.
+    fn by_force(&mut self, mut model: Model, values: &Values) -> Result<Model, String> {
+        let most = self.records.iter().map(Fitted::rows).min().unwrap_or(0) / STRIDES;
+        let is_auto = self.options.terms == Terms::Auto;
+        let mut noise = 1;
+        for _ in 0..2 {
+            let forces = |stride: usize| {
+                let (pieces, weighting) = (model.weighed.pieces(), self.force(&model, stride));
+                let squares = pieces.iter().map(|piece| weighting.squares(piece.residual));
+                squares.sum::<f64>().sqrt() / (stride * stride) as f64
+            };
+            noise = 1;
+            while 4 * noise <= most && forces(2 * noise) < STILL_NOISE * forces(noise) {
+                noise *= 2;
+            }
+            let Ok(found) = self.by_stride(&model, noise) else { break };
+            model = found;
+        }
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "up to the rows"
+        )]
+        let stride = (noise as f64 * most.max(noise) as f64).sqrt() as usize;
+        model = self.by_stride(&model, stride)?;
+        self.weighting = self.force(&model, stride);
+        if is_auto {
+            model = self.automatic(values, Ok(model))?;
+        }
+        Ok(model)
+    }
+
+    /// The same fit weighed by the force over so many rows.
+    fn by_stride(&self, model: &Model, stride: usize) -> Result<Model, String> {
+        let search = Search { weighting: self.force(model, stride), ..*self };
+        let mut layout = *model.layout();
+        if self.options.terms == Terms::Auto {
+            // What wanders has lines over the position that are not the encoder's.
+            let terms = Term::Phase.add(layout.terms, false);
+            layout = Layout { terms, cycles_per_m: None, ..layout };
+        }
+        search.fit(layout, model.values(), model.cycles)
+    }
+
+    /// The weighting by the force that a model lacks.
+    fn force(&self, model: &Model, stride: usize) -> Weighting {
+        let motion = self.problem(model.values().clone()).motion(0);
+        Weighting::of_force(&motion, self.records[0].record.step_s, stride)
+    }
+
+    /// What the fit leaves of errors of the rows.
+    pub(super) fn left(&self, model: &Model, errors: DVector<f64>) -> DVector<f64> {
+        let Weighting::Readings(weights) = &self.weighting else { return model.without(&errors) };
+        let weights = DVector::from_iterator(errors.len(), weights.iter().flatten().copied());
+        model.without(&errors.component_mul(&weights)).component_div(&weights)
+    }
+
+    fn rows(&self, model: &Model) -> f64 {
+        self.weighting.rows(model.solution.weighed_m.len())
+    }
+
+    fn problem(&self, values: Values) -> Problem<'_> {
+        Problem { records: self.records, values, weighting: &self.weighting }
+    }
+
+    /// The residual is white, or as the quantiser makes it.
+    pub(super) fn is_explained(&self, model: &Model) -> bool {
+        let residual = &model.weighed.found;
+        residual.is_white()
+            || (residual.is_bound_by_quantisation()
+                && misfit(&model.weighed, |errors| self.left(model, errors)).is_none())
+    }
+
+    /// Terms that the record can neither show nor exclude: the intervals hold what they would change.
+    fn widen(&self, model: &mut Model) -> Result<(), String> {
+        if self.options.terms != Terms::Auto {
+            return Ok(());
+        }
+        let layout = *model.layout();
+        // A larger offset would move a handle that friction holds.
+        let [friction_n, _] = model.values().slow();
+        let most_n = if layout.terms.friction { friction_n } else { f64::INFINITY };
+        let hidden = candidates(&layout).into_iter().filter_map(|term| {
+            if term.is_in(layout.terms) || !matches!(term, Term::Friction | Term::Offset) {
+                return None;
+            }
+            let more = Layout { terms: term.add(layout.terms, true), ..layout };
+            let by = self.problem(model.values().within(more)).by(term.parameter())?;
+            let most = if term == Term::Offset { most_n } else { f64::INFINITY };
+            Some(Hidden { left: model.without(&by), by, most })
+        });
+        let hidden: Vec<Hidden> = hidden.collect();
+        let given = (&model.weighed, &self.weighting);
+        model.estimates =
+            confidence::estimates(&model.solution, given, &hidden, self.records[0].stop)?;
+        Ok(())
     }
 
     fn strongest(&self, model: &Model) -> Option<cycle::Line> {
@@ -316,20 +505,19 @@ impl Search<'_> {
     /// A fit of `layout` from the values of any. Where friction holds the handle at the first row, the speed
     /// there is 0 and no parameter.
     fn fit(&self, layout: Layout, from: &Values, cycles: f64) -> Result<Model, String> {
-        let records = self.records;
         let mut values = self.held(from.within(layout));
         loop {
-            let solution = fit::solve(Problem { records, values })?;
+            let solution = fit::solve(self.problem(values))?;
             values = self.held(solution.values.clone());
             if values.layout() == solution.values.layout() {
-                return Model::new(records, solution, self.options, cycles);
+                return Model::new(self, solution, cycles);
             }
         }
     }
 
     /// Without the speeds of records that begin with a handle that friction holds.
     fn held(&self, values: Values) -> Values {
-        let problem = Problem { records: self.records, values };
+        let problem = self.problem(values);
         let (layout, values) = (*problem.values.layout(), &problem.values);
         let held = Layout { resting: layout.resting | self.resting(&problem), ..layout };
         if held == layout { problem.values } else { values.within(held) }
@@ -352,7 +540,7 @@ impl Search<'_> {
 
     /// Values after one step of Gauss and Newton, and by how much it would lessen the sum of squares.
     fn linear_step(&self, values: &Values) -> Option<(Values, f64)> {
-        let problem = Problem { records: self.records, values: values.clone() };
+        let problem = self.problem(values.clone());
         let residual = -problem.residuals()?;
         let mut jacobian = problem.by_differences()?;
         let scales: Vec<f64> = jacobian
@@ -378,9 +566,10 @@ impl Search<'_> {
     fn in_motion(&self, start: &Values, windows: usize) -> Option<Values> {
         let Fitted { record, positions_m, first, added_kg, .. } = &self.records[0];
         let latency = start.of(Parameter::Latency) / record.step_s;
-        let spring = start.layout().spring;
+        let layout = start.layout();
+        let has = (layout.spring, layout.place(Parameter::Constant).is_some());
         let (reduced, friction) =
-            guess::moving((record, positions_m, *first), latency, spring, windows)?;
+            guess::moving((record, positions_m, *first), latency, has, windows)?;
         let mass = start.of(Parameter::Gain) / reduced.gain - added_kg;
         let mut found = start.clone();
         let rest_m = start.layout().rest_m.unwrap_or_default();
@@ -393,7 +582,7 @@ impl Search<'_> {
         ] {
             found.set(parameter, value);
         }
-        found.set_start(0, [reduced.x, 0.0]);
+        found.set_start(0, [reduced.x, reduced.v]);
         (mass > 0.0).then_some(found)
     }
 

@@ -17,7 +17,10 @@
 
 use statrs::distribution::{ContinuousCDF as _, Normal};
 
-use super::{confidence::Estimate, layout::Included};
+use super::{
+    confidence::Estimate,
+    layout::{Included, Parameter},
+};
 
 /// Probability that any term is taken in which is not there, for a residual as the intervals suppose it.
 pub const FAMILY_P: f64 = 0.002;
@@ -46,6 +49,16 @@ impl Term {
             Self::Amplifier => "amplifier",
             Self::Offset => "offset",
             Self::Phase => "phase",
+        }
+    }
+
+    /// The parameter that is 0 without it; of the encoder's error one of several.
+    pub(super) fn parameter(self) -> Parameter {
+        match self {
+            Self::Friction => Parameter::Friction,
+            Self::Amplifier => Parameter::Lag,
+            Self::Offset => Parameter::Constant,
+            Self::Phase => Parameter::Sine,
         }
     }
 
