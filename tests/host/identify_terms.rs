@@ -350,7 +350,9 @@ fn a_residual_beyond_quantisation_is_said_with_its_cause() {
     }
     let record = paper().noisy_record(3, 0.0);
     let right = identify(&[record], &paper().options()).unwrap();
-    assert!(right.residual.is_bound_by_quantisation() && right.warnings.len() == 1);
+    // A term too small to be told may stand beside the model, which is said.
+    let others = right.warnings.iter().filter(|one| !one.contains("cannot be told from none"));
+    assert!(right.residual.is_bound_by_quantisation() && others.count() == 1);
 }
 
 #[test]
