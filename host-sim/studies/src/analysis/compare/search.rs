@@ -184,6 +184,12 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         })
     }
 
+    /// Whether a tuning lies at an end of what a search looks at.
+    pub(in crate::analysis) fn is_at_edge(&self, settings: &VelocitySettings) -> bool {
+        let axes = self.axes(settings, true);
+        axes.is_some_and(|axes| edges(&axes, settings).iter().any(Option::is_some))
+    }
+
     pub(super) fn axes(&self, start: &VelocitySettings, is_free: bool) -> Option<Axes> {
         let mass_kg = self.scene.device.mass_kg;
         is_free.then(|| Axes::new(start, &self.scene.design(), mass_kg)).flatten()

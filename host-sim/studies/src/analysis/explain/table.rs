@@ -233,16 +233,13 @@ impl Explanation {
                 change.cost
             ))
         });
-        let missed = self.changes.iter().filter(|one| one.missed > TOLD);
-        let missed: Vec<String> = missed
-            .filter_map(|one| {
-                let change = one.change.as_ref()?;
-                Some(format!("{} ({})", change.text, digits(one.missed)))
-            })
-            .collect();
+        let of = |one: &Explained| one.change.as_ref().map_or("the scene", |c| &c.text).to_owned();
+        let missed = [&self.base].into_iter().chain(&self.changes).filter(|one| one.missed > TOLD);
+        let missed: Vec<String> =
+            missed.map(|one| format!("{} ({})", of(one), digits(one.missed))).collect();
         let missed = (!missed.is_empty()).then(|| {
             format!(
-                "Shares of the area that a search missed, told by the scene's tuning: {}",
+                "Shares of the area that a search missed, found at another row's tuning: {}",
                 missed.join("; ")
             )
         });
