@@ -67,6 +67,19 @@ def quiet_choices():
                   "area, 10^6 N^2 s/m^2"], body)
 
 
+@block
+def quiet_protocols():
+    """The stiffest quiet wall of ready scenes, tried in other ways."""
+    body = []
+    kilo = lambda n_per_m: "none" if n_per_m is None else f"{significant(n_per_m / 1e3, 2)} kN/m"
+    for name in ("paper-1um", "paper-2um", "nucleo-f446re", "discovery-f407"):
+        found = sim(f"sweep {name} --repeat 1")["scenes"][0]["recommended"]
+        stiffness, held = found["stiffness_n_per_m"], found["protocols"]
+        cells = [kilo(held[protocol]) for protocol in ("press", "taps", "hand")]
+        body.append([name, f"{found['cutoff_hz']:g} Hz", f"{found['damping_n_s_per_m']:g} N s/m", kilo(stiffness), *cells])
+    return table(["scene", "cutoff", "B", "constant push, K", "press", "taps", "hand"], body)
+
+
 FINE = dict(stiffness_step_n_per_m=500, damping_step_n_s_per_m=5, rms_limit_m="1e-6")
 
 

@@ -14,7 +14,7 @@ use crate::{
     error::Error,
     notation::rounded,
     output::{estimated::print_of, in_units, table::Kind, trace},
-    scene::{NamedScene, velocity::describe},
+    scene::{NamedScene, Protocol, velocity::describe},
     simulation::{
         prepared::{HitReport, WallHit},
         trace::Trace,
@@ -58,6 +58,9 @@ struct Json<'a> {
     contact_fraction: f64,
     velocity_clipped_fraction: f64,
     criterion: &'static str,
+    /// How it was tried, if not as in the paper.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    protocol: Option<&'static str>,
     rms_of: &'static str,
     rms_motion_m: f64,
     window_at_limit_fraction: f64,
@@ -143,6 +146,9 @@ fn print(
         contact_fraction: report.contact_fraction,
         velocity_clipped_fraction: report.velocity_clipped_fraction,
         criterion: scene.scene.wall_hit.criterion.name(),
+        protocol: Some(scene.scene.wall_hit.protocol)
+            .filter(|is| *is != Protocol::Paper)
+            .map(Protocol::name),
         rms_of: scene.scene.wall_hit.rms_of().name(),
         rms_motion_m: report.rms_motion_m,
         window_at_limit_fraction: report.at_limit_fraction,
@@ -200,6 +206,9 @@ fn print(
     }
     if json.criterion != "rms" || json.rms_of != "counts" {
         window += &format!("\njudged by: {}, RMS of {}", json.criterion, json.rms_of);
+    }
+    if let Some(protocol) = json.protocol {
+        window += &format!("\nprotocol: {protocol}");
     }
     if json.criterion == "quiet" {
         let limit_n = scene.scene.wall_hit.force_rms_limit_n();

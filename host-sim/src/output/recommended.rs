@@ -1,9 +1,12 @@
 //! The cutoff to dial in, as every output says it.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
 use crate::{
-    scene::{Criterion, NamedScene, RmsOf, Units},
+    notation::rounded,
+    scene::{Criterion, NamedScene, Protocol, RmsOf, Units},
     study::{
         recommended::{AS_GOOD, QuietStudy, Recommended},
         sweep::Ideal,
@@ -33,6 +36,8 @@ struct Row {
     /// The lower end.
     #[serde(skip_serializing_if = "Option::is_none")]
     free_motion: Option<FreeRow>,
+    /// K up to which a wall of that B is quiet by other protocols, N/m; `null` where none is.
+    protocols: BTreeMap<&'static str, Option<f64>>,
 }
 
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -64,6 +69,11 @@ impl Answer {
                         friction_n: free.friction_n,
                         hum_n: free.hum_n,
                     }),
+                    protocols: study
+                        .protocols
+                        .iter()
+                        .map(|held| (held.protocol.name(), held.stiffness_n_per_m))
+                        .collect(),
                 };
                 Self { recommended: Some(row), reason: None }
             }
@@ -124,7 +134,35 @@ pub fn sentences(scene: &NamedScene, study: &QuietStudy) -> Vec<String> {
             units.said(free.hum_n, "N"),
         )
     });
-    [dial_in, has].into_iter().chain(free).chain([next]).collect()
+    let elsewhere = by_protocols(units, study, of);
+    [dial_in, has].into_iter().chain(elsewhere).chain(free).chain([next]).collect()
+}
+
+/// Whether the stiffest wall is also quiet when it is tried in other ways.
+fn by_protocols(units: Units, study: &QuietStudy, of: &Recommended) -> Option<String> {
+    let stiffness = of.stiffest.stiffness_n_per_m;
+    let said = |protocol: Protocol| match protocol {
+        Protocol::Paper => "a constant push",
+        Protocol::Press => "a press of a minute",
+        Protocol::Taps => "taps, two a second,",
+        Protocol::Hand => "a hand that sways by 30 %",
+    };
+    let each = study.protocols.iter().map(|held| match held.stiffness_n_per_m {
+        Some(k) if k >= stiffness => format!("{} holds it too", said(held.protocol)),
+        Some(k) => {
+            let most = units.said(rounded(k, 2), "N/m");
+            format!("{} only up to K = {most}", said(held.protocol))
+        }
+        None => format!("{} at no K", said(held.protocol)),
+    });
+    let each: Vec<String> = each.collect();
+    (!each.is_empty()).then(|| {
+        let b = units.said(of.stiffest.damping_n_s_per_m, "N s/m");
+        format!(
+            "The stiffest of them, B = {b}, tried in other ways (--protocol): {}.",
+            each.join("; ")
+        )
+    })
 }
 
 /// What to know of a cutoff that is outside of the range to dial in, if so.

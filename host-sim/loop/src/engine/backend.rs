@@ -132,7 +132,8 @@ fn form_for(prepared: &PreparedScene, numeric: Numeric) -> Option<Form> {
     let stated = numeric == Numeric::Fixed || form == Form::LowPass;
     let told = matches!(form, Form::Observer | Form::Fusion);
     let seen = told || estimator.sense().is_none();
-    let plain = prepared.scene().passivity.is_none();
+    let scene = prepared.scene();
+    let plain = scene.passivity.is_none() && !scene.wall_hit.protocol.varies();
     (linear && stated && seen && plain).then_some(form)
 }
 

@@ -3,7 +3,7 @@
 use zwidth::{SettingsError, experiment::quiet};
 
 use super::{
-    Criterion, LATENCY_KNOWN_MAX, PushBy, Scene,
+    Criterion, HAND_SWAY, LATENCY_KNOWN_MAX, Protocol, PushBy, Scene,
     velocity::{CUTOFF, key_of},
 };
 use crate::range::{refused, within};
@@ -95,11 +95,7 @@ impl Scene {
         if let Some(limit_n) = self.wall_hit.force_rms_limit_n {
             within("wall_hit.force_rms_limit_n", limit_n, ranges::FORCE_RMS_N)?;
         }
-        if self.wall_hit.criterion == Criterion::Quiet {
-            let most_n = self.full_scale_n() / quiet::PUSH_MAX;
-            let key = "wall_hit.push_n with criterion = \"quiet\", which also tries 3 % more";
-            within(key, self.push_n(PushBy::Motor), -most_n..=most_n)?;
-        }
+        self.check_pushes()?;
         self.check_elements()?;
         self.check_accelerometer()?;
         self.check_passivity()?;
@@ -113,6 +109,40 @@ impl Scene {
         self.velocity.check().map_err(keyed)?;
         let Some(filter) = self.velocity.settings() else { return Ok(()) };
         self.settings(filter, 0.0, 0.0).build(&self.design()).map_err(keyed).map(|_| ())
+    }
+
+    /// What criterion and protocol ask for must be within what the motor can push.
+    fn check_pushes(&self) -> Result<(), String> {
+        let hit = &self.wall_hit;
+        let (share, why) = match (hit.criterion, hit.protocol) {
+            (Criterion::Quiet, Protocol::Hand) => (
+                quiet::PUSH_MAX * (1.0 + HAND_SWAY),
+                "with quiet walls and protocol = \"hand\", 34 % more",
+            ),
+            (_, Protocol::Hand) => (1.0 + HAND_SWAY, "with protocol = \"hand\", 30 % more"),
+            (Criterion::Quiet, _) => {
+                (quiet::PUSH_MAX, "with criterion = \"quiet\", which also tries 3 % more")
+            }
+            _ => (1.0, "of the motor"),
+        };
+        let most_n = self.full_scale_n() / share;
+        within(&format!("wall_hit.push_n {why}"), self.push_n(PushBy::Motor), -most_n..=most_n)?;
+        if !hit.protocol.varies() {
+            return Ok(());
+        }
+        let protocol = hit.protocol.name();
+        if hit.criterion == Criterion::Felt {
+            return Err(format!(
+                "wall_hit.protocol = \"{protocol}\" with criterion = \"felt\", allowed rms, unsaturated and quiet"
+            ));
+        }
+        let (start_m, wall_m) = (self.device.start_position_m, self.wall.position_m);
+        if hit.protocol == Protocol::Taps && start_m >= wall_m {
+            return Err(format!(
+                "device.start_position_m = {start_m} with protocol = \"taps\", allowed below wall.position_m = {wall_m}"
+            ));
+        }
+        Ok(())
     }
 
     fn check_sweep(&self) -> Result<(), String> {

@@ -51,8 +51,8 @@ pub use elements::Quantisation;
 pub use felt::FeltCurve;
 pub use passivity::PassivityTable;
 pub use tables::{
-    Actuator, Criterion, Device, Encoder, LATENCY_KNOWN_MAX, PushBy, RmsOf, Rounding, Sampling,
-    Sweep, Walk, Wall, WallHit,
+    Actuator, Criterion, Device, Encoder, HAND_SWAY, LATENCY_KNOWN_MAX, Protocol, PushBy, RmsOf,
+    Rounding, Sampling, Sweep, TAP_S, Walk, Wall, WallHit,
 };
 pub use uncertainty::Uncertainty;
 pub use units::Units;
@@ -441,10 +441,11 @@ impl Scene {
     /// The core's wall-hit experiment; its push is the motor's.
     pub fn hit_settings(&self) -> HitSettings {
         let hit = &self.wall_hit;
+        let [settle_s, window_s] = hit.times_s();
         HitSettings {
             push_n: self.push_n(PushBy::Motor),
-            settle_s: hit.settle_s,
-            window_s: hit.window_s,
+            settle_s,
+            window_s,
             rms_limit_m: hit.rms_limit_m,
         }
     }

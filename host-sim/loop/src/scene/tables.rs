@@ -104,6 +104,9 @@ pub struct WallHit {
     /// Who pushes.
     #[serde(default, skip_serializing_if = "PushBy::is_motor")]
     pub push_by: PushBy,
+    /// How the wall is tried.
+    #[serde(default, skip_serializing_if = "Protocol::is_paper")]
+    pub protocol: Protocol,
     /// Time before the window, s.
     pub settle_s: f64,
     /// Window, s.
@@ -137,6 +140,15 @@ impl WallHit {
             Criterion::Quiet => RmsOf::Motion,
             Criterion::Rms | Criterion::Unsaturated | Criterion::Felt => RmsOf::Counts,
         })
+    }
+
+    /// Times before the window and of the window, s, as the protocol has them.
+    pub fn times_s(&self) -> [f64; 2] {
+        match self.protocol {
+            Protocol::Paper | Protocol::Hand => [self.settle_s, self.window_s],
+            Protocol::Press => [58.0, 2.0],
+            Protocol::Taps => [TAP_S, 11.0 * TAP_S],
+        }
     }
 
     /// Judged by that; what goes without saying is not said.
@@ -175,6 +187,50 @@ impl RmsOf {
             Self::Counts => "counts",
             Self::Motion => "motion",
         }
+    }
+}
+
+/// From one tap to the next, s.
+pub const TAP_S: f64 = 0.5;
+/// A hand's push is off by at most this share.
+pub const HAND_SWAY: f64 = 0.3;
+
+/// How a wall is tried, beside its criterion.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Protocol {
+    /// The paper's: a constant push from the start position, and a window.
+    #[default]
+    Paper,
+    /// The last two seconds of a minute of it.
+    Press,
+    /// Taps, two a second: the last half of each contact is a window.
+    Taps,
+    /// The push of a hand that is not steady.
+    Hand,
+}
+
+impl Protocol {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Paper, Self::Press, Self::Taps, Self::Hand];
+
+    /// As in scenes.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Press => "press",
+            Self::Taps => "taps",
+            Self::Hand => "hand",
+        }
+    }
+
+    /// The push changes during a hit.
+    pub fn varies(self) -> bool {
+        matches!(self, Self::Taps | Self::Hand)
+    }
+
+    fn is_paper(&self) -> bool {
+        *self == Self::Paper
     }
 }
 

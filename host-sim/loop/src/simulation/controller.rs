@@ -21,6 +21,8 @@ pub struct ControllerOutput {
     pub saturated: bool,
     /// What the passivity controller took off the wall's force, fraction of full scale.
     pub withheld: f64,
+    /// What it was pushed with, fraction of full scale.
+    pub push: f64,
 }
 
 /// What the samples of a run read.
@@ -78,6 +80,8 @@ pub trait Controller {
 pub trait Replaceable: Controller {
     /// What it pushes with, fraction of full scale, into the wall.
     fn push(&self) -> f64;
+    /// Pushes with that from the next output on.
+    fn set_push(&mut self, push: f64);
     /// Force that the code for that force stands for, fraction of full scale.
     fn put_out(&self, force: f64) -> f64;
 }
@@ -92,6 +96,10 @@ pub struct Told {
 impl Replaceable for Told {
     fn push(&self) -> f64 {
         self.core.push()
+    }
+
+    fn set_push(&mut self, push: f64) {
+        self.core.set_push(push);
     }
 
     fn put_out(&self, force: f64) -> f64 {
@@ -210,6 +218,10 @@ impl Replaceable for Fixed {
         f64::from(self.push.bits()) * self.per_force_bit
     }
 
+    fn set_push(&mut self, push: f64) {
+        self.push = Force::saturating_from_bits(floor(push / self.per_force_bit + 0.5));
+    }
+
     fn put_out(&self, force: f64) -> f64 {
         let bits = floor(force / self.per_force_bit + 0.5);
         let command = self.control.actuator.command(Force::saturating_from_bits(bits));
@@ -242,6 +254,7 @@ impl Controller for Fixed {
             output: f64::from(command.code() - self.zero_code) * self.per_code,
             saturated,
             withheld: 0.0,
+            push: self.push(),
         }
     }
 

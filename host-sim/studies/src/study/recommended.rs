@@ -4,7 +4,8 @@
 //! where the best one is an end of the list, the list goes on beyond. The grid of the walks is the scene's, or where its
 //! steps are too coarse or too fine for the quiet walls one that the first walks suggest.
 
-use zwidth::{VelocitySettings, velocity::EstimatorName};
+use rayon::prelude::*;
+use zwidth::{VelocitySettings, experiment::Verdict, velocity::EstimatorName};
 
 use super::{
     How,
@@ -15,8 +16,9 @@ use super::{
 };
 use crate::{
     error::Error,
+    interrupt,
     notation::rounded,
-    scene::{Criterion, NamedScene, RmsOf, Scene, Walk, element::Friction},
+    scene::{Criterion, NamedScene, Protocol, RmsOf, Scene, Walk, element::Friction},
     simulation::prepared::{PreparedScene, WallHit},
 };
 
@@ -53,6 +55,44 @@ pub struct QuietStudy {
     pub recommended: Result<Recommended, String>,
     /// Free motion beside the stiffest wall of that cutoff.
     pub free: Option<FreeMotion>,
+    /// That wall by the protocols beside the scene's.
+    pub protocols: Vec<Held>,
+}
+
+/// What is quiet by another protocol.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Held {
+    /// How it was tried.
+    pub protocol: Protocol,
+    /// The stiffest wall that is, with the B of the one that was asked about, N/m; the first that is of ever softer ones.
+    pub stiffness_n_per_m: Option<f64>,
+}
+
+/// Softer walls that are tried, each this part of the one before.
+const SOFTER: f64 = 0.9;
+const SOFTER_TRIES: i32 = 30;
+
+impl Held {
+    /// That wall of a scene by every protocol but its own; not by one that the scene cannot have.
+    fn each(how: How<'_>, scene: &Scene, wall: &WallHit) -> Result<Vec<Self>, Error> {
+        let others = Protocol::ALL.into_par_iter().filter(|of| *of != scene.wall_hit.protocol);
+        let held = |protocol| {
+            let mut scene = scene.clone();
+            scene.wall_hit.protocol = protocol;
+            let Ok(prepared) = PreparedScene::new(&scene) else { return Ok(None) };
+            for softer in 0..SOFTER_TRIES {
+                interrupt::unless(how.stop)?;
+                let stiffness_n_per_m = wall.stiffness_n_per_m * SOFTER.powi(softer);
+                let softer = WallHit { stiffness_n_per_m, ..*wall };
+                if prepared.verdict(how.numeric, &softer)? == Verdict::Stable {
+                    return Ok(Some(Self { protocol, stiffness_n_per_m: Some(stiffness_n_per_m) }));
+                }
+            }
+            Ok(Some(Self { protocol, stiffness_n_per_m: None }))
+        };
+        let held: Vec<Result<Option<Self>, Error>> = others.map(held).collect();
+        held.into_iter().filter_map(Result::transpose).collect()
+    }
 }
 
 /// A cutoff to dial in.
@@ -124,17 +164,22 @@ pub fn recommended(
         Err(Error::Input(why)) => Err(why),
         found => found?.ok_or_else(|| "no quiet wall at any cutoff".to_owned()),
     };
-    let free = recommended.as_ref().ok().map(|found| {
-        let wall = WallHit {
-            velocity: scene.scene.velocity.at(found.cutoff_hz),
-            stiffness_n_per_m: found.stiffest.stiffness_n_per_m,
-            damping_n_s_per_m: found.stiffest.damping_n_s_per_m,
-            start_offset_counts: 0.0,
-        };
-        FreeMotion::of(how, &scene.scene, &wall)
+    let stiffest = recommended.as_ref().ok().map(|found| WallHit {
+        velocity: scene.scene.velocity.at(found.cutoff_hz),
+        stiffness_n_per_m: found.stiffest.stiffness_n_per_m,
+        damping_n_s_per_m: found.stiffest.damping_n_s_per_m,
+        start_offset_counts: 0.0,
     });
-    let free = free.transpose()?;
-    Ok(QuietStudy { walk: study.scene.scene.walk, cutoffs: study.cutoffs, recommended, free })
+    let free = stiffest.as_ref().map(|wall| FreeMotion::of(how, &scene.scene, wall)).transpose()?;
+    let protocols =
+        stiffest.as_ref().map(|wall| Held::each(how, &study.scene.scene, wall)).transpose()?;
+    Ok(QuietStudy {
+        walk: study.scene.scene.walk,
+        cutoffs: study.cutoffs,
+        recommended,
+        free,
+        protocols: protocols.unwrap_or_default(),
+    })
 }
 
 /// A scene as its estimators, filters and changes are ranked.

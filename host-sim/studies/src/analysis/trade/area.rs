@@ -37,6 +37,10 @@ impl Filtered {
 }
 
 impl Replaceable for Filtered {
+    fn set_push(&mut self, push: f64) {
+        self.core.set_push(push);
+    }
+
     fn push(&self) -> f64 {
         self.core.push()
     }

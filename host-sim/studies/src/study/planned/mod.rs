@@ -348,7 +348,7 @@ impl StudyFile {
         let of_variant = [cutoffs, starts, walls].map(|n| n as u64);
         let points = of_variant.into_iter().fold(self.variants(), u64::saturating_mul);
         let hit = &with.scene.wall_hit;
-        let samples = (hit.settle_s + hit.window_s) * with.scene.control.rate_hz;
+        let samples = hit.times_s().iter().sum::<f64>() * with.scene.control.rate_hz;
         #[expect(clippy::cast_precision_loss, reason = "at most ten thousand cutoffs")]
         let hits = match self.measure {
             Measure::Hit => 1.0,
