@@ -54,7 +54,7 @@ fn chosen(firmware: &Firmware) -> (World<'_>, Vec<LoopParameters>) {
     let design =
         zwidth::Design { output: zwidth::Output::Dac { bits: 12 }, ..firmware.scene.design() };
     // The firmware proposes its first settings to itself, which counts as a change.
-    let first = VelocitySettings::Butterworth { cutoff_hz: 1500.0 };
+    let first = firmware.first();
     let stamps = VelocitySettings::TimeStamps { span_samples: SPAN };
     let default = EstimatorName::TimeStamps.defaults();
     let taken = [first, first, default, stamps].map(|v| settings(v).build(&design).unwrap());

@@ -14,12 +14,13 @@ use host_sim::scene::{NamedScene, Scene};
 use object::{Object as _, ObjectSection as _};
 use virtual_board::{
     board::Board,
+    device,
     elf::Elf,
     image, log,
     world::{Snapshot, World},
 };
 use zwidth::{
-    CounterWidth, LoopParameters, Sampled, Sampler,
+    CounterWidth, LoopParameters, Sampled, Sampler, VelocitySettings,
     telemetry::{Flags, Record},
     velocity::Senses,
 };
@@ -93,6 +94,11 @@ impl Firmware {
     fn switched_on(&self) -> World<'_> {
         let Self { board, elf, table, scene } = self;
         World::new(*board, elf, table, scene, scene.device.rest_position_m).unwrap()
+    }
+
+    /// The filter in force at first.
+    pub fn first(&self) -> VelocitySettings {
+        device::built_in(self.board).settings.velocity
     }
 
     /// The same, armed as by [`arm`]. That takes a third of a second of the board's: it is done once.

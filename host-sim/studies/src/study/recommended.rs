@@ -95,6 +95,13 @@ impl Held {
     }
 }
 
+impl QuietStudy {
+    /// The cutoff to dial in, Hz, if there is one.
+    pub fn cutoff_hz(&self) -> Option<f64> {
+        self.recommended.as_ref().ok().map(|found| found.cutoff_hz)
+    }
+}
+
 /// A cutoff to dial in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recommended {
