@@ -81,7 +81,7 @@ LONG = {
     **{f"probability-{scene}": (f"cargo sim sweep {scene} --plain --probability", {"summary.json": f"probability-{scene}.json"})
        for scene in ("paper-1um", "paper-2um")},
     "probability-paper-2um-uncertain": (
-        "cargo sim sweep docs/data/paper-2um-uncertain.toml --plain --probability --uncertain 40",
+        "cargo sim sweep docs/data/paper-2um-uncertain.toml --plain --probability --uncertain 100",
         {"summary.json": "probability-paper-2um-uncertain.json"}),
     "rates-paper-1um": (
         "cargo sim sweep paper-1um --limits 15e-6,1e-6 --cutoffs 200,300,500,700,990,1500,2000,2400,3000,4000,4900 "

@@ -199,6 +199,7 @@ mod tests {
             step: [100.0, 10.0],
             cells: [6, 3],
             trials: 20,
+            devices: 0,
             areas: vec![],
             is_capped: false,
             held: Default::default(),
