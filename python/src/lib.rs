@@ -6,6 +6,7 @@ mod estimator;
 mod folder;
 mod given;
 mod measured;
+mod recommended;
 mod result;
 mod scene;
 mod studies;
@@ -30,6 +31,7 @@ mod _native {
             Agreement, EncoderTerm, Estimate, Identification, Plan, Replay, Residual, Suspect,
             TermTest, agree, identify, identify_plan, replay,
         },
+        recommended::{Recommended, recommended},
         scene::Scene,
         studies::{Grid, Hit, Linear, Sweep, Trace, Walk, grid, hit, linear, sweep, walk},
         study::{Study, study},
