@@ -3,7 +3,7 @@
 import re
 
 from . import block
-from .source import changed_scene, constant, lit, m, measured, number, rows, significant, sim, table
+from .source import changed_scene, constant, lit, m, measured, number, rows, said, significant, sim, table
 
 
 def hz_range(low_high):
@@ -11,8 +11,8 @@ def hz_range(low_high):
 
 
 def study(name):
-    """The default sweep of one of the paper's scenes."""
-    return next(s for s in sim("sweep")["scenes"] if s["scene"] == name)
+    """The default sweep of a scene."""
+    return sim(f"sweep {name}")["scenes"][0]
 
 
 def ideal(arguments, scene=None):
@@ -31,15 +31,23 @@ def dial_in(result):
 @block
 def readme_study():
     body = []
-    for name, encoder in [("paper-1um", "1 um"), ("paper-2um", "2 um")]:
+    for name, encoder in [("paper-1um", "the paper's, 1 um"), ("paper-2um", "the paper's, 2 um"),
+                          ("nucleo-f446re", "NUCLEO-F446RE, 1 um")]:
         result = study(name)
         own = f"{result['ideal_cutoff_hz']:g} Hz, {hz_range(result['ideal_cutoff_range_hz'])} Hz"
         body.append([encoder, *dial_in(result), own])
-    return table(["encoder", "dial in", "as good", "stiffest wall", "by the paper's criterion, its range"], body)
+    return table(["loop, encoder", "dial in", "as good", "stiffest wall", "by the paper's criterion, its range"], body)
 
 
 @block
-def readme_levers():
+def readme_sweep():
+    """What the terminal says at the end."""
+    lines = said("sweep paper-2um").splitlines()
+    return ["```text", *lines[-6:], "```"]
+
+
+@block
+def criteria_periods():
     loops = [("the paper's", changed_scene("paper-1um"), 10)]
     loops += [("NUCLEO-F446RE", changed_scene("nucleo-f446re", period=period), period) for period in (10, 5, 2, 1)]
     body = []
