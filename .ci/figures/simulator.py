@@ -82,7 +82,8 @@ def quiet_protocols():
     kilo = lambda n_per_m: "none" if n_per_m is None else f"{significant(n_per_m / 1e3, 2)} kN/m"
     for name in ("paper-1um", "paper-2um", "nucleo-f446re", "discovery-f407"):
         found = sim(f"sweep {name} --repeat 1")["scenes"][0]["recommended"]
-        stiffness, held = found["stiffness_n_per_m"], found["protocols"]
+        stiffness = found["stiffness_n_per_m"]
+        held = {row["protocol"]: row["stiffness_n_per_m"] for row in found["protocols"]}
         cells = [kilo(held[protocol]) for protocol in ("press", "taps", "hand")]
         body.append([name, f"{found['cutoff_hz']:g} Hz", f"{found['damping_n_s_per_m']:g} N s/m", kilo(stiffness), *cells])
     return table(["scene", "cutoff", "B", "constant push, K", "press", "taps", "hand"], body)

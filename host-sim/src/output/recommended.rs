@@ -1,7 +1,5 @@
 //! The cutoff to dial in, as every output says it.
 
-use std::collections::BTreeMap;
-
 use serde::Serialize;
 
 use crate::{
@@ -36,8 +34,14 @@ struct Row {
     /// The lower end.
     #[serde(skip_serializing_if = "Option::is_none")]
     free_motion: Option<FreeRow>,
-    /// K up to which a wall of that B is quiet by other protocols, N/m; `null` where none is.
-    protocols: BTreeMap<&'static str, Option<f64>>,
+    protocols: Vec<ProtocolRow>,
+}
+
+/// K up to which a wall of that B is quiet by another protocol; `null` where none is.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct ProtocolRow {
+    protocol: &'static str,
+    stiffness_n_per_m: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -72,7 +76,10 @@ impl Answer {
                     protocols: study
                         .protocols
                         .iter()
-                        .map(|held| (held.protocol.name(), held.stiffness_n_per_m))
+                        .map(|held| ProtocolRow {
+                            protocol: held.protocol.name(),
+                            stiffness_n_per_m: held.stiffness_n_per_m,
+                        })
                         .collect(),
                 };
                 Self { recommended: Some(row), reason: None }

@@ -219,10 +219,7 @@ impl PreparedScene {
         let hit = Hit::in_window(HitPlan { window: samples, ..self.plan }, contact, scatter);
         let wall = Stiff { stiffness_n_per_m: of.stiffness_n_per_m, surface };
         let push = outputs.iter().map(|(.., push)| push).sum::<f64>() / outputs.len().max(1) as f64;
-        let mut judge = self.judge.clone();
-        if self.scene.push_n(PushBy::Motor) != 0.0 {
-            judge = judge.about(push);
-        }
+        let judge = self.judge.clone().about(push);
         let mut measures = judge.measures(&hit, wall, &watch, Vec::new);
         if self.scene.wall_hit.protocol == Protocol::Hand {
             let Self { design, .. } = self;
