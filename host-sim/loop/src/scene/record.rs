@@ -118,6 +118,7 @@ impl NamedScene {
         let settings = scene.settings(velocity, 0.0, 0.0);
         let mut hit = scene.hit_settings();
         hit.push_n = 0.0; // nothing pushes until somebody says so
+        (hit.settle_s, hit.window_s) = (scene.wall_hit.settle_s, scene.wall_hit.window_s); // whatever the protocol
         let device = Device {
             board: Name::of(board.name),
             key: DeviceKey { name, hash: 0 },
