@@ -64,7 +64,7 @@ def theory_sure(name):
 
     def interval(c):
         ends = [c[f"area_5_percent_{end}_n2_s_per_m2"] for end in ("low", "high")]
-        return " to ".join("?" if end is None else significant(end * 1e-6, 3) for end in ends)
+        return "" if ends == [None, None] else " to ".join("?" if end is None else significant(end * 1e-6, 3) for end in ends)
 
     return table(
         ["cutoff, Hz", "walks, mean area", "integral of the share", "5 %", "its interval", "50 %", "95 %", "leads, or not told apart",

@@ -24,7 +24,9 @@ use host_sim::{
     simulation::prepared::Numeric,
     study::{
         How,
-        board_envelope::{DeviceRecord, Part, first_settings, fitting, says_first},
+        board_envelope::{
+            DeviceRecord, Part, first_settings, fitting, says_first, with_first_estimator,
+        },
         recommended::recommended,
     },
 };
@@ -161,7 +163,8 @@ fn made(scene: &NamedScene, board: Board) -> Result<Option<Vec<u8>>, Error> {
         let quiet = (!says_first(of)).then(|| {
             note(&format!("looking for the cutoff to begin with: quiet walls of {}", scene.name));
             let how = How { engine, numeric, stop: interrupt::flag() };
-            recommended(how, &on_board, &of.sweep.cutoffs_hz, true, || ())
+            let first = with_first_estimator(&on_board)?;
+            recommended(how, &first, &of.sweep.cutoffs_hz, true, || ())
         });
         let quiet_hz = quiet.transpose()?.and_then(|study| study.cutoff_hz());
         let first = first_settings(of, quiet_hz)?;

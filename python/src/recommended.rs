@@ -35,7 +35,7 @@ result! { value
         area: f64,
         /// A cap of the walk cuts that area.
         is_cut: bool,
-        /// By each other protocol the largest K of a quiet wall with that B, N/m; None where none is.
+        /// By each other protocol the largest K of a quiet wall with that B, N/m; None where none is, or none can be tried.
         protocols: Tuple<(String, Option<f64>)>,
         /// RMS of the output while the handle rests in free air, N.
         hum_n: f64,
@@ -104,7 +104,7 @@ pub fn recommended(
         area: of.area,
         is_cut: of.is_cut,
         protocols: protocols
-            .map(|held| (held.protocol.name().to_owned(), held.stiffness_n_per_m))
+            .map(|held| (held.protocol.name().to_owned(), held.stiffness_n_per_m()))
             .collect(),
         hum_n: found.free.map_or(0.0, |free| free.hum_n),
         sentences: sentences.into_iter().collect(),

@@ -36,12 +36,14 @@ impl Judged {
     ///
     /// # Errors
     /// The scene cannot have it.
-    pub fn apply(self, scene: &mut Scene) -> Result<(), Error> {
+    pub fn apply(self, named: &mut NamedScene) -> Result<(), Error> {
+        let scene = &mut named.scene;
         let hit = &mut scene.wall_hit;
         let criterion = self.criterion.map_or(hit.criterion, Into::into);
         hit.judge(criterion, self.rms_of.map(Into::into).or(hit.rms_of));
         hit.protocol = self.protocol.map_or(hit.protocol, Into::into);
-        scene.check().map_err(Error::Input)
+        let checked = scene.check().map_err(|why| scene.units.text(&why));
+        checked.map_err(|why| Error::Input(why).of(&named.name))
     }
 }
 

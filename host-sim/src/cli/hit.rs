@@ -14,7 +14,7 @@ use crate::{
     error::Error,
     notation::rounded,
     output::{estimated::print_of, in_units, table::Kind, trace},
-    scene::{NamedScene, Protocol, velocity::describe},
+    scene::{NamedScene, velocity::describe},
     simulation::{
         prepared::{HitReport, WallHit},
         trace::Trace,
@@ -95,7 +95,7 @@ struct Push {
 
 pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     let (mut scene, hit) = args.at.load(Some([args.stiffness, args.damping]))?;
-    args.judged.apply(&mut scene.scene)?;
+    args.judged.apply(&mut scene)?;
     let units = scene.scene.units;
     let kind = Kind::Moments { rate_hz: scene.scene.control.rate_hz };
     let mut outputs = common.outputs(&scene.files)?;
@@ -146,9 +146,7 @@ fn print(
         contact_fraction: report.contact_fraction,
         velocity_clipped_fraction: report.velocity_clipped_fraction,
         criterion: scene.scene.wall_hit.criterion.name(),
-        protocol: Some(scene.scene.wall_hit.protocol)
-            .filter(|is| *is != Protocol::Paper)
-            .map(Protocol::name),
+        protocol: scene.scene.wall_hit.protocol.named(),
         rms_of: scene.scene.wall_hit.rms_of().name(),
         rms_motion_m: report.rms_motion_m,
         window_at_limit_fraction: report.at_limit_fraction,
@@ -207,9 +205,6 @@ fn print(
     if json.criterion != "rms" || json.rms_of != "counts" {
         window += &format!("\njudged by: {}, RMS of {}", json.criterion, json.rms_of);
     }
-    if let Some(protocol) = json.protocol {
-        window += &format!("\nprotocol: {protocol}");
-    }
     if json.criterion == "quiet" {
         let limit_n = scene.scene.wall_hit.force_rms_limit_n();
         window += &format!(", of the force below {limit_n:.3} N");
@@ -222,6 +217,9 @@ fn print(
                 push.force_rms_n
             );
         }
+    }
+    if let Some(protocol) = json.protocol {
+        window += &format!("\nprotocol: {protocol}");
     }
     print_of(common.json, &scene.scene, &json, || {
         scene.scene.units.text(&format!(

@@ -25,7 +25,9 @@ use crate::{
         record::{Prepared, board_facts, words},
     },
     study::{
-        board_envelope::{DeviceRecord, Found, Part, first_settings, fitting, says_first},
+        board_envelope::{
+            DeviceRecord, Found, Part, first_settings, fitting, says_first, with_first_estimator,
+        },
         recommended::{QuietStudy, recommended},
     },
 };
@@ -155,7 +157,8 @@ fn quiet_walls(scene: &NamedScene, common: &Common) -> Result<QuietStudy, Error>
     let how = common.how();
     let cutoffs_hz = &scene.scene.sweep.cutoffs_hz;
     let bar = progress::bar(cutoffs_hz.len() as u64);
-    let found = recommended(how, scene, cutoffs_hz, true, || bar.inc(1));
+    let first = with_first_estimator(scene)?;
+    let found = recommended(how, &first, cutoffs_hz, true, || bar.inc(1));
     bar.finish_and_clear();
     found.map_err(|error| error.of(&scene.name))
 }

@@ -27,8 +27,10 @@ const SHARES: [f64; 3] = [0.05, 0.5, 0.95];
 /// The interval of the worst 5 %, as people read it.
 fn interval(c: &CutoffProbability) -> String {
     let end = |end: Option<f64>| end.map_or_else(|| "?".to_owned(), millions);
-    let [low, high] = [c.area_5_percent_low_n2_s_per_m2, c.area_5_percent_high_n2_s_per_m2];
-    format!("{} to {}", end(low), end(high))
+    match [c.area_5_percent_low_n2_s_per_m2, c.area_5_percent_high_n2_s_per_m2] {
+        [None, None] => String::new(),
+        [low, high] => format!("{} to {}", end(low), end(high)),
+    }
 }
 
 /// A finished study.
@@ -260,6 +262,9 @@ impl ProbabilityStudy {
         let alike = alike.join(", ");
         let _ = match (summary.recommended_cutoff_hz, self.leading()) {
             (_, None) => write!(text, "\n  no wall holds"),
+            (Some(hz), Some(map)) if map.devices == 0 => {
+                write!(text, "\n  recommended for the worst 5 % of the starts: {hz} Hz")
+            }
             (Some(hz), _) => write!(
                 text,
                 "\n  recommended for the worst 5 % of the draws: {hz} Hz; not told apart: {alike} Hz"

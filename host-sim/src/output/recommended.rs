@@ -37,11 +37,13 @@ struct Row {
     protocols: Vec<ProtocolRow>,
 }
 
-/// K up to which a wall of that B is quiet by another protocol; `null` where none is.
-#[derive(Clone, Copy, Debug, Serialize)]
+/// K up to which a wall of that B is quiet by another protocol; `null` where none is, or none can be tried.
+#[derive(Clone, Debug, Serialize)]
 struct ProtocolRow {
     protocol: &'static str,
     stiffness_n_per_m: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    not_tried: Option<String>,
 }
 
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -78,7 +80,8 @@ impl Answer {
                         .iter()
                         .map(|held| ProtocolRow {
                             protocol: held.protocol.name(),
-                            stiffness_n_per_m: held.stiffness_n_per_m,
+                            stiffness_n_per_m: held.stiffness_n_per_m(),
+                            not_tried: held.stiffest.clone().err(),
                         })
                         .collect(),
                 };
@@ -121,8 +124,10 @@ pub fn sentences(scene: &NamedScene, study: &QuietStudy) -> Vec<String> {
     let [low, high] = of.range_hz;
     let range =
         if low == high { String::new() } else { format!(" ({low} to {high} Hz are as good)") };
+    let by = scene.scene.wall_hit.protocol.named();
+    let by = by.map_or_else(String::new, |protocol| format!(" by {protocol}"));
     let dial_in = format!(
-        "{name}: dial in {} Hz{range}: walls that move and hum less than a hand tells, up to K = {} (with B = {}) and B = {}.",
+        "{name}: dial in {} Hz{range}: walls that move and hum less than a hand tells{by}, up to K = {} (with B = {}) and B = {}.",
         of.cutoff_hz,
         units.said(of.stiffest.stiffness_n_per_m, "N/m"),
         units.said(of.stiffest.damping_n_s_per_m, "N s/m"),
@@ -154,19 +159,23 @@ fn by_protocols(units: Units, study: &QuietStudy, of: &Recommended) -> Option<St
         Protocol::Taps => "taps, two a second,",
         Protocol::Hand => "a hand that sways by 30 %",
     };
-    let each = study.protocols.iter().map(|held| match held.stiffness_n_per_m {
-        Some(k) if k >= stiffness => format!("{} holds it too", said(held.protocol)),
-        Some(k) => {
-            let most = units.said(rounded(k, 2), "N/m");
-            format!("{} only up to K = {most}", said(held.protocol))
+    let (unit, factor) = units.written("N/m");
+    let each = study.protocols.iter().map(|held| match &held.stiffest {
+        Ok(Some(k)) if *k >= stiffness => format!("quiet by {}", said(held.protocol)),
+        Ok(Some(k)) => {
+            let k = k * factor;
+            let near = rounded(k, 2);
+            let most = if near > k { rounded(0.95 * k, 2) } else { near }; // what was tried, or less
+            format!("by {} not above K = {most} {unit}", said(held.protocol))
         }
-        None => format!("{} at no K", said(held.protocol)),
+        Ok(None) => format!("by {} at no K", said(held.protocol)),
+        Err(why) => format!("by {} not tried: {why}", said(held.protocol)),
     });
     let each: Vec<String> = each.collect();
     (!each.is_empty()).then(|| {
         let b = units.said(of.stiffest.damping_n_s_per_m, "N s/m");
         format!(
-            "The stiffest of them, B = {b}, tried in other ways (--protocol): {}.",
+            "The stiffest of them, B = {b}, when it is tried in other ways (--protocol): {}.",
             each.join("; ")
         )
     })

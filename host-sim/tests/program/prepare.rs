@@ -45,6 +45,14 @@ fn the_first_cutoff_is_the_boards_then_the_filters() {
     let made: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(made["cutoff_hz"], made["recommended"]["cutoff_hz"]);
     assert_eq!(made["envelope"][0]["boundaries"], 3, "its walls are in the envelope");
+    // of the estimator that is in force, whatever the scene's own is
+    let other =
+        ("name = \"nucleo-f446re\"", "name = \"nucleo-f446re\"\nestimators = [\"first-order\"]");
+    let folder = scene(&[("cutoff_hz = 360 #", "#"), other]);
+    let output = sim(folder.path(), &["prepare", "mine.toml", "--json"]);
+    let of_first: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(of_first["cutoff_hz"], of_first["recommended"]["cutoff_hz"]);
+    assert_ne!(of_first["recommended"], made["recommended"]);
 }
 
 /// What it recommends is what `sweep` recommends, and a first cutoff outside of that range is a note.

@@ -86,10 +86,38 @@ fn taps_reach_the_wall_after_50_ms_and_their_worst_last_half_counts() {
         let (rests, motion_m, force_n) = worst;
         assert_eq!(report.is_stable(), rests, "{of:?}");
         if rests {
-            assert!((report.rms_motion_m / motion_m - 1.0).abs() < 0.02, "{motion_m} {report:?}");
-            assert!((report.force_rms_n / force_n - 1.0).abs() < 0.02, "{force_n} {report:?}");
+            // about a polynomial, which takes what is slow and leaves what is quick
+            let left = [report.rms_motion_m / motion_m, report.force_rms_n / force_n];
+            assert!(left.iter().all(|left| (0.4..1.001).contains(left)), "{left:?} {report:?}");
         }
     }
+}
+
+/// 2 m / b or B / K of tens of milliseconds: at the end of a tap the handle still moves by tens of micrometres, ever more
+/// slowly.
+#[test]
+fn a_tapped_wall_that_still_gives_way_is_not_one_that_bounces() {
+    let mut scene = scene(Protocol::Taps);
+    scene.encoder.resolution_m = 2e-6;
+    for (of, held) in
+        [([4e3, 130.0], true), ([6e3, 130.0], true), ([9e3, 130.0], true), ([40e3, 130.0], false)]
+    {
+        let (report, _) = hit(&scene, of);
+        assert_eq!(report.is_stable(), held, "{of:?} {report:?}");
+    }
+}
+
+/// A wall that throws the handle back is no wall that was not touched.
+#[test]
+fn a_handle_that_is_thrown_back_was_in_contact() {
+    let mut scene = scene(Protocol::Taps);
+    (scene.wall_hit.push_n, scene.wall_hit.push_by) = (0.3, PushBy::Hand);
+    scene.actuator.latency = 100.0;
+    let (report, _) = hit(&scene, [50e3, 0.0]);
+    assert_eq!(report.verdict, Verdict::Unstable, "{report:?}");
+    scene.wall_hit.push_n = 0.0;
+    let (report, _) = hit(&scene, [50e3, 0.0]);
+    assert_eq!((report.verdict, report.at_limit_fraction), (Verdict::NoContact, 0.0));
 }
 
 #[test]
@@ -142,5 +170,7 @@ fn a_scene_that_cannot_be_tried_so_is_refused_with_the_reason() {
     };
     refused(|scene| scene.wall_hit.push_n = 5.0, Protocol::Hand, "wall_hit.push_n");
     refused(|scene| scene.device.start_position_m = 0.08, Protocol::Taps, "start_position_m");
+    refused(|scene| scene.wall_hit.window_s = 0.1, Protocol::Hand, "wall_hit.window_s");
+    refused(|scene| scene.actuator.period = 400, Protocol::Hand, "actuator.period");
     refused(|scene| scene.wall_hit.judge(Criterion::Felt, None), Protocol::Taps, "felt");
 }

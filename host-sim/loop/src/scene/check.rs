@@ -8,6 +8,11 @@ use super::{
 };
 use crate::range::{refused, within};
 
+/// A spectrum of a shorter window cannot tell a hand's sway from what is quicker, s.
+const WINDOW_OF_HAND_S: f64 = 0.5;
+/// Slower outputs leave nothing above a hand's sway, Hz.
+const OUTPUT_OF_HAND_HZ: f64 = 100.0;
+
 /// Accepted ranges of what only the simulator knows.
 pub mod ranges {
     use std::ops::RangeInclusive;
@@ -130,18 +135,23 @@ impl Scene {
         if !hit.protocol.varies() {
             return Ok(());
         }
-        let protocol = hit.protocol.name();
+        let of = |key: &str| format!("{key} with protocol = \"{}\"", hit.protocol.name());
         if hit.criterion == Criterion::Felt {
-            return Err(format!(
-                "wall_hit.protocol = \"{protocol}\" with criterion = \"felt\", allowed rms, unsaturated and quiet"
-            ));
+            let key = of("wall_hit.criterion");
+            return Err(format!("{key} is felt, allowed rms, unsaturated and quiet"));
         }
-        let (start_m, wall_m) = (self.device.start_position_m, self.wall.position_m);
-        if hit.protocol == Protocol::Taps && start_m >= wall_m {
-            return Err(format!(
-                "device.start_position_m = {start_m} with protocol = \"taps\", allowed below wall.position_m = {wall_m}"
-            ));
+        if hit.protocol == Protocol::Taps {
+            let (start_m, count_m) = (self.device.start_position_m, self.encoder.resolution_m);
+            let before_wall = -1000.0..=self.wall.position_m - count_m;
+            return within(&of("device.start_position_m"), start_m, before_wall);
         }
+        within(&of("wall_hit.window_s"), hit.window_s, WINDOW_OF_HAND_S..=f64::INFINITY)?;
+        let output_hz = self.control.rate_hz / f64::from(self.actuator.period);
+        within(
+            &of("outputs a second, control.rate_hz / actuator.period,"),
+            output_hz,
+            OUTPUT_OF_HAND_HZ..=self.control.rate_hz,
+        )?;
         Ok(())
     }
 

@@ -224,6 +224,11 @@ impl Protocol {
         }
     }
 
+    /// Its name where it is not the paper's.
+    pub fn named(self) -> Option<&'static str> {
+        (self != Self::Paper).then(|| self.name())
+    }
+
     /// The push changes during a hit.
     pub fn varies(self) -> bool {
         matches!(self, Self::Taps | Self::Hand)

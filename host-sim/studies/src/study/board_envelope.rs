@@ -48,7 +48,9 @@ impl Part {
             let mut scene = scene;
             scene.actuator.period = period;
             scene.check().map_err(Error::Input)?;
-            let own = first.cutoff_hz().filter(|_| scene.velocity.estimator() == first.name());
+            let own = first
+                .cutoff_hz()
+                .filter(|_| design.is_none() && scene.velocity.estimator() == first.name());
             let cutoffs_hz: Vec<f64> = scene.sweep.cutoffs_hz.iter().copied().chain(own).collect();
             let filters = filters(&scene.velocity, &cutoffs_hz);
             let estimator = scene.velocity.estimator();
@@ -148,6 +150,20 @@ pub fn fitting(
     let fits = named.scene.check_fits(has_envelope);
     fits.map_err(|why| Error::Input(why).of(&named.name))?;
     named.prepared(board, first)
+}
+
+/// The scene with the estimator that is in force at first: the one for which a cutoff is recommended.
+///
+/// # Errors
+/// [`Error::Input`]: the scene names no estimator of the board.
+pub fn with_first_estimator(named: &NamedScene) -> Result<NamedScene, Error> {
+    let mut named = named.clone();
+    let scene = &mut named.scene;
+    let first = scene.board_estimators().map_err(Error::Input)?.first().copied();
+    if let Some(first) = first.filter(|first| *first != scene.velocity.estimator()) {
+        scene.velocity = VelocityTable::from(first.defaults()).with_cutoff(None);
+    }
+    Ok(named)
 }
 
 /// Whether a scene says what is in force at first.

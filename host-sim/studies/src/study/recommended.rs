@@ -19,7 +19,7 @@ use crate::{
     interrupt,
     notation::rounded,
     scene::{Criterion, NamedScene, Protocol, RmsOf, Scene, Walk, element::Friction},
-    simulation::prepared::{PreparedScene, WallHit},
+    simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
 /// Areas that are at least this share of the largest are as good.
@@ -60,12 +60,20 @@ pub struct QuietStudy {
 }
 
 /// What is quiet by another protocol.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Held {
     /// How it was tried.
     pub protocol: Protocol,
-    /// The stiffest wall that is, with the B of the one that was asked about, N/m; the first that is of ever softer ones.
-    pub stiffness_n_per_m: Option<f64>,
+    /// The stiffest wall that is, with the B of the one that was asked about, N/m: the first that is of ever softer ones,
+    /// if any; or why none can be tried.
+    pub stiffest: Result<Option<f64>, String>,
+}
+
+impl Held {
+    /// K of that wall, N/m, if there is one.
+    pub fn stiffness_n_per_m(&self) -> Option<f64> {
+        self.stiffest.clone().ok().flatten()
+    }
 }
 
 /// Softer walls that are tried, each this part of the one before.
@@ -73,25 +81,32 @@ const SOFTER: f64 = 0.9;
 const SOFTER_TRIES: i32 = 30;
 
 impl Held {
-    /// That wall of a scene by every protocol but its own; not by one that the scene cannot have.
+    /// That wall of a scene by every protocol but its own.
     fn each(how: How<'_>, scene: &Scene, wall: &WallHit) -> Result<Vec<Self>, Error> {
         let others = Protocol::ALL.into_par_iter().filter(|of| *of != scene.wall_hit.protocol);
         let held = |protocol| {
             let mut scene = scene.clone();
             scene.wall_hit.protocol = protocol;
-            let Ok(prepared) = PreparedScene::new(&scene) else { return Ok(None) };
+            let prepared = match PreparedScene::new(&scene) {
+                Ok(prepared) => prepared,
+                Err(why) => return Ok(Self { protocol, stiffest: Err(why.to_string()) }),
+            };
             for softer in 0..SOFTER_TRIES {
                 interrupt::unless(how.stop)?;
                 let stiffness_n_per_m = wall.stiffness_n_per_m * SOFTER.powi(softer);
                 let softer = WallHit { stiffness_n_per_m, ..*wall };
-                if prepared.verdict(how.numeric, &softer)? == Verdict::Stable {
-                    return Ok(Some(Self { protocol, stiffness_n_per_m: Some(stiffness_n_per_m) }));
+                let verdict = match prepared.verdict(how.numeric, &softer) {
+                    Err(HitError::OutOfRange(_)) => Verdict::Unstable,
+                    verdict => verdict?,
+                };
+                if verdict == Verdict::Stable {
+                    return Ok(Self { protocol, stiffest: Ok(Some(stiffness_n_per_m)) });
                 }
             }
-            Ok(Some(Self { protocol, stiffness_n_per_m: None }))
+            Ok(Self { protocol, stiffest: Ok(None) })
         };
-        let held: Vec<Result<Option<Self>, Error>> = others.map(held).collect();
-        held.into_iter().filter_map(Result::transpose).collect()
+        let held: Vec<Result<Self, Error>> = others.map(held).collect();
+        held.into_iter().collect()
     }
 }
 

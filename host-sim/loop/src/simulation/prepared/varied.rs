@@ -2,14 +2,15 @@
 //!
 //! | protocol | push, share of the scene's | window |
 //! |----------|----------------------------|--------|
-//! | `taps` | 1 for half of [`TAP_S`], then what draws the handle back to where it was, at most -1: a critically damped spring that has the push at the wall. From there the push takes 50 ms to the wall | of each tap but the first the last half from its contact to its end; the worst decides |
+//! | `taps` | 1 for half of [`TAP_S`], then what draws the handle back to where it was, at most -1: a critically damped spring that has the push at the wall. From there the push takes 50 ms to the wall | of each tap but the first the last half from its contact to its end; the worst decides. Motion and force are about the polynomial of degree 5 that fits them best: a wall that still gives way is not one that bounces |
 //! | `hand` | `1 + 0.3 (sin + sin + sin) / 3` at 0.7, 1.9 and 4.3 Hz | the scene's, above 20 Hz: the RMS of motion and force are those of a spectrum with Hann's window |
 //!
-//! Who pushes is the scene's. The push is held from output to output.
+//! Who pushes is the scene's. The push is held from output to output, and the force is looked at as it is held.
 
 use std::f64::consts::TAU;
 
 use zwidth::{
+    Design,
     experiment::{Hit, HitPlan, RunningVariance, Verdict},
     units::{Position, Velocity},
 };
@@ -17,7 +18,7 @@ use zwidth::{
 use super::{PreparedScene, run::Observer};
 use crate::{
     plant::{AnyPlant, Plant},
-    scene::{HAND_SWAY, Protocol, PushBy, Scene, TAP_S},
+    scene::{Criterion, HAND_SWAY, Protocol, PushBy, Scene, TAP_S},
     simulation::{
         Sample, Simulation,
         controller::Replaceable,
@@ -33,6 +34,8 @@ const TO_WALL_S: f64 = 0.05;
 const SWAY_HZ: [f64; 3] = [0.7, 1.9, 4.3];
 /// Above this a hand's wall has to rest, Hz.
 const REST_HZ: f64 = 20.0;
+/// Of the polynomial that a tapped wall may follow; in a window of a tenth of a second that is some 25 Hz.
+const DEGREE: usize = 5;
 
 /// Where a tap begins, m: so far before the wall that the push takes [`TO_WALL_S`] from rest; the scene's start if that is
 /// nearer.
@@ -161,17 +164,21 @@ impl PreparedScene {
             }
             let begun = index >= self.plan.settle;
             if taps {
+                // once in contact, up to the end of the push, whether the wall keeps it or not
                 let contact = !seen.counts.is_empty() || sample.count > surface;
                 if begun && is_pressed(time_s) && contact {
                     seen.push(&sample);
                 }
                 let ends = !is_pressed(f64::from(index + 1) / rate_hz);
                 if ends && !seen.counts.is_empty() {
-                    let report = self.judged(of, surface, std::mem::take(&mut seen).half());
+                    let mut report = self.judged(of, surface, std::mem::take(&mut seen).half());
+                    if report.verdict == Verdict::NoContact {
+                        report.verdict = Verdict::Unstable; // it was thrown back
+                    }
                     if bounded && !report.is_stable() {
                         return Ok(None);
                     }
-                    worst = Some(worse(worst, report));
+                    worst = Some(self.worse(worst, report));
                 }
             } else if begun {
                 seen.push(&sample);
@@ -204,6 +211,19 @@ impl PreparedScene {
         }
     }
 
+    /// Of two taps the one that was not held, or the less quiet by what the criterion looks at.
+    fn worse(&self, kept: Option<HitReport>, next: HitReport) -> HitReport {
+        let loud = |report: &HitReport| match self.scene.wall_hit.criterion {
+            Criterion::Quiet => report.force_rms_n,
+            _ => report.rms_m,
+        };
+        match kept {
+            Some(kept) if !kept.is_stable() => kept,
+            Some(kept) if next.is_stable() && loud(&next) <= loud(&kept) => kept,
+            _ => next,
+        }
+    }
+
     /// A window of it.
     fn judged(&self, of: &WallHit, surface: i32, seen: Seen) -> HitReport {
         let Seen { counts, positions_m, outputs } = seen;
@@ -221,20 +241,22 @@ impl PreparedScene {
         let push = outputs.iter().map(|(.., push)| push).sum::<f64>() / outputs.len().max(1) as f64;
         let judge = self.judge.clone().about(push);
         let mut measures = judge.measures(&hit, wall, &watch, Vec::new);
-        if self.scene.wall_hit.protocol == Protocol::Hand {
-            let Self { design, .. } = self;
-            let above = |values: Vec<f64>, rate_hz: f64| {
-                Band::new(values.len(), rate_hz, [REST_HZ, 0.5 * rate_hz], |_| 1.0)
-                    .energy(values)
-                    .sqrt()
-            };
-            let output_hz = design.rate_hz / f64::from(design.period);
-            let forces: Vec<f64> = outputs.iter().map(|(_, output, _)| *output).collect();
-            let counts = counts.iter().map(|count| f64::from(*count)).collect();
-            measures.rms_m = above(counts, design.rate_hz) * design.resolution_m;
-            measures.rms_motion_m = above(positions_m, design.rate_hz);
-            measures.force_rms_n = above(forces, output_hz) * design.full_scale_n;
+        if outputs.is_empty() {
+            measures.at_limit_fraction = 0.0;
         }
+        let Design { resolution_m, full_scale_n, rate_hz, .. } = self.design;
+        let quick = |values: Vec<f64>| match self.scene.wall_hit.protocol {
+            Protocol::Hand => {
+                let band = Band::new(values.len(), rate_hz, [REST_HZ, 0.5 * rate_hz], |_| 1.0);
+                band.energy(values).sqrt()
+            }
+            _ => about_polynomial(values),
+        };
+        let forces = held(&outputs, counts.len());
+        let counts = counts.iter().map(|count| f64::from(*count - surface)).collect();
+        measures.rms_m = quick(counts) * resolution_m;
+        measures.rms_motion_m = quick(positions_m);
+        measures.force_rms_n = quick(forces) * full_scale_n;
         HitReport {
             verdict: judge.verdict(&hit, wall, &measures),
             rms_m: measures.rms_m,
@@ -254,11 +276,71 @@ impl PreparedScene {
     }
 }
 
-/// Of two taps the one that was not held, or whose force is the less quiet.
-fn worse(kept: Option<HitReport>, next: HitReport) -> HitReport {
-    match kept {
-        Some(kept) if !kept.is_stable() => kept,
-        Some(kept) if next.is_stable() && next.force_rms_n <= kept.force_rms_n => kept,
-        _ => next,
+/// The outputs of so many samples as they are held, from the first one on.
+fn held(outputs: &[(usize, f64, f64)], samples: usize) -> Vec<f64> {
+    let ends = outputs.iter().skip(1).map(|(place, ..)| *place).chain([samples]);
+    outputs
+        .iter()
+        .zip(ends)
+        .flat_map(|((place, output, _), end)| vec![*output; end - place])
+        .collect()
+}
+
+/// RMS of values about the polynomial of [`DEGREE`] that fits them best, by orthogonal polynomials.
+fn about_polynomial(mut values: Vec<f64>) -> f64 {
+    let length = values.len();
+    let degree = DEGREE.min(length / 4); // of few values only the mean
+    let at = |n: usize| 2.0 * (n as f64 + 0.5) / length as f64 - 1.0;
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let mut basis: Vec<Vec<f64>> = vec![];
+    for power in 0..=degree {
+        let mut next: Vec<f64> = match basis.last() {
+            Some(last) if power > 0 => last.iter().enumerate().map(|(n, p)| at(n) * p).collect(),
+            _ => vec![1.0; length],
+        };
+        for before in &basis {
+            let share = dot(&next, before);
+            next.iter_mut().zip(before).for_each(|(value, p)| *value -= share * p);
+        }
+        let size = dot(&next, &next).sqrt();
+        if size == 0.0 {
+            break;
+        }
+        next.iter_mut().for_each(|value| *value /= size);
+        let share = dot(&values, &next);
+        values.iter_mut().zip(&next).for_each(|(value, p)| *value -= share * p);
+        basis.push(next);
+    }
+    (dot(&values, &values) / length.max(1) as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A tenth of a second at 10 kHz.
+    fn window(of: impl Fn(f64) -> f64) -> f64 {
+        about_polynomial((0..1000).map(|n| of(f64::from(n) / 1e4)).collect())
+    }
+
+    #[test]
+    fn what_dies_away_is_followed_and_what_bounces_is_not() {
+        for time_s in [0.025, 0.05, 0.2] {
+            let left = window(|t| 1.0 + libm::exp(-t / time_s));
+            assert!(left < 0.005, "{time_s}: {left}");
+        }
+        for hz in [60.0, 100.0, 800.0] {
+            let left = window(|t| 2f64.sqrt() * libm::sin(TAU * hz * t + 0.3));
+            assert!((0.9..1.01).contains(&left), "{hz}: {left}");
+        }
+        for few in 0..30 {
+            assert!(about_polynomial(vec![7.0; few]).abs() < 1e-12, "{few}");
+        }
+    }
+
+    #[test]
+    fn an_output_is_held_until_the_next_one() {
+        assert_eq!(held(&[(1, 0.5, 0.0), (3, 0.25, 0.0)], 5), [0.5, 0.5, 0.25, 0.25]);
+        assert_eq!(held(&[], 5), [0.0; 0]);
     }
 }

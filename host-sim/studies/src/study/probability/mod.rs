@@ -5,7 +5,8 @@
 //! holds is the wall's probability; its integral over K and B is an area that counts each wall as far as it holds. A draw's own
 //! area is that of the cells at which it holds: the spread of areas, and of the cutoff that is ideal, is that of the draws.
 //!
-//! **How sure the quantiles are.** Devices that are drawn are independent, the starts of one are not. So a quantile's interval
+//! **How sure the quantiles are.** Devices that are drawn are independent, the starts of one are spread evenly: no sample, so
+//! quantiles over the starts of the scene's own device have no interval. Of drawn devices a quantile's interval
 //! is that of the ranks between which it lies for as many devices ([`ranks`]); from fewer than [`DRAWS_MIN`] of them the
 //! worst 5 % have no lower bound. Which cutoff is best in the worst draws is asked of devices drawn again from those that
 //! were (bootstrap): what leads in too many of these cannot be told from the best.
@@ -286,20 +287,15 @@ impl Map {
         quantile(&self.areas, share)
     }
 
-    /// The 95 % interval of that quantile; without an end where there are too few devices.
+    /// The 95 % interval of that quantile; without an end where too few devices are drawn.
     pub fn interval(&self, share: f64) -> [Option<f64>; 2] {
-        let ends = ranks(self.independent(), share);
+        let ends = ranks(self.devices, share);
         ends.map(|end| end.map(|share| quantile(&self.areas, share)))
-    }
-
-    /// Draws that do not depend on each other.
-    fn independent(&self) -> u32 {
-        if self.devices > 0 { self.devices } else { self.trials }
     }
 
     /// The areas of devices that are drawn again from those that were, the same for each map.
     fn again(&self, time: u64) -> Vec<f64> {
-        let devices = u64::from(self.independent());
+        let devices = u64::from(self.devices);
         let starts = u64::from(self.trials) / devices;
         let drawn = (0..devices).flat_map(|n| {
             let first = random::bits(AGAIN, time * devices + n) % devices * starts;
@@ -312,7 +308,7 @@ impl Map {
 /// The shares of the sorted draws between which a quantile lies with 95 %, whatever their distribution (Conover, *Practical
 /// Nonparametric Statistics*, 1999, section 3.2); `None` where no draw bounds it.
 pub fn ranks(draws: u32, share: f64) -> [Option<f64>; 2] {
-    let Ok(below) = Binomial::new(share, u64::from(draws)) else { return [None; 2] };
+    let Ok(below) = Binomial::new(share, draws.into()) else { return [None; 2] };
     // rank r of 1 to n is at the share (r - 1) / (n - 1)
     let at = |rank: u32| (f64::from(rank) - 1.0) / (f64::from(draws) - 1.0).max(1.0);
     let low = (1..=draws).rev().find(|rank| below.cdf(u64::from(rank - 1)) <= MISS);
@@ -448,7 +444,8 @@ pub fn verdicts(maps: &[Map]) -> Verdicts {
     }
     let leading = leader(maps.iter().map(|map| map.quantile(WORST)));
     let mut leads = vec![0.0; maps.len()];
-    for time in 0..TIMES {
+    let is_drawn = maps.first().is_some_and(|map| map.devices > 0);
+    for time in (0..TIMES).filter(|_| is_drawn) {
         let areas = maps.iter().map(|map| quantile(&map.again(time), WORST));
         if let Some(place) = leader(areas) {
             leads[place] += 1.0 / TIMES as f64;
