@@ -59,9 +59,7 @@ impl Part {
         for estimator in scene.board_estimators().map_err(Error::Input)? {
             for period in scene.board_periods() {
                 let mut scene = scene.clone();
-                if scene.velocity.estimator() != estimator {
-                    scene.velocity = VelocityTable::from(estimator.defaults()).with_cutoff(None);
-                }
+                take(&mut scene, estimator);
                 parts.push(part(scene, None, period)?);
             }
         }
@@ -158,12 +156,18 @@ pub fn fitting(
 /// [`Error::Input`]: the scene names no estimator of the board.
 pub fn with_first_estimator(named: &NamedScene) -> Result<NamedScene, Error> {
     let mut named = named.clone();
-    let scene = &mut named.scene;
-    let first = scene.board_estimators().map_err(Error::Input)?.first().copied();
-    if let Some(first) = first.filter(|first| *first != scene.velocity.estimator()) {
-        scene.velocity = VelocityTable::from(first.defaults()).with_cutoff(None);
+    let estimators = named.scene.board_estimators().map_err(Error::Input)?;
+    if let Some(first) = estimators.first() {
+        take(&mut named.scene, *first);
     }
     Ok(named)
+}
+
+/// The scene with that estimator: its own, or the defaults of another one.
+fn take(scene: &mut Scene, estimator: EstimatorName) {
+    if scene.velocity.estimator() != estimator {
+        scene.velocity = VelocityTable::from(estimator.defaults()).with_cutoff(None);
+    }
 }
 
 /// Whether a scene says what is in force at first.
