@@ -66,7 +66,6 @@ impl Backend {
     /// All of them, the best first.
     pub const ALL: [Self; 4] = [Self::Avx512, Self::Avx2, Self::Neon, Self::Plain];
 
-    /// Name in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Avx512 => "avx-512",

@@ -27,7 +27,7 @@ pub mod ranges {
     pub const POSITION_M: RangeInclusive<f64> = -1e3..=1e3;
     /// Force per volt, N/V.
     pub const GAIN_N_PER_V: RangeInclusive<f64> = 1e-6..=1e6;
-    /// Largest command, V.
+    /// Largest command of an actuator, V.
     pub const LIMIT_V: RangeInclusive<f64> = 1e-3..=1e3;
     /// Most values of a list.
     pub const VALUES_MAX: usize = 10_000;

@@ -81,7 +81,6 @@ pub struct NamedScene {
     pub text: String,
     /// The files that it was read from; none if it is built in.
     pub files: Vec<PathBuf>,
-    /// Its content.
     pub scene: Scene,
 }
 
@@ -92,21 +91,13 @@ pub struct Scene {
     /// Keys whose values nobody has measured or published; reports repeat them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub estimated: Vec<String>,
-    /// The mechanical device.
     pub device: Device,
-    /// Position sensor.
     pub encoder: Encoder,
-    /// Amplifier and motor.
     pub actuator: Actuator,
-    /// Sampling.
     pub control: Sampling,
-    /// Velocity filter.
     pub velocity: VelocityTable,
-    /// The virtual wall.
     pub wall: Wall,
-    /// The wall-hit experiment.
     pub wall_hit: WallHit,
-    /// The boundary walk.
     pub walk: Walk,
     /// The study over cutoffs.
     pub sweep: Sweep,

@@ -28,7 +28,7 @@ pub struct ControllerOutput {
 /// What the samples of a run read.
 #[derive(Clone, Copy, Debug)]
 pub struct Readings<'a> {
-    /// Counts.
+    /// Encoder counts, one per sample.
     pub counts: &'a [i32],
     /// What is sensed beside them; empty where nothing is.
     pub senses: &'a [Senses],
@@ -207,7 +207,6 @@ impl Fixed {
     }
 }
 
-/// As a number.
 #[inline]
 pub fn counts_per_sample(velocity: Velocity) -> f64 {
     f64::from(velocity.bits()) / f64::from(1u32 << Velocity::FRACTION_BITS)

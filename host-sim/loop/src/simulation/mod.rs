@@ -268,7 +268,6 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         most - left
     }
 
-    /// The controller.
     pub fn controller(&self) -> &C {
         &self.moving.controller
     }
@@ -283,7 +282,6 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         self.parts.plant = plant;
     }
 
-    /// The plant.
     pub fn plant(&self) -> &P {
         &self.parts.plant
     }

@@ -48,12 +48,10 @@ impl PortWatch {
         }
     }
 
-    /// Takes each block.
     pub fn block(&mut self, block: &Block) {
         self.take(block.index(), block.counts(), block.outputs());
     }
 
-    /// Takes each sample.
     pub fn sample(&mut self, sample: &Sample) {
         let output = sample.rendered.map(|rendered| Output { place: 0, rendered });
         self.take(sample.index, &[sample.count], output.as_slice());

@@ -38,11 +38,10 @@ pub struct Watch {
     pub squares: f64,
     /// Outputs at the actuator's limit.
     pub at_limit: f64,
-    /// Outputs.
     pub outputs: f64,
-    /// Their sum, fractions of full scale.
+    /// Sum of the forces of all outputs, fractions of full scale.
     pub forces: f64,
-    /// Sum of their squares.
+    /// Sum of the squares of these forces.
     pub force_squares: f64,
 }
 
@@ -99,9 +98,8 @@ pub struct Measures {
 /// The wall of a hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stiff {
-    /// K, N/m.
     pub stiffness_n_per_m: f64,
-    /// Its surface, counts.
+    /// Position of the surface, counts.
     pub surface: i32,
 }
 
@@ -279,7 +277,7 @@ pub struct Felt(Band);
 #[derive(Clone, Debug, PartialEq)]
 pub struct Band {
     spectrum: RealSpectrum,
-    /// Hann's window.
+    /// Weights of Hann's window.
     window: Vec<f64>,
     /// First bin of the band.
     first: usize,

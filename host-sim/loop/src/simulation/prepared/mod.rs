@@ -188,12 +188,10 @@ impl PreparedScene {
         Ok(())
     }
 
-    /// The scene.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// The core's design.
     pub fn design(&self) -> &Design {
         &self.design
     }

@@ -108,7 +108,7 @@ impl Seen {
         self.positions_m.push(sample.position_m);
     }
 
-    /// Its last half.
+    /// The last half of the samples.
     fn half(mut self) -> Self {
         let half = self.counts.len() / 2;
         self.counts.drain(..half);

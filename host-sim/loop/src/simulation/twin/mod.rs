@@ -26,7 +26,7 @@ const LENGTH: usize = WINDOW_MAX as usize;
 /// Whether the twin rounds its velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rounding {
-    /// Exact to `f64`.
+    /// Not rounded: exact to `f64`.
     Exact,
     /// The velocity that leaves the filter is rounded to the fixed-point LSB, 2^-16 counts per
     /// sample; the filter's own state is not. The least that any fixed-point form of that format
