@@ -26,11 +26,10 @@ pub const REPEATS: u32 = 4;
 /// An estimator or a design at an output period.
 #[derive(Clone, Debug)]
 pub struct Part {
-    /// The estimator.
     pub estimator: EstimatorName,
     /// Name and number of the design that it is.
     pub design: Option<(String, u8)>,
-    /// Samples per output.
+    /// Samples from output to output.
     pub period: u32,
     /// The scene with both.
     scene: Scene,
@@ -81,11 +80,8 @@ impl Part {
 /// What a part's sweep found.
 #[derive(Clone, Debug)]
 pub struct Found {
-    /// The part.
     pub part: Part,
-    /// Its sweep.
     pub sweep: SweepResult,
-    /// Its boundaries.
     boundaries: Vec<(Key, Vec<Point>)>,
 }
 
@@ -103,11 +99,9 @@ impl Found {
 
 /// The device record of a scene, as `cargo sim prepare` makes it.
 pub struct DeviceRecord {
-    /// The device.
     pub prepared: Prepared,
     /// What its envelope is made of.
     pub found: Vec<Found>,
-    /// The record.
     pub bytes: Vec<u8>,
 }
 

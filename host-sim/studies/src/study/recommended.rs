@@ -120,7 +120,7 @@ impl QuietStudy {
 /// A cutoff to dial in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recommended {
-    /// Nominal, Hz.
+    /// Nominal cutoff of the filter, Hz.
     pub cutoff_hz: f64,
     /// The cutoffs beside it whose area is at least [`AS_GOOD`] of its own, Hz.
     pub range_hz: [f64; 2],

@@ -78,7 +78,6 @@ pub const WRONG_BY: f64 = 1.2;
 /// How much the mass of a model is put wrong.
 pub const MASS_WRONG_BY: f64 = 0.2;
 
-/// What walks, where.
 pub struct Walker<'a, D> {
     /// What runs the hits.
     pub engine: Engine,

@@ -54,7 +54,7 @@ const INTEGRATED_TUNINGS: u32 = 5;
 pub struct Explained {
     /// What was changed; `None` for the scene as it is.
     pub change: Option<Change>,
-    /// The estimator, tuned.
+    /// The estimator with its best tuning.
     pub settings: VelocitySettings,
     /// Its boundaries, one per start.
     pub boundaries: Boundaries,

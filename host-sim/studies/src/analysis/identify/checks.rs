@@ -10,7 +10,6 @@ use crate::{range::refused, scene::ranges};
 
 /// Fewest counts of motion.
 const FEWEST_COUNTS: f64 = 20.0;
-/// Longest travel, m.
 const TRAVEL_MAX_M: f64 = 5.0;
 /// The usual cause of positions a thousand times too large.
 const IN_MM: &str = "; position_m is in m: are these mm?";

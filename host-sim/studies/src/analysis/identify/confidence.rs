@@ -44,7 +44,6 @@ const NAMED_SHARE: f64 = 0.3;
 /// A value and its 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// Best value.
     pub value: f64,
     /// Half of the interval.
     pub half_width: f64,
@@ -84,7 +83,7 @@ pub(super) struct Estimates {
     pub gain: Option<Estimate>,
     pub latency: Option<Estimate>,
     pub friction: Option<Estimate>,
-    /// Time constant, s.
+    /// Time constant of the amplifier, s.
     pub lag: Option<Estimate>,
     pub offset: Option<Estimate>,
     /// Encoder error: amplitudes once and twice per cycle, phase at 0, cycle.

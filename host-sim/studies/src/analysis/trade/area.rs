@@ -95,7 +95,6 @@ impl Controller for Filtered {
 pub struct Areas(pub Vec<f64>);
 
 impl Areas {
-    /// Mean.
     pub fn mean(&self) -> f64 {
         Repeats::of(self.0.iter().copied()).mean
     }

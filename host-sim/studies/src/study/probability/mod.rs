@@ -54,7 +54,7 @@ const MISS: f64 = 0.025;
 /// Times that the devices are drawn again.
 const TIMES: u64 = 1000;
 
-/// Who is drawn.
+/// Devices and starts that are drawn.
 #[derive(Clone, Debug)]
 pub struct Draws {
     scene: Scene,
@@ -85,7 +85,6 @@ impl Draws {
         Ok(Self { scene: scene.clone(), devices, starts })
     }
 
-    /// How many.
     pub fn count(&self) -> u32 {
         self.devices.max(1) * self.starts
     }
@@ -233,15 +232,14 @@ fn holds(
 /// The share that holds, over K and B at one cutoff.
 #[derive(Clone, Debug)]
 pub struct Map {
-    /// Nominal cutoff, Hz.
+    /// Nominal cutoff of the filter, Hz.
     pub cutoff_hz: f64,
-    /// The filter.
     pub velocity: VelocitySettings,
     /// Size of a cell: K, N/m, and B, N s/m. A wall stands in the middle of its cell.
     pub step: [f64; 2],
     /// Cells in K and in B.
     pub cells: [u32; 2],
-    /// Draws.
+    /// Number of all draws.
     pub trials: u32,
     /// Devices among them, each with as many starts in a row; 0: starts of the scene's own.
     pub devices: u32,
