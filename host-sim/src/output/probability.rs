@@ -33,10 +33,9 @@ fn interval(c: &CutoffProbability) -> String {
     }
 }
 
-/// A finished study.
 #[derive(Clone, Debug)]
 pub struct ProbabilityStudy {
-    /// By cutoff, ascending.
+    /// One map per cutoff, ascending.
     pub maps: Vec<Map>,
     /// What the draws say of the cutoffs.
     pub verdicts: Verdicts,
@@ -44,7 +43,6 @@ pub struct ProbabilityStudy {
     pub tried: Option<Tried>,
 }
 
-/// In `summary.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct ProbabilitySummary {
     draws: u32,
@@ -84,7 +82,7 @@ struct ContourSummary {
 }
 
 impl ProbabilityStudy {
-    /// Below the picture.
+    /// Caption below the picture of a study.
     pub const CAPTION: &str = "Walls at the cutoff that leads in the worst draws that 5, 50 and 95 % of the draws hold, and those of the \
                                firmware, fitted on fresh draws.";
 
@@ -98,7 +96,6 @@ impl ProbabilityStudy {
         self.leading().filter(is_borne).map(|map| map.cutoff_hz)
     }
 
-    /// For `summary.json`.
     pub fn summary(&self) -> ProbabilitySummary {
         let contour = self.tried.as_ref().zip(self.leading()).map(|(tried, map)| {
             let [share, share_low, share_high] = tried.share();
@@ -137,7 +134,6 @@ impl ProbabilityStudy {
         self.maps.iter().zip(counts).map(of).collect()
     }
 
-    /// `probability.csv`.
     pub fn csv(&self) -> String {
         let mut text = String::from(
             "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m,held,draws,share,schema_version\n",

@@ -31,7 +31,7 @@ struct Row {
     damping_max_n_s_per_m: f64,
     area_n2_s_per_m2: f64,
     reason: String,
-    /// The lower end.
+    /// Lower end of the Z-width: the free motion.
     #[serde(skip_serializing_if = "Option::is_none")]
     free_motion: Option<FreeRow>,
     protocols: Vec<ProtocolRow>,
@@ -55,7 +55,6 @@ struct FreeRow {
 }
 
 impl Answer {
-    /// Of a study.
     pub fn of(scene: &NamedScene, study: &QuietStudy) -> Self {
         match &study.recommended {
             Err(why) => Self { recommended: None, reason: Some(why.clone()) },
