@@ -42,7 +42,6 @@ const EDGE_CYCLES: u64 = 20;
 
 /// A running board with a device on it.
 pub struct World<'a> {
-    /// The board.
     pub powered: Powered,
     plant: AnyPlant,
     state: AnyState,
@@ -90,7 +89,6 @@ pub struct World<'a> {
 /// A board in the world at one moment: chip, amplifier, handle, what is on its way to the host.
 #[derive(Clone)]
 pub struct Snapshot {
-    /// The chip.
     pub mcu: mcu::Snapshot,
     amplifier: amplifier::State,
     state: AnyState,
