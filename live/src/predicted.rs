@@ -18,13 +18,11 @@ use zwidth::{
 /// A boundary, for the page: in m and N at the handle.
 #[derive(Clone, Debug, Serialize)]
 pub struct Predicted {
-    /// Estimator.
     pub estimator: String,
-    /// Its cutoff, Hz.
     pub cutoff_hz: f64,
     /// B, K of each point, N s/m and N/m.
     pub points: Vec<[f64; 2]>,
-    /// Area, N^2 s/m^2.
+    /// Area under the boundary, N^2 s/m^2.
     pub area: f64,
     /// The same by quiet walls, whatever the scene's criterion: none where its grid has none.
     pub quiet: Vec<[f64; 2]>,
