@@ -138,7 +138,7 @@ pub struct Replay<'a> {
     sampler: Sampler,
     /// Settings in the order in which the firmware took them.
     controls: &'a [LoopParameters],
-    /// Those in force.
+    /// Settings that are in force.
     control: LoopParameters,
     number: u16,
     zeroed: bool,

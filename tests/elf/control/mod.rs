@@ -22,7 +22,7 @@ use zwidth::{
 
 use crate::firmware::{Firmware, arm, ok};
 
-/// Samples under load.
+/// Samples that run under load.
 const SAMPLES: u64 = 50_000;
 
 /// What a session leaves behind.
