@@ -29,7 +29,7 @@ use crate::{
 /// A device, in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Device<'a> {
-    /// The board.
+    /// The board that the device is on.
     pub board: Name,
     /// Name and record: what saved settings belong to.
     pub key: DeviceKey,

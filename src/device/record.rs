@@ -52,7 +52,7 @@ pub const BOARD_AT: usize = 12;
 
 const MAGIC: u32 = u32::from_le_bytes(*b"ZWD\0");
 const HEAD: u32 = MAGIC | (LAYOUT as u32) << 24;
-/// An erased word.
+/// A word of erased flash.
 const BLANK: u32 = u32::MAX;
 /// Words before the numbers, and before designs and envelope.
 const FIXED: usize = 17;
@@ -73,11 +73,11 @@ const _: () = assert!(PARAMETERS == KEPT);
 /// What a board is, whatever the device on it: a record has to go with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoardFacts {
-    /// Its name.
+    /// Name of the board.
     pub name: &'static str,
     /// Samples per second, Hz.
     pub rate_hz: f64,
-    /// Its force output.
+    /// Form of its force output.
     pub output: Output,
     /// What an estimator can look at beside the count.
     pub senses: &'static [Sense],
@@ -129,7 +129,7 @@ impl From<SettingsError> for BadRecord {
     }
 }
 
-/// Shortest record, words.
+/// Length of the shortest record, words.
 pub const WORDS_MIN: usize = BEFORE_TABLES + 1;
 
 /// The words of a record, and those of them that every record has.
@@ -334,7 +334,6 @@ impl<'a> Device<'a> {
         if same { Ok(device) } else { Err(BadRecord::Unknown) }
     }
 
-    /// Its numbers.
     fn numbers(&self) -> [f64; NUMBERS] {
         let Self { design, safety, duty, current, back, calibration, settings, hit, walk, .. } =
             self;
