@@ -391,6 +391,12 @@ impl Said<'_> {
                 note.map(|note| format!("  note: at first {note}: board.cutoff_hz sets it")),
             );
         }
+        let hit = &self.named.scene.wall_hit;
+        if let (Criterion::Quiet, Some(limit_n)) = (hit.criterion, hit.force_rms_limit_n) {
+            lines.push(format!(
+                "  note: the record has no limit of the force's RMS: type `force_rms {limit_n}` on the board's console"
+            ));
+        }
         let wall_m = settings.wall.position_m;
         if wall_m > safety.travel_high_m {
             lines.push(format!(
