@@ -12,7 +12,7 @@ use std::{
 const MAGIC: &[u8] = b"ZWD";
 const BOARD_AT: usize = 12;
 const BOARD_LENGTH: usize = 16;
-/// A flash sector.
+/// Longest record, bytes: a flash sector.
 const LONGEST: usize = 16 * 1024;
 
 fn main() {

@@ -57,29 +57,29 @@ pub trait Board: Sized {
     /// From the counter's reading to the force, samples: measured, and the same in the board's scene.
     const LATENCY_SAMPLES: f64;
 
-    /// The chip's peripherals.
+    /// All peripherals of the chip.
     type Device;
-    /// The core's peripherals.
+    /// All peripherals of the core.
     type Core;
-    /// Position.
+    /// Counter of the handle's position.
     type Encoder: Encoder;
-    /// When to sample.
+    /// Timer that begins each sample.
     type SampleTimer: SampleTimer;
-    /// Force.
+    /// Force output to the amplifier.
     type Force: ForceOutput;
     /// The amplifier's enable line.
     type Enable: Enable;
     /// The emergency stop's pin.
     type StopInput: InputPin;
-    /// Supply voltage.
+    /// Detector of a low supply voltage.
     type Supply: Supply;
     /// Halts by a debugger.
     type DebugHalts: DebugHalts;
     /// Enable off when outputs stop.
     type OutputWatchdog: OutputWatchdog;
-    /// Registers.
+    /// Registers that decide about the force.
     type SetUp: SetUp;
-    /// What acts.
+    /// Converters for force output and current.
     type ReadBack: ReadBack;
     /// What it finds out about itself.
     type SelfTest: SelfTest;
@@ -89,9 +89,9 @@ pub trait Board: Sized {
     type FaultMemory: FaultMemory;
     /// Two erase blocks for the settings, and nothing else in it.
     type Flash: NorFlash<Error = FlashError>;
-    /// Towards the host.
+    /// Channel of bytes towards the host.
     type Up: UpChannel;
-    /// From the host.
+    /// Channel of commands from the host.
     type Commands: CommandChannel;
 
     /// Sets the board up, with force and enable off before anything else that may take time. No timer that the control
@@ -148,23 +148,23 @@ pub fn sense<F: ForceOutput, E: Enable, P: InputPin>(
 
 /// All of a board that the tasks own.
 pub struct Parts<B: Board> {
-    /// Position.
+    /// Counter of the handle's position.
     pub encoder: B::Encoder,
-    /// When to sample.
+    /// Timer that begins each sample.
     pub sample_timer: B::SampleTimer,
-    /// Force and enable.
+    /// Force output and enable together.
     pub drive: Drive<B::Force, B::Enable>,
-    /// Emergency stop.
+    /// Emergency stop with its pin.
     pub stop: EmergencyStop<B::StopInput>,
-    /// Supply voltage.
+    /// Detector of a low supply voltage.
     pub supply: B::Supply,
     /// Halts by a debugger.
     pub halts: B::DebugHalts,
     /// Enable off when outputs stop.
     pub output_watchdog: B::OutputWatchdog,
-    /// Registers.
+    /// Registers that decide about the force.
     pub set_up: B::SetUp,
-    /// What acts.
+    /// Converters for force output and current.
     pub read_back: B::ReadBack,
     /// What the board finds out about itself.
     pub self_test: B::SelfTest,
@@ -176,13 +176,13 @@ pub struct Parts<B: Board> {
     pub reset_cause: ResetCause,
     /// Where settings are kept.
     pub settings: B::Flash,
-    /// Probe link.
+    /// Channels to and from the host.
     pub link: Link<B>,
 }
 
 /// The channels to and from the host.
 pub struct Link<B: Board> {
-    /// Frames of telemetry.
+    /// Frames of telemetry, in bytes.
     pub telemetry: B::Up,
     /// Replies, lines of text.
     pub replies: B::Up,
@@ -195,7 +195,7 @@ pub trait Encoder {
     /// Counts from now on: 0 until then. A handle that moves during the boot has not jumped by the first sample.
     fn start();
 
-    /// The count now.
+    /// The count now, in 32 bits that wrap.
     fn count(&self) -> u32;
 
     /// The count now, read first of all, and what else the board senses. Once per sample, by `sample`.
@@ -328,10 +328,10 @@ pub trait FaultMemory {
     /// What it holds: a record, zeros, or anything after power-on.
     fn read(&self) -> [u32; FaultRecord::WORDS];
 
-    /// Writes a record.
+    /// Writes all words of a record.
     fn write(&mut self, words: &[u32; FaultRecord::WORDS]);
 
-    /// Writes zeros.
+    /// Writes zeros in place of a record.
     fn erase(&mut self) {
         self.write(&[0; FaultRecord::WORDS]);
     }

@@ -17,13 +17,13 @@ use crate::{
 /// swapped whole between two samples. Made by [`Settings::build`](crate::Settings::build).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopParameters {
-    /// Velocity estimator.
+    /// Velocity estimator with its coefficients.
     pub estimator: Tuned,
-    /// Virtual wall.
+    /// Virtual wall in integer form.
     pub wall: Wall,
-    /// Force to code.
+    /// From a force to the output's code.
     pub actuator: Actuator,
-    /// Samples per output.
+    /// Samples from output to output.
     pub period: NonZeroU32,
 }
 
@@ -32,9 +32,9 @@ pub struct LoopParameters {
 pub struct Motion {
     /// Number of this sample, from 0.
     pub sample: u64,
-    /// Position.
+    /// Position of the handle, counts.
     pub position: Position,
-    /// Velocity.
+    /// Velocity of the handle by the estimator, 2^-16 counts per sample.
     pub velocity: Velocity,
 }
 
@@ -55,7 +55,7 @@ impl Motion {
     }
 }
 
-/// One output.
+/// One output: its force and how it came about.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {
     /// What the wall gives back.

@@ -7,7 +7,6 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 
 static TABLE: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// Of bytes.
 pub(crate) fn of_bytes(bytes: &[u8]) -> u32 {
     TABLE.checksum(bytes)
 }

@@ -100,7 +100,6 @@ impl Design {
 pub(crate) mod tests {
     use super::*;
 
-    /// The paper's device.
     pub const DESIGN: Design = Design {
         rate_hz: 1e4,
         resolution_m: 1e-6,

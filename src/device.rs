@@ -29,7 +29,7 @@ use crate::{
 /// A device, in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Device<'a> {
-    /// The board.
+    /// The board that the device is on.
     pub board: Name,
     /// Name and record: what saved settings belong to.
     pub key: DeviceKey,
@@ -63,6 +63,8 @@ pub struct Device<'a> {
     pub settings: Settings,
     /// Its hit, shortened to what the motor stands.
     pub hit: HitSettings,
+    /// What counts as a wall on a board to which nothing was ever saved.
+    pub criterion: Criterion,
     /// Grid of its walk.
     pub walk: WalkSettings,
 }
@@ -300,7 +302,7 @@ impl Device<'_> {
             settle_s: settle_s * part,
             window_s: window_s * part,
             rms_limit_m,
-            criterion: Criterion::Rms,
+            criterion: self.criterion,
             force_rms_limit_n: None,
             full_scale_n: self.design.full_scale_n,
             grid: self.walk,

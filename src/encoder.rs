@@ -17,7 +17,7 @@ pub enum CounterWidth {
 
 /// The width of a counter, as a value or as a type: code that knows the type does not look it up with every sample.
 pub trait Width: Copy {
-    /// As a value.
+    /// The width as a value.
     fn value(self) -> CounterWidth;
 }
 

@@ -144,7 +144,7 @@ impl PassiveWall {
         Self { port, last: position, forgiven: 0, pending: (0, false), wait: 0 }
     }
 
-    /// The account.
+    /// Account of the energy at the port.
     pub const fn port(&self) -> &PortEnergy {
         &self.port
     }

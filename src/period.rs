@@ -52,11 +52,11 @@ pub const SLOW: [(&str, u32); 6] = [
 /// An estimator that leaves no time for an output period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TooSlow {
-    /// The estimator.
+    /// Estimator that takes too long.
     pub estimator: EstimatorName,
     /// Cycles of its longest update.
     pub cycles: u32,
-    /// The period, samples.
+    /// Output period that is too short, samples.
     pub period: u32,
 }
 

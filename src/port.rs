@@ -27,7 +27,7 @@ pub struct PortEnergy {
     contact: bool,
     /// Where the handle was when that was booked.
     at: Position,
-    /// Of this contact.
+    /// Energy of this contact, LSB of force times counts.
     energy: i64,
     /// The largest deficit of any contact.
     given: i64,
@@ -113,9 +113,9 @@ impl PortEnergy {
 /// What an account says, LSB of force times counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Exchanged {
-    /// [`PortEnergy::energy`].
+    /// Energy taken, [`PortEnergy::energy`]; below 0 it was given.
     pub energy: i64,
-    /// [`PortEnergy::given`].
+    /// Most energy given, [`PortEnergy::given`]; never below 0.
     pub given: i64,
 }
 

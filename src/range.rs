@@ -6,13 +6,13 @@ use core::{fmt, ops::RangeInclusive};
 pub mod limits {
     use core::ops::RangeInclusive;
 
-    /// Sample rate, Hz.
+    /// Samples of the control per second, Hz.
     pub const RATE_HZ: RangeInclusive<f64> = 1e3..=5e4;
     /// Encoder resolution, m per count.
     pub const RESOLUTION_M: RangeInclusive<f64> = 1e-8..=1e-3;
     /// Force at full command, N.
     pub const FULL_SCALE_N: RangeInclusive<f64> = 1e-3..=1e5;
-    /// Samples per output.
+    /// Samples from output to output.
     pub const PERIOD: RangeInclusive<u32> = 1..=1000;
     /// Wall stiffness K, N/m.
     pub const STIFFNESS_N_PER_M: RangeInclusive<f64> = 0.0..=1e7;
@@ -31,7 +31,7 @@ pub struct SettingsError {
     pub parameter: &'static str,
     /// What was asked for.
     pub value: f64,
-    /// What is allowed.
+    /// Range that is allowed, with both ends.
     pub range: RangeInclusive<f64>,
 }
 

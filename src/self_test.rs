@@ -19,7 +19,7 @@ pub enum Part {
     Enable,
     /// What drops enable without outputs.
     OutputWatchdog,
-    /// The force output.
+    /// The force output, read back.
     Output,
     /// The encoder's counter, fed by the board itself.
     Encoder,
@@ -80,7 +80,7 @@ pub struct Delays {
 impl Delays {
     /// Numbers in the histogram.
     pub const BINS: usize = 8;
-    /// Ticks of each.
+    /// Ticks of each bin.
     pub const BIN: u32 = 4;
     /// Most that the samples may differ by, ticks: half a microsecond. Instructions that cannot be interrupted, and the
     /// way into the interrupt, differ by less.
@@ -88,7 +88,7 @@ impl Delays {
     /// Samples that are looked at.
     pub const SAMPLES: usize = 100;
 
-    /// Of those times.
+    /// Histogram of these times, in ticks.
     pub fn of(times: &[u32]) -> Self {
         let least = times.iter().copied().min().unwrap_or_default();
         let most = times.iter().copied().max().unwrap_or_default();
@@ -109,7 +109,7 @@ impl Delays {
 pub enum Found {
     /// Its chip, and the one that it should be.
     Chip {
-        /// `DEV_ID`.
+        /// `DEV_ID` of the chip found.
         id: u32,
         /// The same of the board's chip.
         expected: u32,
@@ -136,7 +136,7 @@ pub enum Found {
         off: bool,
         /// With it switched on, for a few cycles at zero force.
         on: bool,
-        /// Off again.
+        /// With it switched off again.
         after: bool,
     },
     /// Enable without outputs, at zero force.
@@ -155,13 +155,13 @@ pub enum Found {
     },
     /// Edges that the board gave to its counter by two wires, there and back.
     Encoder {
-        /// Edges each way.
+        /// Edges given on each way.
         sent: u32,
         /// Counts after the way there.
         there: i32,
         /// Counts after the way back.
         back: i32,
-        /// Edges per second.
+        /// Edges that were given per second.
         rate_hz: u32,
         /// Fewer are too slow.
         least_hz: u32,
@@ -172,7 +172,7 @@ pub enum Found {
     Clock(u32),
 }
 
-/// Edges each way.
+/// Edges given on each way.
 pub const EDGES: u32 = 2000;
 
 /// Checksum of the pieces of an image, one after the other.

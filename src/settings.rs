@@ -15,12 +15,12 @@ use crate::{
     wall::Wall,
 };
 
-/// What is tuned.
+/// Settings that a person tunes, in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// The velocity estimator.
+    /// Velocity estimator and its parameters.
     pub velocity: VelocitySettings,
-    /// The wall.
+    /// Virtual wall in SI units.
     pub wall: WallSettings,
 }
 
@@ -29,7 +29,7 @@ pub struct Settings {
 pub struct WallSettings {
     /// Surface, m; the encoder's count 0 is at 0 m. Rounded to the nearest count.
     pub position_m: f64,
-    /// Stiffness K, N/m.
+    /// Stiffness K of the wall, N/m.
     pub stiffness_n_per_m: f64,
     /// Damping B, N s/m, at work inside the wall only.
     pub damping_n_s_per_m: f64,

@@ -62,7 +62,7 @@ impl Flags {
         (self.0 >> Self::DESIGN) as u8
     }
 
-    /// As bits.
+    /// All flags as bits.
     pub const fn bits(self) -> u16 {
         self.0
     }
@@ -90,15 +90,15 @@ impl Flags {
 pub struct Record {
     /// Index of the sample that the output answers.
     pub sample: u64,
-    /// Position, counts.
+    /// Position of the handle, counts.
     pub position: Position,
-    /// Velocity.
+    /// Velocity by the estimator, 2^-16 counts per sample.
     pub velocity: Velocity,
     /// Force that the output gives, after ramps; 0 while it is off.
     pub force: Force,
     /// DAC or PWM code that the hardware was given.
     pub command: OutputCode,
-    /// Facts.
+    /// Facts about this output, as bits.
     pub flags: Flags,
     /// Number of the settings in force, modulo 2^16: counts up with every change.
     pub settings: u16,
@@ -111,7 +111,7 @@ pub struct Record {
 pub struct Frame {
     /// Counts up by 1 with every frame that was made, sent or not; wraps. A gap is a drop.
     pub sequence: u32,
-    /// The record.
+    /// Record of the newest output.
     pub record: Record,
 }
 

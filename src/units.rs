@@ -36,7 +36,7 @@ impl Position {
         Self(counts)
     }
 
-    /// Counts.
+    /// The position in counts.
     #[inline]
     pub const fn counts(self) -> i32 {
         self.0
@@ -72,11 +72,11 @@ impl Position {
 pub struct Velocity(Q32<16>);
 
 impl Velocity {
-    /// Fractional bits.
+    /// Fractional bits of a velocity.
     pub const FRACTION_BITS: u32 = 16;
     /// Largest magnitude, in whole counts per sample.
     pub const LIMIT: i32 = 32_767;
-    /// Standstill.
+    /// The velocity at standstill.
     pub const ZERO: Self = Self(Q32::from_bits(0));
     /// Largest magnitude, in bits.
     pub(crate) const LIMIT_BITS: i32 = Self::LIMIT << Self::FRACTION_BITS;
@@ -127,11 +127,11 @@ impl Velocity {
 pub struct Acceleration(Q32<24>);
 
 impl Acceleration {
-    /// Fractional bits.
+    /// Fractional bits of an acceleration.
     pub const FRACTION_BITS: u32 = 24;
     /// Largest magnitude, in counts per sample^2.
     pub const LIMIT: i32 = 127;
-    /// None.
+    /// No acceleration at all.
     pub const ZERO: Self = Self(Q32::from_bits(0));
 
     /// The nearest acceleration to that many LSB of 2^-24 counts per sample^2.
@@ -153,9 +153,9 @@ impl Acceleration {
 pub struct Force(Q32<30>);
 
 impl Force {
-    /// Fractional bits.
+    /// Fractional bits of a force.
     pub const FRACTION_BITS: u32 = 30;
-    /// No force.
+    /// No force at all.
     pub const ZERO: Self = Self(Q32::from_bits(0));
     /// All that the actuator can give.
     pub const FULL_SCALE: Self = Self(Q32::from_bits(1 << Self::FRACTION_BITS));
@@ -228,7 +228,7 @@ impl Demand {
 pub struct OutputCode(pub(crate) i32);
 
 impl OutputCode {
-    /// The code.
+    /// The code as a number.
     #[inline]
     pub const fn code(self) -> i32 {
         self.0

@@ -19,7 +19,7 @@ pub struct Wall {
 }
 
 impl Wall {
-    /// The surface.
+    /// Position of the surface, counts.
     #[inline]
     pub fn surface(&self) -> Position {
         self.surface

@@ -1,8 +1,10 @@
 """Who pushes, and what counts as stable."""
 
+import re
+
 from . import block
 from .estimators import f, of, tuned
-from .source import m, measured, number, rows, significant, table
+from .source import ROOT, m, measured, number, rows, sim, significant, table
 
 
 def limit_rows(file, **wanted):
@@ -97,6 +99,22 @@ def explained(encoder):
 def plain_area(r):
     cut, millions = "> " if int(r["capped_walks"]) else "", float(r["area_n2_s_per_m2"]) * 1e-6
     return f"{cut}{number(float(f'{millions:.3g}'))}"
+
+
+@block
+def criteria_people():
+    """Largest K of a spring alone by rate of the output, of an estimated device, beside what people called clean."""
+    told = (ROOT / "docs/data/choi-tan.toml").read_text()
+    devices = {"rigid, no lag": re.sub(r"(?ms)^\[amplifier\]\n.*?\n\n", "", told).replace('    "wall_hit.push_n", "amplifier.bandwidth_hz",', '    "wall_hit.push_n",'),
+               "force lags by 1.6 ms (100 Hz)": told}
+    rates, body = {250: 160, 1000: 40, 5000: 8, 10_000: 4, 40_000: 1}, []
+    for name, text in devices.items():
+        for criterion in ("quiet", "felt"):
+            peaks = [sim(f"walk SCENE.toml --criterion {criterion}", text.replace("period = 160", f"period = {period}"))["stiffness_peak_n_per_m"]
+                     for period in rates.values()]
+            body.append([f"{name}, `{criterion}`", *(f"{1e-3 * peak:.3g}" for peak in peaks), significant(peaks[-1] / peaks[0], 2)])
+    return table(["largest K, N/mm", *(f"output at {number(rate)} Hz" for rate in rates), "last over first"],
+                 [["people, published", "0.325", "", "", "", "0.904", "2.8"], *body])
 
 
 @block

@@ -340,7 +340,7 @@ def peers_sources():
 
 
 @block
-def readme_peers():
+def peers_quiet():
     """Quiet walls first, then the paper's criterion."""
     quiet = {(r["loop"], r["estimator"]): peer_area(r) for r in rows("peers-paper-1um-quiet.csv")}
     loops = [("paper-1um", "paper's loop"), ("nucleo-f446re", "board")]

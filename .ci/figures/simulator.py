@@ -3,7 +3,7 @@
 import re
 
 from . import block
-from .source import changed_scene, constant, lit, m, measured, number, rows, significant, sim, table
+from .source import changed_scene, constant, lit, m, measured, number, rows, said, significant, sim, table
 
 
 def hz_range(low_high):
@@ -11,8 +11,8 @@ def hz_range(low_high):
 
 
 def study(name):
-    """The default sweep of one of the paper's scenes."""
-    return next(s for s in sim("sweep")["scenes"] if s["scene"] == name)
+    """The default sweep of a scene."""
+    return sim(f"sweep {name}")["scenes"][0]
 
 
 def ideal(arguments, scene=None):
@@ -31,15 +31,23 @@ def dial_in(result):
 @block
 def readme_study():
     body = []
-    for name, encoder in [("paper-1um", "1 um"), ("paper-2um", "2 um")]:
+    for name, encoder in [("paper-1um", "the paper's, 1 um"), ("paper-2um", "the paper's, 2 um"),
+                          ("nucleo-f446re", "NUCLEO-F446RE, 1 um")]:
         result = study(name)
         own = f"{result['ideal_cutoff_hz']:g} Hz, {hz_range(result['ideal_cutoff_range_hz'])} Hz"
         body.append([encoder, *dial_in(result), own])
-    return table(["encoder", "dial in", "as good", "stiffest wall", "by the paper's criterion, its range"], body)
+    return table(["loop, encoder", "dial in", "as good", "stiffest wall", "by the paper's criterion, its range"], body)
 
 
 @block
-def readme_levers():
+def readme_sweep():
+    """What the terminal says at the end."""
+    lines = said("sweep paper-2um").splitlines()
+    return ["```text", *lines[-6:], "```"]
+
+
+@block
+def criteria_periods():
     loops = [("the paper's", changed_scene("paper-1um"), 10)]
     loops += [("NUCLEO-F446RE", changed_scene("nucleo-f446re", period=period), period) for period in (10, 5, 2, 1)]
     body = []
@@ -65,6 +73,20 @@ def quiet_choices():
             body.append([name, f"{share} %", "1 kHz" if amplifier else "none", *dial_in(result), significant(millions, 3)])
     return table(["scene", "force below, of the push", "amplifier", "dial in", "as good", "stiffest wall",
                   "area, 10^6 N^2 s/m^2"], body)
+
+
+@block
+def quiet_protocols():
+    """The stiffest quiet wall of ready scenes, tried in other ways."""
+    body = []
+    kilo = lambda n_per_m: "none" if n_per_m is None else f"{significant(n_per_m / 1e3, 2)} kN/m"
+    for name in ("paper-1um", "paper-2um", "nucleo-f446re", "discovery-f407"):
+        found = sim(f"sweep {name} --repeat 1")["scenes"][0]["recommended"]
+        stiffness = found["stiffness_n_per_m"]
+        held = {row["protocol"]: row["stiffness_n_per_m"] for row in found["protocols"]}
+        cells = [kilo(held[protocol]) for protocol in ("press", "taps", "hand")]
+        body.append([name, f"{found['cutoff_hz']:g} Hz", f"{found['damping_n_s_per_m']:g} N s/m", kilo(stiffness), *cells])
+    return table(["scene", "cutoff", "B", "constant push, K", "press", "taps", "hand"], body)
 
 
 FINE = dict(stiffness_step_n_per_m=500, damping_step_n_s_per_m=5, rms_limit_m="1e-6")

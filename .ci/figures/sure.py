@@ -60,11 +60,18 @@ def area(c, key):
 @block
 def theory_sure(name):
     said = sure(name)
+    alike = said["probability"]["alike_hz"]
+
+    def interval(c):
+        ends = [c[f"area_5_percent_{end}_n2_s_per_m2"] for end in ("low", "high")]
+        return "" if ends == [None, None] else " to ".join("?" if end is None else significant(end * 1e-6, 3) for end in ends)
+
     return table(
-        ["cutoff, Hz", "walks, mean area", "integral of the share", "5 %", "50 %", "95 %", "best for", "ideal for",
-         "cells undecided"],
+        ["cutoff, Hz", "walks, mean area", "integral of the share", "5 %", "its interval", "50 %", "95 %", "leads, or not told apart",
+         "best for", "ideal for", "cells undecided"],
         [[f"{c['cutoff_hz']:g}", area(w, "area_n2_s_per_m2"), area(c, "area_n2_s_per_m2"),
-          *(area(c, f"area_{n}_percent_n2_s_per_m2") for n in (5, 50, 95)),
+          area(c, "area_5_percent_n2_s_per_m2"), interval(c),
+          *(area(c, f"area_{n}_percent_n2_s_per_m2") for n in (50, 95)), "yes" if c["cutoff_hz"] in alike else "",
           *(f"{100 * c[f'{key}_share']:.0f} %" for key in ("best", "ideal", "undecided"))]
          for c, w in zip(said["probability"]["cutoffs"], said["cutoffs"]) if c["cutoff_hz"] >= 500])
 
@@ -76,7 +83,7 @@ def theory_contour():
                        ("paper-2um, uncertain devices", "uncertain")):
         p = sure(name)["probability"]
         c = p["contour"]
-        body.append([text, f"{p['recommended_cutoff_hz']:g}", number(c["length"], 2), str(c["draws"]),
+        body.append([text, f"{c['cutoff_hz']:g}", number(c["length"], 2), str(c["draws"]),
                      f"{100 * c['share']:.1f} % ({100 * c['share_low']:.1f} to {100 * c['share_high']:.1f} %)"])
-    return table(["who is drawn", "recommended cutoff, Hz", "length of the fitted contour", "fresh draws along it",
+    return table(["who is drawn", "cutoff that leads, Hz", "length of the fitted contour", "fresh draws along it",
                   "of them hold (95 % interval)"], body)

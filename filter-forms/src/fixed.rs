@@ -17,9 +17,9 @@ use crate::{
 /// Coefficients of a direct form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coefficients<W> {
-    /// b0, b1, b2.
+    /// Numerator: b0, b1 and b2.
     pub b: [W; 3],
-    /// a1, a2.
+    /// Denominator: a1 and a2.
     pub a: [W; 2],
 }
 
@@ -70,7 +70,6 @@ pub struct Direct1<W: Word> {
 }
 
 impl<W: Word> Direct1<W> {
-    /// At rest.
     pub fn new(c: Coefficients<W>) -> Self {
         Self { c, x: [W::ZERO; 2], y: [W::ZERO; 2] }
     }
@@ -101,7 +100,6 @@ pub struct Direct1Feedback<W: Word> {
 }
 
 impl<W: Word> Direct1Feedback<W> {
-    /// At rest.
     pub fn new(c: Coefficients<W>, shaping: Shaping) -> Self {
         Self { c, shaping, x: [W::ZERO; 2], y: [W::ZERO; 2], e: [W::Wide::ZERO; 2] }
     }
@@ -137,7 +135,6 @@ pub struct Direct2Transposed<W: Word> {
 }
 
 impl<W: Word> Direct2Transposed<W> {
-    /// At rest.
     pub fn new(c: Coefficients<W>) -> Self {
         Self { c, s: [W::Wide::ZERO; 2] }
     }

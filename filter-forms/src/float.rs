@@ -11,11 +11,10 @@ use core::ops::{Add, Mul, Sub};
 
 use crate::{Prototype, Signal, Step};
 
-/// `f32` or `f64`.
+/// A float: `f32` or `f64`.
 pub trait Float: Copy + Add<Output = Self> + Mul<Output = Self> + Sub<Output = Self> {
-    /// 0.
     const ZERO: Self;
-    /// The nearest one.
+    /// The float nearest to `value`.
     fn nearest(value: f64) -> Self;
 }
 
@@ -36,7 +35,6 @@ impl Float for f64 {
     }
 }
 
-/// Direct form 1.
 #[derive(Clone, Copy, Debug)]
 pub struct Direct1<T> {
     b: [T; 3],
@@ -46,7 +44,6 @@ pub struct Direct1<T> {
 }
 
 impl<T: Float> Direct1<T> {
-    /// At rest.
     pub fn new(p: &Prototype) -> Self {
         Self {
             b: [p.b0(), 2.0 * p.b0(), p.b0()].map(T::nearest),
@@ -80,7 +77,6 @@ pub struct Direct2Transposed<T> {
 }
 
 impl<T: Float> Direct2Transposed<T> {
-    /// At rest.
     pub fn new(p: &Prototype) -> Self {
         let Direct1 { b, a, .. } = Direct1::new(p);
         Self { b, a, s: [T::ZERO; 2] }
@@ -108,7 +104,6 @@ pub struct StateVariable<T> {
 }
 
 impl<T: Float> StateVariable<T> {
-    /// At rest.
     pub fn new(p: &Prototype) -> Self {
         Self { g: T::nearest(p.g()), d: T::nearest(p.d()), s: [T::ZERO; 2] }
     }
@@ -126,18 +121,16 @@ impl<T: Float + Signal> Step for StateVariable<T> {
     }
 }
 
-/// Delta form.
 #[derive(Clone, Copy, Debug)]
 pub struct Delta<T> {
     b0: T,
     alpha1: T,
-    /// Also `4 b0`.
+    /// Coefficient alpha2, which is also `4 b0`.
     alpha2: T,
     s: [T; 2],
 }
 
 impl<T: Float> Delta<T> {
-    /// At rest.
     pub fn new(p: &Prototype) -> Self {
         let [b0, alpha1, alpha2] = [p.b0(), p.alpha1(), p.alpha2()].map(T::nearest);
         Self { b0, alpha1, alpha2, s: [T::ZERO; 2] }

@@ -58,11 +58,10 @@ impl<W: Word + Signal> Step for StateVariable<W> {
     }
 }
 
-/// Delta form.
 #[derive(Clone, Copy, Debug)]
 pub struct Delta<W: Word> {
     b0: W,
-    /// `alpha1 2^alpha1_bits`.
+    /// Integer form: `alpha1 2^alpha1_bits`.
     alpha1: W,
     alpha1_bits: u32,
     /// `alpha2 2^alpha2_bits`; also the numerator's middle coefficient.

@@ -48,7 +48,6 @@ pub enum Refused {
     Core(SettingsError),
     /// A coefficient without which nothing moves rounds to 0.
     Zero {
-        /// Which one.
         coefficient: &'static str,
         /// Fractional bits that it has.
         fraction: u32,
@@ -164,7 +163,6 @@ pub trait Step: Copy {
     /// The number it works on.
     type Signal: Signal;
 
-    /// One sample.
     fn step(&mut self, x: Self::Signal) -> Self::Signal;
 
     /// One sample, velocity in and out in LSB of the core's; `fraction` is for Q15.
@@ -185,7 +183,6 @@ pub trait Visit {
     /// What comes of it.
     type Output;
 
-    /// Does it.
     fn visit<F: Step>(self, form: &mut F, fraction: u32) -> Self::Output;
 }
 

@@ -28,7 +28,6 @@ pub struct IdspDither {
 }
 
 impl IdspDither {
-    /// At rest.
     pub fn new(c: &Coefficients<i32>) -> Self {
         Self { ba: recurrence(c), x: [0; 2], y: [0; 2], e: 0 }
     }
@@ -57,7 +56,6 @@ pub struct IdspWide {
 }
 
 impl IdspWide {
-    /// At rest.
     pub fn new(c: &Coefficients<i32>) -> Self {
         Self { ba: recurrence(c), x: [0; 2], y: [0; 2] }
     }
@@ -87,7 +85,6 @@ pub struct CmsisQ31 {
 }
 
 impl CmsisQ31 {
-    /// At rest.
     pub fn new(c: &Coefficients<i32>) -> Self {
         Self { ba: recurrence(c), x: [0; 2], y: [0; 2] }
     }
@@ -118,7 +115,6 @@ pub struct Cmsis32x64 {
 }
 
 impl Cmsis32x64 {
-    /// At rest.
     pub fn new(c: &Coefficients<i32>) -> Self {
         Self { ba: recurrence(c), x: [0; 2], y: [0; 2] }
     }

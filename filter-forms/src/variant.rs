@@ -11,9 +11,7 @@ pub enum Format {
     Q15Feedback,
     /// Words of 16 bits, sums of 32.
     Q15,
-    /// Single precision.
     F32,
-    /// Double precision.
     F64,
     /// idsp: 32-bit words, 64-bit sums, first-order feedback.
     IdspDither,
@@ -28,27 +26,22 @@ pub enum Format {
 /// How the filter is written down.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Form {
-    /// Direct form 1.
     Direct1,
     /// Transposed direct form 2.
     Direct2Transposed,
     /// State-variable form, trapezoidal integrators.
     StateVariable,
-    /// Delta form.
     Delta,
 }
 
 /// A format in a form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Variant {
-    /// Number format.
     pub format: Format,
-    /// Form.
     pub form: Form,
 }
 
 impl Format {
-    /// Name in tables.
     pub const fn name(self) -> &'static str {
         match self {
             Self::I32Feedback => "i32-feedback",
@@ -66,7 +59,6 @@ impl Format {
 }
 
 impl Form {
-    /// Name in tables.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Direct1 => "direct-1",

@@ -17,9 +17,7 @@ pub trait Wide:
     + Shl<u32, Output = Self>
     + Shr<u32, Output = Self>
 {
-    /// 0.
     const ZERO: Self;
-    /// 1.
     const ONE: Self;
     /// A sum that stays at the end of the range where it would go beyond.
     fn clipped_add(self, other: Self) -> Self;
@@ -27,19 +25,18 @@ pub trait Wide:
 
 /// A signal or a coefficient.
 pub trait Word: Copy + PartialEq {
-    /// Twice as wide.
+    /// A word twice as wide.
     type Wide: Wide;
     /// Bits of a word.
     const BITS: u32;
-    /// 0.
     const ZERO: Self;
-    /// The same in a wide word.
+    /// The value in a wide word.
     fn wide(self) -> Self::Wide;
-    /// Exact product.
+    /// Exact product, twice as wide.
     fn times(self, other: Self) -> Self::Wide;
     /// `self other / 2^bits`, to the nearest; `bits` is one to one less than those of a word.
     fn times_wide(self, other: Self::Wide, bits: u32) -> Self::Wide;
-    /// The nearest word.
+    /// The word nearest to `value`.
     fn clipped(value: Self::Wide) -> Self;
     /// A whole number, which must fit.
     fn of_f64(value: f64) -> Self;

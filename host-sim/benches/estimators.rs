@@ -77,7 +77,7 @@ fn plain_throughput(settings: &VelocitySettings, prepared: &PreparedScene) -> f6
     f64::from(runs) * SAMPLES as f64 / began.elapsed().as_secs_f64() / 1e6
 }
 
-/// The undisturbed one.
+/// The largest rate: the run that nothing disturbed.
 fn best(values: &[f64]) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
 }

@@ -67,7 +67,6 @@ impl Filter for Tracking {
     }
 }
 
-/// Levant's differentiator.
 struct Levant {
     implicit: bool,
     sizes: LevantDesign,
@@ -137,7 +136,6 @@ impl Filter for Adaptive {
     }
 }
 
-/// A biquad.
 #[derive(Default)]
 struct Section {
     b: [f64; 3],

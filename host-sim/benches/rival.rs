@@ -76,7 +76,6 @@ fn compiled(folder: &Path, options: &[&str]) -> PathBuf {
     program
 }
 
-/// What it prints.
 fn run(program: &Path, walks: &str) -> String {
     let mut child =
         Command::new(program).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();

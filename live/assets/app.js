@@ -209,6 +209,7 @@ function showSettings(text, after) {
   if (settings.estimator && question !== walked) {
     walked = question;
     by("area").textContent = "walking …";
+    by("quiet-area").textContent = "–";
     link.send({ type: "predict", estimator: settings.estimator, cutoff_hz: value ?? 1000 });
   }
 }
@@ -236,7 +237,7 @@ link.on("hello", (message) => {
   frame.estimators = null;
   by("switch-label").hidden = by("handle-figure").hidden = !hello.virtual;
   by("legend").innerHTML = "";
-  for (const [name, colour] of [["envelope", "--green"], ["predicted", "--blue"], ["walk", "--violet"]]) {
+  for (const [name, colour] of [["envelope", "--green"], ["predicted", "--blue"], ["quiet (dashed)", "--blue"], ["walk", "--violet"]]) {
     const item = document.createElement("b");
     item.textContent = `■ ${name}`;
     item.style.color = `var(${colour})`;
@@ -301,6 +302,7 @@ link.on("predicted", ({ predicted }) => {
   if (`${predicted.estimator} ${predicted.cutoff_hz}` !== walked) return;
   plane.predicted = units.predicted(now?.other_record ? { ...predicted, envelope: [] } : predicted);
   by("area").textContent = predicted.error ?? units.say("area", predicted.area, (said) => said.toExponential(3));
+  by("quiet-area").textContent = predicted.error || !predicted.quiet_area ? "–" : units.say("area", predicted.quiet_area, (said) => said.toExponential(3));
   by("delay").textContent = predicted.delay_s == null ? "–" : `${(predicted.delay_s * 1e3).toFixed(3)} ms`;
   by("noise").textContent = predicted.noise_m_per_s == null ? "–" : units.say("slow", predicted.noise_m_per_s, (said) => said.toPrecision(3));
   plane.draw();

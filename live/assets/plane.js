@@ -1,4 +1,5 @@
-// The (K, B) plane: envelope of the image, boundary that the simulator predicts, the board's own walk, the wall in force;
+// The (K, B) plane: envelope of the image, boundaries that the simulator predicts, by the scene's criterion and (dashed) of
+// quiet walls, the board's own walk, the wall in force;
 // all as the console has them.
 import { context, roundUp } from "./plots.js";
 import { Units } from "./units.js";
@@ -73,6 +74,7 @@ export class Plane {
       d.stroke(); d.setLineDash([]);
     };
     line(this.predicted?.points ?? [], style("--blue"), 1.75);
+    line(this.predicted?.quiet ?? [], style("--blue"), 1.75, [5, 4]);
     for (const [b, k, stable] of this.hits) {
       d.fillStyle = stable ? style("--green") : style("--red");
       d.fillRect(x(b) - 1.5, y(k) - 1.5, 3, 3);

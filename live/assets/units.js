@@ -37,7 +37,8 @@ export class Units {
   // A prediction, with walls as the console has them.
   predicted(found) {
     const [k, b] = [this.k.times, this.b.times];
-    return { ...found, points: found.points.map((p) => [p[0] * b, p[1] * k]),
+    const walls = (points) => (points ?? []).map((p) => [p[0] * b, p[1] * k]);
+    return { ...found, points: walls(found.points), quiet: walls(found.quiet),
       envelope: found.envelope.map((p) => [p[0] * b, p[1] * k, p[2] * k]) };
   }
 }

@@ -15,7 +15,6 @@ pub struct Access {
 }
 
 impl Access {
-    /// With that secret.
     pub fn new(secret: [u8; 16], port: u16) -> Self {
         let token = secret.iter().map(|byte| format!("{byte:02x}")).collect();
         Self { token, port }

@@ -13,7 +13,7 @@ pub const SIGNALS: usize = 3;
 pub struct Row {
     /// Position, counts; velocity, 2^-16 counts per sample; force, 2^-30 of full scale.
     pub values: [i32; SIGNALS],
-    /// Telemetry flags.
+    /// Flags of the telemetry record.
     pub flags: u16,
 }
 
@@ -27,7 +27,6 @@ pub struct Bin {
 }
 
 impl Bin {
-    /// Of no row.
     pub const EMPTY: Self = Self { ends: [[i32::MAX, i32::MIN]; SIGNALS], flags: 0 };
 
     /// There is no row in it.
@@ -67,7 +66,6 @@ impl Default for History {
 }
 
 impl History {
-    /// Nothing yet.
     pub fn new() -> Self {
         let levels = LEVELS.map(|rows| vec![Bin::EMPTY; KEPT.div_ceil(rows)]);
         Self { step: 1, end: 0, begin: 0, levels }

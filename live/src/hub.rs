@@ -53,7 +53,7 @@ pub type Virtual = Option<Arc<Wires>>;
 /// The time since it began, by whatever clock there is.
 pub type Clock = Box<dyn Fn() -> Duration + Send + Sync>;
 
-/// The board's side.
+/// The board's side of the program.
 pub struct Hub {
     history: Mutex<History>,
     known: Mutex<Known>,

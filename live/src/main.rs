@@ -22,7 +22,13 @@ use host_sim::{
     },
     scene::{NamedScene, record::board_facts},
     simulation::prepared::Numeric,
-    study::board_envelope::{DeviceRecord, Part},
+    study::{
+        How,
+        board_envelope::{
+            DeviceRecord, Part, first_settings, fitting, says_first, with_first_estimator,
+        },
+        recommended::recommended,
+    },
 };
 use live::{
     hub::{Hub, Virtual},
@@ -150,12 +156,23 @@ fn made(scene: &NamedScene, board: Board) -> Result<Option<Vec<u8>>, Error> {
     }
     let facts = board_facts(board.name)?;
     let on_board = scene.on(&facts);
+    let (engine, numeric) = (Engine::lanes(), Numeric::default());
     let with_envelope = || {
-        let parts = Part::all(&on_board.scene)?;
+        let of = &on_board.scene;
+        fitting(&on_board, &facts, first_settings(of, None)?, true)?; // before any walk
+        let quiet = (!says_first(of)).then(|| {
+            note(&format!("looking for the cutoff to begin with: quiet walls of {}", scene.name));
+            let how = How { engine, numeric, stop: interrupt::flag() };
+            let first = with_first_estimator(&on_board)?;
+            recommended(how, &first, &of.sweep.cutoffs_hz, true, || ())
+        });
+        let quiet_hz = quiet.transpose()?.and_then(|study| study.cutoff_hz());
+        let first = first_settings(of, quiet_hz)?;
+        let parts = Part::all(of, &first)?;
         let walks: u64 = parts.iter().map(Part::walks).sum();
         note(&format!("computing the envelope of {}: {walks} walks", scene.name));
-        let (engine, numeric) = (Engine::lanes(), Numeric::default());
-        DeviceRecord::of(&on_board, &facts, parts, engine, numeric, interrupt::flag(), || {})
+        let of = (first, parts);
+        DeviceRecord::of(&on_board, &facts, of, engine, numeric, interrupt::flag(), || {})
     };
     match with_envelope() {
         Ok(made) => Ok(Some(made.bytes)),

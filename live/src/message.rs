@@ -9,7 +9,7 @@ use crate::trigger::Trigger;
 pub enum FromPage {
     /// A line for the console. The owner's only.
     Command {
-        /// Without an end.
+        /// The line without its end.
         line: String,
         /// How many stops the page knows of, where it is not to come behind another.
         stopped: Option<u64>,
@@ -25,17 +25,14 @@ pub enum FromPage {
         target_m: Option<f64>,
     },
     /// The switch of the emergency stop. The owner's only; of a virtual board.
-    EmergencyStop {
-        /// Opened.
-        open: bool,
-    },
+    EmergencyStop { open: bool },
     /// This page would like to command.
     Ask,
     /// The owner gives control to the page that asked.
     Give,
-    /// What to plot.
+    /// Part of the rows to plot.
     View {
-        /// Length, s.
+        /// Length of the plot, s.
         span_s: f64,
         /// Number of bins at most.
         columns: u64,
@@ -46,9 +43,8 @@ pub enum FromPage {
     Trigger(Trigger),
     /// The boundary that the simulator predicts.
     Predict {
-        /// Estimator.
         estimator: String,
-        /// Its tuning.
+        /// Tuning of the estimator, Hz.
         cutoff_hz: f64,
     },
 }

@@ -27,9 +27,7 @@ const BEFORE: f64 = 0.25;
 
 /// What all pages share.
 pub struct Shared {
-    /// The board's side.
     pub hub: Arc<Hub>,
-    /// Its scene.
     pub scene: NamedScene,
     /// Which board it is.
     pub board: Board,
@@ -45,7 +43,6 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Shared {
-    /// Nobody looks yet.
     pub fn new(
         hub: Arc<Hub>,
         scene: NamedScene,
@@ -72,7 +69,6 @@ impl Shared {
         ))
     }
 
-    /// Who may command.
     pub fn seats(&self) -> MutexGuard<'_, Seats> {
         lock(&self.seats)
     }
@@ -100,9 +96,9 @@ struct Told {
 
 /// What the page has to be told next.
 pub struct Tick {
-    /// Numbers to plot.
+    /// Numbers to plot, as binary messages.
     pub pictures: Vec<Vec<u8>>,
-    /// JSON.
+    /// State of the board as JSON.
     pub state: Option<String>,
     /// A look whether it is there is due.
     pub ping: bool,
@@ -110,13 +106,11 @@ pub struct Tick {
 
 /// The boundary that a page wants to know.
 pub struct Question {
-    /// Estimator.
     pub estimator: String,
-    /// Its tuning.
+    /// Tuning of the estimator, Hz.
     pub cutoff_hz: f64,
 }
 
-/// One page.
 pub struct Page {
     shared: Arc<Shared>,
     id: u64,
@@ -133,7 +127,7 @@ impl Page {
         Self { shared: Arc::clone(shared), id, looks, told: Mutex::default() }
     }
 
-    /// It has gone.
+    /// The page has gone.
     pub fn leave(&self) {
         let Shared { hub, scale, .. } = &*self.shared;
         let owned = self.shared.seats().leave(self.id);
@@ -148,7 +142,7 @@ impl Page {
         }
     }
 
-    /// It has answered.
+    /// The page has answered.
     pub fn hear(&self) {
         self.shared.seats().hear(self.id, self.shared.hub.now());
     }
@@ -296,7 +290,7 @@ impl Page {
         .to_string()
     }
 
-    /// What changes.
+    /// Changes since the last tick, as JSON.
     fn state(&self, told: &mut Told) -> String {
         let Shared { hub, scale, .. } = &*self.shared;
         let rows = hub.history().rows();

@@ -25,14 +25,13 @@ pub struct Scale {
     pub lsb: [f64; SIGNALS],
     /// Samples in a second.
     pub rate_hz: f64,
-    /// Metres per count.
+    /// Length of a count, m per count.
     pub resolution_m: f64,
     /// Force at full command, N.
     pub full_scale_n: f64,
 }
 
 impl Scale {
-    /// Of a scene.
     pub fn of(scene: &Scene) -> Self {
         let (resolution_m, rate_hz) = (scene.encoder.resolution_m, scene.control.rate_hz);
         let full_scale_n = scene.full_scale_n();
@@ -52,9 +51,9 @@ impl Scale {
 /// What is to be seen.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
-    /// Length, s.
+    /// Length of the view, s.
     pub span_s: f64,
-    /// Columns at most.
+    /// Most columns of the picture.
     pub columns: u64,
     /// Number of the row at which it ends; the newest one if there is none.
     pub end: Option<u64>,

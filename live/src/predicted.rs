@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use host_sim::{
     engine::Engine,
-    scene::NamedScene,
+    scene::{Criterion, NamedScene},
     simulation::prepared::{Numeric, PreparedScene},
     study::{boundary, walk},
 };
@@ -18,14 +18,16 @@ use zwidth::{
 /// A boundary, for the page: in m and N at the handle.
 #[derive(Clone, Debug, Serialize)]
 pub struct Predicted {
-    /// Estimator.
     pub estimator: String,
-    /// Its cutoff, Hz.
     pub cutoff_hz: f64,
     /// B, K of each point, N s/m and N/m.
     pub points: Vec<[f64; 2]>,
-    /// Area, N^2 s/m^2.
+    /// Area under the boundary, N^2 s/m^2.
     pub area: f64,
+    /// The same by quiet walls, whatever the scene's criterion: none where its grid has none.
+    pub quiet: Vec<[f64; 2]>,
+    /// Their area, N^2 s/m^2.
+    pub quiet_area: f64,
     /// B, lowest and highest K of the envelope that the board has.
     pub envelope: Vec<[f64; 3]>,
     /// By how much the velocity comes late while the speed rises evenly, s.
@@ -49,6 +51,8 @@ pub fn predict(
         cutoff_hz,
         points: vec![],
         area: 0.0,
+        quiet: vec![],
+        quiet_area: 0.0,
         envelope: device.map_or_else(Vec::new, |device| envelope(device, estimator, cutoff_hz)),
         delay_s: None,
         noise_m_per_s: None,
@@ -57,13 +61,15 @@ pub fn predict(
     if let Some([delay_s, noise]) = quality(scene, estimator, cutoff_hz) {
         (predicted.delay_s, predicted.noise_m_per_s) = (Some(delay_s), Some(noise));
     }
-    match boundary(scene, estimator, cutoff_hz, ended) {
-        Ok(found) => {
-            let point = |p: &boundary::BoundaryPoint| [p.damping_n_s_per_m, p.stiffness_n_per_m];
-            predicted.points = found.points.iter().map(point).collect();
-            predicted.area = found.area;
-        }
+    let points = |of: &boundary::Boundary| -> Vec<[f64; 2]> {
+        of.points.iter().map(|p| [p.damping_n_s_per_m, p.stiffness_n_per_m]).collect()
+    };
+    match boundary(scene, None, estimator, cutoff_hz, ended) {
+        Ok(found) => (predicted.points, predicted.area) = (points(&found), found.area),
         Err(error) => predicted.error = Some(error),
+    }
+    if let Ok(found) = boundary(scene, Some(Criterion::Quiet), estimator, cutoff_hz, ended) {
+        (predicted.quiet, predicted.quiet_area) = (points(&found), found.area);
     }
     predicted
 }
@@ -133,11 +139,15 @@ fn quality(scene: &NamedScene, estimator: &str, cutoff_hz: f64) -> Option<[f64; 
 
 fn boundary(
     scene: &NamedScene,
+    criterion: Option<Criterion>,
     estimator: &str,
     cutoff_hz: f64,
     ended: &AtomicBool,
 ) -> Result<boundary::Boundary, String> {
     let mut scene = scene.scene.clone();
+    if let Some(criterion) = criterion {
+        scene.wall_hit.judge(criterion, None);
+    }
     let name = EstimatorName::ALL.iter().find(|name| name.text() == estimator);
     let name = name.ok_or_else(|| format!("there is no estimator {estimator}"))?;
     let settings = name.following(&scene.velocity.at(cutoff_hz));
@@ -168,6 +178,16 @@ mod tests {
         let ended = AtomicBool::new(false);
         let nothing = predict(&scene, None, "nonsense", 1000.0, &ended);
         assert!(nothing.error.unwrap().contains("nonsense") && nothing.delay_s.is_none());
+    }
+
+    #[test]
+    fn quiet_walls_are_those_of_the_simulator() {
+        let ended = AtomicBool::new(false);
+        let scene = NamedScene::load("nucleo-f446re").unwrap();
+        let predicted = predict(&scene, None, "butterworth", 360.0, &ended);
+        assert!(predicted.quiet_area > 3.5e7 && predicted.quiet_area < predicted.area);
+        let stiffest = predicted.quiet.iter().map(|[_, k]| *k).fold(0.0, f64::max);
+        assert!((150e3..165e3).contains(&stiffest), "{stiffest}");
     }
 
     #[test]

@@ -16,7 +16,6 @@ pub enum Asked {
     Waiting,
 }
 
-/// The pages.
 #[derive(Debug, Default)]
 pub struct Seats {
     /// Pages, and when each last answered.
@@ -102,7 +101,6 @@ impl Seats {
         self.owner == Some(page)
     }
 
-    /// The owner.
     pub fn owner(&self) -> Option<u64> {
         self.owner
     }

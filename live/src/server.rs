@@ -40,7 +40,7 @@ const PREDICTIONS: usize = 200;
 
 macro_rules! assets {
     ($($name:literal: $kind:literal),*) => {
-        /// Name, type, bytes.
+        /// Name, media type and bytes.
         const ASSETS: &[(&str, &str, &[u8])] = &[
             $(($name, $kind, include_bytes!(concat!("../assets/", $name)))),*
         ];

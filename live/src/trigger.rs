@@ -7,7 +7,6 @@ use crate::history::{History, Row, SIGNALS};
 /// What is waited for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Trigger {
-    /// Nothing.
     #[default]
     Off,
     /// The handle enters the wall.
@@ -20,7 +19,7 @@ pub enum Trigger {
         signal: usize,
         /// In the integers of the control.
         level: i32,
-        /// Upwards.
+        /// It passes the level upwards.
         rising: bool,
     },
 }

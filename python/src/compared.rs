@@ -80,7 +80,7 @@ result! { value
     Winner {
         /// The criterion, a column of `Comparison.table`.
         criterion: String,
-        /// `position_only` or `more_than_position`.
+        /// Class of the estimators: `position_only` or `more_than_position`.
         looks_at: String,
         /// The estimators with the best mean.
         best: Tuple<String>,
@@ -321,7 +321,7 @@ fn limit_of(words: &str) -> PyResult<LimitAsked> {
     LimitAsked::parse(words).map_err(|line| PyValueError::new_err(format!("limits: {line}")))
 }
 
-/// Some of them.
+/// Limits that a caller asks for.
 pub struct Limits(Vec<LimitAsked>);
 
 impl FromPyObject<'_, '_> for Limits {

@@ -221,7 +221,7 @@ impl Estimator {
         1.0 / lsb_per_m_per_s(&self.design)
     }
 
-    /// Forget every count.
+    /// Forget every count taken so far.
     fn reset(&mut self) {
         self.state = None;
     }
@@ -379,7 +379,7 @@ impl Estimator {
     }
 }
 
-/// What [`Estimator::process`] returns.
+/// Velocities that [`Estimator::process`] returns, in m/s or as bits.
 #[derive(IntoPyObject)]
 pub enum Velocities {
     Metres(Array<f64>),

@@ -18,7 +18,7 @@ const TEXT: PyStaticExpr = type_hint_identifier!("builtins", "str");
 const FLOAT: PyStaticExpr = type_hint_identifier!("builtins", "float");
 const INT: PyStaticExpr = type_hint_identifier!("builtins", "int");
 
-/// A scene.
+/// A scene that a caller gives.
 pub struct Given(pub Arc<NamedScene>);
 
 impl FromPyObject<'_, '_> for Given {
@@ -91,7 +91,7 @@ impl FromPyObject<'_, '_> for Progress {
     }
 }
 
-/// A path.
+/// A path that a caller gives.
 pub struct Place(pub std::path::PathBuf);
 
 impl FromPyObject<'_, '_> for Place {

@@ -1,11 +1,13 @@
 //! The extension module `zwidth._native`: scenes, studies, estimators and their results for Python, with the texts of
 //! their help. Its type stubs are made from it when a wheel is built. Units are SI.
+#![warn(missing_docs)]
 
 mod compared;
 mod estimator;
 mod folder;
 mod given;
 mod measured;
+mod recommended;
 mod result;
 mod scene;
 mod studies;
@@ -30,6 +32,7 @@ mod _native {
             Agreement, EncoderTerm, Estimate, Identification, Plan, Replay, Residual, Suspect,
             TermTest, agree, identify, identify_plan, replay,
         },
+        recommended::{Recommended, recommended},
         scene::Scene,
         studies::{Grid, Hit, Linear, Sweep, Trace, Walk, grid, hit, linear, sweep, walk},
         study::{Study, study},

@@ -127,7 +127,7 @@ result! { value
     /// A value that was fitted, with its 95 % interval; both ends are the value where it was given. The unit is in the name
     /// of the attribute that holds it.
     Estimate {
-        /// The value.
+        /// The fitted value, or the given one.
         value: f64,
         /// Lower end of the interval.
         low: f64,
@@ -167,7 +167,7 @@ result! { value
 result! { value
     /// What a fit leaves.
     Residual {
-        /// RMS, m.
+        /// RMS of the residual, m.
         rms_m: f64,
         /// Whether it is white.
         white: bool,
@@ -191,7 +191,7 @@ result! { value
 result! { table
     /// The device of records, at the handle, of a rotary device too. As a table it is the first record's fit.
     Identification {
-        /// The records.
+        /// Names of the records.
         logs: Tuple<String>,
         /// Rows that were fitted, of all records.
         rows: u64,
@@ -201,9 +201,9 @@ result! { table
         confidence: f64,
         /// `given`, `motor`, `weight` or `added_mass`.
         gain_source: String,
-        /// Mass, kg.
+        /// Mass of the device, kg.
         mass_kg: Part<Estimate>,
-        /// Damping, N s/m.
+        /// Damping of the device, N s/m.
         damping_n_s_per_m: Part<Estimate>,
         /// Stiffness, N/m; None without a spring.
         stiffness_n_per_m: Option<Part<Estimate>>,
@@ -461,7 +461,7 @@ pub fn identify_plan(py: Python<'_>, scene: Given) -> PyResult<Py<Plan>> {
 result! { value
     /// A number of the scene that may explain why two walks differ.
     Suspect {
-        /// For people.
+        /// Name, as reports print it.
         name: String,
         /// Its key in the scene.
         key: String,
@@ -471,7 +471,7 @@ result! { value
         value: f64,
         /// Lowest of those that explain as much, of what was tried.
         low: f64,
-        /// Highest of those.
+        /// Highest of those that explain as much.
         high: f64,
         /// The range ends with what was tried.
         at_edge: bool,
@@ -555,9 +555,9 @@ pub fn agree(
 result! { table(table)
     /// Another estimator over the counts of a capture, beside the board's own. As a table it is `table`.
     Replay {
-        /// Its name.
+        /// Name of the estimator.
         estimator: String,
-        /// Nominal cutoff, Hz.
+        /// Nominal cutoff of the estimator, Hz.
         cutoff_hz: f64,
         /// How many samples, which follow each other.
         samples: u64,

@@ -102,7 +102,7 @@ pub(crate) use {methods, result};
 
 /// A class that is made of its attributes.
 pub trait Fields: PyClass {
-    /// Their names.
+    /// Names of the attributes.
     const FIELDS: &[&str];
 }
 
@@ -280,13 +280,13 @@ impl Table {
         Self::new(py, Keys(made.into_any().unbind()))
     }
 
-    /// Its columns.
+    /// Columns of the table by name.
     pub fn columns(&self, py: Python<'_>) -> PyResult<Keys> {
         self.0.call_method0(py, "columns").map(Keys)
     }
 }
 
-/// What arrays hold.
+/// Type of an array's numbers.
 pub trait Number: Element {
     /// Its type in the stubs.
     const ARRAY: PyStaticExpr;
@@ -325,7 +325,7 @@ impl<T: Number> Array<T> {
         Self::of(values.into_pyarray(py).reshape(shape)?)
     }
 
-    /// The array.
+    /// The array as Python's object.
     pub fn bound<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
         self.0.bind(py).clone().into_any()
     }

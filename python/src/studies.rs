@@ -384,7 +384,7 @@ result! { table
         area: Array<f64>,
         /// Area of every walk, shape (cutoffs, repeats), N^2 s/m^2.
         areas: Array<f64>,
-        /// The walks: `walks[n][repeat]`.
+        /// The walks of every cutoff: `walks[n][repeat]`.
         walks: Tuple<Tuple<Part<Walk>>>,
         /// Lowest cutoff whose mean area is at least 98 % of the largest, Hz; None where every walk failed.
         ideal_cutoff_hz: Option<f64>,

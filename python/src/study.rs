@@ -45,11 +45,11 @@ result! { table(table)
     Study {
         /// `walk`, `hit` or `sweep`.
         measure: String,
-        /// How many points.
+        /// Number of the study's points.
         points: u64,
-        /// How many units.
+        /// Number of the study's units.
         units: u64,
-        /// How many hits.
+        /// Number of hits of all points.
         hits: u64,
         /// The columns of the command line's parts, one row a point (of a sweep: a cutoff of a point), in their order.
         table: Table,

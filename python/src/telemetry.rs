@@ -30,7 +30,7 @@ result! { table
         sequence: Array<u32>,
         /// Sample since the board's reset.
         sample: Array<u64>,
-        /// Position, counts.
+        /// Position of the handle, counts.
         position_counts: Array<i32>,
         /// Velocity, 2^-16 counts per sample.
         velocity_q16: Array<i32>,
@@ -57,7 +57,7 @@ result! { table
     Samples {
         /// Sample since the board's reset.
         sample: Array<u64>,
-        /// Position, counts.
+        /// Position of the handle, counts.
         position_counts: Array<i32>,
         /// Velocity that the core computes, 2^-16 counts per sample; 0 where it cannot.
         velocity_q16: Array<i32>,
@@ -87,9 +87,9 @@ result! { plain
     Telemetry {
         /// The bytes as they came.
         capture: Bytes,
-        /// Every output.
+        /// One row for every output.
         outputs: Part<Outputs>,
-        /// Every sample.
+        /// One row for every sample.
         samples: Part<Samples>,
         /// Frames that are missing between those that came.
         dropped: u64,
@@ -105,7 +105,7 @@ result! { plain
         computed: u64,
         /// Velocities that are the board's, bit for bit.
         velocities_equal: u64,
-        /// Forces that are.
+        /// Forces that are the board's, bit for bit.
         forces_equal: u64,
         /// States of the estimator that are.
         states_equal: u64,

@@ -29,7 +29,7 @@ const LOOK: Duration = Duration::from_millis(50);
 pub struct Course {
     /// Set once it shall end: nobody waits for it any more.
     pub stop: AtomicBool,
-    /// Pieces done.
+    /// Pieces that are done.
     done: AtomicU64,
 }
 

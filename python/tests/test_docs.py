@@ -12,7 +12,7 @@ from conftest import ROOT
 # Those whose documentation shows what comes out.
 SHOWN = {
     *("Scene.load", "Scene.replace", "Estimator", "Estimator.process", "Telemetry", "Telemetry.decode"),
-    *("compare", "grid", "hit", "identify_plan", "linear", "study", "sweep", "walk"),
+    *("compare", "grid", "hit", "identify_plan", "linear", "recommended", "study", "sweep", "walk"),
 }
 
 

@@ -36,7 +36,6 @@ use zwidth::{
     velocity::Sense,
 };
 
-/// The board.
 pub type Selected = F4<DiscoveryF407>;
 
 /// What it has of its own.

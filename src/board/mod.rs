@@ -94,46 +94,38 @@ fn forget_floats() {
     unsafe { control::write(control) };
 }
 
-/// See [`contract::off`].
 #[inline(always)]
 pub fn off() {
     contract::off::<Force, Enable>();
 }
 
-/// See [`contract::SampleTimer::is_late`].
 #[inline(always)]
 pub fn is_late() -> bool {
     <SampleTimer as contract::SampleTimer>::is_late()
 }
 
-/// See [`contract::Board::request_render`].
 #[inline(always)]
 pub fn request_render() {
     <Selected as contract::Board>::request_render();
 }
 
-/// See [`contract::Board::request_link`].
 #[inline(always)]
 pub fn request_link() {
     <Selected as contract::Board>::request_link();
 }
 
-/// See [`contract::DebugHalts::clock`].
 pub fn clock() -> u16 {
     <Halts as contract::DebugHalts>::clock()
 }
 
-/// See [`contract::Board::log_dropped`].
 pub fn log_dropped() -> u32 {
     <Selected as contract::Board>::log_dropped()
 }
 
-/// See [`contract::Encoder::turn`].
 pub fn turn_encoder(reversed: bool) {
     <Encoder as contract::Encoder>::turn(reversed);
 }
 
-/// See [`contract::Supply::has_dropped`].
 #[inline(always)]
 pub fn supply_has_dropped() {
     <Supply as contract::Supply>::has_dropped();

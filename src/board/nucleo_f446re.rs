@@ -38,7 +38,6 @@ use stm32f4xx_hal::{
 use zwidth::contract::RATE_HZ;
 use zwidth::{Output, contract::Parts, self_test::Found, velocity::Sense};
 
-/// The board.
 pub type Selected = F4<NucleoF446re>;
 
 /// What it has of its own.

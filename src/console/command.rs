@@ -13,9 +13,9 @@ use crate::{
 /// What a person asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
-    /// List the commands.
+    /// List all commands with their usage.
     Help,
-    /// Say what runs.
+    /// Say which firmware and device this is.
     Version,
     /// Say how things stand.
     Status,
@@ -25,9 +25,9 @@ pub enum Command {
     Zero,
     /// Sign test, ramp, force.
     Arm,
-    /// Force off.
+    /// Switch the force off.
     Disarm,
-    /// Stiffness K, N/m.
+    /// Stiffness K of the wall, N/m.
     Stiffness(f64),
     /// Damping B, N s/m.
     Damping(f64),
@@ -39,13 +39,13 @@ pub enum Command {
     Tuning(f64),
     /// A further parameter of the estimator by its place, 1 for the second one, in its own unit.
     Further(usize, f64),
-    /// Velocity estimator.
+    /// Velocity estimator by its name.
     Estimator(EstimatorName),
     /// Say which designs the device has.
     Designs,
     /// The estimator of that design, with all of its parameters.
     Design(Name),
-    /// Output period, samples.
+    /// Output period, a number of samples.
     Period(f64),
     /// Push of the experiments, N; does nothing by itself.
     Push(f64),
@@ -55,7 +55,7 @@ pub enum Command {
     Pulses(f64),
     /// Walk along the boundary.
     Walk,
-    /// End the experiment.
+    /// End the experiment that is running.
     Stop,
     /// Allow gains beyond the envelope until the force goes off.
     UnlockEnvelope,
@@ -65,9 +65,9 @@ pub enum Command {
     Save,
     /// Take the settings from flash.
     Load,
-    /// Show the faults.
+    /// Show the latched fault and all causes.
     Faults,
-    /// Forget the fault.
+    /// Forget the fault, if its cause is gone.
     Clear,
     /// Hold a constant force for calibration, percent of full scale.
     Calibrate(f64),
@@ -91,7 +91,7 @@ pub enum Command {
     MotorReversed(bool),
     /// The encoder is mounted the other way round.
     EncoderReversed(bool),
-    /// Test the board.
+    /// Test the board, with the force off.
     SelfTest,
     /// The host is there, and will say so again within that time, ms; 0: it promises nothing any more.
     Alive(f64),
@@ -100,11 +100,11 @@ pub enum Command {
 /// A value of the walk's grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GridValue {
-    /// First K, N/m.
+    /// First K of the walk, N/m.
     StiffnessStart,
     /// Step of K, N/m.
     StiffnessStep,
-    /// Largest K, N/m.
+    /// Largest K of the walk, N/m.
     StiffnessMax,
     /// First B, N s/m.
     DampingStart,
@@ -127,7 +127,7 @@ impl GridValue {
         }
     }
 
-    /// Its unit.
+    /// Its unit at the handle: N/m or N s/m.
     pub const fn unit(self) -> &'static str {
         match self {
             Self::StiffnessStart | Self::StiffnessStep | Self::StiffnessMax => "N/m",
@@ -176,7 +176,7 @@ impl fmt::Display for ParseError {
 }
 
 impl ParseError {
-    /// In those units.
+    /// Writes the error in those units.
     pub(super) fn say(&self, f: &mut fmt::Formatter<'_>, spoken: Spoken) -> fmt::Result {
         match self {
             Self::Unknown => f.write_str("unknown command: help lists them"),
@@ -203,7 +203,7 @@ enum Form {
     Design,
 }
 
-/// Name, use, form.
+/// Name, use and form of a command.
 type Entry = (&'static str, &'static str, Form);
 
 static TABLE: &[Entry] = {

@@ -12,7 +12,7 @@ pub struct LineReader<const N: usize> {
     done: bool,
 }
 
-/// A complete line.
+/// A complete line, or one that did not fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line<'a> {
     /// Its bytes, not blank, without the line end.
@@ -28,7 +28,7 @@ impl<const N: usize> Default for LineReader<N> {
 }
 
 impl<const N: usize> LineReader<N> {
-    /// No byte yet.
+    /// A reader that has no byte yet.
     pub const fn new() -> Self {
         Self { bytes: [0; N], len: 0, too_long: false, done: false }
     }
@@ -72,12 +72,12 @@ impl<const N: usize> Default for Text<N> {
 }
 
 impl<const N: usize> Text<N> {
-    /// Empty.
+    /// An empty text, without a byte.
     pub const fn new() -> Self {
         Self { bytes: [0; N], len: 0 }
     }
 
-    /// `value` as text.
+    /// `value` as text, cut off after `N` bytes.
     pub fn of(value: impl fmt::Display) -> Self {
         let mut text = Self::new();
         // Nothing that is cut off is an error here.
@@ -85,12 +85,12 @@ impl<const N: usize> Text<N> {
         text
     }
 
-    /// The bytes.
+    /// Bytes of the text so far.
     pub fn as_bytes(&self) -> &[u8] {
         self.bytes.get(..self.len).unwrap_or_default()
     }
 
-    /// The text.
+    /// The text; empty if it is not UTF-8.
     pub fn as_str(&self) -> &str {
         core::str::from_utf8(self.as_bytes()).unwrap_or_default()
     }

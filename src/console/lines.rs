@@ -20,7 +20,7 @@ use crate::{
 #[derive(Clone, Copy)]
 pub struct JudgedHit {
     pub verdict: Verdict,
-    /// Of its window.
+    /// Counts of the hit's window.
     pub counts: RunningVariance,
     /// What wall and hand have exchanged.
     pub port: Exchanged,

@@ -104,9 +104,9 @@ impl fmt::Display for Decimal {
 /// An end of what is allowed, for a reply: as [`Decimal`], but never outside, so that it is accepted when it is typed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Limit {
-    /// The lowest value.
+    /// The lowest value that is allowed.
     Low(f64),
-    /// The highest value.
+    /// The highest value that is allowed.
     High(f64),
 }
 

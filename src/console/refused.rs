@@ -27,7 +27,7 @@ impl<'a> Refused<'a> {
         Self { board, commit, why, reader: LineReader::new() }
     }
 
-    /// Why nothing runs.
+    /// Line that says why nothing runs.
     pub fn reason(&self) -> RefusedLine<'a> {
         self.line(None)
     }

@@ -23,11 +23,11 @@ use crate::{
 /// What the board answers. Write it with [`Text::of`](super::Text::of); the line end is not in it.
 #[derive(Clone, Copy, Debug)]
 pub enum Reply<'a> {
-    /// All commands.
+    /// All commands with their usage.
     Help,
     /// What runs: the version and commit that it was built from, the device, the versions of its layouts.
     Version(&'a str, &'a Device<'a>),
-    /// Done.
+    /// Done: the name of the command.
     Done(&'static str),
     /// Done, and this is now in force: name, value, unit.
     Value(&'static str, f64, &'static str),
@@ -41,15 +41,15 @@ pub enum Reply<'a> {
     Designs(&'a Designs<'a>),
     /// There is no such design, but those.
     UnknownDesign(&'a Designs<'a>),
-    /// Settings were loaded.
+    /// Settings were loaded, from this source.
     Loaded(Source),
-    /// The faults.
+    /// The latched fault and all causes.
     Faults(&'a Situation),
     /// The line is no command.
     Parse(ParseError),
-    /// Not now.
+    /// Not now, for this reason.
     Refused(Refusal),
-    /// Not this value.
+    /// Not this value: the parameter and its range.
     Range(&'a SettingsError),
     /// Not these settings: the board cannot run them.
     Unfit(Unfit),

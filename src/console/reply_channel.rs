@@ -13,7 +13,6 @@ const PASSES: u8 = 32;
 /// The last line, and whether it is out.
 #[derive(Clone)]
 pub struct ReplyChannel {
-    /// The last line.
     line: Text<{ REPLY_MAX + 1 }>,
     /// Nobody has taken it yet.
     kept: bool,
@@ -25,12 +24,11 @@ pub struct ReplyChannel {
 }
 
 impl ReplyChannel {
-    /// Nothing said yet.
     pub const fn new() -> Self {
         Self { line: Text::new(), kept: false, lost: 0, ignored: 0, passes: 0 }
     }
 
-    /// One line.
+    /// Says a line; it is lost while another one waits.
     pub fn say(&mut self, port: &mut impl Port, line: &dyn fmt::Display) {
         if self.is_mute(port) {
             self.lost = self.lost.saturating_add(1);

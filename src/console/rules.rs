@@ -28,15 +28,15 @@ enum Need {
     NotArming,
     /// Out of the wall, as long as force is on. With the force off a wall does nothing.
     NoContact,
-    /// No experiment.
+    /// No experiment is going on.
     Idle,
     /// No experiment but a calibration, which goes on with another force.
     IdleOrCalibration,
     /// Neither a walk nor a pulse train nor a quiet hit, which go by K, B and push.
     NoWalk,
-    /// No fault.
+    /// No fault is latched.
     NoFault,
-    /// A fault.
+    /// A fault is latched.
     Fault,
     /// Every cause of it is gone.
     CauseGone,

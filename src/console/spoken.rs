@@ -61,7 +61,7 @@ impl Kind {
 }
 
 impl Spoken {
-    /// m and N.
+    /// Metres and newtons at the handle.
     pub const AT_HANDLE: Self = Self { radius_m: 0.0 };
 
     /// Those of that device.
@@ -94,7 +94,7 @@ impl Spoken {
         kind.map_or(typed, |kind| number::rounded(typed / self.factor(kind)))
     }
 
-    /// A usage.
+    /// A usage, written in these units.
     pub(super) fn usage(self, usage: &'static str) -> Usage {
         let kind = self.kind(|kind| kind.name(usage).is_some());
         match kind.and_then(|kind| Some((kind.name(usage)?, kind))) {

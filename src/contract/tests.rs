@@ -129,7 +129,6 @@ fn only_a_low_pin_is_no_stop() {
 enum Event {
     /// The stop opens, and closes again after so many reads.
     Stop(u32),
-    /// The supply falls.
     Supply,
     /// A debugger halts the core, which may set the stop's flag.
     Halt(bool),

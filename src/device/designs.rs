@@ -21,14 +21,14 @@ const WORDS: usize = Name::WORDS + 1 + 2 * PARAMETERS;
 pub struct NamedFilter {
     /// The name: `a` to `z`, digits, `-`.
     pub name: Name,
-    /// Estimator and parameters.
+    /// Estimator with all its parameters.
     pub velocity: VelocitySettings,
 }
 
 /// All designs of a device, as words of its record.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Designs<'a> {
-    /// Checked.
+    /// Words that have been checked.
     words: &'a [[u32; WORDS]],
 }
 
@@ -58,7 +58,7 @@ pub(super) fn halves(value: f64) -> [u32; 2] {
 }
 
 impl<'a> Designs<'a> {
-    /// None.
+    /// No designs at all.
     pub const NONE: Self = Self { words: &[] };
 
     /// So many designs at the front of those words, and the words behind them; none if they are not whole, or a name is

@@ -10,7 +10,7 @@
 //! | 2 | hash of the scene |
 //! | 3 to 6 | board: up to 16 bytes of text, then zeros |
 //! | 7 to 10 | device, that is the scene: the same |
-//! | 11 | flags: 1 push only, 2 motor reversed, 4 encoder reversed; bits 8 to 15: how many designs |
+//! | 11 | flags: 1 push only, 2 motor reversed, 4 encoder reversed, 8 criterion `quiet`; bits 8 to 15: how many designs |
 //! | 12 | samples per output |
 //! | 13, 14 | output: 0 continuous, 1 DAC of so many bits, 2 PWM of so many steps |
 //! | 15 | counts that the sign test has to see |
@@ -33,7 +33,7 @@ use super::{
 };
 use crate::{
     Design, HitSettings, Output, Settings, SettingsError, WallSettings, crc,
-    experiment::{CalibrationSettings, DutySettings, ReturnSettings, WalkSettings},
+    experiment::{CalibrationSettings, Criterion, DutySettings, ReturnSettings, WalkSettings},
     range::within,
     safety::{
         CurrentSettings, SafetySettings,
@@ -52,7 +52,7 @@ pub const BOARD_AT: usize = 12;
 
 const MAGIC: u32 = u32::from_le_bytes(*b"ZWD\0");
 const HEAD: u32 = MAGIC | (LAYOUT as u32) << 24;
-/// An erased word.
+/// A word of erased flash.
 const BLANK: u32 = u32::MAX;
 /// Words before the numbers, and before designs and envelope.
 const FIXED: usize = 17;
@@ -61,6 +61,7 @@ const BEFORE_TABLES: usize = FIXED + 2 * NUMBERS;
 const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
 const ENCODER_REVERSED: u32 = 4;
+const QUIET: u32 = 8;
 /// Where the number of designs begins.
 const DESIGNS: u32 = 8;
 
@@ -73,11 +74,11 @@ const _: () = assert!(PARAMETERS == KEPT);
 /// What a board is, whatever the device on it: a record has to go with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoardFacts {
-    /// Its name.
+    /// Name of the board.
     pub name: &'static str,
     /// Samples per second, Hz.
     pub rate_hz: f64,
-    /// Its force output.
+    /// Form of its force output.
     pub output: Output,
     /// What an estimator can look at beside the count.
     pub senses: &'static [Sense],
@@ -129,7 +130,7 @@ impl From<SettingsError> for BadRecord {
     }
 }
 
-/// Shortest record, words.
+/// Length of the shortest record, words.
 pub const WORDS_MIN: usize = BEFORE_TABLES + 1;
 
 /// The words of a record, and those of them that every record has.
@@ -243,7 +244,8 @@ impl<'a> Device<'a> {
         }
         let output = output_of(kind, size).ok_or(BadRecord::Output)?;
         let estimator = EstimatorName::from_id(id).ok_or(BadRecord::Estimator(id))?;
-        if flags & !(PUSH_ONLY | MOTOR_REVERSED | ENCODER_REVERSED | 0xFF << DESIGNS) != 0 {
+        const KNOWN: u32 = PUSH_ONLY | MOTOR_REVERSED | ENCODER_REVERSED | QUIET | 0xFF << DESIGNS;
+        if flags & !KNOWN != 0 {
             return Err(BadRecord::Unknown);
         }
         let (stated, tables) = rest.split_at_checked(2 * NUMBERS).unwrap_or_default();
@@ -320,6 +322,7 @@ impl<'a> Device<'a> {
                 window_s: next(),
                 rms_limit_m: next(),
             },
+            criterion: if flags & QUIET == 0 { Criterion::Rms } else { Criterion::Quiet },
             walk: WalkSettings {
                 stiffness_start_n_per_m: next(),
                 stiffness_step_n_per_m: next(),
@@ -334,7 +337,6 @@ impl<'a> Device<'a> {
         if same { Ok(device) } else { Err(BadRecord::Unknown) }
     }
 
-    /// Its numbers.
     fn numbers(&self) -> [f64; NUMBERS] {
         let Self { design, safety, duty, current, back, calibration, settings, hit, walk, .. } =
             self;
@@ -404,6 +406,7 @@ impl<'a> Device<'a> {
         let flags = flag(self.settings.wall.push_only, PUSH_ONLY)
             | flag(self.signs.motor_reversed, MOTOR_REVERSED)
             | flag(self.signs.encoder_reversed, ENCODER_REVERSED)
+            | flag(self.criterion == Criterion::Quiet, QUIET)
             | u32::from(u8::try_from(designs.len()).ok()?) << DESIGNS;
         let [kind, size] = words_of(self.design.output);
         let id = self.settings.velocity.name().id();

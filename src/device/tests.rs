@@ -83,6 +83,7 @@ pub(crate) static DEVICE: LazyLock<Device<'static>> = LazyLock::new(|| Device {
         damping_max_n_s_per_m: 4000.0,
     },
     signs: Signs::default(),
+    criterion: Criterion::Rms,
 });
 
 fn loaded(stored: Stored) -> Loaded {

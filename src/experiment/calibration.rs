@@ -65,15 +65,15 @@ const LONGEST_S: f64 = 120.0;
 /// The calibration in integers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CalibrationPlan {
-    /// LSB of [`Force`].
+    /// Force to reach, LSB of [`Force`].
     target: i32,
-    /// The same per output.
+    /// Change of the force per output, LSB of [`Force`].
     step: i32,
-    /// Outputs.
+    /// Time to hold the force, outputs.
     hold: u32,
-    /// Outputs in all.
+    /// Longest time of all, outputs.
     longest: u32,
-    /// Counts.
+    /// Travel that ends it, counts.
     travel: u32,
 }
 
@@ -91,7 +91,7 @@ pub enum CalibrationEnd {
 }
 
 impl CalibrationEnd {
-    /// In plain words.
+    /// The reason in plain words.
     pub const fn text(self) -> &'static str {
         match self {
             Self::Moved => "the handle moved",
@@ -111,7 +111,7 @@ pub struct Calibration {
     force: i32,
     /// Outputs since the force is complete.
     held: u32,
-    /// Outputs in all.
+    /// Outputs since the calibration began.
     outputs: u32,
 }
 

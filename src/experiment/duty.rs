@@ -126,7 +126,7 @@ const PATIENCE: f64 = 9.3;
 /// How warm the motor is, by the model; cold at reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Duty {
-    /// 0 to 1.
+    /// Part of the heat of full force, 0 to 1, with [`FRACTION`] fractional bits.
     heat: i64,
 }
 

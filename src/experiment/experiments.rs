@@ -63,7 +63,7 @@ impl Experiments {
         }
     }
 
-    /// What goes on.
+    /// The activity that goes on besides the wall.
     #[inline(always)]
     pub fn activity(&self) -> Activity {
         self.activity

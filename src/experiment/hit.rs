@@ -13,7 +13,7 @@ use crate::{
 /// The wall-hit experiment in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HitSettings {
-    /// Constant push, N.
+    /// Constant push of the hit, N.
     pub push_n: f64,
     /// Time before the hit is judged, s.
     pub settle_s: f64,
@@ -70,7 +70,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// All of them.
+    /// All verdicts that there are.
     pub const ALL: [Self; 3] = [Self::Stable, Self::Unstable, Self::NoContact];
 
     /// As programs read it, in files and JSON.

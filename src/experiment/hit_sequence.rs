@@ -15,7 +15,7 @@ use crate::{
 /// What a hit sequence is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HitSequencePlan {
-    /// The hit.
+    /// The hit in integer form.
     pub hit: HitPlan,
     /// The return move before it.
     pub back: ReturnPlan,

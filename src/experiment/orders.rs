@@ -16,23 +16,23 @@ use crate::{
 /// What goes on besides the wall.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Activity {
-    /// Nothing.
+    /// Nothing besides the wall.
     #[default]
     None,
-    /// A wall hit.
+    /// A hit of the wall.
     Hit,
     /// The pushes of a quiet hit, which sets them by itself.
     Pushes,
     /// A boundary walk, which sets K and B by itself.
     Walk,
-    /// A force calibration.
+    /// A calibration with a constant force.
     Calibration,
-    /// A pulse train.
+    /// A train of force pulses.
     Pulses,
 }
 
 impl Activity {
-    /// Name in replies.
+    /// Name, as replies have it.
     pub const fn name(self) -> &'static str {
         match self {
             Self::None => "idle",
@@ -60,7 +60,7 @@ pub struct PeriodPlan {
 /// One order; answered with the next [`Report`], in order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Order {
-    /// For the supervisor.
+    /// A request to the supervisor.
     Request(Request),
     /// New settings, and whether their gains are inside the envelope or need it unlocked.
     LoopParameters(LoopParameters, Gains),
@@ -74,7 +74,7 @@ pub enum Order {
     Calibrate(CalibrationPlan),
     /// Turn motor and encoder.
     Signs(Signs),
-    /// End the experiment.
+    /// End the experiment that is running.
     Stop,
     /// Send what the black box holds.
     Replay,
@@ -82,10 +82,10 @@ pub enum Order {
     Alive(Promise),
 }
 
-/// Where gains lie.
+/// Whether gains lie inside the envelope.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Gains {
-    /// Inside the envelope.
+    /// Inside the envelope of stable walls.
     Inside,
     /// Outside, or unknown to it.
     Outside,
@@ -115,7 +115,7 @@ pub enum Event {
 /// One output, as the console sees it.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {
-    /// This output.
+    /// Record of this very output.
     pub record: Record,
     /// For telemetry: the same, or one of the black box while that is read out.
     pub streamed: Record,
@@ -127,6 +127,6 @@ pub struct Report {
     pub status: Status,
     /// What else goes on.
     pub activity: Activity,
-    /// What happened.
+    /// Event of this output, if there is one.
     pub event: Event,
 }

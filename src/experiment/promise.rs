@@ -16,7 +16,7 @@ pub struct Promise {
 impl Promise {
     /// Shortest promise, ms: more than the longest time that `link` may need for a line.
     const LEAST_MS: f64 = 20.0;
-    /// Longest one, ms.
+    /// Longest time of a promise, ms.
     const MOST_MS: f64 = 10_000.0;
 
     /// A word every `ms`; 0: no promise.

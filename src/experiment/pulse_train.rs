@@ -28,7 +28,7 @@ pub const LONG_S: f64 = 0.2;
 pub const WEAKER: f64 = 4.0;
 /// How long the handle is left alone after each, s.
 pub const REST_S: f64 = 3.0;
-/// Number of pulses.
+/// Number of pulses in a train.
 pub const PULSES: usize = 4;
 /// Push of each, as part of the force.
 pub const PARTS: [f64; PULSES] = [1.0, -1.0, 1.0 / WEAKER, -1.0 / WEAKER];
@@ -40,7 +40,7 @@ pub const LENGTHS_S: [f64; PULSES] = [SHORT_S, SHORT_S, LONG_S, LONG_S];
 pub struct PulseTrainPlan {
     /// Push of each pulse, and its outputs.
     pub pulses: [(Force, u32); PULSES],
-    /// Outputs after each.
+    /// Outputs of rest after each pulse.
     pub rest: u32,
     /// The return move before each.
     pub back: ReturnPlan,
@@ -53,7 +53,7 @@ enum Phase {
     Approach(Approach),
     /// Outputs of the pulse.
     Push(u32),
-    /// Outputs since it.
+    /// Outputs since the pulse.
     Rest(u32),
 }
 
@@ -80,7 +80,6 @@ impl Phase {
 #[derive(Clone, Copy, Debug)]
 pub struct PulseTrain {
     pulses: Doubled<[(Force, u32); PULSES]>,
-    /// Outputs after each.
     rest: u32,
     back: ReturnPlan,
     stands: DutyPlan,

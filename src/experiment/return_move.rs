@@ -47,7 +47,7 @@ pub struct ReturnSettings {
     pub force_n: f64,
     /// Stiffness of the soft spring, N/m.
     pub stiffness_n_per_m: f64,
-    /// Damping, N s/m.
+    /// Damping of the return, N s/m.
     pub damping_n_s_per_m: f64,
     /// Integral gain, N/(m s).
     pub integral_n_per_m_s: f64,
@@ -153,12 +153,12 @@ impl ReturnSettings {
 }
 
 impl ReturnPlan {
-    /// Where it ends.
+    /// Position where the return ends.
     pub fn start(&self) -> Position {
         self.start
     }
 
-    /// The largest force.
+    /// Largest force of the return.
     pub fn force(&self) -> Force {
         Force::saturating_from_bits(i32::try_from(self.limit).unwrap_or(i32::MAX))
     }

@@ -45,10 +45,10 @@ pub struct RunningVariance {
 }
 
 impl RunningVariance {
-    /// Of no position.
+    /// Variance of no position yet.
     pub const EMPTY: Self = Self { samples: 0, origin: 0, sum: 0, sum_of_squares: 0 };
 
-    /// Takes one position.
+    /// Takes the position of one sample.
     #[inline]
     pub fn push(&mut self, position: Position) {
         self.push_number(position.counts());
@@ -74,7 +74,7 @@ impl RunningVariance {
         self.sum_of_squares += sum_of_squares;
     }
 
-    /// Positions taken.
+    /// Number of positions taken.
     #[inline]
     pub fn samples(&self) -> u32 {
         self.samples
@@ -100,7 +100,7 @@ impl RunningVariance {
         u128::from(self.samples) * self.sum_of_squares - sum * sum
     }
 
-    /// Mean, in counts.
+    /// Mean of the positions, in counts.
     #[expect(clippy::float_arithmetic, reason = "for reports")]
     pub fn mean_counts(&self) -> f64 {
         #[expect(clippy::cast_precision_loss, reason = "for reports")]

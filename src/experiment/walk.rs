@@ -149,13 +149,11 @@ impl core::error::Error for WalkError {}
 
 #[derive(Clone, Copy, Debug)]
 enum Phase {
-    /// The start cell.
     First,
     /// K goes up; the cell below the present one is stable.
     Up,
     /// B went up at the same K.
     Across,
-    /// K goes down.
     Down,
     /// Every further report gets the same answer.
     Over(Result<Ended, WalkError>),
@@ -267,7 +265,7 @@ impl Walk {
 /// What a walk has come to so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WalkTotals {
-    /// Hits.
+    /// Hits that were made so far.
     pub hits: u32,
     /// Points of the boundary.
     pub points: u32,

@@ -54,7 +54,7 @@ pub struct Renderer<const N: usize> {
 }
 
 impl<const N: usize> Renderer<N> {
-    /// Nothing going on.
+    /// A renderer with nothing going on.
     pub fn new(
         supervisor: Supervisor,
         parameters: LoopParameters,

@@ -55,7 +55,7 @@ struct Bench {
     renderer: Renderer<8>,
     sampling: Sampler,
     handle: Handle,
-    /// Nothing moves it.
+    /// Nothing moves the handle.
     held: bool,
     /// Where the count was zeroed, counts.
     zero: i32,
@@ -102,7 +102,6 @@ impl Bench {
         bench
     }
 
-    /// Zeroed and armed.
     fn armed() -> Self {
         Self::new().on()
     }

@@ -10,7 +10,7 @@ pub struct Doubled<T> {
 }
 
 impl<T: Copy + PartialEq> Doubled<T> {
-    /// Of that value.
+    /// Keeps that value twice.
     pub const fn new(value: T) -> Self {
         Self { value, copy: value }
     }

@@ -122,7 +122,7 @@ impl fmt::Display for Fault {
 pub struct FaultSet(u32);
 
 impl FaultSet {
-    /// No fault.
+    /// The set of no faults.
     pub const EMPTY: Self = Self(0);
 
     /// The set as bits.

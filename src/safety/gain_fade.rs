@@ -44,7 +44,6 @@ struct Kept {
 }
 
 impl GainFade {
-    /// Nothing to fade.
     pub fn new(wall: Wall, push: Force) -> Self {
         Self { kept: Doubled::new(Kept { wall, push, pushing: false, correction: 0 }) }
     }

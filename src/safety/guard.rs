@@ -67,7 +67,7 @@ impl GuardCommand {
 /// From `sample` to `render`, with every due sample; what the guard has noted goes apart, as [`Guard`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SampleReport {
-    /// The sample.
+    /// Number, position and velocity of the sample.
     pub motion: Motion,
     /// What is there with this very sample, or was with one before it and is not in [`Guard`] yet.
     pub present: FaultSet,
@@ -111,7 +111,7 @@ pub struct Judged {
     pub motion: Motion,
     /// An output is due with this very sample.
     pub due: bool,
-    /// What was found.
+    /// Faults that were found with this sample.
     pub found: FaultSet,
     /// Nothing was found, nothing waits, and nothing is asked for.
     pub quiet: bool,
@@ -140,7 +140,7 @@ impl<W: Width> GuardedSampler<W> {
         GuardedSampler { sampler: sampler.of_any_width(), met, waiting }
     }
 
-    /// What it guards.
+    /// The sampler that it guards.
     pub const fn sampler(&self) -> &Sampler<W> {
         &self.sampler
     }

@@ -14,15 +14,15 @@ use crate::{
 /// A fault and its circumstances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FaultRecord {
-    /// The first fault.
+    /// The first fault that was found.
     pub fault: Fault,
     /// All that were found since, the first among them.
     pub causes: FaultSet,
     /// Sample at which it was found, counted from the reset before it.
     pub sample: u64,
-    /// Position.
+    /// Position at the output that latched it, counts.
     pub position: Position,
-    /// Velocity.
+    /// Velocity at that output, 2^-16 counts per sample.
     pub velocity: Velocity,
     /// Force that acted until then.
     pub force: Force,
@@ -33,9 +33,9 @@ pub struct FaultRecord {
 /// What `render` asks to be done to the backup RAM.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MemoryUpdate {
-    /// Write this record.
+    /// Write this record to it.
     Write(FaultRecord),
-    /// Write zeros.
+    /// Write zeros to all of it.
     Erase,
 }
 
@@ -46,7 +46,7 @@ pub enum ResetCause {
     Power,
     /// The reset pin, or a debugger.
     Pin,
-    /// The watchdog.
+    /// The watchdog was not fed.
     Watchdog,
     /// The program asked for it.
     Software,

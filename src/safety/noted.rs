@@ -21,7 +21,7 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// Nothing found yet.
+    /// Nothing was found yet.
     pub const NOTHING: Self = Self {
         events: 0,
         zeros: 0,
@@ -59,7 +59,7 @@ pub struct GuardView {
 }
 
 impl GuardView {
-    /// Nothing found yet.
+    /// Nothing was found yet.
     pub const NOTHING: Self = Self { newest: Guard::NOTHING, told_at: 0, zeros: 0 };
 
     /// Takes what the guard has told since, and the number of the sample with which it did.

@@ -7,7 +7,7 @@ use crate::units::{Force, OutputCode};
 pub enum OutputCommand {
     /// Amplifier enable inactive first, then the code of zero force.
     Off,
-    /// This force.
+    /// This force may act now.
     On(GrantedForce),
 }
 

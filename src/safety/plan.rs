@@ -154,7 +154,7 @@ impl SafetySettings {
     }
 }
 
-/// Times, in samples.
+/// Times of the plan, in samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Samples {
     /// [`SafetyPlan::yields`] of a sample's square, and [`SafetyPlan::slows`] of a sample.

@@ -18,7 +18,7 @@ use crate::{
 /// What an output has put out: its command, and whether it is mirrored about zero force.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Written {
-    /// The command.
+    /// Code of the output's command.
     pub command: OutputCode,
     /// The motor is mounted the other way round.
     pub mirrored: bool,
@@ -95,7 +95,7 @@ impl OutputWatch {
 /// How an amplifier says its current: a voltage on the board's input for it, as a part of the analogue supply.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CurrentSettings {
-    /// Without current.
+    /// Voltage without current, as a part of the supply.
     pub rest: f64,
     /// With the current that the highest command asks for; the lowest command mirrors it about `rest`. Both 0: the input
     /// is not used.

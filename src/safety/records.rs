@@ -23,7 +23,7 @@ impl State {
         matches!(self, Self::SignTest | Self::RampIn | Self::Armed)
     }
 
-    /// Name in replies.
+    /// Name, as replies have it.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Off => "off",
@@ -97,7 +97,7 @@ impl Inputs {
 pub enum Request {
     /// Sign test, ramp, force.
     Arm,
-    /// Force off.
+    /// Switch the force off.
     Disarm,
     /// Forget the fault, if its cause is gone.
     Clear,
@@ -116,7 +116,7 @@ pub enum Request {
 /// Why a request or a command is not met.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
-    /// `zero` comes first.
+    /// The command `zero` comes first.
     NotZeroed,
     /// The settings are not valid, or outside the envelope.
     Settings,
@@ -177,7 +177,7 @@ impl Refusal {
 /// The supervisor as the link sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Status {
-    /// Where it stands.
+    /// State of the supervisor.
     pub state: State,
     /// The first fault, while one is latched.
     pub fault: Option<FaultRecord>,

@@ -34,7 +34,7 @@ pub(super) enum SignStep {
     Push(Force),
     /// The count moved the right way.
     Passed,
-    /// It did not.
+    /// The count did not do so.
     Failed,
 }
 

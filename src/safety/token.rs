@@ -9,9 +9,8 @@ pub struct Token(u32);
 pub(super) struct Turn(u32);
 
 impl Turn {
-    /// It is not.
+    /// It is not turned.
     pub(super) const NONE: Self = Self(0);
-    /// See [`Token::turned`].
     pub(super) const HALF: Self = Self(0xFFFF);
 }
 
@@ -23,14 +22,14 @@ impl Token {
         Self((number as u32) << 16 | !number as u32)
     }
 
-    /// The next request.
+    /// Token of the next request; its number wraps.
     #[must_use]
     #[expect(clippy::cast_possible_truncation, reason = "16 bits")]
     pub const fn next(self) -> Self {
         Self::of((self.number() as u16).wrapping_add(1))
     }
 
-    /// Its number.
+    /// Number of the request, 16 bits.
     #[inline(always)]
     pub const fn number(self) -> u32 {
         self.0 >> 16

@@ -37,7 +37,7 @@ impl Sector {
         }
     }
 
-    /// Its first byte.
+    /// Offset of its first byte.
     #[expect(clippy::cast_possible_truncation, reason = "offsets of flash have 32 bits")]
     const fn start<F: NorFlash>(self) -> u32 {
         match self {
@@ -56,7 +56,7 @@ impl Sector {
 /// Bytes of a record.
 const RECORD_BYTES: usize = size_of::<[u32; RECORD_WORDS]>();
 
-/// An erased word.
+/// A word of erased flash.
 const BLANK: u32 = u32::MAX;
 
 /// Which settings were loaded.
@@ -92,9 +92,9 @@ impl fmt::Display for Source {
 /// Settings out of flash.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Loaded {
-    /// The settings.
+    /// Settings that were saved, or the defaults.
     pub stored: Stored,
-    /// Which they are.
+    /// Source of these settings.
     pub source: Source,
     /// Damaged or unfinished records in both sectors, and what other programs have left.
     pub damaged: u32,

@@ -11,9 +11,9 @@ use crate::{
 pub struct Stored {
     /// The device that the settings are for.
     pub device: DeviceKey,
-    /// Estimator and wall.
+    /// Estimator and wall in SI units.
     pub settings: Settings,
-    /// Samples per output.
+    /// Samples from output to output.
     pub period: u32,
     /// Push of the experiments, N.
     pub push_n: f64,
@@ -62,9 +62,8 @@ impl DeviceKey {
 pub struct Name([u8; Self::LEN]);
 
 impl Name {
-    /// Longest name, bytes.
+    /// Bytes of the longest name.
     pub const LEN: usize = 16;
-    /// Its words.
     pub(crate) const WORDS: usize = Self::LEN / 4;
 
     /// That name, if it is not too long and holds no zero byte.

@@ -21,7 +21,7 @@ use core::{
 
 use super::Static;
 
-/// The newest `T`.
+/// Two buffers, one of which holds the newest `T`.
 pub struct DoubleBuffer<T> {
     buffers: [UnsafeCell<MaybeUninit<T>>; 2],
     /// The buffer that counts. Stored by the publisher only; null before the ends are made.
@@ -32,7 +32,6 @@ pub struct DoubleBuffer<T> {
 // one task.
 unsafe impl<T: Send + Sync> Sync for DoubleBuffer<T> {}
 
-/// The writing end.
 pub struct DoubleBufferWriter<T: 'static>(&'static DoubleBuffer<T>);
 
 /// The reading end, for a task of higher priority than the publisher's, of the buffers that `P` names.
@@ -81,7 +80,7 @@ impl<T: Copy + 'static> DoubleBuffer<T> {
 }
 
 impl<T: Copy> DoubleBufferWriter<T> {
-    /// What counts now.
+    /// The value that counts now.
     #[inline(always)]
     pub fn newest(&self) -> &T {
         // SAFETY: not null, because the ends exist; only this end writes, and not while it is borrowed.

@@ -21,13 +21,12 @@ use super::Static;
 
 /// What a task owns: what may be seen, and the rest.
 pub struct Shown<S, R> {
-    /// May be copied.
+    /// A viewer may copy this.
     pub shown: S,
-    /// May not.
     pub rest: R,
 }
 
-/// Where it lies.
+/// Static place of a task's data.
 pub struct Place<S, R> {
     taken: AtomicBool,
     value: UnsafeCell<MaybeUninit<Shown<S, R>>>,
@@ -36,18 +35,18 @@ pub struct Place<S, R> {
 // SAFETY: one owner, see `take`; the viewer only copies what is `Copy`, see the module.
 unsafe impl<S: Copy + Send, R: Send> Sync for Place<S, R> {}
 
-/// Names a place.
+/// Names a place in static memory.
 pub trait Placed: Static<Place<Self::Shown, Self::Rest>> {
     /// What may be seen.
     type Shown: Copy + Send + 'static;
-    /// What may not.
+    /// The rest, which no viewer sees.
     type Rest: Send + 'static;
 
     /// Another number with every pass of the owner.
     fn number(shown: &Self::Shown) -> u64;
 }
 
-/// The owner's end.
+/// The owner's end of a place.
 pub struct Owner<P>(PhantomData<P>);
 
 /// The viewer's, for a task of lower priority.
@@ -60,7 +59,6 @@ impl<P> Clone for Viewer<P> {
 }
 
 impl<S, R> Place<S, R> {
-    /// Empty.
     pub const fn new() -> Self {
         Self { taken: AtomicBool::new(false), value: UnsafeCell::new(MaybeUninit::uninit()) }
     }
@@ -76,7 +74,7 @@ impl<P: Placed> Owner<P> {
         (Self(PhantomData), Viewer(PhantomData))
     }
 
-    /// For one pass.
+    /// The data, for one pass of the owner.
     #[inline(always)]
     pub fn get(&mut self) -> &mut Shown<P::Shown, P::Rest> {
         // SAFETY: written before this end was made, the only one; the viewer cannot run meanwhile, see the module.

@@ -35,7 +35,6 @@ pub struct SeqlockWriter<T: 'static, P>(PhantomData<(*const T, P)>);
 // SAFETY: it is moved to its task once, before the task first runs; `*const T` only keeps it from being shared.
 unsafe impl<T: Send, P> Send for SeqlockWriter<T, P> {}
 
-/// The reading end.
 pub struct SeqlockReader<T: 'static> {
     snapshot: &'static Seqlock<T>,
     seen: u32,

@@ -35,7 +35,7 @@ struct Channels {
     flash: SettingsFlash,
     self_test: SelfTest,
     orders: Producer<'static, Numbered, ORDERS>,
-    /// Orders so far.
+    /// Number of orders so far.
     ordered: u32,
 }
 

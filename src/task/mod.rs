@@ -66,7 +66,6 @@ pub struct Queues {
 }
 
 impl Queues {
-    /// Empty.
     pub const fn new() -> Self {
         Self { reports: Queue::new(), orders: Queue::new(), device: None }
     }
@@ -74,9 +73,9 @@ impl Queues {
 
 /// What the watchdog has to know.
 struct Flags {
-    /// [`GuardCommand::rendered`].
+    /// The value of [`GuardCommand::rendered`].
     rendered: AtomicU32,
-    /// Passes of `link`.
+    /// Passes of `link` so far.
     links: AtomicU32,
 }
 

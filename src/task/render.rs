@@ -33,21 +33,16 @@ const LONGEST: u32 = period::PERIODS[period::PERIODS.len() - 1];
 
 /// The hardware that this task owns.
 pub struct Outputs {
-    /// Force and enable.
     pub drive: Drive,
-    /// Emergency stop.
     pub stop: EmergencyStop,
-    /// Supply voltage.
     pub supply: Supply,
     /// Halts by a debugger.
     pub halts: Halts,
     /// Enable off when outputs stop.
     pub output_watchdog: OutputWatchdog,
-    /// Registers.
     pub set_up: SetUp,
-    /// What acts.
     pub read_back: ReadBack,
-    /// Backup RAM.
+    /// Backup RAM for the fault record.
     pub memory: FaultMemory,
 }
 
@@ -57,21 +52,20 @@ pub struct Ends {
     pub due: SeqlockReader<SampleReport>,
     /// From `sample`: what the guard found, when it has changed.
     pub guard: SeqlockReader<Guard>,
-    /// To `sample`.
     pub sampling: ToSample,
-    /// What `sample` remembers.
+    /// View of the sampler that `sample` owns.
     pub sampler: Viewer<Block>,
-    /// From `link`.
+    /// Orders that `link` sends.
     pub orders: Consumer<'static, Numbered, ORDERS>,
-    /// To `link`.
+    /// Reports that `link` takes.
     pub reports: Producer<'static, Report, REPORTS>,
 }
 
 /// The ends towards `sample`.
 pub struct ToSample {
-    /// When it changes.
+    /// Written when the parameters change.
     pub control: DoubleBufferWriter<LoopParameters>,
-    /// With every output.
+    /// Written with every output.
     pub down: DoubleBufferWriter<GuardCommand>,
 }
 

@@ -10,7 +10,6 @@ use crate::{
     velocity::{EstimatorName, State, Tuned},
 };
 
-/// Kinds of parts.
 pub(super) mod kind {
     /// Outputs before the newest.
     pub const EARLIER: u8 = 1;
@@ -20,11 +19,11 @@ pub(super) mod kind {
     pub const SMALL_COUNTS: u8 = 3;
     /// What an experiment pushed with.
     pub const PUSHES: u8 = 4;
-    /// Settings.
+    /// Settings that are in force.
     pub const SETTINGS: u8 = 5;
     /// State of the estimator.
     pub const STATE: u8 = 6;
-    /// More of it.
+    /// More of the estimator's state.
     pub const MORE: u8 = 7;
     /// Energy at the port.
     pub const PORT: u8 = 8;
@@ -39,22 +38,22 @@ pub const STATE_MAX: usize = 510;
 /// Settings in force, and their number in the records of the outputs that they decide.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InForce {
-    /// [`Record::settings`].
+    /// Their number, as in [`Record::settings`].
     pub number: u16,
     /// The device, its full scale calibrated.
     pub design: Design,
-    /// Estimator and wall.
+    /// Estimator and wall in SI units.
     pub settings: Settings,
 }
 
 /// The sampler as one sample left it: from there on every velocity follows from the counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Key {
-    /// The sample.
+    /// Number of the sample, from 0.
     pub sample: u64,
     /// [`InForce::number`] of the settings whose estimator has run.
     pub settings: u16,
-    /// [`Tuned::number`] of it.
+    /// [`Tuned::number`] of that estimator's tuning.
     pub tuning: u16,
     /// How often the count was zeroed so far; wraps.
     pub zeros: u16,
@@ -109,7 +108,7 @@ pub struct FrameWriter<'a> {
 }
 
 impl<'a> FrameWriter<'a> {
-    /// Behind the head.
+    /// Begins behind the frame's head.
     pub(super) const fn new(bytes: &'a mut [u8; Frame::LEN_MAX], used: usize) -> Self {
         Self { bytes, used, part: 0 }
     }
@@ -194,7 +193,7 @@ impl<'a> FrameWriter<'a> {
         self
     }
 
-    /// Settings.
+    /// Adds the settings in force.
     #[must_use]
     pub fn settings(mut self, in_force: &InForce) -> Self {
         let InForce { number, design, settings } = in_force;
@@ -259,7 +258,7 @@ impl<'a> FrameWriter<'a> {
         self
     }
 
-    /// The frame's bytes.
+    /// All bytes of the frame, with its checksum.
     pub fn finish(self) -> &'a [u8] {
         let Self { bytes, used, .. } = self;
         let body = used.min(Frame::LEN_MAX - 4);
@@ -290,7 +289,7 @@ impl<'a> Parts<'a> {
         }
     }
 
-    /// Kinds and bytes.
+    /// Kind and bytes of each part.
     pub(super) fn all(self) -> impl Iterator<Item = (u8, &'a [u8])> {
         let mut rest = self.0;
         core::iter::from_fn(move || {

@@ -42,7 +42,7 @@ const SECOND_ORDER_BELOW: f64 = 0.064;
 /// A biquad in floating point, normalised to `a0 = 1`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BiquadDesign {
-    /// Numerator.
+    /// Numerator `b0 + b1 z^-1 + b2 z^-2`.
     pub b: [f64; 3],
     /// Denominator `1 + a1 z^-1 + a2 z^-2`.
     pub a: [f64; 2],

@@ -5,7 +5,7 @@
 use super::{Form, Senses};
 use crate::units::Velocity;
 
-/// Finite difference.
+/// Finite difference: counts since the last sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Difference;
 

@@ -47,12 +47,11 @@ pub struct Captures {
     pub at: [Option<u16>; 2],
 }
 
-/// A captured edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Captured {
-    /// The timer's count.
+    /// Count of the timer then.
     at: u16,
-    /// Channel A.
+    /// The edge is on channel A.
     is_a: bool,
 }
 

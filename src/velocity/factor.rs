@@ -8,7 +8,7 @@ pub struct Factor {
 }
 
 impl Factor {
-    /// 2^31 to 2^32.
+    /// Mantissa, from 2^31 to below 2^32.
     pub const fn mantissa(self) -> u32 {
         self.mantissa
     }

@@ -74,7 +74,7 @@ impl Foaw {
     /// A bound beyond every slope, in steps of the noise.
     pub const FREE: i32 = FREE;
 
-    /// The longest window.
+    /// Length of the longest window, samples.
     pub const fn window_samples(&self) -> u8 {
         self.window
     }

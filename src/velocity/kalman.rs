@@ -41,7 +41,7 @@ use crate::{
 /// Gains as real numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KalmanDesign {
-    /// Of the position.
+    /// Of the position, without a unit.
     pub alpha: f64,
     /// Of the velocity, per sample.
     pub beta: f64,
@@ -120,11 +120,11 @@ const ACCELERATION_MAX: i64 = 1 << (18 + FRACTION_BITS + ACCELERATION_BITS);
 /// Gains; made by [`KalmanDesign::quantise`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kalman<G = Gain> {
-    /// Of the position.
+    /// Gain of the position.
     pub alpha: G,
-    /// Of the velocity.
+    /// Gain of the velocity, per sample.
     pub beta: G,
-    /// Of the acceleration.
+    /// Gain of the acceleration, per sample^2, times 2^12.
     pub gamma: G,
 }
 
@@ -133,9 +133,9 @@ pub struct Kalman<G = Gain> {
 pub struct KalmanState<W: Word = i64> {
     /// Position less the count.
     pub distance: W,
-    /// Velocity.
+    /// Velocity, 2^-32 counts per sample.
     pub velocity: W,
-    /// Acceleration.
+    /// Acceleration, 2^-44 counts per sample^2.
     pub acceleration: W,
     /// What rounding the last output dropped.
     pub residue: W::Fraction,

@@ -103,9 +103,9 @@ pub struct Levant {
     implicit: bool,
     alpha: i64,
     lambda: Gain,
-    /// Half of lambda.
+    /// Half of lambda, with 32 fractional bits.
     half: i64,
-    /// Its square.
+    /// Square of that half, with 32 fractional bits.
     square: i64,
 }
 
@@ -114,7 +114,7 @@ pub struct Levant {
 pub(super) struct LevantState {
     /// Where the position will be at the next sample, less the last count.
     ahead: i64,
-    /// u1.
+    /// Velocity u1 of the equations.
     velocity: i64,
 }
 
@@ -220,7 +220,7 @@ mod tests {
         period: 10,
         output: Output::Continuous,
     };
-    /// 2^-32.
+    /// LSB of the state, 2^-32.
     const LSB: f64 = 1.0 / (1u64 << 32) as f64;
 
     proptest! {

@@ -255,7 +255,7 @@ impl Tuned {
         self.tuning.0
     }
 
-    /// [`Estimator::update`].
+    /// As [`Estimator::update`], for this tuning.
     #[inline(always)] // as that
     pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
         self.estimator.update_as(self.tuning, state, position, senses)
@@ -313,7 +313,6 @@ pub(crate) struct Running {
 }
 
 impl Running {
-    /// At rest.
     pub(crate) const REST: Self = Self {
         tuning: Tuning(Kind::Difference as u16),
         velocity: Velocity::ZERO,
@@ -532,7 +531,7 @@ mod tests {
         }
     }
 
-    /// docs/estimators.md states them.
+    /// docs/estimators.md states these sizes.
     #[test]
     fn states_and_coefficients_are_as_small_as_documented() {
         assert_eq!([size_of::<history::History>(), size_of::<Foaw>()], [136, 8]);

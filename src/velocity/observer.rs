@@ -57,7 +57,7 @@ const DISTURBANCE_LIMIT: i64 = 1 << (DISTURBANCE_BITS + 14);
 /// An observer in integer form; it knows the force. Made by [`ObserverDesign`](super::ObserverDesign).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observer<F = Factor> {
-    /// l1.
+    /// Gain l1 of the position.
     pub position: F,
     /// l2; its product has [`VELOCITY_MORE`](Self::VELOCITY_MORE) fractional bits more.
     pub velocity: F,

@@ -27,7 +27,7 @@ pub const MASS_KG: core::ops::RangeInclusive<f64> = 1e-3..=100.0;
 /// Gains of an observer in floating point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ObserverDesign {
-    /// l1, l2, l3.
+    /// Gains l1, l2 and l3.
     pub gains: [f64; 3],
     /// Acceleration that full scale of the force makes, counts per sample^2; 0 for fusion.
     pub per_full_scale: f64,

@@ -5,7 +5,7 @@
 pub struct Parameter {
     /// Its name, as in scenes but for the unit: `cutoff`, `window`.
     pub name: &'static str,
-    /// Its unit.
+    /// Its unit, such as `Hz` or `samples`.
     pub unit: &'static str,
     /// What it is when nothing else was said.
     pub default: f64,
@@ -22,7 +22,7 @@ impl Parameter {
         self.unit == "samples"
     }
 
-    /// By their places.
+    /// The parameters by their places.
     pub(super) fn all(parameters: &[Self]) -> [Option<Self>; PARAMETERS] {
         core::array::from_fn(|place| parameters.get(place).copied())
     }
@@ -40,7 +40,6 @@ pub(super) fn numbers(numbers: &[f64]) -> Numbers {
     core::array::from_fn(|place| numbers.get(place).copied().unwrap_or_default())
 }
 
-/// A parameter's type.
 pub(super) trait Number {
     fn of(number: f64) -> Self;
     fn value(self) -> f64;

@@ -184,7 +184,7 @@ macro_rules! estimators {
                 $($($(#[cfg($on)] $own: <$integer as Form>::REST,)?)*)*
             };
 
-            /// What `estimator` remembers.
+            /// Writes the memory of `estimator`.
             pub(super) fn put(&self, estimator: &Estimator, bytes: &mut Bytes<'_>) {
                 match estimator {
                     $($(#[cfg($on)] Estimator::$form(form) => {

@@ -37,18 +37,18 @@ pub struct Edge {
 impl Edge {
     /// Fractional bits of the age.
     pub const FRACTION_BITS: u32 = 16;
-    /// One sample.
+    /// Age of one sample.
     pub const SAMPLE: u32 = 1 << Self::FRACTION_BITS;
 }
 
 /// A sense beside the position that an estimator cannot do without.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sense {
-    /// [`Senses::force`].
+    /// The force of the motor, [`Senses::force`].
     Force,
-    /// [`Senses::acceleration`].
+    /// The acceleration of the handle, [`Senses::acceleration`].
     Acceleration,
-    /// [`Senses::edge`].
+    /// The latest edge, [`Senses::edge`].
     Edge,
 }
 

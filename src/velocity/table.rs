@@ -33,7 +33,7 @@ estimators! {
                 /// Cutoff in Hz of the analog low-pass: 3.5e-5 to 0.499 of the rate.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
             } => |design| LowPass(Biquad::low_pass(1, cutoff_hz, design.rate_hz, false)?);
-            /// The same pre-warped.
+            /// The same pre-warped: the -3 dB frequency of the digital filter is the cutoff itself.
             FirstOrderPrewarped = 5, "first-order-prewarped" {
                 /// Cutoff in Hz: 3.5e-5 to 0.38 of the rate.
                 cutoff_hz: f64 = ("cutoff", "Hz", 1500.0),
@@ -42,7 +42,7 @@ estimators! {
     }
     if all(), core::hint::cold_path, Form::sealed {
         forms {
-            /// Finite difference.
+            /// Finite difference without a filter.
             Difference(Difference) keeps nothing;
         }
         names {
@@ -109,11 +109,11 @@ estimators! {
         forms {
             /// Observer that knows the acceleration.
             Fusion(Fusion) shares observer;
-            /// First-order adaptive windowing.
+            /// First-order adaptive windowing (FOAW).
             Foaw(Foaw) shares history;
             /// Levant's robust exact differentiator.
             Levant(Levant) keeps levant;
-            /// Steady-state Kalman filter.
+            /// Kalman filter with steady gains.
             Kalman(Kalman) keeps kalman;
             /// The counts of a window over its length.
             WindowDifference(WindowDifference) keeps window;
@@ -121,7 +121,7 @@ estimators! {
             Cascade(Cascade) keeps cascade;
         }
         names {
-            /// Position and acceleration.
+            /// Position and acceleration, joined by an observer.
             Fusion = 33, "fusion" {
                 /// Frequency between position (below) and acceleration (above), Hz: 1e-3 to 0.2 of the rate.
                 crossover_hz: f64 = ("crossover", "Hz", 50.0),

@@ -53,12 +53,11 @@ pub struct TimeStamps {
     pub(super) span: u32,
 }
 
-/// An edge.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stamp {
-    /// 2^-16 samples, wrapping.
+    /// Time in 2^-16 samples, wrapping.
     time: u32,
-    /// Counts, wrapping.
+    /// Position in counts, wrapping.
     place: i32,
 }
 
@@ -68,7 +67,7 @@ kept!(Stamp { time, place });
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TimeStampsState {
     stamps: [Stamp; LENGTH as usize],
-    /// Of all stamps.
+    /// Sum over all stamps.
     sum: u32,
     /// Place of the latest one, and how far back the one lies that is measured from; both 0 with
     /// one edge only.

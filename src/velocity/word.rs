@@ -33,14 +33,14 @@ pub trait Word:
     /// is made for those bits.
     #[must_use]
     fn part(self, factor: Self::Factor, bits: u8) -> Self;
-    /// The sum, saturating.
+    /// The sum, saturating at 64 bits.
     #[must_use]
     fn saturating(self, other: Self) -> Self;
     /// Without the last `bits` bits, rounded to nearest.
     #[must_use]
     fn rounded(self, bits: u32) -> Self;
 
-    /// The sum.
+    /// The sum with 16 bits without sign.
     #[must_use]
     fn plus(self, fraction: Self::Fraction) -> Self;
 

@@ -3,7 +3,7 @@
 use std::{ops::Range, path::Path};
 
 use host_sim::scene::{
-    Criterion, PushBy, RmsOf, Scene,
+    Criterion, Protocol, PushBy, RmsOf, Scene,
     element::{EncoderError, EncoderNoise, Jitter},
 };
 use virtual_board::{
@@ -166,6 +166,7 @@ fn the_encoders_error_and_noise_reach_the_board_and_what_it_has_not_is_refused()
     };
     refused(|scene| scene.jitter = Some(Jitter { peak_s: 1e-6, seed: 1 }), "[jitter]");
     refused(|scene| scene.wall_hit.push_by = PushBy::Hand, "wall_hit");
+    refused(|scene| scene.wall_hit.protocol = Protocol::Taps, "wall_hit");
     refused(|scene| scene.wall_hit.rms_of = Some(RmsOf::Motion), "wall_hit");
     refused(|scene| scene.wall_hit.criterion = Criterion::Felt, "wall_hit");
 }

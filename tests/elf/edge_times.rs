@@ -54,7 +54,7 @@ fn chosen(firmware: &Firmware) -> (World<'_>, Vec<LoopParameters>) {
     let design =
         zwidth::Design { output: zwidth::Output::Dac { bits: 12 }, ..firmware.scene.design() };
     // The firmware proposes its first settings to itself, which counts as a change.
-    let first = VelocitySettings::Butterworth { cutoff_hz: 1500.0 };
+    let first = firmware.first();
     let stamps = VelocitySettings::TimeStamps { span_samples: SPAN };
     let default = EstimatorName::TimeStamps.defaults();
     let taken = [first, first, default, stamps].map(|v| settings(v).build(&design).unwrap());
@@ -188,7 +188,7 @@ fn bit_for_bit(firmware: &Firmware, turned: bool) {
 const JITTER: f64 = 8.0;
 const TICK: f64 = 2.0;
 
-/// docs/estimators.md states it.
+/// Error allowed at a speed, as docs/estimators.md states it.
 fn allowed(speed: f64) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "18000")]
     let age = (JITTER + TICK) / NUCLEO.cycles_per_sample() as f64 + 1.0 / 65_536.0;

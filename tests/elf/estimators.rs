@@ -49,7 +49,7 @@ fn every_estimator_runs_on_the_board_and_is_the_cores(board: Board) {
     let middle_m = world.position_m();
     world.hold(middle_m, true);
     world.run(300).unwrap();
-    let mut velocity = VelocitySettings::Butterworth { cutoff_hz: 1500.0 };
+    let mut velocity = firmware.first();
     // The firmware proposes its first settings to itself; `arm` sets wall, K and B.
     let mut settings = vec![with(velocity); 5];
     for early in &mut settings[..4] {

@@ -30,7 +30,7 @@ fn inputs() -> Vec<i32> {
     all
 }
 
-/// `variant,cycles,ram_bytes`.
+/// Its columns are `variant,cycles,ram_bytes`.
 const TABLE: &str = include_str!("../../host-sim/data/filter_cost.csv");
 
 #[test]

@@ -14,12 +14,13 @@ use host_sim::scene::{NamedScene, Scene};
 use object::{Object as _, ObjectSection as _};
 use virtual_board::{
     board::Board,
+    device,
     elf::Elf,
     image, log,
     world::{Snapshot, World},
 };
 use zwidth::{
-    CounterWidth, LoopParameters, Sampled, Sampler,
+    CounterWidth, LoopParameters, Sampled, Sampler, VelocitySettings,
     telemetry::{Flags, Record},
     velocity::Senses,
 };
@@ -95,6 +96,11 @@ impl Firmware {
         World::new(*board, elf, table, scene, scene.device.rest_position_m).unwrap()
     }
 
+    /// The filter in force at first.
+    pub fn first(&self) -> VelocitySettings {
+        device::built_in(self.board).settings.velocity
+    }
+
     /// The same, armed as by [`arm`]. That takes a third of a second of the board's: it is done once.
     pub fn armed(&self) -> World<'_> {
         static ARMED: Mutex<BTreeMap<Flash, Arc<Snapshot>>> = Mutex::new(BTreeMap::new());
@@ -132,7 +138,7 @@ pub struct Replay<'a> {
     sampler: Sampler,
     /// Settings in the order in which the firmware took them.
     controls: &'a [LoopParameters],
-    /// Those in force.
+    /// Settings that are in force.
     control: LoopParameters,
     number: u16,
     zeroed: bool,

@@ -13,7 +13,7 @@ use host_sim::{
         record::{board_facts, words},
     },
     simulation::prepared::{Numeric, PreparedScene, WallHit},
-    study::board_envelope::{Found, Part, board_envelope},
+    study::board_envelope::{Found, Part, board_envelope, first_settings},
 };
 use rayon::prelude::*;
 use virtual_board::{
@@ -163,10 +163,11 @@ fn an_image_is_built_for_the_record_that_is_named() {
     let named = NamedScene::load(example.to_str().unwrap()).unwrap();
     let facts = board_facts(NUCLEO_F446RE.name).unwrap();
     // as `cargo sim prepare` does
-    let parts = Part::all(&named.scene).unwrap();
+    let first = first_settings(&named.scene, None).unwrap();
+    let parts = Part::all(&named.scene, &first).unwrap();
     let stop = AtomicBool::new(false);
     let found = board_envelope(Engine::lanes(), parts, Numeric::Fixed, &stop, || ()).unwrap();
-    let prepared = named.prepared(&facts, found[0].best().unwrap()).unwrap();
+    let prepared = named.prepared(&facts, first).unwrap();
     let boundaries: Vec<_> = found.iter().flat_map(Found::boundaries).collect();
     let bytes = prepared.record(&boundaries, &facts).unwrap();
     let record = Path::new(env!("CARGO_TARGET_TMPDIR")).join("known.device");

@@ -31,7 +31,7 @@ fn every_velocity_is_the_boards_to_the_last_bit(board: Board) {
         damping_n_s_per_m: 0.0,
         push_only: true,
     };
-    let velocity = scene.velocity.at(1500.0);
+    let velocity = firmware.first();
     let control = Settings { velocity, wall }.build(&scene.design()).unwrap();
     let replayed = Replayed::of(&Recomputed::of(&capture), &control).unwrap();
     assert!(replayed.len() > 9_900, "{}", replayed.len());

@@ -37,7 +37,7 @@ impl Sampling for ToSample {
     fn turn_encoder(&mut self, _: bool) {}
 }
 
-/// Both tasks.
+/// Both tasks, run on the host.
 pub struct Twin {
     sampler: GuardedSampler,
     guard: Guard,

@@ -20,6 +20,7 @@ use host_sim::{
 use zwidth::{VelocitySettings, experiment::Verdict};
 
 mod felt;
+mod protocols;
 mod quiet;
 mod second;
 mod tables;

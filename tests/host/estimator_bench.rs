@@ -36,7 +36,7 @@ impl Run {
         Self { estimator, state: State::at_rest(Position::from_counts(count)) }
     }
 
-    /// Counts per sample.
+    /// Velocity at that count, counts per sample.
     pub fn at(&mut self, count: i64) -> f64 {
         let position = Position::from_counts(count as i32);
         let velocity = self.estimator.update(&mut self.state, position, &Senses::default());

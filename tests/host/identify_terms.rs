@@ -32,7 +32,6 @@ struct Truth {
     friction_n: f64,
     lag_samples: f64,
     offset_n: f64,
-    /// Encoder error.
     error: Option<EncoderError>,
 }
 

@@ -32,7 +32,7 @@ pub(crate) struct State {
 /// When something last changed, in cycles, and how often.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Changes {
-    /// Enable became inactive.
+    /// Cycle at which enable became inactive.
     pub disabled_at: Option<u64>,
     /// The command last changed.
     pub command_at: u64,

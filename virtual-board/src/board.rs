@@ -14,11 +14,9 @@ use crate::{
 pub struct Board {
     /// Name, also the firmware's feature.
     pub name: &'static str,
-    /// Its chip.
     pub chip: Chip,
     /// Its chip's name for debug probes.
     pub part: &'static str,
-    /// Its wires.
     pub wiring: Wiring,
     /// The lowest that its chip's supply may be when all is well, mV.
     pub supply_mv: u32,
@@ -27,11 +25,10 @@ pub struct Board {
 /// Which pin goes where.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wiring {
-    /// Encoder A, B.
+    /// Channels A and B of the encoder.
     pub encoder: [Pin; 2],
     /// Where A and B are wired to as well, for the times of their edges: TIM3's channels 1 and 2.
     pub captured: Option<[Pin; 2]>,
-    /// Force.
     pub force: Force,
     /// Amplifier enable, active high.
     pub enable: Pin,
@@ -42,14 +39,11 @@ pub struct Wiring {
 /// How the force comes out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Force {
-    /// DAC channel 1.
-    Dac {
-        /// Its pin.
-        pin: Pin,
-    },
+    /// Channel 1 of the DAC.
+    Dac { pin: Pin },
     /// Sign-magnitude PWM of TIM1.
     Pwm {
-        /// Channel 1.
+        /// Channel 1: the force's magnitude.
         magnitude: Pin,
         /// Channel 2, high: away from the wall.
         sign: Pin,
@@ -90,7 +84,6 @@ pub const DISCOVERY_F407: Board = Board {
     supply_mv: 2900, // regulator of 3.3 V and a diode: 3.0 V
 };
 
-/// All boards.
 pub const BOARDS: [Board; 2] = [NUCLEO_F446RE, DISCOVERY_F407];
 
 impl Board {
@@ -112,13 +105,10 @@ impl Board {
 
 /// A powered board: chip, program, amplifier, probe.
 pub struct Powered {
-    /// What it is.
     pub board: Board,
-    /// Its chip.
     pub mcu: Mcu,
     /// The amplifier on its force output.
     pub amplifier: Arc<Amplifier>,
-    /// The probe's channels.
     pub rtt: Rtt,
 }
 

@@ -41,7 +41,6 @@ impl Memories {
     }
 }
 
-/// The console's end.
 #[derive(Clone)]
 struct Channels {
     typed: VecDeque<u8>,

@@ -12,7 +12,7 @@ use object::{
 /// An ELF file taken apart.
 #[derive(Clone, Debug)]
 pub struct Elf {
-    /// The file.
+    /// Bytes of the whole file.
     pub bytes: Vec<u8>,
     /// What goes into flash, by address.
     pub flash: Vec<(u32, Vec<u8>)>,

@@ -2,7 +2,7 @@
 
 use host_sim::notation::rounded;
 
-/// SplitMix64.
+/// Random numbers by SplitMix64.
 #[derive(Clone, Debug)]
 pub struct Random(pub u64);
 
@@ -15,7 +15,7 @@ impl Random {
         bits ^ (bits >> 31)
     }
 
-    /// Below `end`.
+    /// A number below `end`.
     pub fn below(&mut self, end: u64) -> u64 {
         self.bits() % end
     }
@@ -30,12 +30,11 @@ impl Random {
         &all[usize::try_from(self.below(all.len() as u64)).unwrap_or_default()]
     }
 
-    /// The same, copied.
     pub fn of<T: Copy>(&mut self, all: &[T]) -> T {
         *self.one(all)
     }
 
-    /// Once in `n`.
+    /// True once in `n` times.
     pub fn once_in(&mut self, n: u64) -> bool {
         self.below(n) == 0
     }

@@ -57,7 +57,6 @@ impl Rtt {
         Self { address }
     }
 
-    /// Where it is.
     pub fn address(&self) -> u32 {
         self.address
     }
@@ -158,9 +157,9 @@ impl Block {
 pub struct Ring {
     /// Of its part of the control block.
     at: u32,
-    /// Address.
+    /// Address of the buffer.
     buffer: u32,
-    /// Bytes.
+    /// Size of the buffer, bytes.
     size: u32,
     /// Where the writer goes on.
     pub write: u32,

@@ -19,13 +19,11 @@ use crate::{
 
 /// A board, its program and the device on it.
 pub struct Session {
-    /// The board.
     pub board: Board,
     /// The device, and its name.
     pub scene: NamedScene,
-    /// The program.
     pub elf: Elf,
-    /// Its log's strings.
+    /// Strings of the firmware's log.
     pub table: Table,
 }
 
@@ -53,13 +51,13 @@ impl From<String> for Failed {
 /// A hit as the firmware reports it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardHit {
-    /// The firmware's line.
+    /// Line that the firmware said.
     pub line: String,
     /// What it was judged to be.
     pub verdict: Verdict,
     /// RMS of the position about its mean, m.
     pub rms_m: f64,
-    /// Mean position, m.
+    /// Mean of the position, m.
     pub mean_m: f64,
     /// What the wall has taken in the last contact, and the most that it has given in one, J.
     pub port_j: [f64; 2],
@@ -94,9 +92,8 @@ impl BoardHit {
 /// One push of a quiet hit, as the firmware reports it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardPush {
-    /// The firmware's line.
+    /// Line that the firmware said.
     pub line: String,
-    /// N.
     pub push_n: f64,
     /// What the wall was judged to be at it.
     pub verdict: Verdict,
@@ -142,11 +139,9 @@ pub struct WalkReport {
     pub stiffness_peak_n_per_m: f64,
     /// Largest B of the boundary, N s/m.
     pub damping_max_n_s_per_m: f64,
-    /// Hits.
     pub hits: u32,
     /// B, K of each point of the boundary.
     pub points: Vec<[f64; 2]>,
-    /// Why it ended.
     pub ended_by: String,
     /// Time that it took on the board, s.
     pub virtual_s: f64,

@@ -9,7 +9,6 @@ pub const SAMPLES: usize = 60_000;
 
 /// Counts moved since the last sample to a velocity, counts per sample: the maths of an estimator, and what it remembers.
 pub trait Filter {
-    /// Takes a sample.
     fn update(&mut self, moved: f64) -> f64;
     /// The handle's speed at the next sample, m/s.
     #[inline(always)]

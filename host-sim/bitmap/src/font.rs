@@ -10,7 +10,6 @@ use crate::BitmapError;
 static FONT: LazyLock<Option<FontRef<'static>>> =
     LazyLock::new(|| FontRef::try_from_slice(include_bytes!("../../fonts/DejaVuSans.ttf")).ok());
 
-/// The parsed font.
 pub(crate) fn font() -> Result<&'static FontRef<'static>, BitmapError> {
     FONT.as_ref().ok_or(BitmapError::Font)
 }

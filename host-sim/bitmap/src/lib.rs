@@ -22,13 +22,13 @@ type PaintError<'a> = DrawingErrorKind<<BitMapBackend<'a> as DrawingBackend>::Er
 pub enum Shape {
     /// From one point to another.
     Line([BackendCoord; 2], ShapeStyle),
-    /// Through several points.
+    /// Line through several points, not closed.
     Path(Vec<BackendCoord>, ShapeStyle),
     /// Filled, between two corners.
     Rectangle([BackendCoord; 2], ShapeStyle),
     /// Filled: centre and radius.
     Circle(BackendCoord, u32, ShapeStyle),
-    /// Filled.
+    /// Filled area between these corners.
     Polygon(Vec<BackendCoord>, ShapeStyle),
     /// A line of text.
     Text(Lettering, ShapeStyle),
@@ -37,11 +37,9 @@ pub enum Shape {
 /// A line of text.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lettering {
-    /// What it says.
     pub text: String,
-    /// Its place.
     pub at: BackendCoord,
-    /// One em.
+    /// Size of the letters: one em, in grid steps.
     pub em: f64,
     /// What of it stands at its place: its name in SVG, and which part of the width is before it.
     pub anchor: (&'static str, f64),

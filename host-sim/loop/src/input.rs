@@ -14,17 +14,13 @@ pub struct Kind {
     limit_mib: u64,
 }
 
-/// A scene.
 pub const SCENE: Kind = Kind { name: "a scene", limit_mib: 1 };
 /// A curve of what a hand feels.
 pub const CURVE: Kind = Kind { name: "a curve", limit_mib: 1 };
 /// A log or a capture of telemetry: two hours of frames.
 pub const RECORD: Kind = Kind { name: "a record", limit_mib: 256 };
-/// A study.
 pub const STUDY: Kind = Kind { name: "a study", limit_mib: 1 };
-/// A device record.
 pub const DEVICE: Kind = Kind { name: "a device record", limit_mib: 1 };
-/// A board's program.
 pub const PROGRAM: Kind = Kind { name: "a program", limit_mib: 64 };
 
 /// Bytes between two looks at the interrupt flag.

@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     error::Error,
-    scene::{Criterion, NamedScene, PushBy, RmsOf, Scene},
+    scene::{Criterion, NamedScene, Protocol, PushBy, RmsOf, Scene},
     study::{
         limits::Limit,
         recommended::{Ranked, ranked},
@@ -25,6 +25,10 @@ pub struct Judged {
     /// When a wall counts as stable, in the place of the scene's.
     #[arg(long, value_enum)]
     criterion: Option<CriterionArg>,
+    /// How it is tried, in the place of the scene's: the paper's constant push; the last 2 s of a minute of it; taps, two a
+    /// second, the last half of each contact; a hand's push that sways by 30 %, motion and force above 20 Hz.
+    #[arg(long, value_enum)]
+    protocol: Option<ProtocolArg>,
 }
 
 impl Judged {
@@ -32,11 +36,14 @@ impl Judged {
     ///
     /// # Errors
     /// The scene cannot have it.
-    pub fn apply(self, scene: &mut Scene) -> Result<(), Error> {
+    pub fn apply(self, named: &mut NamedScene) -> Result<(), Error> {
+        let scene = &mut named.scene;
         let hit = &mut scene.wall_hit;
         let criterion = self.criterion.map_or(hit.criterion, Into::into);
         hit.judge(criterion, self.rms_of.map(Into::into).or(hit.rms_of));
-        scene.check().map_err(Error::Input)
+        hit.protocol = self.protocol.map_or(hit.protocol, Into::into);
+        let checked = scene.check().map_err(|why| scene.units.text(&why));
+        checked.map_err(|why| Error::Input(why).of(&named.name))
     }
 }
 
@@ -82,6 +89,25 @@ impl From<CriterionArg> for Criterion {
             CriterionArg::Unsaturated => Self::Unsaturated,
             CriterionArg::Felt => Self::Felt,
             CriterionArg::Quiet => Self::Quiet,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum ProtocolArg {
+    Paper,
+    Press,
+    Taps,
+    Hand,
+}
+
+impl From<ProtocolArg> for Protocol {
+    fn from(arg: ProtocolArg) -> Self {
+        match arg {
+            ProtocolArg::Paper => Self::Paper,
+            ProtocolArg::Press => Self::Press,
+            ProtocolArg::Taps => Self::Taps,
+            ProtocolArg::Hand => Self::Hand,
         }
     }
 }

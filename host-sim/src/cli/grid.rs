@@ -69,6 +69,9 @@ struct Json<'a> {
     /// Stable walls within 5, 10 and 20 %; only with `--impedance`.
     #[serde(skip_serializing_if = "Option::is_none")]
     usable: Option<[u64; 3]>,
+    /// How walls were tried, if not as in the paper.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    protocol: Option<&'static str>,
 }
 
 /// Errors of the impedance up to which walls are counted.
@@ -76,7 +79,7 @@ const WITHIN: [f64; 3] = [0.05, 0.1, 0.2];
 
 pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let Grid { mut scene, walls } = args.at.load(&args.stiffnesses.0, Some(args.start))?;
-    args.judged.apply(&mut scene.scene)?;
+    args.judged.apply(&mut scene)?;
     let prepared = prepare(&scene)?;
     let mut outputs = common.outputs(&scene.files)?;
     let csv = outputs.table(args.csv.as_ref(), Kind::Rows, Some(&scene))?;
@@ -136,7 +139,9 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let counts = table.counts;
     let Counts { stable, unstable, no_contact, out_of_range } = counts;
     let usable = args.impedance.then_some(usable);
-    let json = Json { scene: name, numeric, points, counts, usable };
+    let protocol = scene.scene.wall_hit.protocol.named();
+    let by = protocol.map_or_else(String::new, |protocol| format!(", by {protocol}"));
+    let json = Json { scene: name, numeric, points, counts, usable, protocol };
     print_of(common.json, &scene.scene, json, || {
         let within = usable.map_or(String::new(), |[five, ten, twenty]| {
             format!(
@@ -145,7 +150,7 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
         });
         format!(
             "{name}: {points} walls, {stable} stable, {unstable} unstable, {no_contact} without contact, \
-             {out_of_range} out of range{within}"
+             {out_of_range} out of range{by}{within}"
         )
     })
 }

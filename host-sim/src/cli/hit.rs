@@ -58,6 +58,9 @@ struct Json<'a> {
     contact_fraction: f64,
     velocity_clipped_fraction: f64,
     criterion: &'static str,
+    /// How it was tried, if not as in the paper.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    protocol: Option<&'static str>,
     rms_of: &'static str,
     rms_motion_m: f64,
     window_at_limit_fraction: f64,
@@ -92,7 +95,7 @@ struct Push {
 
 pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     let (mut scene, hit) = args.at.load(Some([args.stiffness, args.damping]))?;
-    args.judged.apply(&mut scene.scene)?;
+    args.judged.apply(&mut scene)?;
     let units = scene.scene.units;
     let kind = Kind::Moments { rate_hz: scene.scene.control.rate_hz };
     let mut outputs = common.outputs(&scene.files)?;
@@ -143,6 +146,7 @@ fn print(
         contact_fraction: report.contact_fraction,
         velocity_clipped_fraction: report.velocity_clipped_fraction,
         criterion: scene.scene.wall_hit.criterion.name(),
+        protocol: scene.scene.wall_hit.protocol.named(),
         rms_of: scene.scene.wall_hit.rms_of().name(),
         rms_motion_m: report.rms_motion_m,
         window_at_limit_fraction: report.at_limit_fraction,
@@ -213,6 +217,9 @@ fn print(
                 push.force_rms_n
             );
         }
+    }
+    if let Some(protocol) = json.protocol {
+        window += &format!("\nprotocol: {protocol}");
     }
     print_of(common.json, &scene.scene, &json, || {
         scene.scene.units.text(&format!(

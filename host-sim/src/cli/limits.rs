@@ -59,7 +59,6 @@ impl From<RmsOfArg> for RmsOf {
     }
 }
 
-/// Limits as typed.
 #[derive(Clone, Debug)]
 pub(super) struct Limits(pub Vec<Asked>);
 
@@ -70,7 +69,7 @@ impl Limits {
     }
 }
 
-/// K and B.
+/// K and B, in the scene's units.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pair(pub [f64; 2]);
 

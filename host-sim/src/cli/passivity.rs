@@ -24,7 +24,7 @@ use crate::{
         manifest::Manifest,
         passive::{Passive, PassiveArea},
     },
-    scene::{NamedScene, PassivityTable},
+    scene::{NamedScene, PassivityTable, Protocol},
     simulation::prepared::Numeric,
     study::{
         asked::{no_cutoff, prepare},
@@ -111,6 +111,14 @@ pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
         ));
     }
     prepare(&scene)?;
+    let protocol = scene.scene.wall_hit.protocol;
+    if protocol != Protocol::Paper {
+        return Err(Error::Input(format!(
+            "{}: wall_hit.protocol is {}, allowed paper here: --settle says how long a hit takes",
+            scene.name,
+            protocol.name()
+        )));
+    }
     let units = scene.scene.units;
     let acceleration_m_per_s2 = args.acceleration.unwrap_or_else(|| scene.scene.acceleration());
     let table = PassivityTable { acceleration_m_per_s2: Some(acceleration_m_per_s2) };

@@ -25,7 +25,9 @@ use crate::{
         record::{Prepared, board_facts, words},
     },
     study::{
-        board_envelope::{DeviceRecord, Found, Part},
+        board_envelope::{
+            DeviceRecord, Found, Part, first_settings, fitting, says_first, with_first_estimator,
+        },
         recommended::{QuietStudy, recommended},
     },
 };
@@ -118,13 +120,23 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
     let file = common.out.clone().unwrap_or_else(|| beside(&scene));
     let mut outputs = common.outputs(&scene.files)?;
     let place = outputs.file(&file)?;
-    let parts = if args.starter { vec![] } else { Part::all(&scene.scene)? };
+    let asked = first_settings(&scene.scene, None)?;
+    let parts = if args.starter { vec![] } else { Part::all(&scene.scene, &asked)? };
+    fitting(&scene, &board, asked, !args.starter)?; // before any walk
+    let quiet = (!args.starter).then(|| quiet_walls(&scene, common)).transpose()?;
+    let (first, parts) = match quiet.as_ref().and_then(QuietStudy::cutoff_hz) {
+        Some(hz) if !says_first(&scene.scene) => {
+            let first = first_settings(&scene.scene, Some(hz))?;
+            (first, Part::all(&scene.scene, &first)?)
+        }
+        _ => (asked, parts),
+    };
     let bar = progress::bar(parts.iter().map(Part::walks).sum());
     let (engine, numeric) = (Engine::from(common.engine), common.numeric);
     let stop = interrupt::flag();
-    let made = DeviceRecord::of(&scene, &board, parts, engine, numeric, stop, || bar.inc(1))?;
+    let of = (first, parts);
+    let made = DeviceRecord::of(&scene, &board, of, engine, numeric, stop, || bar.inc(1))?;
     bar.finish_and_clear();
-    let quiet = (!args.starter).then(|| quiet_walls(&scene, common)).transpose()?;
     let DeviceRecord { prepared, found, bytes } = made;
     outputs.write(place, &bytes)?;
     outputs.commit()?;
@@ -145,7 +157,8 @@ fn quiet_walls(scene: &NamedScene, common: &Common) -> Result<QuietStudy, Error>
     let how = common.how();
     let cutoffs_hz = &scene.scene.sweep.cutoffs_hz;
     let bar = progress::bar(cutoffs_hz.len() as u64);
-    let found = recommended(how, scene, cutoffs_hz, true, || bar.inc(1));
+    let first = with_first_estimator(scene)?;
+    let found = recommended(how, &first, cutoffs_hz, true, || bar.inc(1));
     bar.finish_and_clear();
     found.map_err(|error| error.of(&scene.name))
 }
@@ -377,6 +390,12 @@ impl Said<'_> {
             lines.extend(
                 note.map(|note| format!("  note: at first {note}: board.cutoff_hz sets it")),
             );
+        }
+        let hit = &self.named.scene.wall_hit;
+        if let (Criterion::Quiet, Some(limit_n)) = (hit.criterion, hit.force_rms_limit_n) {
+            lines.push(format!(
+                "  note: the record has no limit of the force's RMS: type `force_rms {limit_n}` on the board's console"
+            ));
         }
         let wall_m = settings.wall.position_m;
         if wall_m > safety.travel_high_m {

@@ -198,7 +198,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     print_result(common.json, Json { scenes: summaries }, || tables.join("\n"))
 }
 
-/// The maps of all cutoffs, and the firmware's contour at the one that is recommended.
+/// The maps of all cutoffs, and the firmware's contour at the one that leads in the worst draws.
 fn probability(
     how: How<'_>,
     draws: &Draws,
@@ -208,8 +208,8 @@ fn probability(
     let maps = maps(how, draws, result, || bar.inc(1))?;
     bar.finish_and_clear();
     let verdicts = verdicts(&maps);
-    let recommended = verdicts.recommended.and_then(|place| maps.get(place));
-    let tried = recommended.map(|map| contour::fitted(how, draws, map)).transpose()?.flatten();
+    let leading = verdicts.leading.and_then(|place| maps.get(place));
+    let tried = leading.map(|map| contour::fitted(how, draws, map)).transpose()?.flatten();
     Ok(ProbabilityStudy { maps, verdicts, tried })
 }
 

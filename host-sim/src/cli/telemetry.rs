@@ -62,7 +62,6 @@ struct Differs {
 }
 
 impl Json {
-    /// In words.
     fn text(&self, name: &str) -> String {
         let mut text = format!(
             "{name}: {} frames, {} dropped, {} bytes of garbage, samples {} to {}, fault codes {:?}",

@@ -43,11 +43,14 @@ struct Json<'a> {
     damping_max_n_s_per_m: f64,
     hits: u64,
     ended_by: &'static str,
+    /// How walls were tried, if not as in the paper.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    protocol: Option<&'static str>,
 }
 
 pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     let (mut scene, first) = args.at.load(None)?;
-    args.judged.apply(&mut scene.scene)?;
+    args.judged.apply(&mut scene)?;
     let mut outputs = common.outputs(&scene.files)?;
     let file = outputs.table(args.csv.as_ref(), Kind::Rows, Some(&scene))?;
     let units = scene.scene.units;
@@ -72,10 +75,12 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
         damping_max_n_s_per_m: boundary.damping_max_n_s_per_m(),
         hits: boundary.hits,
         ended_by: boundary.ended.map_or("", Ended::name),
+        protocol: scene.scene.wall_hit.protocol.named(),
     };
+    let by = json.protocol.map_or_else(String::new, |protocol| format!(", by {protocol}"));
     print_of(common.json, &scene.scene, &json, || {
         units.text(&format!(
-            "{}: area {:.4e} N^2 s/m^2 with {}\n\
+            "{}: area {:.4e} N^2 s/m^2 with {}{by}\n\
              peak K {} N/m, largest B {} N s/m, {} hits, ended by: {}",
             scene.name,
             json.area_n2_s_per_m2,

@@ -18,16 +18,13 @@ use crate::{
 pub struct AgreeReport<'a> {
     /// Name of the scene.
     pub scene: &'a str,
-    /// Its units.
     pub units: Units,
     /// Name of the measured walk's file.
     pub measured: &'a str,
-    /// What was found.
     pub found: &'a Agreement,
 }
 
 impl AgreeReport<'_> {
-    /// For people.
     pub fn text(&self) -> String {
         let ((k_unit, k), (b_unit, b)) = (self.units.written("N/m"), self.units.written("N s/m"));
         let kt = |value: f64| rounded(value * k, 3);

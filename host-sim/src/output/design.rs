@@ -69,7 +69,6 @@ pub struct SweepKeys {
     cutoffs_hz: [f64; 1],
 }
 
-/// A filter.
 #[derive(Clone, Debug, Serialize)]
 pub struct FilterRow {
     /// Mean area in the worst condition.
@@ -85,10 +84,9 @@ pub struct FilterRow {
     roughness_n: Option<f64>,
     mistuned_share: f64,
     capped_walks: usize,
-    /// The first section.
     #[serde(flatten)]
     first: SectionRow,
-    /// Both, where there are two.
+    /// Both sections, where there are two.
     #[serde(skip_serializing_if = "Option::is_none")]
     sections: Option<Vec<SectionRow>>,
     velocity: VelocityKeys,
@@ -101,7 +99,7 @@ pub struct ConditionRow {
     condition: String,
     /// Place of the filter, from 1; `null` for Butterworth.
     filter: Option<usize>,
-    /// Of Butterworth's poles.
+    /// Cutoff of Butterworth's poles, Hz.
     cutoff_hz: Option<f64>,
     area_n2_s_per_m2: f64,
     area_low_n2_s_per_m2: f64,
@@ -144,7 +142,6 @@ pub fn best_scene(scene: &Scene, study: &Designs) -> Result<String, String> {
     Ok(format!("# The filter is of `cargo sim design`: {}.\n\n{tables}", study.describe(best)))
 }
 
-/// A finished study.
 #[derive(Clone, Debug)]
 pub struct Designs(pub DesignStudy);
 
@@ -205,7 +202,6 @@ impl Designs {
         (0..self.0.question.conditions.len()).flat_map(in_condition).collect()
     }
 
-    /// `design.csv`.
     pub fn csv(&self) -> String {
         let mut text = String::from(
             "frequency_hz,damping,lead_s,zero,area_n2_s_per_m2,area_low_n2_s_per_m2,area_high_n2_s_per_m2,\
@@ -249,7 +245,6 @@ impl Designs {
         text
     }
 
-    /// `tried.csv`.
     pub fn tried_csv(&self) -> String {
         let mut text = String::from("frequency_hz,damping,lead_s,zero,");
         if self.0.question.sections > 1 {
@@ -267,7 +262,6 @@ impl Designs {
         text
     }
 
-    /// `conditions.csv`.
     pub fn conditions_csv(&self) -> String {
         let mut text = String::from(
             "condition,filter,cutoff_hz,area_n2_s_per_m2,area_low_n2_s_per_m2,area_high_n2_s_per_m2,\
@@ -326,7 +320,6 @@ impl Designs {
         notes
     }
 
-    /// For people.
     pub fn text(&self) -> String {
         let conditions = &self.0.question.conditions;
         let mut text = format!(

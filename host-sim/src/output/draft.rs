@@ -88,7 +88,7 @@ fn backup_of(place: &Path) -> PathBuf {
     beside(place, BACKUP)
 }
 
-/// A locked draft.
+/// A draft whose file is locked.
 #[derive(Debug)]
 pub(super) struct Draft {
     pub(super) path: PathBuf,
@@ -208,7 +208,7 @@ pub(super) fn is_same(_: &fs::Metadata, _: &fs::Metadata) -> bool {
 pub(super) struct Undo {
     /// Older files and where they are kept, locked against those who look for left-overs.
     kept: Vec<(PathBuf, PathBuf, File)>,
-    /// New files.
+    /// New files in their places.
     placed: Vec<PathBuf>,
 }
 
@@ -239,7 +239,7 @@ impl Undo {
         Ok(())
     }
 
-    /// All went well.
+    /// Keeps the new files: all went well.
     pub(super) fn release(&mut self) {
         self.placed.clear();
         for (_, backup, _) in self.kept.drain(..) {

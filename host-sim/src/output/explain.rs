@@ -65,13 +65,10 @@ fn cells(row: &Row, [area, k, v]: [f64; 3]) -> [String; 10] {
 
 /// An explanation of a scene of that name.
 pub struct ExplainReport<'a> {
-    /// The scene's name.
     pub scene: &'a str,
     /// Name of the criterion of the search.
     pub criterion: &'static str,
-    /// What it speaks.
     pub units: Units,
-    /// What was found.
     pub found: &'a Explanation,
 }
 
@@ -100,7 +97,6 @@ impl ExplainReport<'_> {
         Spoken { k, v, area_unit, area: factor / 10f64.powf(power) }
     }
 
-    /// `explain.csv`.
     pub fn csv(&self) -> String {
         let mut table = self.found.table();
         for cell in table.rows.iter_mut().flatten() {

@@ -21,9 +21,7 @@ const OUT_OF_RANGE: &str = "out_of_range";
 /// How many walls came to what.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
-    /// Stable walls.
     pub stable: u64,
-    /// Unstable walls.
     pub unstable: u64,
     /// Walls that the handle did not reach.
     pub no_contact: u64,
@@ -33,7 +31,7 @@ pub struct Counts {
 
 /// A grid whose walls come one by one.
 pub struct Grid {
-    /// So far.
+    /// Counts of the walls so far.
     pub counts: Counts,
     columns: Columns,
     is_rotary: bool,

@@ -21,7 +21,7 @@ const AREA: &str = "area_n2_s_per_m2";
 /// The columns of a table that is written row by row.
 #[derive(Clone, Debug)]
 pub struct Columns {
-    /// Its first line.
+    /// First line of the table.
     pub header: String,
     /// What the numbers of a column are multiplied by.
     factors: Vec<Option<f64>>,
@@ -62,7 +62,7 @@ impl Columns {
     }
 }
 
-/// A table.
+/// The table, converted to these units.
 pub fn csv(units: Units, table: String) -> String {
     if !units.is_rotary() {
         return table;

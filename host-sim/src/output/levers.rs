@@ -27,10 +27,8 @@ const WALKED: &str = "push,limit,limit_unit,estimator,cutoff_hz,\
                       damping_max_tried_n_s_per_m,ideal_cutoff_hz,\
                       ideal_low_hz,ideal_high_hz,schema_version";
 
-/// Question and answer.
 #[derive(Clone, Debug)]
 pub struct LeverStudy {
-    /// What was asked.
     pub question: LeverQuestion,
     /// By loop, limit and push.
     pub results: Vec<LeverResult>,
@@ -91,7 +89,6 @@ impl LeverStudy {
         (own > 0.0).then(|| result.area() / own)
     }
 
-    /// `levers.csv`.
     pub fn csv(&self) -> String {
         self.table_of("loop,output_period_samples,latency_samples,between", |lever| {
             let Lever { of_loop, between, scene } = lever;
@@ -135,7 +132,6 @@ impl LeverStudy {
         text
     }
 
-    /// For `summary.json`.
     pub fn summary(&self) -> Vec<LeverSummary> {
         let summary = |result: &LeverResult| {
             let Lever { of_loop, between, scene } = self.lever(result);

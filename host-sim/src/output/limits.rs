@@ -25,10 +25,8 @@ const HEADER: &str = "push,arm,limit,limit_unit,estimator,cutoff_hz,area_n2_s_pe
                       stiffness_start_n_per_m,stiffness_step_n_per_m,stiffness_max_n_per_m,\
                       damping_start_n_s_per_m,damping_step_n_s_per_m,damping_max_tried_n_s_per_m,schema_version";
 
-/// Question and answer.
 #[derive(Clone, Debug)]
 pub struct LimitStudy {
-    /// What was asked.
     pub question: Question,
     /// One for each limit and situation.
     pub results: Vec<LimitResult>,
@@ -88,7 +86,6 @@ fn situation(result: &LimitResult) -> String {
 }
 
 impl LimitStudy {
-    /// `limits.csv`.
     pub fn csv(&self) -> String {
         let mut text = format!("{HEADER}\n");
         let Question { rms_of, repeats, .. } = self.question;
@@ -126,7 +123,6 @@ impl LimitStudy {
         text
     }
 
-    /// For `summary.json`.
     pub fn summary(&self) -> Vec<LimitSummary> {
         let summary = |result: &LimitResult| {
             let (limit, limit_unit) = result.limit.told();

@@ -8,15 +8,13 @@ use crate::{output::SCHEMA_VERSION, scene::NamedScene};
 #[derive(Clone, Debug, Serialize)]
 pub struct Manifest {
     schema_version: u32,
-    /// The simulator's version.
+    /// Version of the simulator.
     pub version: &'static str,
     /// Commit that it was built from, or `unknown`.
     pub git_commit: &'static str,
     /// Whether tracked files differed from that commit; `null` if that is unknown.
     pub git_dirty: Option<bool>,
-    /// Compiler.
     pub toolchain: &'static str,
-    /// Platform.
     pub target: &'static str,
     /// The command's arguments that shape the result.
     pub command: String,

@@ -32,22 +32,18 @@ pub struct PassiveArea {
     at_boundary_with: Option<Hits>,
 }
 
-/// A finished study.
 #[derive(Clone, Debug)]
 pub struct Passive(pub PassiveStudy);
 
 impl Passive {
-    /// Every row.
     pub fn areas(&self) -> Vec<PassiveArea> {
         self.0.rows.iter().map(area).collect()
     }
 
-    /// `passivity.csv`.
     pub fn csv(&self) -> String {
         versioned(self.0.table()).csv()
     }
 
-    /// `lengths.csv`.
     pub fn lengths_csv(&self) -> String {
         versioned(self.0.length_table()).csv()
     }

@@ -13,7 +13,6 @@ use crate::analysis::compare::peers::PeerStudy;
 pub struct Peers(pub PeerStudy);
 
 impl Peers {
-    /// `peers.csv`.
     pub fn csv(&self) -> String {
         versioned(self.0.table()).csv()
     }

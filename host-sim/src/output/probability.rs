@@ -15,7 +15,7 @@ use crate::{
         boundary::BoundaryPoint,
         envelope::{Envelope, Interval},
         probability::{
-            Map, Verdicts, WORST,
+            DRAWS_MIN, Map, Verdicts, WORST,
             contour::{SHARE, Tried, contour},
         },
     },
@@ -24,23 +24,32 @@ use crate::{
 /// Shares of the contours.
 const SHARES: [f64; 3] = [0.05, 0.5, 0.95];
 
-/// A finished study.
+/// The interval of the worst 5 %, as people read it.
+fn interval(c: &CutoffProbability) -> String {
+    let end = |end: Option<f64>| end.map_or_else(|| "?".to_owned(), millions);
+    match [c.area_5_percent_low_n2_s_per_m2, c.area_5_percent_high_n2_s_per_m2] {
+        [None, None] => String::new(),
+        [low, high] => format!("{} to {}", end(low), end(high)),
+    }
+}
+
 #[derive(Clone, Debug)]
 pub struct ProbabilityStudy {
-    /// By cutoff, ascending.
+    /// One map per cutoff, ascending.
     pub maps: Vec<Map>,
     /// What the draws say of the cutoffs.
     pub verdicts: Verdicts,
-    /// The firmware's contour at the recommended cutoff.
+    /// The firmware's contour at the cutoff that leads in the worst draws.
     pub tried: Option<Tried>,
 }
 
-/// In `summary.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct ProbabilitySummary {
     draws: u32,
-    /// Largest area in the worst 5 % of the draws.
+    /// Largest area in the worst 5 % of the draws; `null` where these have no lower bound.
     recommended_cutoff_hz: Option<f64>,
+    /// The cutoffs that the draws cannot tell from that one.
+    alike_hz: Vec<f64>,
     cutoffs: Vec<CutoffProbability>,
     contour: Option<ContourSummary>,
 }
@@ -50,6 +59,9 @@ struct CutoffProbability {
     cutoff_hz: f64,
     area_n2_s_per_m2: f64,
     area_5_percent_n2_s_per_m2: f64,
+    /// 95 % interval of that; `null`: too few devices to say.
+    area_5_percent_low_n2_s_per_m2: Option<f64>,
+    area_5_percent_high_n2_s_per_m2: Option<f64>,
     area_50_percent_n2_s_per_m2: f64,
     area_95_percent_n2_s_per_m2: f64,
     best_share: f64,
@@ -70,25 +82,31 @@ struct ContourSummary {
 }
 
 impl ProbabilityStudy {
-    /// Below the picture.
-    pub const CAPTION: &str = "Walls at the recommended cutoff that 5, 50 and 95 % of the draws hold, and those of the \
+    /// Caption below the picture of a study.
+    pub const CAPTION: &str = "Walls at the cutoff that leads in the worst draws that 5, 50 and 95 % of the draws hold, and those of the \
                                firmware, fitted on fresh draws.";
 
-    fn recommended(&self) -> Option<&Map> {
-        self.verdicts.recommended.and_then(|place| self.maps.get(place))
+    fn leading(&self) -> Option<&Map> {
+        self.verdicts.leading.and_then(|place| self.maps.get(place))
     }
 
-    /// For `summary.json`.
+    /// The cutoff that leads, if its interval bears a recommendation.
+    fn recommended_hz(&self) -> Option<f64> {
+        let is_borne = |map: &&Map| map.devices == 0 || map.interval(WORST)[0].is_some();
+        self.leading().filter(is_borne).map(|map| map.cutoff_hz)
+    }
+
     pub fn summary(&self) -> ProbabilitySummary {
-        let recommended_cutoff_hz = self.recommended().map(|map| map.cutoff_hz);
-        let contour = self.tried.as_ref().zip(recommended_cutoff_hz).map(|(tried, cutoff_hz)| {
+        let contour = self.tried.as_ref().zip(self.leading()).map(|(tried, map)| {
             let [share, share_low, share_high] = tried.share();
+            let cutoff_hz = map.cutoff_hz;
             let Tried { length, draws, held, .. } = *tried;
             ContourSummary { cutoff_hz, length, draws, held, share, share_low, share_high }
         });
         ProbabilitySummary {
             draws: self.maps.first().map_or(0, |map| map.trials),
-            recommended_cutoff_hz,
+            recommended_cutoff_hz: self.recommended_hz(),
+            alike_hz: self.verdicts.alike.iter().map(|place| self.maps[*place].cutoff_hz).collect(),
             cutoffs: self.cutoffs(),
             contour,
         }
@@ -98,10 +116,13 @@ impl ProbabilityStudy {
         let counts = self.verdicts.best.iter().zip(&self.verdicts.ideal);
         let of = |(map, (best, ideal)): (&Map, (&u32, &u32))| {
             let share = |count: &u32| f64::from(*count) / f64::from(map.trials);
+            let [low, high] = map.interval(WORST);
             CutoffProbability {
                 cutoff_hz: map.cutoff_hz,
                 area_n2_s_per_m2: map.area(),
                 area_5_percent_n2_s_per_m2: map.quantile(WORST),
+                area_5_percent_low_n2_s_per_m2: low,
+                area_5_percent_high_n2_s_per_m2: high,
                 area_50_percent_n2_s_per_m2: map.quantile(0.5),
                 area_95_percent_n2_s_per_m2: map.quantile(1.0 - WORST),
                 best_share: share(best),
@@ -113,7 +134,6 @@ impl ProbabilityStudy {
         self.maps.iter().zip(counts).map(of).collect()
     }
 
-    /// `probability.csv`.
     pub fn csv(&self) -> String {
         let mut text = String::from(
             "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m,held,draws,share,schema_version\n",
@@ -153,15 +173,15 @@ impl ProbabilityStudy {
                 rows(map.cutoff_hz, share, false, &contour(map, share));
             }
         }
-        if let Some((tried, map)) = self.tried.as_ref().zip(self.recommended()) {
+        if let Some((tried, map)) = self.tried.as_ref().zip(self.leading()) {
             rows(map.cutoff_hz, SHARE, true, &tried.intervals);
         }
         text
     }
 
-    /// For the firmware: the fitted contour at the recommended cutoff.
+    /// For the firmware: the fitted contour at the cutoff that leads.
     pub fn envelope(&self) -> Vec<Envelope> {
-        let tried = self.tried.as_ref().zip(self.recommended());
+        let tried = self.tried.as_ref().zip(self.leading());
         let of = |(tried, map): (&Tried, &Map)| Envelope {
             velocity: map.velocity,
             intervals: tried.intervals.clone(),
@@ -169,12 +189,12 @@ impl ProbabilityStudy {
         tried.map(of).into_iter().collect()
     }
 
-    /// The contours at the recommended cutoff.
+    /// The contours at the cutoff that leads.
     ///
     /// # Errors
     /// It cannot be drawn.
     pub fn figure(&self, scene: &NamedScene) -> Result<Option<Figure>, FigureError> {
-        let Some(map) = self.recommended() else { return Ok(None) };
+        let Some(map) = self.leading() else { return Ok(None) };
         let points = |intervals: &[Interval]| {
             let upper = intervals.iter().map(|interval| BoundaryPoint {
                 damping_n_s_per_m: interval.damping_n_s_per_m,
@@ -206,11 +226,12 @@ impl ProbabilityStudy {
     pub fn text(&self) -> String {
         let summary = self.summary();
         let mut text = format!(
-            "how sure: integral of the share of {} draws that hold, and areas of the draws, 10^6 N^2 s/m^2; > cut at a cap\n  {:>9} {:>10} {:>8} {:>8} {:>8} {:>7} {:>7} {:>10}",
+            "how sure: integral of the share of {} draws that hold, and areas of the draws, 10^6 N^2 s/m^2; > cut at a cap\n  {:>9} {:>10} {:>8} {:>14} {:>8} {:>8} {:>7} {:>7} {:>10}",
             summary.draws,
             "cutoff Hz",
             "integral",
             "5 %",
+            "95 % interval",
             "50 %",
             "95 %",
             "best",
@@ -221,10 +242,11 @@ impl ProbabilityStudy {
             let cut = if c.is_capped { ">" } else { "" };
             let _ = write!(
                 text,
-                "\n  {:>9} {:>10} {:>8} {:>8} {:>8} {:>5.0} % {:>5.0} % {:>8.0} %",
+                "\n  {:>9} {:>10} {:>8} {:>14} {:>8} {:>8} {:>5.0} % {:>5.0} % {:>8.0} %",
                 c.cutoff_hz,
                 format!("{cut}{}", millions(c.area_n2_s_per_m2)),
                 millions(c.area_5_percent_n2_s_per_m2),
+                interval(c),
                 millions(c.area_50_percent_n2_s_per_m2),
                 millions(c.area_95_percent_n2_s_per_m2),
                 100.0 * c.best_share,
@@ -232,12 +254,24 @@ impl ProbabilityStudy {
                 100.0 * c.undecided_share
             );
         }
-        match summary.recommended_cutoff_hz {
-            None => text.push_str("\n  no wall holds"),
-            Some(hz) => {
-                let _ = write!(text, "\n  recommended for the worst 5 % of the draws: {hz} Hz");
+        let alike: Vec<String> = summary.alike_hz.iter().map(f64::to_string).collect();
+        let alike = alike.join(", ");
+        let _ = match (summary.recommended_cutoff_hz, self.leading()) {
+            (_, None) => write!(text, "\n  no wall holds"),
+            (Some(hz), Some(map)) if map.devices == 0 => {
+                write!(text, "\n  recommended for the worst 5 % of the starts: {hz} Hz")
             }
-        }
+            (Some(hz), _) => write!(
+                text,
+                "\n  recommended for the worst 5 % of the draws: {hz} Hz; not told apart: {alike} Hz"
+            ),
+            (None, Some(map)) => write!(
+                text,
+                "\n  nothing recommended: of fewer than {DRAWS_MIN} devices the worst 5 % have no lower bound; {} Hz leads, not \
+                 told apart: {alike} Hz",
+                map.cutoff_hz
+            ),
+        };
         if let Some(contour) = &summary.contour {
             let _ = write!(
                 text,

@@ -51,7 +51,6 @@ impl RateStudy {
         rates(&self.0.lever(result).scene)
     }
 
-    /// `rates.csv`.
     pub fn csv(&self) -> String {
         self.0.table_of(
             "encoder_rate_hz,output_rate_hz,output_period_samples,latency_samples",
@@ -62,7 +61,6 @@ impl RateStudy {
         )
     }
 
-    /// For `summary.json`.
     pub fn summary(&self) -> Vec<RateSummary> {
         let summary = |result: &LeverResult| {
             let [encoder_rate_hz, output_rate_hz] = self.of(result);

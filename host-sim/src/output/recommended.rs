@@ -3,7 +3,8 @@
 use serde::Serialize;
 
 use crate::{
-    scene::{Criterion, NamedScene, RmsOf, Units},
+    notation::rounded,
+    scene::{Criterion, NamedScene, Protocol, RmsOf, Units},
     study::{
         recommended::{AS_GOOD, QuietStudy, Recommended},
         sweep::Ideal,
@@ -30,9 +31,19 @@ struct Row {
     damping_max_n_s_per_m: f64,
     area_n2_s_per_m2: f64,
     reason: String,
-    /// The lower end.
+    /// Lower end of the Z-width: the free motion.
     #[serde(skip_serializing_if = "Option::is_none")]
     free_motion: Option<FreeRow>,
+    protocols: Vec<ProtocolRow>,
+}
+
+/// K up to which a wall of that B is quiet by another protocol; `null` where none is, or none can be tried.
+#[derive(Clone, Debug, Serialize)]
+struct ProtocolRow {
+    protocol: &'static str,
+    stiffness_n_per_m: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    not_tried: Option<String>,
 }
 
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -44,7 +55,6 @@ struct FreeRow {
 }
 
 impl Answer {
-    /// Of a study.
     pub fn of(scene: &NamedScene, study: &QuietStudy) -> Self {
         match &study.recommended {
             Err(why) => Self { recommended: None, reason: Some(why.clone()) },
@@ -64,6 +74,15 @@ impl Answer {
                         friction_n: free.friction_n,
                         hum_n: free.hum_n,
                     }),
+                    protocols: study
+                        .protocols
+                        .iter()
+                        .map(|held| ProtocolRow {
+                            protocol: held.protocol.name(),
+                            stiffness_n_per_m: held.stiffness_n_per_m(),
+                            not_tried: held.stiffest.clone().err(),
+                        })
+                        .collect(),
                 };
                 Self { recommended: Some(row), reason: None }
             }
@@ -104,8 +123,10 @@ pub fn sentences(scene: &NamedScene, study: &QuietStudy) -> Vec<String> {
     let [low, high] = of.range_hz;
     let range =
         if low == high { String::new() } else { format!(" ({low} to {high} Hz are as good)") };
+    let by = scene.scene.wall_hit.protocol.named();
+    let by = by.map_or_else(String::new, |protocol| format!(" by {protocol}"));
     let dial_in = format!(
-        "{name}: dial in {} Hz{range}: walls that move and hum less than a hand tells, up to K = {} (with B = {}) and B = {}.",
+        "{name}: dial in {} Hz{range}: walls that move and hum less than a hand tells{by}, up to K = {} (with B = {}) and B = {}.",
         of.cutoff_hz,
         units.said(of.stiffest.stiffness_n_per_m, "N/m"),
         units.said(of.stiffest.damping_n_s_per_m, "N s/m"),
@@ -124,7 +145,39 @@ pub fn sentences(scene: &NamedScene, study: &QuietStudy) -> Vec<String> {
             units.said(free.hum_n, "N"),
         )
     });
-    [dial_in, has].into_iter().chain(free).chain([next]).collect()
+    let elsewhere = by_protocols(units, study, of);
+    [dial_in, has].into_iter().chain(elsewhere).chain(free).chain([next]).collect()
+}
+
+/// Whether the stiffest wall is also quiet when it is tried in other ways.
+fn by_protocols(units: Units, study: &QuietStudy, of: &Recommended) -> Option<String> {
+    let stiffness = of.stiffest.stiffness_n_per_m;
+    let said = |protocol: Protocol| match protocol {
+        Protocol::Paper => "a constant push",
+        Protocol::Press => "a press of a minute",
+        Protocol::Taps => "taps, two a second,",
+        Protocol::Hand => "a hand that sways by 30 %",
+    };
+    let (unit, factor) = units.written("N/m");
+    let each = study.protocols.iter().map(|held| match &held.stiffest {
+        Ok(Some(k)) if *k >= stiffness => format!("quiet by {}", said(held.protocol)),
+        Ok(Some(k)) => {
+            let k = k * factor;
+            let near = rounded(k, 2);
+            let most = if near > k { rounded(0.95 * k, 2) } else { near }; // what was tried, or less
+            format!("by {} not above K = {most} {unit}", said(held.protocol))
+        }
+        Ok(None) => format!("by {} at no K", said(held.protocol)),
+        Err(why) => format!("by {} not tried: {why}", said(held.protocol)),
+    });
+    let each: Vec<String> = each.collect();
+    (!each.is_empty()).then(|| {
+        let b = units.said(of.stiffest.damping_n_s_per_m, "N s/m");
+        format!(
+            "The stiffest of them, B = {b}, when it is tried in other ways (--protocol): {}.",
+            each.join("; ")
+        )
+    })
 }
 
 /// What to know of a cutoff that is outside of the range to dial in, if so.

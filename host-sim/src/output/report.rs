@@ -33,7 +33,6 @@ pre{margin:0;padding:.8rem 1rem;overflow-x:auto;font-size:.82rem;line-height:1.4
 @media print{:root{color-scheme:light;--text:#000;--quiet:#444;--page:#fff;--line:#bbb;--box:#fff;--accent:#000}body{max-width:none;padding:0;font-size:10pt}figure,tr{break-inside:avoid}h2{break-after:avoid}pre{white-space:pre-wrap}.wide{overflow:visible}}
 ";
 
-/// What [`html`] prints.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
     /// Small line above the answer, also the name of the page: scene and resolution.
@@ -69,7 +68,6 @@ pub struct Report {
 /// A figure and the sentence below it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReportFigure {
-    /// What is shown.
     pub figure: Figure,
     /// What the reader should see in it.
     pub caption: String,

@@ -135,7 +135,6 @@ fn short(hash: &str) -> String {
 pub struct Entry {
     /// Number of the unit.
     pub unit: u64,
-    /// Its key.
     pub key: String,
     /// Name of its part.
     pub file: String,
@@ -152,9 +151,7 @@ pub struct Entry {
 /// What a unit's part holds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Part {
-    /// Its table.
     pub csv: String,
-    /// Rows of that.
     pub rows: u64,
     /// Hits that it took.
     pub hits: u64,

@@ -80,26 +80,20 @@ const ENVELOPE95: &str = "envelope95.csv";
 /// The result of one variant of a scene.
 #[derive(Clone, Debug)]
 pub struct VariantResult {
-    /// Short name.
     pub name: String,
-    /// What is different.
     pub change: String,
-    /// Its study.
     pub result: SweepResult,
 }
 
 /// A finished study of one scene.
 #[derive(Clone, Debug)]
 pub struct Study {
-    /// The scene.
     pub scene: NamedScene,
-    /// The scene, prepared.
     pub prepared: PreparedScene,
     /// Arithmetic of the controller.
     pub numeric: Numeric,
-    /// Walks per cutoff.
+    /// Walks of each cutoff.
     pub repeats: u32,
-    /// The walks.
     pub result: SweepResult,
     /// Walls that the firmware may render, per cutoff.
     pub envelopes: Vec<Envelope>,
@@ -121,7 +115,6 @@ pub struct Study {
     pub command: String,
 }
 
-/// `summary.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
     schema_version: u32,
@@ -206,7 +199,6 @@ fn subtitle(study: &Study) -> String {
 const DIGITS: usize = 10;
 
 impl Study {
-    /// What `summary.json` says.
     pub fn summary(&self) -> Summary {
         let ideal = self.result.ideal;
         Summary {

@@ -23,10 +23,7 @@ pub enum Kind {
     /// Nothing that comes one after another in time.
     Rows,
     /// One moment each: the column `time_s`, else `sample` at that rate, Hz.
-    Moments {
-        /// Samples a second.
-        rate_hz: f64,
-    },
+    Moments { rate_hz: f64 },
 }
 
 /// How a table is written.
@@ -80,7 +77,7 @@ impl Format {
 pub struct About {
     /// What the rows are.
     pub kind: Kind,
-    /// The manifest, JSON.
+    /// The manifest as JSON text.
     pub manifest: String,
 }
 

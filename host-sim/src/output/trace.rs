@@ -41,6 +41,7 @@ pub fn figure(
     report: &HitReport,
 ) -> Result<Figure, Error> {
     let wall_hit = &scene.scene.wall_hit;
+    let [settle_s, window_s] = wall_hit.times_s();
     Ok(hit_trace(&TracePlot {
         title: format!("Wall hit, {}", scene.name),
         units: scene.scene.units,
@@ -53,8 +54,8 @@ pub fn figure(
         rate_hz: trace.rate_hz,
         positions_m: trace.rows.iter().map(|row| row.position_m).collect(),
         wall_m: scene.scene.wall.position_m,
-        settle_s: wall_hit.settle_s,
-        window_s: wall_hit.window_s,
+        settle_s,
+        window_s,
         rms_limit_m: wall_hit.rms_limit_m,
         verdict: report.verdict.text().into(),
         rms_m: report.rms_m,

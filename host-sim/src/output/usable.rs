@@ -20,7 +20,6 @@ use crate::{
 pub struct UsableReport(pub UsableStudy);
 
 impl UsableReport {
-    /// `usable.csv`.
     pub fn csv(&self) -> String {
         versioned(self.0.table()).csv()
     }

@@ -5,30 +5,21 @@ use std::{borrow::Cow, fmt::Write as _};
 /// What a column holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// `f64`.
     Number,
-    /// `u64`.
     Whole,
-    /// Text.
     Text,
-    /// `true` or `false`.
     Flag,
 }
 
 /// One value; a cell of any column may be empty.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cell {
-    /// No such value.
     Empty,
-    /// Of a [`Kind::Number`].
     Number(f64),
-    /// Of a [`Kind::Whole`].
     Whole(u64),
-    /// Of a [`Kind::Text`].
     Text(Cow<'static, str>),
-    /// The same, in quotes whatever it has: a sentence, which has a comma here and none there.
+    /// A text in quotes whatever it has: a sentence, which has a comma here and none there.
     Quoted(Cow<'static, str>),
-    /// Of a [`Kind::Flag`].
     Flag(bool),
 }
 
@@ -57,7 +48,6 @@ impl From<String> for Cell {
 }
 
 impl Cell {
-    /// A count.
     pub fn count(value: usize) -> Self {
         Self::Whole(value as u64)
     }
@@ -78,14 +68,12 @@ impl Cell {
 pub struct Column {
     /// Its name, with the unit at its end.
     pub name: String,
-    /// What it holds.
     pub kind: Kind,
 }
 
 /// Rows under named columns.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    /// The columns.
     pub columns: Vec<Column>,
     /// Rows, each with a cell for every column.
     pub rows: Vec<Vec<Cell>>,

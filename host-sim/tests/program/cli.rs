@@ -12,7 +12,6 @@ use tempfile::TempDir;
 
 use crate::page;
 
-/// The paper's scene.
 pub const SCENE: &str = include_str!("../../../scenes/paper-1um.toml");
 
 pub fn sim(folder: &Path, args: &[&str]) -> Output {

@@ -37,8 +37,22 @@ fn the_first_cutoff_is_the_boards_then_the_filters() {
         serde_json::from_slice::<Value>(&output.stdout).unwrap()["cutoff_hz"].clone()
     };
     let of_filter = ("prewarp = false", "prewarp = false\ncutoff_hz = 800");
-    assert_eq!(first(&[of_filter]), 1500.0);
-    assert_eq!(first(&[("cutoff_hz = 1500 #", "#"), of_filter]), 800.0);
+    assert_eq!(first(&[of_filter]), 360.0);
+    assert_eq!(first(&[("cutoff_hz = 360 #", "#"), of_filter]), 800.0);
+    // and where neither says one it is the recommended one
+    let folder = scene(&[("cutoff_hz = 360 #", "#")]);
+    let output = sim(folder.path(), &["prepare", "mine.toml", "--json"]);
+    let made: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(made["cutoff_hz"], made["recommended"]["cutoff_hz"]);
+    assert_eq!(made["envelope"][0]["boundaries"], 3, "its walls are in the envelope");
+    // of the estimator that is in force, whatever the scene's own is
+    let other =
+        ("name = \"nucleo-f446re\"", "name = \"nucleo-f446re\"\nestimators = [\"first-order\"]");
+    let folder = scene(&[("cutoff_hz = 360 #", "#"), other]);
+    let output = sim(folder.path(), &["prepare", "mine.toml", "--json"]);
+    let of_first: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(of_first["cutoff_hz"], of_first["recommended"]["cutoff_hz"]);
+    assert_ne!(of_first["recommended"], made["recommended"]);
 }
 
 /// What it recommends is what `sweep` recommends, and a first cutoff outside of that range is a note.
@@ -56,7 +70,7 @@ fn it_says_which_cutoff_to_dial_in() {
     assert!(low >= 150.0 && high <= 1000.0, "{recommended}");
     for (first_hz, outside) in [(1500.0, true), ((low + high) / 2.0, false)] {
         let text = fs::read_to_string(folder.path().join("mine.toml")).unwrap();
-        let text = text.replacen("cutoff_hz = 1500 #", &format!("cutoff_hz = {first_hz} #"), 1);
+        let text = text.replacen("cutoff_hz = 360 #", &format!("cutoff_hz = {first_hz} #"), 1);
         fs::write(folder.path().join("mine.toml"), text).unwrap();
         let output = sim(folder.path(), &["prepare", "mine.toml", "--force"]);
         let said = String::from_utf8(output.stdout).unwrap();
@@ -113,9 +127,9 @@ fn a_record_has_what_the_scene_says_and_the_envelope_of_all_that_it_lists() {
         .map(|(key, points)| (key.estimator.text(), key.cutoff_hz, key.period, points.count()))
         .collect();
     let of = |n: usize| (keys[n].0, keys[n].1, keys[n].2);
-    assert_eq!(keys.len(), 8, "{keys:?}");
-    assert_eq!([of(0), of(1)], [("first-order", 500.0, 10), ("first-order", 1500.0, 10)]);
-    assert_eq!([of(2), of(7)], [("first-order", 500.0, 5), ("butterworth", 1500.0, 5)]);
+    assert_eq!(keys.len(), 10, "{keys:?}");
+    assert_eq!([of(0), of(1)], [("first-order", 360.0, 10), ("first-order", 500.0, 10)]);
+    assert_eq!([of(3), of(9)], [("first-order", 360.0, 5), ("butterworth", 1500.0, 5)]);
     assert!(keys.iter().all(|(.., rows)| *rows > 0), "{keys:?}");
     // a comment is no other device; a number is
     let text = fs::read_to_string(path.join("mine.toml")).unwrap();
@@ -251,24 +265,20 @@ fn what_does_not_fit_a_board_is_one_line_with_the_key() {
             "rate_hz = 9000",
             "control.rate_hz on the board nucleo-f446re is 9000, allowed 10000",
         ),
-        ("cutoff_hz = 1500", "cutoff_hz = 9000", "board.cutoff_hz is 9000, allowed 0.35 to 4990"),
+        ("cutoff_hz = 360", "cutoff_hz = 9000", "board.cutoff_hz is 9000, allowed 0.35 to 4990"),
+        ("cutoff_hz = 360", "estimators = [\"butter\"]", "board.estimators has `butter`, allowed "),
         (
-            "cutoff_hz = 1500",
-            "estimators = [\"butter\"]",
-            "board.estimators has `butter`, allowed ",
-        ),
-        (
-            "cutoff_hz = 1500",
+            "cutoff_hz = 360",
             "estimators = [\"algebraic-1\"]",
             "board.estimators has `algebraic-1`, which is no more: use least-squares-1",
         ),
         (
-            "cutoff_hz = 1500",
+            "cutoff_hz = 360",
             "estimators = [\"time-stamps\"]",
             "`time-stamps`, which needs edge times",
         ),
-        ("cutoff_hz = 1500", "periods = [3]", "board.periods has 3, allowed 1, 2, 5, 10"),
-        ("cutoff_hz = 1500", "motor = \"left\"", "unknown variant `left`"),
+        ("cutoff_hz = 360", "periods = [3]", "board.periods has 3, allowed 1, 2, 5, 10"),
+        ("cutoff_hz = 360", "motor = \"left\"", "unknown variant `left`"),
         ("travel_low_m = -0.04", "travel_low_m = 0.01", "safety.travel_low_m is 0.01, allowed -"),
         ("ramp_in_s = 0.2", "ramp_in_s = 0.0", "safety.ramp_in_s is 0, allowed 0.02 to 10"),
         (

@@ -16,20 +16,17 @@ pub enum From {
     Person,
     /// The board, in reply or by itself.
     Board,
-    /// The board's log.
     Log,
-    /// This program.
+    /// The server: this program.
     Server,
 }
 
 /// A line of console and log.
 #[derive(Clone, Debug, Serialize)]
 pub struct Line {
-    /// Counts up.
+    /// Number that counts up.
     pub number: u64,
-    /// Who says it.
     pub from: From,
-    /// What.
     pub text: String,
     /// The command that it answers, if one.
     pub answers: Option<String>,
@@ -38,7 +35,7 @@ pub struct Line {
 /// A stop, and how long it took until the board said that the force is off.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Stopped {
-    /// Which one.
+    /// Identifier that the page gave it.
     pub id: u64,
     /// From its arrival here to the reply, ms.
     pub ms: f64,
@@ -53,9 +50,7 @@ pub struct Known {
     pub settings: String,
     /// The last line that was said before the settings came.
     pub settings_after: u64,
-    /// As `settings`.
     pub status: String,
-    /// As `settings`.
     pub version: String,
     /// The estimators that its image has; none: it has not said.
     pub estimators: Vec<String>,
@@ -66,9 +61,8 @@ pub struct Known {
     pub(super) numbered: u64,
     /// Frames that were found, that are missing, and bytes that belong to none.
     pub counts: [u64; 3],
-    /// The last stops.
     pub stopped: VecDeque<Stopped>,
-    /// How many there were.
+    /// How many stops there were.
     pub stops: u64,
 }
 

@@ -29,7 +29,6 @@ use crate::question::{Answered, Question};
 /// Rows of a table that a page may save.
 const ROWS_MAX: u64 = 200_000;
 
-/// What runs.
 enum Runs {
     /// The release ELF on the emulated chip.
     Elf(Box<SteppedBoard>),

@@ -14,14 +14,13 @@ use crate::{board, study};
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Question {
-    /// What is asked.
     ask: String,
     /// Name of a built-in scene, or of the file that `text` is of.
     scene: String,
     /// Text of a scene file.
     text: Option<String>,
     board: Option<String>,
-    /// Without a chip.
+    /// The board runs without a chip.
     pub core: bool,
     /// What the page says.
     pub message: String,
@@ -43,7 +42,7 @@ pub struct Question {
     pub walked: Vec<study::Walked>,
 }
 
-/// JSON, then bytes.
+/// A JSON value, then blocks of bytes.
 pub type Answered = Result<(Value, Vec<Vec<u8>>), Error>;
 
 impl Question {

@@ -55,7 +55,7 @@ pub struct Walked {
 
 #[derive(Clone, Debug, Deserialize, Serialize)]
 struct Walk {
-    /// B, K.
+    /// B and K of each point.
     points: Vec<[f64; 2]>,
     area: f64,
     hits: u64,

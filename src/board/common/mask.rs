@@ -38,7 +38,7 @@ pub(in crate::board) fn raise() -> u8 {
     before
 }
 
-/// The second half.
+/// The second half: undoes [`raise`].
 #[inline(always)]
 pub(in crate::board) fn restore(before: u8) {
     // SAFETY: `before` is what BASEPRI was before the matching `raise`; accesses that it guarded

@@ -20,11 +20,11 @@ pub use super::logger::dropped as log_dropped;
 
 /// What the link task owns.
 pub struct Channels {
-    /// Up 1.
+    /// RTT's up channel 1.
     pub telemetry: UpLink,
-    /// Up 2.
+    /// RTT's up channel 2.
     pub replies: UpLink,
-    /// Down 0.
+    /// RTT's down channel 0.
     pub commands: Commands,
 }
 

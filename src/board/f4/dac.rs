@@ -16,7 +16,6 @@ use super::{super::common::mask, f4::read_back};
 /// Code of zero force.
 pub const ZERO: u16 = 2048;
 
-/// The force output.
 pub struct Output(C1);
 
 impl Output {

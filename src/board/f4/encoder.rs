@@ -20,7 +20,7 @@ pub trait EdgeTimes {
     fn latest(&mut self, count: u32, counter: &pac::TIM2) -> Option<Edge>;
 }
 
-/// None.
+/// A board without edge times.
 impl EdgeTimes for () {
     #[inline(always)]
     fn latest(&mut self, _: u32, _: &pac::TIM2) -> Option<Edge> {

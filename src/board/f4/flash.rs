@@ -29,7 +29,6 @@ const FLAGS: u32 = 0xF3;
 const ERRORS: u32 = 0xF2;
 const BSY: u32 = 1 << 16;
 
-/// The two sectors.
 pub struct SettingsFlash(pac::FLASH);
 
 /// The word at an offset from the beginning of sector 1, which [`check_read`] or its like have let pass.

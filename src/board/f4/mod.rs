@@ -42,13 +42,11 @@ use super::super::{common::rtt, off};
 
 /// What one such board has of its own.
 pub trait Wiring: Sized {
-    /// See [`Board::NAME`].
     const NAME: &'static str;
     /// Core clock, Hz. The timers of APB1 run at half of it.
     const CORE_HZ: u32;
     /// Level of the supply detector (PLS, three bits): the flash has to work down to it.
     const SUPPLY_LEVEL: u8;
-    /// See [`Board::OUTPUT`].
     const OUTPUT: Output;
     /// The pin of enable.
     const ENABLE: pin::BoardPin;
@@ -60,11 +58,8 @@ pub trait Wiring: Sized {
     const BROWN_OUT_RESET: u32;
     /// The force output's converter, see [`ReadBack::SWING`](zwidth::contract::ReadBack::SWING).
     const SWING: Option<[i32; 2]>;
-    /// See [`Board::SENSES`].
     const SENSES: &'static [Sense];
-    /// See [`Board::LATENCY_SAMPLES`].
     const LATENCY_SAMPLES: f64;
-    /// The force output.
     type Force: ForceOutput;
     /// The encoder, with edge times or without.
     type Encoder: Encoder;
@@ -74,7 +69,6 @@ pub trait Wiring: Sized {
     /// Sets the force output to values and reads them back, with enable off.
     fn test_output() -> Found;
 
-    /// See [`Board::take`].
     fn take(device: pac::Peripherals, core: cortex_m::Peripherals) -> Parts<F4<Self>>;
 }
 
@@ -137,9 +131,9 @@ pub struct Chip {
 
 /// What the board's own file made.
 pub struct Wires<W: Wiring> {
-    /// Force, at zero.
+    /// Force output, at zero force.
     pub force: W::Force,
-    /// Encoder, counting.
+    /// Encoder that counts already.
     pub encoder: W::Encoder,
     /// TIM1's break input with its pull-up on; it can be read as well.
     pub stop: W::StopInput,
@@ -147,21 +141,20 @@ pub struct Wires<W: Wiring> {
 
 /// Peripherals that every such board hands over.
 pub struct Peripherals {
-    /// Samples.
+    /// Timer of the samples.
     pub tim5: pac::TIM5,
-    /// Halts.
+    /// Timer for halts by a debugger.
     pub tim6: pac::TIM6,
-    /// Output watchdog.
+    /// Timer of the output watchdog.
     pub tim8: pac::TIM8,
-    /// Its store.
+    /// Stores for the output watchdog.
     pub dma2: pac::DMA2,
-    /// Supply.
+    /// Detector of a low supply.
     pub pwr: pac::PWR,
-    /// The supply's interrupt.
+    /// Interrupt of the supply's detector.
     pub exti: pac::EXTI,
-    /// Settings.
+    /// Flash for the settings.
     pub flash: pac::FLASH,
-    /// Watchdog.
     pub iwdg: pac::IWDG,
 }
 

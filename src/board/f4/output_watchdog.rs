@@ -43,7 +43,7 @@ const REQUESTS: u32 = 1 << 8;
 /// The stream: channel 7, very high priority, words on both sides, the same one each time, for ever, memory to
 /// peripheral.
 const STREAM: u32 = 7 << 25 | 0b11 << 16 | 0b10 << 13 | 0b10 << 11 | 1 << 8 | 0b01 << 6;
-/// Which stream.
+/// Number of the DMA stream.
 const NUMBER: usize = 1;
 
 /// SR: it has overflown (`UIF`).

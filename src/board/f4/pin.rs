@@ -7,7 +7,7 @@ use core::ptr;
 pub struct BoardPin {
     /// Address of the port.
     port: u32,
-    /// 0 to 15.
+    /// Number in the port, 0 to 15.
     number: u32,
 }
 
@@ -31,7 +31,6 @@ impl BoardPin {
         unsafe { ptr::read_volatile(ptr::without_provenance::<u32>(address)) }
     }
 
-    /// Its level.
     pub fn is_high(self) -> bool {
         self.read(INPUT) >> self.number & 1 != 0
     }

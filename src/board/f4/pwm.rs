@@ -22,7 +22,6 @@ const RUNNING: u32 = 1 | 1 << 7;
 /// The same register: no update events.
 const UPDATE_DISABLE: u32 = 1 << 1;
 
-/// The force output.
 pub struct Output(());
 
 impl Output {

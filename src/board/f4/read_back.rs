@@ -11,15 +11,15 @@ use zwidth::{contract::ReadBack, safety::Readings};
 
 use super::Wiring;
 
-/// On, and begin.
+/// Bits of the control register: on, and begin.
 const ON: u32 = 1;
 const BEGIN: u32 = 1 << 30 | ON;
-/// End of conversion.
+/// Flag of a conversion's end.
 const DONE: u32 = 1 << 1;
 /// 28 cycles of sampling, three bits per channel.
 const SAMPLING: u32 = 0b010;
 
-/// Both.
+/// Both converters, ADC1 and ADC2.
 pub struct Converters<W>(PhantomData<W>);
 
 /// ADC2, which has the registers of ADC1.
@@ -29,7 +29,7 @@ fn current_sense() -> &'static pac::adc1::RegisterBlock {
     unsafe { &*pac::ADC2::ptr() }
 }
 
-/// ADC1.
+/// ADC1, which reads the DAC's pin.
 #[inline(always)]
 pub fn output_sense() -> &'static pac::adc1::RegisterBlock {
     // SAFETY: the address is ADC1's, which this file and the self-test use.
@@ -64,7 +64,6 @@ unsafe fn set_up(adc: &pac::adc1::RegisterBlock, channel: u32) {
     }
 }
 
-/// Begins a conversion.
 #[inline(always)]
 pub fn begin(adc: &pac::adc1::RegisterBlock) {
     // SAFETY: a documented value.

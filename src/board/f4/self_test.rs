@@ -32,7 +32,7 @@ use crate::board::common::mask;
 /// TIM5's count when `sample` last read the encoder's counter.
 static READ_AT: AtomicU32 = AtomicU32::new(0);
 
-/// By `sample`.
+/// Notes the count; called by `sample`.
 #[inline(always)]
 pub(super) fn note_reading(ticks: u32) {
     READ_AT.store(ticks, Relaxed);

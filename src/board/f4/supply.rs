@@ -17,7 +17,6 @@ static DROPPED: AtomicBool = AtomicBool::new(false);
 /// EXTI's line of the detector.
 const LINE: u32 = 1 << 16;
 
-/// The detector.
 pub struct Supply(pac::PWR);
 
 impl Supply {

@@ -14,7 +14,7 @@ const PATIENT_MS: u16 = 2_000;
 /// Prescaler 32 of the 32 kHz clock: a tick is 1 ms.
 const PRESCALER: u16 = 0b011;
 
-/// The watchdog, started.
+/// The watchdog, which is started already.
 pub struct Watchdog(());
 
 fn registers() -> &'static pac::iwdg::RegisterBlock {

@@ -53,7 +53,7 @@ pub(super) enum Awaited {
     Save,
     /// The next wall of a series, or the next hit.
     Series,
-    /// Nothing is replied.
+    /// Nothing: no reply is due.
     Quiet,
 }
 

@@ -17,12 +17,10 @@ use crate::{
     store::Stored,
 };
 
-/// What comes next.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Next {
     /// The wall of a walk's cell.
     Wall,
-    /// The hit.
     Hit,
     /// Wait for the verdict.
     Verdict,

@@ -20,7 +20,6 @@ const KEY_EVERY: u64 = 100 * SAMPLES_PER_MS as u64;
 /// What is streamed, and how far.
 #[derive(Clone)]
 pub(in crate::console) struct Stream {
-    /// It is on.
     pub(in crate::console) on: bool,
     sequence: u32,
     /// Outputs of the frame that is being filled: they follow each other, with the same settings and fault.

@@ -50,7 +50,7 @@ struct Board {
     /// The part that is found wrong.
     wrong: Option<Part>,
     tested: Vec<Part>,
-    /// Nobody reads lines.
+    /// Nobody reads the lines.
     deaf: bool,
     /// The last that was ordered.
     in_force: Option<LoopParameters>,
@@ -216,7 +216,7 @@ impl Bench {
     }
 }
 
-/// What `version` says.
+/// Reply to the command `version`.
 fn version() -> String {
     let hash = DEVICE.envelope.hash();
     let version = env!("CARGO_PKG_VERSION");

@@ -15,7 +15,7 @@ use words::Rows;
 /// The stable stiffnesses at one damping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// B, N s/m.
+    /// Damping B of these walls, N s/m.
     pub damping_n_s_per_m: f64,
     /// Lowest K, N/m; 0 if the softest wall that was tried is stable.
     pub stiffness_low_n_per_m: f64,
@@ -26,11 +26,11 @@ pub struct Point {
 /// What a boundary holds for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Key {
-    /// The estimator.
+    /// Estimator that it holds for.
     pub estimator: EstimatorName,
-    /// Nominal cutoff, Hz.
+    /// Nominal cutoff of the estimator, Hz.
     pub cutoff_hz: f64,
-    /// Samples per output.
+    /// Samples from output to output.
     pub period: u32,
     /// Number of the device's [design](crate::device::designs) that the estimator is, with all of its parameters; 0: of
     /// none, with its further parameters at their defaults.
@@ -42,14 +42,14 @@ pub struct Key {
 pub struct Boundary<'a> {
     /// What it holds for.
     pub key: Key,
-    /// By rising B.
+    /// Points by rising B.
     pub points: &'a [Point],
 }
 
 /// All boundaries of a device, as words of its record: see [`words`](self) for their layout.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Envelope<'a> {
-    /// Whole boundaries, checked.
+    /// Words of whole boundaries, checked.
     words: &'a [u32],
 }
 
@@ -60,14 +60,14 @@ pub enum Outside {
     UnknownKey,
     /// B is beyond the last point, N s/m.
     Damping {
-        /// Largest B.
+        /// Largest B of the boundary, N s/m.
         highest: f64,
     },
     /// K is outside the interval of this B, N/m.
     Stiffness {
-        /// Lowest K.
+        /// Lowest K that is stable, N/m.
         lowest: f64,
-        /// Largest K.
+        /// Largest K that is stable, N/m.
         highest: f64,
     },
     /// No K is predicted to be stable at this B.

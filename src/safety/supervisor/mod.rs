@@ -73,7 +73,7 @@ pub struct Supervisor {
     /// A handle at count 0 would be in the wall.
     wall_over_zero: bool,
     inputs: Inputs,
-    /// The last output.
+    /// Record of the last output.
     record: Record,
     down: GuardCommand,
     memory: Option<MemoryUpdate>,

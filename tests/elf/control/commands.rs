@@ -14,7 +14,7 @@ use crate::firmware::Firmware;
 /// Lines; on one board, because none of this code is the board's.
 const LINES: usize = 120;
 
-/// SplitMix64.
+/// Random numbers by SplitMix64.
 struct Random(u64);
 
 impl Random {

@@ -22,7 +22,7 @@ use zwidth::{
 
 use crate::firmware::{Firmware, arm, ok};
 
-/// Samples under load.
+/// Samples that run under load.
 const SAMPLES: u64 = 50_000;
 
 /// What a session leaves behind.
@@ -47,9 +47,9 @@ fn design(firmware: &Firmware) -> Design {
     }
 }
 
-fn settings(cutoff_hz: f64, position_m: f64, k: f64, b: f64) -> Settings {
+fn settings(velocity: VelocitySettings, position_m: f64, k: f64, b: f64) -> Settings {
     Settings {
-        velocity: VelocitySettings::Butterworth { cutoff_hz },
+        velocity,
         wall: WallSettings {
             position_m,
             stiffness_n_per_m: k,
@@ -64,12 +64,12 @@ fn settings(cutoff_hz: f64, position_m: f64, k: f64, b: f64) -> Settings {
 fn session(firmware: &Firmware) -> Session {
     let mut world = firmware.boot();
     let design = design(firmware);
-    let mut now = settings(1500.0, 0.07, 0.0, 0.0);
+    let mut now = settings(firmware.first(), 0.07, 0.0, 0.0);
     // The firmware proposes its first settings to itself, which counts as a change.
     let mut taken = vec![now, now];
     arm(&mut world);
     for (wall_m, k, b) in [(0.005, 0.0, 0.0), (0.005, 8000.0, 0.0), (0.005, 8000.0, 30.0)] {
-        now = settings(1500.0, wall_m, k, b);
+        now = settings(firmware.first(), wall_m, k, b);
         taken.push(now);
     }
     let middle_m = world.position_m();

@@ -104,7 +104,7 @@ fn a_force_that_hums_from_end_to_end_is_no_false_alarm(board: Board) {
     let firmware = saying(board, SENSE);
     for (wall, verdict) in [("k 200000", "ok hit stable"), ("k 3000000", "ok hit unstable")] {
         let mut world = firmware.armed();
-        for line in [wall, "b 300", "settle 0.3", "window 0.2", "hit"] {
+        for line in ["cutoff 1500", wall, "b 300", "settle 0.3", "window 0.2", "hit"] {
             ok(&mut world, line);
         }
         world.run(6_000).unwrap();

@@ -13,7 +13,7 @@ use crate::firmware::{Firmware, arm, ok};
 pub enum Depth {
     /// The beginning of the black box.
     Short,
-    /// All of it.
+    /// The whole black box.
     Full,
 }
 

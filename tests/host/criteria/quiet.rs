@@ -102,6 +102,22 @@ fn the_recommended_cutoff_is_near_the_best_of_the_independent_program() {
     }
 }
 
+/// A light handle on soft walls rings: of two neighbouring cutoffs one walk goes on and the other ends at its first wall.
+#[test]
+fn a_walk_that_breaks_off_hides_no_better_cutoff() {
+    let stop = AtomicBool::new(false);
+    let how = How { engine: Engine::lanes(), numeric: Numeric::Fixed, stop: &stop };
+    let paddle = NamedScene::load("rice-paddle").unwrap();
+    let (mut at_once, mut every_sample) = (paddle.clone(), paddle);
+    at_once.scene.actuator.latency = 0.0;
+    every_sample.scene.actuator.period = 1;
+    for scene in [at_once, every_sample] {
+        let study = recommended(how, &scene, &scene.scene.sweep.cutoffs_hz, true, || ()).unwrap();
+        let found = study.recommended.unwrap();
+        assert!((33.0..46.0).contains(&found.cutoff_hz), "{found:?}"); // 94 and 100 Hz: 40 % of the area
+    }
+}
+
 /// A walk takes all of a column below the K at which it crosses it; counted wall by wall the area is the same.
 #[test]
 fn the_area_of_a_walk_is_that_of_its_quiet_walls() {

@@ -25,7 +25,6 @@ pub fn between(low: f64, high: f64, part: f64) -> f64 {
     }
 }
 
-/// Any output.
 pub fn output() -> impl Strategy<Value = Output> + Clone {
     prop_oneof![
         Just(Output::Continuous),
@@ -53,7 +52,6 @@ pub fn design() -> impl Strategy<Value = Design> + Clone {
     )
 }
 
-/// The paper's device.
 pub const PAPER: Design = Design {
     rate_hz: 1e4,
     resolution_m: 1e-6,
@@ -62,7 +60,6 @@ pub const PAPER: Design = Design {
     output: Output::Dac { bits: 12 },
 };
 
-/// Any estimator.
 pub fn estimator() -> impl Strategy<Value = EstimatorName> + Clone {
     prop::sample::select(EstimatorName::ALL)
 }
@@ -104,7 +101,7 @@ pub fn tuned(name: EstimatorName, parts: Parts, design: &Design) -> Option<Veloc
 /// A piece of a motion, in counts and samples.
 #[derive(Clone, Copy, Debug)]
 pub enum Piece {
-    /// At rest.
+    /// At rest for so many samples.
     Hold(u16),
     /// A constant speed, counts per sample.
     Slope(f64, u16),
@@ -206,7 +203,7 @@ impl Random {
         ((u128::from(self.bits()) * u128::from(end)) >> 64) as u64
     }
 
-    /// 0 to 1.
+    /// A number from 0 to 1.
     pub fn part(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1u64 << 53) as f64
     }

@@ -14,11 +14,9 @@ use crate::Property;
 /// What is tried, and for how long.
 #[derive(Clone, Debug)]
 pub struct Campaign {
-    /// For how long.
     pub extent: Extent,
     /// Cases follow from it.
     pub seed: u64,
-    /// What is tried.
     pub properties: Vec<&'static Property>,
 }
 
@@ -29,7 +27,7 @@ pub enum Extent {
     Time(Duration),
     /// The first so many batches: the same cases on every machine.
     Batches(u64),
-    /// This batch only.
+    /// The batch of this number only.
     Batch(u64),
 }
 

@@ -36,7 +36,7 @@ enum Event {
     Gains(f64, f64),
     /// LSB of the force.
     Push(i32),
-    /// Another estimator.
+    /// Another estimator: its place in the list, and its numbers.
     Estimator(usize, any::Parts),
     Ask(Request),
     Inputs(Inputs),

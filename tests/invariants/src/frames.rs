@@ -58,7 +58,7 @@ fn crc(bytes: &[u8]) -> u32 {
     !crc
 }
 
-/// The page's table.
+/// Bytes by the table of docs/telemetry.md.
 fn bytes(frame: &Frame) -> Vec<u8> {
     let record = &frame.record;
     let mut bytes = vec![0x5A, 0x57, 1, record.fault];

@@ -4,7 +4,7 @@ use zwidth::{
     Design, HitSettings, Output, Settings, SettingsError, WallSettings,
     console::{Decimal, Reply, Text},
     device::{Device, designs::Designs},
-    experiment::{CalibrationSettings, DutySettings, ReturnSettings, WalkSettings},
+    experiment::{CalibrationSettings, Criterion, DutySettings, ReturnSettings, WalkSettings},
     safety::{CurrentSettings, SafetySettings, envelope::Envelope},
     store::{DeviceKey, Name, Signs},
     velocity::EstimatorName,
@@ -118,6 +118,7 @@ pub fn device(design: Design) -> Device<'static> {
             wall: WallSettings { position_m: far, ..NO_WALL },
         },
         hit: HitSettings { push_n: 0.0, settle_s: 1.0, window_s: 1.0, rms_limit_m: 10.0 * design.resolution_m },
+        criterion: Criterion::Rms,
         walk: GRID,
     }
 }

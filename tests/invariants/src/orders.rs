@@ -16,9 +16,9 @@ use zwidth::{
 /// What reached the sampling task.
 #[derive(Clone, Debug)]
 pub struct ToSample {
-    /// The newest.
+    /// Newest parameters that reached it.
     pub control: LoopParameters,
-    /// The newest.
+    /// Newest command that reached it.
     pub down: GuardCommand,
 }
 
@@ -44,7 +44,6 @@ pub struct Orders {
 }
 
 impl Orders {
-    /// Nothing going on.
     pub fn new(plan: SafetyPlan, duty: DutyPlan, control: LoopParameters) -> Self {
         let supervisor = Supervisor::new(plan, None);
         let renderer = Renderer::new(supervisor, control, Signs::default(), duty, BlackBox::new(1));

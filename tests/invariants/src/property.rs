@@ -5,9 +5,9 @@ use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 /// A property: a line of text and how to try it.
 #[derive(Clone, Copy, Debug)]
 pub struct Property {
-    /// `room::name`.
+    /// Module and name: `room::name`.
     pub name: &'static str,
-    /// What must hold.
+    /// Statement that must hold.
     pub states: &'static str,
     /// Cases of a batch.
     pub cases: u32,
@@ -79,7 +79,6 @@ macro_rules! properties_of {
     ($($module:ident,)*) => {
         $(mod $module;)*
 
-        /// All properties.
         pub fn all() -> impl Iterator<Item = &'static Property> {
             [$($module::ALL),*].into_iter().flatten()
         }

@@ -10,7 +10,7 @@ use zwidth::{
     velocity::Senses,
 };
 
-/// All is well.
+/// Inputs when all is well.
 pub const GOOD: Inputs = Inputs {
     stop_closed: true,
     supply_good: true,
@@ -44,12 +44,11 @@ pub fn wide(design: &Design) -> SafetySettings {
     }
 }
 
-/// Both tasks.
+/// Both tasks with their states.
 #[derive(Clone, Copy)]
 pub struct Rig {
-    /// What is built.
     pub design: Design,
-    /// In force.
+    /// Parameters that are in force.
     pub control: LoopParameters,
     /// The half that renders.
     pub supervisor: Supervisor,
@@ -140,7 +139,6 @@ impl Rig {
         Ok(())
     }
 
-    /// Where it stands.
     pub fn state(&self) -> State {
         self.supervisor.status().state
     }
@@ -182,7 +180,6 @@ impl Rig {
     }
 }
 
-/// Settings in integers.
 pub fn control(
     design: &Design,
     velocity: VelocitySettings,

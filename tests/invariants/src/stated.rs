@@ -45,7 +45,7 @@ pub struct Resonance {
     pub inside: f64,
 }
 
-/// Of two polynomials.
+/// Product of two polynomials.
 fn product(p: &[f64], q: &[f64]) -> Vec<f64> {
     let mut product = vec![0.0; p.len() + q.len() - 1];
     for (n, a) in p.iter().enumerate() {

@@ -14,7 +14,7 @@ use zwidth::{
     velocity::{Biquad, BiquadState},
 };
 
-/// Every sample.
+/// Called for every sample.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_sample(
     sampler: &mut Sampler,
@@ -37,7 +37,7 @@ pub extern "C" fn zwidth_estimate(
     estimator.update(state, *position, senses).bits()
 }
 
-/// Every output.
+/// Called for every output.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_render(
     control: &LoopParameters,

@@ -32,7 +32,7 @@ pub extern "C" fn zwidth_guarded_sample(
     step.cut
 }
 
-/// Every output, supervised.
+/// Called for every output, supervised.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_supervised_render(
     supervisor: &mut Supervisor,
@@ -51,7 +51,7 @@ pub extern "C" fn zwidth_supervised_render(
     *memory = supervisor.take_memory_update();
 }
 
-/// Between two outputs.
+/// Called between two outputs.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_request(supervisor: &mut Supervisor, request: &Request) -> bool {
     supervisor.request(*request).is_ok()

@@ -32,7 +32,6 @@ const BOOT: u64 = 150;
 const NO_FAULT: &str = "ok status off, fault none";
 const NOT_VALID: &str = "ok status fault, fault 40 (settings)";
 
-/// All of them.
 pub(super) fn kept_rows() -> Vec<Row> {
     vec![
         Row::keeping("settings: each byte flipped", |world| flip_every_byte(world, 1)),

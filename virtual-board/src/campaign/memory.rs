@@ -17,7 +17,6 @@ const FULL_SCALE: u32 = 1 << 30;
 const QUEUES: &str = "queues";
 const RENDER_STATE: &str = "local_resource_render";
 
-/// All of them.
 pub fn memory_rows() -> Vec<Row> {
     vec![
         Row::of("motor's sign in memory", SOON_S, motor_sign),

@@ -15,7 +15,7 @@ use crate::{
     world::{Ended, World},
 };
 
-/// TIM5's registers.
+/// Base address of TIM5's registers.
 const TIM5: u32 = 0x4000_0C00;
 const CR1: u32 = 0x00;
 const DIER: u32 = 0x0C;

@@ -16,9 +16,9 @@ pub enum Region {
     Render,
     /// What goes between the tasks.
     Between,
-    /// Console, logger, RTT.
+    /// Statics of console, logger and RTT.
     Link,
-    /// All other statics.
+    /// Statics of all other parts.
     Other,
     /// The stack, from its pointer to its end.
     Stack,
@@ -28,7 +28,6 @@ pub enum Region {
     Peripheral,
 }
 
-/// All of them.
 pub const REGIONS: [Region; 8] = [
     Region::Sample,
     Region::Render,
@@ -41,7 +40,6 @@ pub const REGIONS: [Region; 8] = [
 ];
 
 impl Region {
-    /// For people.
     pub const fn text(self) -> &'static str {
         match self {
             Self::Sample => "RAM of `sample`",
@@ -122,7 +120,7 @@ const BLOCKS: [Block; 19] = [
 /// The independent watchdog: RLR, which a key opens for stores. Not PR: of a divider that becomes smaller than what it has
 /// counted so far the emulator makes an endless wait.
 const IWDG: Block = ("IWDG", 0x4000_3000, &[0x08]);
-/// Its RLR.
+/// Address of its reload register RLR.
 pub(super) const WATCHDOG_RELOAD: u32 = 0x4000_3008;
 const IWDG_KEY: u32 = 0x4000_3000;
 const IWDG_OPEN: u32 = 0x5555;

@@ -25,7 +25,6 @@ const ALLOWED_S: f64 = 3e-3;
 const FURTHER: u64 = 8;
 const WATCHDOG: u64 = 64;
 
-/// One flip.
 pub struct Flip {
     /// Of the chip's state.
     pub region: Region,

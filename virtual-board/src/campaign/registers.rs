@@ -20,19 +20,17 @@ const NVIC_PRIORITIES: u32 = 0xE000_E400;
 /// What happens to a register.
 #[derive(Clone, Copy, Debug)]
 pub enum Change {
-    /// Bits flip.
+    /// These bits are flipped.
     Flip(u32),
-    /// It is this.
+    /// It becomes this value.
     Be(u32),
 }
 use Change::{Be, Flip};
 
-/// One register.
 #[derive(Clone, Copy, Debug)]
 pub struct RegisterRow {
-    /// For people.
+    /// Name, as reports print it.
     pub name: &'static str,
-    /// Its address.
     pub address: u32,
     /// What happens to it.
     pub change: Change,
@@ -103,7 +101,6 @@ pub fn register_rows(board: Board) -> Vec<RegisterRow> {
 }
 
 impl RegisterRow {
-    /// Does it.
     pub fn apply(&self, world: &mut World<'_>) {
         let was = world.powered.mcu.peek(self.address);
         let value = match self.change {

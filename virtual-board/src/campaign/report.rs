@@ -22,7 +22,7 @@ use crate::{
     cli,
 };
 
-/// Options.
+/// Options of the fault campaign.
 #[derive(Args)]
 pub struct Campaign {
     /// One board; both if not given.

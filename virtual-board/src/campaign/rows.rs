@@ -17,9 +17,9 @@ type Begin = dyn Fn(&Elf, &mut World<'_>) -> Result<u64, Failed> + Send + Sync;
 /// How many cases were tried, or what was wrong with one of them.
 type Keeps = fn(&mut World<'_>) -> Result<usize, Failed>;
 
-/// A named fault.
+/// A fault with its name and limits.
 pub struct Row {
-    /// For people; unique.
+    /// Name in reports, unique among the rows.
     pub name: String,
     /// Brings it about; the cycle at which it began.
     pub begin: Box<Begin>,
@@ -38,7 +38,6 @@ pub struct Row {
 }
 
 impl Row {
-    /// One.
     pub fn of(
         name: impl Into<String>,
         limit_s: f64,

@@ -23,7 +23,6 @@ pub enum Situation {
 pub const SITUATIONS: [Situation; 3] = [Situation::Free, Situation::Contact, Situation::Full];
 
 impl Situation {
-    /// For people.
     pub const fn text(self) -> &'static str {
         match self {
             Self::Free => "free",
@@ -100,7 +99,7 @@ fn forget(world: &mut World<'_>) {
 
 /// A moment at which a fault can come.
 pub struct Start {
-    /// Everything then.
+    /// State of the board at that moment.
     pub snapshot: Snapshot,
     /// Samples of the reference before it.
     pub index: usize,

@@ -18,18 +18,16 @@ pub enum Class {
     Bounded,
     /// Off within the time that is allowed.
     OffInTime,
-    /// Off later.
+    /// Off, but later than that.
     OffLate,
     /// A wrong force stayed on.
     Unnoticed,
 }
 
-/// All of them.
 pub const CLASSES: [Class; 5] =
     [Class::NoEffect, Class::Bounded, Class::OffInTime, Class::OffLate, Class::Unnoticed];
 
 impl Class {
-    /// For people.
     pub const fn text(self) -> &'static str {
         match self {
             Self::NoEffect => "no effect",
@@ -47,14 +45,13 @@ pub type Counts = BTreeMap<Class, u64>;
 /// What came of one fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verdict {
-    /// How it ended.
     pub class: Class,
     /// From the fault to enable inactive, s.
     pub off_s: Option<f64>,
     /// What the handle gets until then, m/s: in free motion more than its speed at the fault, while no hand holds it; in
     /// contact that of a handle that is let go at the fault, by the force that should not be there, over 5 mm at most.
     pub speed_m_per_s: f64,
-    /// The same, m.
+    /// Travel of the handle until then, m.
     pub travel_m: f64,
     /// Code of the fault that the board tells.
     pub code: Option<u8>,
@@ -63,7 +60,6 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// Without a force.
     pub const fn of(class: Class) -> Self {
         Self {
             class,
@@ -116,7 +112,7 @@ const SHORT_S: f64 = 2e-3;
 const OLD: u64 = 12;
 /// A handle that is let go is looked at for so far, m.
 const LET_GO_M: f64 = 5e-3;
-/// One sample, s.
+/// Time of one sample, s.
 const SAMPLE_S: f64 = 1e-4;
 
 /// Most that the handle may gain, over its speed at the fault, if it is off within [`SOON_S`], m/s.

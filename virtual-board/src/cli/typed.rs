@@ -11,7 +11,7 @@ use host_sim::{error::Error, interrupt, output::terminal::print_text, scene::Uni
 use super::SLICE;
 use crate::{session::Failed, world::World};
 
-/// Longest `wait`, s.
+/// Longest time of `wait`, s.
 const WAIT_MAX_S: f64 = 3600.0;
 
 /// Longest line that is taken, bytes: beyond the firmware's own limit.

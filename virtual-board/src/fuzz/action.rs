@@ -9,7 +9,7 @@ pub enum Action {
     Say(String),
     /// Lines typed; what comes next comes before their answers.
     Type(String),
-    /// Samples pass.
+    /// So many samples pass.
     Wait(u64),
     /// Cycles pass: what comes next happens within a sample.
     Cycles(u64),
@@ -23,9 +23,9 @@ pub enum Action {
     Jump(f64),
     /// The emergency stop opens, or closes.
     Stop(bool),
-    /// The supply, mV.
+    /// Voltage of the supply, mV.
     Supply(u32),
-    /// The reset pin.
+    /// The reset pin is pulled.
     Reset,
     /// The supply goes and comes back.
     Power,
@@ -91,7 +91,7 @@ impl FromStr for Action {
     }
 }
 
-/// Back from [`str::escape_default`].
+/// The reverse of [`str::escape_default`].
 fn unescape(text: &str) -> Option<String> {
     let mut plain = String::new();
     let mut rest = text.chars();

@@ -27,11 +27,10 @@ const SESSION: u64 = 150;
 /// A session that went otherwise than the library.
 #[derive(Clone, Debug)]
 pub struct Failure {
-    /// What was different.
     pub what: String,
     /// The shortest session found that shows it.
     pub actions: Vec<Action>,
-    /// Its number.
+    /// Number of the session.
     pub session: u64,
     /// Commands that all sessions together had come to when it was found, and after how long, s.
     pub found: (u64, f64),
@@ -42,11 +41,10 @@ pub struct Failure {
 pub struct Outcome {
     /// What was done and seen.
     pub counts: Counts,
-    /// Sessions.
     pub sessions: u64,
     /// The first that failed.
     pub failure: Option<Failure>,
-    /// Ended by Ctrl-C.
+    /// Ctrl-C has ended it.
     pub interrupted: bool,
     /// Time that it took, s.
     pub wall_s: f64,

@@ -125,7 +125,7 @@ fn say(line: &str) -> Vec<Action> {
     vec![Action::Say(line.into())]
 }
 
-/// Armed, and idle.
+/// Actions while the board is armed and idle.
 fn armed(random: &mut Random, seen: &Situation) -> Vec<Action> {
     match random.below(16) {
         0..6 => vec![Action::Say(several(random, seen, 12))],

@@ -23,9 +23,9 @@ use crate::{
 pub enum Event {
     /// The emergency stop opens.
     Stop,
-    /// The supply falls.
+    /// The supply falls too low.
     Supply,
-    /// The reset pin.
+    /// The reset pin is pulled.
     Reset,
 }
 
@@ -48,15 +48,13 @@ const PIECES: u64 = 64;
 /// One instant that went wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Wrong {
-    /// What was done.
     pub event: &'static str,
     /// Cycles from the start of the period.
     pub cycle: u64,
-    /// What was wrong.
     pub what: String,
 }
 
-/// A board's sweep.
+/// Sweep of a board over all instants.
 #[derive(Clone, Debug, Default)]
 pub struct Sweep {
     /// Instants tried, each with every event.

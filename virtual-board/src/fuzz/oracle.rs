@@ -34,7 +34,6 @@ pub struct Observed {
     pub entries: Vec<Entry>,
     /// What it has said.
     pub replies: Vec<u8>,
-    /// Its telemetry.
     pub telemetry: Vec<u8>,
 }
 

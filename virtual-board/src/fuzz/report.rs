@@ -20,7 +20,7 @@ use crate::{
     session::Session,
 };
 
-/// Options.
+/// Options of the fuzz campaign.
 #[derive(Args)]
 pub struct Fuzz {
     #[arg(long, default_value = NUCLEO_F446RE.name, help = Board::names(" or "))]

@@ -20,7 +20,7 @@ use crate::{
 pub enum End {
     /// The board did something else than the library, or a rule does not hold.
     Difference(String),
-    /// Ctrl-C.
+    /// Ctrl-C has ended it.
     Interrupted,
 }
 
@@ -125,7 +125,6 @@ impl<'a> Run<'a> {
         Ok(run)
     }
 
-    /// Everything now.
     pub fn snapshot(&mut self) -> (Snapshot, Checks) {
         (self.world.snapshot(), self.checks.clone())
     }

@@ -204,7 +204,6 @@ impl CoreBoard {
         });
     }
 
-    /// Its wires.
     pub fn wires(&self) -> Arc<Wires> {
         Arc::clone(&self.wires)
     }

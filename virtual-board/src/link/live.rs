@@ -91,7 +91,6 @@ impl LiveBoard {
         Ok(Self { wires, ended, thread: Some(thread) })
     }
 
-    /// Its wires.
     pub fn wires(&self) -> Arc<Wires> {
         Arc::clone(&self.wires)
     }

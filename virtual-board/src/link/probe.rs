@@ -116,7 +116,7 @@ impl<P: Probe> ProbeLink<P> {
         Ok((link, Met::read(&status)))
     }
 
-    /// Force off, acknowledged.
+    /// Switches the force off; waits for the reply.
     fn disarm(&mut self, patience: Duration) -> Result<(), String> {
         // Without a device record nothing can arm, and there is no such command.
         let is_off =

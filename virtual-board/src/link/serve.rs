@@ -32,7 +32,6 @@ const TRIES: usize = 100;
 pub struct Ports {
     /// The first of three.
     pub rtt: u16,
-    /// For gdb.
     pub gdb: Option<u16>,
 }
 
@@ -42,7 +41,6 @@ pub struct Server {
     pub port: u16,
     /// Port of gdb, if there is one.
     pub gdb: Option<u16>,
-    /// The board.
     pub board: Arc<LiveBoard>,
     over: Arc<AtomicBool>,
     threads: Vec<thread::JoinHandle<()>>,

@@ -37,7 +37,6 @@ impl SteppedBoard {
         Ok(())
     }
 
-    /// Its wires.
     pub fn wires(&self) -> Arc<Wires> {
         Arc::clone(&self.wires)
     }

@@ -179,7 +179,6 @@ pub struct Slices {
 }
 
 impl Slices {
-    /// Over those wires.
     pub fn new(wires: Arc<Wires>) -> Self {
         Self { wires, stop_open: false }
     }

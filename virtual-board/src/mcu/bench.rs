@@ -13,7 +13,6 @@ use super::{
     encoder::EncoderInput,
 };
 
-/// The board's surroundings.
 #[derive(Debug)]
 pub struct Bench {
     /// Wires from PC6 to A and from PC8 to B, the encoder is not there.
@@ -49,7 +48,6 @@ impl Default for Bench {
 /// The pins of the wires, ports 'C': A and B.
 pub(super) const WIRES: [(usize, u32); 2] = [(2, 6), (2, 8)];
 
-/// One of them.
 pub(super) struct Wire {
     pub(super) encoder: Arc<EncoderInput>,
     pub(super) channel: usize,

@@ -73,7 +73,7 @@ impl Clock {
         self.changed.load(Relaxed)
     }
 
-    /// It has stopped.
+    /// The clock has stopped.
     #[inline(always)]
     pub(super) fn stands(&self) -> bool {
         self.changed.load(Relaxed) && self.mhz.load(Relaxed) == 0

@@ -42,7 +42,7 @@ const BEGAN: [u64; 2] = [0x64, 0x68];
 const THERE: u64 = 0x6C;
 /// The second converter's registers.
 const SECOND: u64 = 0x100;
-/// What both share.
+/// Control register that both converters share.
 const CCR: u64 = 0x304;
 /// Cycles of the converter's clock for the value of three bits.
 const SAMPLING: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];

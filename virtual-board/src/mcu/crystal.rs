@@ -19,7 +19,6 @@ use super::{
     bus::{Clock, Lazy, Port},
 };
 
-/// HSI, MHz.
 const HSI_MHZ: u64 = 16;
 const CR: u64 = 0x00;
 const PLLCFGR: u64 = 0x04;
@@ -34,7 +33,7 @@ const PLL_FROM_HSE: u32 = 1 << 22;
 const SWITCH: u32 = 0b1111;
 const SECURITY_FLAG: u32 = 1 << 7;
 const SECURITY_CLEAR: u32 = 1 << 23;
-/// In SCR.
+/// Bit of the core's SCR.
 const SLEEP_DEEP: u32 = 1 << 2;
 
 /// How the crystal is.
@@ -44,7 +43,7 @@ pub(super) struct Crystal {
     pub(super) dead: AtomicBool,
     /// The clock security system has switched HSE and PLL off.
     pub(super) switched: AtomicBool,
-    /// Its flag.
+    /// Flag of the clock security system.
     pub(super) flag: AtomicBool,
 }
 

@@ -18,7 +18,7 @@ use super::{
 pub enum AfterHalt {
     /// It was only masked: the outputs are back.
     Kept,
-    /// It is reset.
+    /// It is reset: the outputs stay off.
     Reset,
 }
 
@@ -36,13 +36,12 @@ pub struct Halt {
 /// Where a debugger wants the core to stop.
 #[derive(Clone, Debug, Default)]
 pub struct Stops {
-    /// Addresses of breakpoints.
     pub breakpoints: BTreeSet<u32>,
     /// Stop after the first instruction that leads out of this.
     pub step: Option<Range<u32>>,
 }
 
-/// Why it stopped.
+/// Reason why the core stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Met {
     /// The instruction that comes next has a breakpoint.
@@ -56,13 +55,11 @@ pub enum Met {
 pub struct Registers {
     /// R0 to R15. R13 is the stack pointer in use.
     pub core: [u32; 16],
-    /// xPSR.
     pub xpsr: u32,
     /// MSP, PSP, PRIMASK, BASEPRI, FAULTMASK, CONTROL.
     pub system: [u32; 6],
-    /// S0 to S31.
+    /// Registers S0 to S31.
     pub float: [u32; 32],
-    /// FPSCR.
     pub fpscr: u32,
 }
 
@@ -71,7 +68,7 @@ pub struct Registers {
 pub enum Refused {
     /// Flash is programmed by the program only.
     Flash,
-    /// There is nothing.
+    /// There is no memory there.
     Nothing,
 }
 

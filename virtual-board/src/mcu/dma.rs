@@ -47,7 +47,7 @@ const CHANNEL: u32 = 7;
 #[derive(Debug)]
 pub(super) struct Dma {
     pub(super) registers: Arc<Storage>,
-    /// TIM8 asks.
+    /// Request line of TIM8's update.
     pub(super) request: Arc<Flag>,
     /// The word that waits in the stream.
     pub(super) fetched: AtomicU32,

@@ -222,7 +222,7 @@ impl EncoderInput {
     }
 }
 
-/// TIM2.
+/// Registers of TIM2, which counts.
 #[derive(Debug)]
 pub(super) struct CounterPort(pub(super) Arc<EncoderInput>, pub(super) Arc<Clock>);
 
@@ -245,7 +245,7 @@ impl Port for CounterPort {
     }
 }
 
-/// TIM3.
+/// Registers of TIM3, which captures edges.
 #[derive(Debug)]
 pub(super) struct CapturePort(pub(super) Arc<EncoderInput>, pub(super) Arc<Clock>);
 

@@ -95,7 +95,6 @@ impl Mcu {
         });
     }
 
-    /// The stack pointer.
     pub fn stack_pointer(&self) -> u32 {
         self.registers.msp
     }

@@ -35,7 +35,7 @@ pub(super) struct Break {
     pub(super) lazy: Lazy,
     pub(super) open: Arc<AtomicBool>,
     pub(super) crystal: Arc<Crystal>,
-    /// The break flag.
+    /// The break flag of TIM1.
     pub(super) broken: Arc<AtomicBool>,
     pub(super) locked: Arc<AtomicBool>,
     pub(super) clock: Arc<Clock>,

@@ -54,7 +54,7 @@ const FLASH: u32 = 0x0800_0000;
 const PACE_IRQ: u16 = 50;
 const SUPPLY_IRQ: u16 = 1;
 const HARD_FAULT: u16 = 3;
-/// ITSTATE in xPSR.
+/// Bits of ITSTATE in xPSR.
 const IT_BITS: u32 = 0x0600_FC00;
 
 /// What differs between the chips.
@@ -62,7 +62,6 @@ const IT_BITS: u32 = 0x0600_FC00;
 pub struct Chip {
     /// Core clock after set-up, Hz; a multiple of 32 kHz and 8 MHz.
     pub core_hz: u64,
-    /// Flash, bytes.
     pub flash_bytes: usize,
     /// What tells it from others (`DEV_ID`).
     pub id: u32,
@@ -76,9 +75,9 @@ pub const SUPPLY_MV: u32 = 3300;
 /// A pin of the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Pin {
-    /// 'A' to 'E'.
+    /// Letter, 'A' to 'E'.
     pub port: char,
-    /// 0 to 15.
+    /// Number, 0 to 15.
     pub number: u8,
 }
 
@@ -410,7 +409,6 @@ impl Mcu {
         self.now
     }
 
-    /// Core clock, Hz.
     pub fn core_hz(&self) -> u64 {
         self.chip.core_hz
     }
@@ -440,7 +438,6 @@ impl Mcu {
         &self.hard_faults
     }
 
-    /// Instructions so far.
     pub fn instructions(&self) -> u64 {
         self.instructions
     }
@@ -488,14 +485,14 @@ impl Mcu {
         self.soc.encoder.deliver(cycle);
     }
 
-    /// Reads RAM.
+    /// Reads RAM; zeros beyond it.
     pub fn read(&self, address: u32, into: &mut [u8]) {
         if self.memories.ram.read_at(u64::from(address.wrapping_sub(RAM)), into).is_err() {
             into.fill(0);
         }
     }
 
-    /// Writes RAM.
+    /// Writes RAM; nothing beyond it.
     pub fn write(&mut self, address: u32, from: &[u8]) {
         // Outside of RAM nothing is written.
         let _ = self.memories.ram.write_at(u64::from(address.wrapping_sub(RAM)), from);

@@ -60,7 +60,7 @@ fn name(index: usize) -> String {
     format!("{index:02}")
 }
 
-/// A device saved.
+/// Saved state of all devices.
 fn save<'a>(devices: impl Iterator<Item = &'a dyn Device>) -> Vec<u8> {
     let mut writer = StateWriter::new(MachineShape::new());
     for (index, device) in devices.enumerate() {

@@ -40,7 +40,6 @@ pub(super) struct Memories {
     pub(super) flash: Vec<u8>,
 }
 
-/// The chip.
 pub(super) struct Soc {
     pub(super) cpu: ArmV7m,
     pub(super) pace: Lazy,
@@ -60,7 +59,7 @@ pub(super) struct Soc {
     /// It was fed since somebody looked.
     pub(super) fed: Arc<Flag>,
     pub(super) stop: Arc<AtomicBool>,
-    /// The break flag.
+    /// The break flag of TIM1.
     pub(super) broken: Arc<AtomicBool>,
     /// BDTR was written since the reset: its lock level is frozen.
     locked: Arc<AtomicBool>,
@@ -115,7 +114,6 @@ impl WireSink for Latch {
     }
 }
 
-/// The watchdog's registers.
 #[derive(Debug)]
 struct WatchdogPort {
     lazy: Lazy,
@@ -455,7 +453,7 @@ impl Soc {
         self.dbgmcu.get(DBGMCU_APB2_FZ) & 1 != 0
     }
 
-    /// So does TIM5.
+    /// TIM5 stands still while the core is halted.
     pub(super) fn tim5_stops(&self) -> bool {
         self.dbgmcu.get(DBGMCU_APB1_FZ) >> 3 & 1 != 0
     }
@@ -478,7 +476,7 @@ impl Soc {
         }
     }
 
-    /// What gates clocks.
+    /// Devices that gate the clocks.
     pub(super) fn rcc_and_power(&self) -> impl Iterator<Item = &dyn Device> {
         self.others[..2].iter().chain([&self.exti]).map(|lazy| &*lazy.device)
     }

@@ -94,7 +94,6 @@ impl Supply {
         self.tell();
     }
 
-    /// Wires its output.
     pub(super) fn connect(&self, id: WireId, pin: SinkPin) {
         let _ = self.line.set((id, pin)); // once, by the chip
     }

@@ -22,11 +22,11 @@ const SAMPLE_PRIORITY: u8 = 0x10;
 pub struct Cycles {
     /// How often it ran.
     pub runs: u64,
-    /// Shortest run.
+    /// Cycles of the shortest run.
     pub least: u64,
-    /// Longest run.
+    /// Cycles of the longest run.
     pub most: u64,
-    /// All runs together.
+    /// Cycles of all runs together.
     pub total: u64,
 }
 
@@ -67,7 +67,7 @@ pub struct Watch {
     /// Cycles from the sampling event to each writing of a force to the output's registers by the
     /// output task.
     pub commands: Cycles,
-    /// By exception number.
+    /// Cycles of each task, by exception number.
     pub tasks: BTreeMap<u16, Cycles>,
     /// Times that the emulator's loss of ITSTATE was mended.
     pub mended: u64,

@@ -7,7 +7,7 @@ use super::World;
 /// What is wrong with encoder and amplifier.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Defects {
-    /// Of the encoder.
+    /// Defect of the encoder's count.
     pub count: Option<CountDefect>,
     /// While it is enabled the amplifier gives this part of full scale, whatever it is told.
     pub stuck: Option<f64>,
@@ -35,11 +35,11 @@ pub struct CountDefect {
 /// A hand that moves the handle to and fro, whatever the force.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Swing {
-    /// About here, m.
+    /// Middle of the motion, m.
     pub centre_m: f64,
-    /// So far, m.
+    /// Largest distance from the middle, m.
     pub amplitude_m: f64,
-    /// So often, Hz.
+    /// Cycles per second, Hz.
     pub rate_hz: f64,
     /// From this step on.
     pub since: u64,

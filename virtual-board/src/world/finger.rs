@@ -5,9 +5,7 @@
 pub struct Finger {
     /// Where it wants the handle, m.
     pub target_m: f64,
-    /// Stiffness, N/m.
     pub stiffness_n_per_m: f64,
-    /// Damping, N s/m.
     pub damping_n_s_per_m: f64,
     /// What it can do at most, N.
     pub limit_n: f64,

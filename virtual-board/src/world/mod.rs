@@ -17,7 +17,7 @@ pub use defects::{CountDefect, Defects, Seen, Swing};
 pub use finger::Finger;
 use host_sim::{
     plant::{AnyPlant, AnyState, Plant as _, Sensing},
-    scene::{Criterion, PushBy, RmsOf, Scene},
+    scene::{Criterion, Protocol, PushBy, RmsOf, Scene},
     simulation::quantiser::{self, Quantiser},
 };
 
@@ -42,7 +42,6 @@ const EDGE_CYCLES: u64 = 20;
 
 /// A running board with a device on it.
 pub struct World<'a> {
-    /// The board.
     pub powered: Powered,
     plant: AnyPlant,
     state: AnyState,
@@ -90,7 +89,6 @@ pub struct World<'a> {
 /// A board in the world at one moment: chip, amplifier, handle, what is on its way to the host.
 #[derive(Clone)]
 pub struct Snapshot {
-    /// The chip.
     pub mcu: mcu::Snapshot,
     amplifier: amplifier::State,
     state: AnyState,
@@ -140,7 +138,8 @@ impl<'a> World<'a> {
     /// its count starts from 0.
     ///
     /// # Errors
-    /// The ELF is not this firmware, or the scene has `[jitter]`, a hand that pushes or another criterion.
+    /// The ELF is not this firmware, or the scene has `[jitter]`, a hand that pushes, another protocol or another
+    /// criterion.
     pub fn new(
         board: Board,
         elf: &Elf,
@@ -184,9 +183,10 @@ impl<'a> World<'a> {
             Criterion::Quiet => true,
             Criterion::Unsaturated | Criterion::Felt => false,
         };
-        if hit.push_by == PushBy::Hand || !judged {
-            return Err("wall_hit: on a board the motor pushes, and by rms its counts decide or by quiet its counts and \
-                        its force; leave out push_by and rms_of, and say criterion = \"quiet\" or none"
+        if hit.push_by == PushBy::Hand || !judged || hit.protocol != Protocol::Paper {
+            return Err("wall_hit: on a board the motor pushes all the time, and by rms its counts decide or by quiet its \
+                        counts and its force; leave out push_by, protocol and rms_of, and say criterion = \"quiet\" or \
+                        none"
                 .to_owned());
         }
         let mut powered = Powered::on(board, elf)?;

@@ -66,7 +66,6 @@ impl Backend {
     /// All of them, the best first.
     pub const ALL: [Self; 4] = [Self::Avx512, Self::Avx2, Self::Neon, Self::Plain];
 
-    /// Name in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Avx512 => "avx-512",
@@ -132,7 +131,8 @@ fn form_for(prepared: &PreparedScene, numeric: Numeric) -> Option<Form> {
     let stated = numeric == Numeric::Fixed || form == Form::LowPass;
     let told = matches!(form, Form::Observer | Form::Fusion);
     let seen = told || estimator.sense().is_none();
-    let plain = prepared.scene().passivity.is_none();
+    let scene = prepared.scene();
+    let plain = scene.passivity.is_none() && !scene.wall_hit.protocol.varies();
     (linear && stated && seen && plain).then_some(form)
 }
 

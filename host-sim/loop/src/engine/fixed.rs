@@ -92,7 +92,6 @@ struct Wall<S: SimdOps> {
 }
 
 impl<S: SimdOps, F: VectorForm<S>, const R: usize> FixedLoop<S, F, R> {
-    /// Nothing runs.
     pub fn new(simd: S) -> Self {
         let (_, gains) = F::at_rest(simd);
         let gain = GainLanes::zero(simd);

@@ -42,7 +42,6 @@ struct TwinState<S: SimdOps> {
 }
 
 impl<S: SimdOps, const R: usize> FloatLoop<S, R> {
-    /// Nothing runs.
     pub fn new(simd: S, rounding: Rounding) -> Self {
         let zero = simd.splat_f64s(0.0);
         let state = TwinState { x: [zero; 2], y: [zero; 2] };

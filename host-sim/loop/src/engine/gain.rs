@@ -4,7 +4,6 @@ use zwidth::Gain;
 
 use super::simd_ops::{SIGN, SimdOps, lanes_mut};
 
-/// [`Gain`] in lanes.
 #[derive(Clone, Copy)]
 pub struct GainLanes<S: SimdOps> {
     mantissa: S::u64s,
@@ -17,7 +16,6 @@ pub struct GainLanes<S: SimdOps> {
 }
 
 impl<S: SimdOps> GainLanes<S> {
-    /// None.
     pub fn zero(simd: S) -> Self {
         let zero = simd.splat_u64s(0);
         Self { mantissa: zero, half: zero, right: zero, sign: zero, left: zero, bound: zero }

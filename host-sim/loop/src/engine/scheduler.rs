@@ -43,7 +43,7 @@ struct Running<'a> {
     hit: WallHit,
     /// The scene at its push.
     prepared: &'a PreparedScene,
-    /// Taken so far.
+    /// Samples that the hit has taken so far.
     samples: u32,
     surface: i32,
     /// First count of the window.

@@ -26,7 +26,6 @@ pub trait SimdOps: Simd {
         each::<Self>(a, b, |a, b| (a & 0xFFFF_FFFF) * (b & 0xFFFF_FFFF))
     }
 
-    /// `a << 16`.
     #[inline(always)]
     fn shift_left_16(self, a: Self::u64s) -> Self::u64s {
         each::<Self>(a, a, |a, _| a << 16)
@@ -70,7 +69,6 @@ pub trait SimdOps: Simd {
         cast(self.and_u64s(cast(a), mask))
     }
 
-    /// Magnitude.
     #[inline(always)]
     fn magnitude(self, a: Self::f64s) -> Self::f64s {
         self.masked(a, self.splat_u64s(!SIGN))

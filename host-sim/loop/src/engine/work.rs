@@ -23,7 +23,6 @@ pub enum Depth {
 /// What a hit came to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome {
-    /// The verdict.
     pub verdict: Verdict,
     /// Population RMS over the window, m; only with [`Depth::Whole`].
     pub rms_m: Option<f64>,

@@ -5,7 +5,6 @@ use std::{iter, ops::RangeInclusive};
 use csv_core::{ReadRecordResult, Reader, ReaderBuilder};
 use zwidth::ends;
 
-/// Any finite number.
 pub const FINITE: RangeInclusive<f64> = f64::MIN..=f64::MAX;
 /// Any finite number from 0 on.
 pub const FROM_0: RangeInclusive<f64> = 0.0..=f64::MAX;
@@ -13,7 +12,7 @@ pub const FROM_0: RangeInclusive<f64> = 0.0..=f64::MAX;
 /// What may stand between two cells.
 const DELIMITERS: [char; 3] = [',', ';', '\t'];
 const ROWS_MAX: usize = 8_000_000;
-/// Longest line, bytes.
+/// Longest line of a table, bytes.
 const LINE_MAX: usize = 1 << 20;
 /// Longest cell in a message, characters.
 const SHOWN: usize = 30;

@@ -10,16 +10,14 @@ pub const LEVEL: f64 = 0.05;
 /// Mean and squared standard error of a few repeats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Repeats {
-    /// How many.
     pub count: f64,
-    /// Their mean; 0 without any.
+    /// Mean of the repeats; 0 without any.
     pub mean: f64,
     /// Square of the standard error of the mean; 0 with a single one.
     pub squared_error: f64,
 }
 
 impl Repeats {
-    /// Of those values.
     pub fn of(values: impl Iterator<Item = f64> + Clone) -> Self {
         #[expect(clippy::cast_precision_loss, reason = "a handful of repeats")]
         let count = values.clone().count().max(1) as f64;

@@ -19,15 +19,15 @@ use crate::{
 /// The plant of a scene.
 #[derive(Clone, Debug)]
 pub enum AnyPlant {
-    /// A device alone.
+    /// A device alone, without an amplifier.
     Plain(PlantStep),
-    /// With an amplifier.
+    /// A device with an amplifier.
     Three(AugmentedStep<3>),
-    /// Two bodies.
+    /// Two bodies without an amplifier.
     Four(AugmentedStep<4>),
     /// Two bodies and an amplifier.
     Five(AugmentedStep<5>),
-    /// Three bodies.
+    /// Three bodies without an amplifier.
     Six(AugmentedStep<6>),
     /// Three bodies and an amplifier.
     Seven(AugmentedStep<7>),
@@ -55,23 +55,14 @@ pub use each_plant;
 
 /// [`Plant`] with the state of any plant, for calls through a table.
 pub trait OtherPlant: Debug + Send + Sync {
-    /// [`Plant::at_rest`].
     fn any_at_rest(&self, position_m: f64) -> AnyState;
-    /// [`Plant::position_m`].
     fn any_position_m(&self, state: &AnyState) -> f64;
-    /// [`Plant::speed_m_per_s`].
     fn any_speed_m_per_s(&self, state: &AnyState) -> f64;
-    /// [`Plant::force_n`].
     fn any_force_n(&self, state: &AnyState, output_n: f64) -> f64;
-    /// [`Plant::reading_m`].
     fn any_reading_m(&self, state: &AnyState, moment: &Moment) -> f64;
-    /// [`Plant::later_m`].
     fn any_later_m(&self, state: &AnyState, delay_s: f64, forces_n: [f64; 2]) -> Option<f64>;
-    /// [`Plant::advance`].
     fn any_advance(&self, state: &AnyState, force_n: f64) -> AnyState;
-    /// [`Plant::advance_split`].
     fn any_advance_split(&self, state: &AnyState, before_n: f64, after_n: f64) -> AnyState;
-    /// [`Plant::run`].
     fn any_run(
         &self,
         state: &AnyState,
@@ -79,7 +70,6 @@ pub trait OtherPlant: Debug + Send + Sync {
         places: &mut Places<'_>,
         course: &mut Course,
     ) -> AnyState;
-    /// [`Plant::steps`].
     fn any_steps(&self, state: &AnyState) -> u64;
 }
 

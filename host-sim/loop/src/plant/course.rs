@@ -11,7 +11,6 @@ use super::{Moment, Plant, quantiser::Quantiser};
 /// Where the handle is at the samples of a run, at most [`RUN`].
 #[derive(Debug)]
 pub struct Places<'a> {
-    /// Its positions, m.
     pub positions_m: &'a mut [f64; RUN],
     /// What the encoder reads.
     pub counts: &'a mut [i32; RUN],
@@ -20,9 +19,8 @@ pub struct Places<'a> {
 /// What there is beside that, where somebody looks at it.
 #[derive(Clone, Copy, Debug)]
 pub struct Course {
-    /// Its speeds, m/s.
     pub speeds_m_per_s: [f64; RUN],
-    /// Force on it at the end of each sample but the last, N.
+    /// Force on the handle at the end of each sample but the last, N.
     pub outputs_n: [f64; RUN],
 }
 
@@ -39,14 +37,13 @@ pub struct Span {
     pub acting_n: f64,
     /// The sample of the run within which another command takes effect; beyond the run if there is none.
     pub arrival: usize,
-    /// That command, N.
+    /// Command that takes effect there, N.
     pub arriving_n: f64,
     /// What reads the handle.
     pub encoder: Quantiser,
 }
 
 impl Course {
-    /// Nothing yet.
     pub const NONE: Self = Self { speeds_m_per_s: [0.0; RUN], outputs_n: [0.0; RUN] };
 
     /// Moves from the run's first sample to its last one.

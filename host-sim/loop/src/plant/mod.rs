@@ -50,7 +50,7 @@ pub trait Plant: Clone {
     fn at_rest(&self, position_m: f64) -> Self::State;
     /// Position where motor and encoder are, m.
     fn position_m(&self, state: &Self::State) -> f64;
-    /// Speed there, m/s.
+    /// Speed where motor and encoder are, m/s.
     fn speed_m_per_s(&self, state: &Self::State) -> f64;
     /// Force of the actuator on the handle while `output_n` is commanded, N: the same, unless the
     /// amplifier takes time.
@@ -90,7 +90,6 @@ pub trait Plant: Clone {
     }
     /// A state as one that fits every plant.
     fn pack(state: &Self::State) -> AnyState;
-    /// Back from [`pack`](Self::pack).
     fn unpack(any: &AnyState) -> Self::State;
 }
 
@@ -135,7 +134,6 @@ pub(crate) struct LinearStep<const N: usize> {
 }
 
 impl<const N: usize> LinearStep<N> {
-    /// As [`Plant::at_rest`].
     pub fn at_rest(&self, position_m: f64) -> [f64; N] {
         augmented::still(&self.rest_m, position_m)
     }
@@ -162,7 +160,6 @@ impl<const N: usize> LinearStep<N> {
 pub struct PlantState {
     /// Distance from the rest position, m.
     offset_m: f64,
-    /// Speed, m/s.
     speed_m_per_s: f64,
 }
 
@@ -252,7 +249,6 @@ impl PlantState {
         }
     }
 
-    /// Speed, m/s.
     pub fn speed_m_per_s(&self) -> f64 {
         self.speed_m_per_s
     }

@@ -8,11 +8,11 @@ use crate::scene::{Encoder, Rounding};
 /// How an encoder makes a count of a position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quantiser {
-    /// m per count.
+    /// Length of a count, m per count.
     pub resolution_m: f64,
     /// Which count a position between two borders becomes.
     pub rounding: Rounding,
-    /// Counts per m.
+    /// Counts per metre, the reciprocal of the resolution.
     per_m: f64,
     /// [`ABOVE`], and what is added to a position before it is floored.
     above: f64,

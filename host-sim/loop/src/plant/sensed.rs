@@ -14,11 +14,8 @@ use crate::{
 /// What is wrong with the readings.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sensing {
-    /// Periodic error.
     pub error: Option<EncoderError>,
-    /// Noise.
     pub noise: Option<EncoderNoise>,
-    /// Late readings.
     pub jitter: Option<Jitter>,
 }
 
@@ -28,7 +25,6 @@ impl Sensing {
         Self { error: scene.encoder_error, noise: scene.encoder_noise, jitter: scene.jitter }
     }
 
-    /// Nothing is wrong.
     pub fn is_perfect(&self) -> bool {
         *self == Self::default()
     }

@@ -16,7 +16,7 @@ const BANDWIDTH_HZ: RangeInclusive<f64> = 1e-3..=1e6;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Accelerometer {
-    /// Largest reading, m/s^2.
+    /// Largest magnitude of a reading, m/s^2.
     pub full_scale_m_per_s2: f64,
     /// Step of a reading, m/s^2; 0: none.
     #[serde(default)]
@@ -33,7 +33,6 @@ pub struct Accelerometer {
 }
 
 impl Scene {
-    /// Checks the accelerometer.
     pub(super) fn check_accelerometer(&self) -> Result<(), String> {
         let Some(sensor) = &self.accelerometer else { return Ok(()) };
         let rate_hz = self.control.rate_hz;

@@ -19,7 +19,6 @@ use crate::scene::element::Travel;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BoardTable {
-    /// The board's name.
     pub name: String,
     /// Tuning of the estimator on a board to which nothing was ever saved: its cutoff, Hz.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -41,7 +40,6 @@ pub struct BoardTable {
     pub encoder: Option<Sign>,
 }
 
-/// A direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Sign {
     /// As it should be.
@@ -131,16 +129,14 @@ impl MotorTable {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReturnTable {
-    /// Speed, m/s.
+    /// Speed of the return, m/s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed_m_per_s: Option<f64>,
-    /// Largest force, N.
+    /// Largest force of the return, N.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force_n: Option<f64>,
-    /// Stiffness, N/m.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stiffness_n_per_m: Option<f64>,
-    /// Damping, N s/m.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub damping_n_s_per_m: Option<f64>,
     /// Integral gain, N/(m s).
@@ -149,7 +145,7 @@ pub struct ReturnTable {
     /// Distance from the start that will do, m.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tolerance_m: Option<f64>,
-    /// Longest time, s.
+    /// Longest time of the return, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub timeout_s: Option<f64>,
 }
@@ -159,15 +155,12 @@ pub struct ReturnTable {
 pub struct OnBoard {
     /// Limits of the supervisor.
     pub safety: SafetySettings,
-    /// A calibration.
     pub calibration: CalibrationSettings,
     /// What the motor stands.
     pub duty: DutySettings,
     /// How the amplifier says its current.
     pub current: CurrentSettings,
-    /// The return move.
     pub back: ReturnSettings,
-    /// Directions.
     pub signs: Signs,
     /// Keys that the scene leaves out, and what was taken: `key value`.
     pub guessed: Vec<Guess>,

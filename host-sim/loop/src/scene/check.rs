@@ -3,10 +3,15 @@
 use zwidth::{SettingsError, experiment::quiet};
 
 use super::{
-    Criterion, LATENCY_KNOWN_MAX, PushBy, Scene,
+    Criterion, HAND_SWAY, LATENCY_KNOWN_MAX, Protocol, PushBy, Scene,
     velocity::{CUTOFF, key_of},
 };
 use crate::range::{refused, within};
+
+/// A spectrum of a shorter window cannot tell a hand's sway from what is quicker, s.
+const WINDOW_OF_HAND_S: f64 = 0.5;
+/// Slower outputs leave nothing above a hand's sway, Hz.
+const OUTPUT_OF_HAND_HZ: f64 = 100.0;
 
 /// Accepted ranges of what only the simulator knows.
 pub mod ranges {
@@ -22,7 +27,7 @@ pub mod ranges {
     pub const POSITION_M: RangeInclusive<f64> = -1e3..=1e3;
     /// Force per volt, N/V.
     pub const GAIN_N_PER_V: RangeInclusive<f64> = 1e-6..=1e6;
-    /// Largest command, V.
+    /// Largest command of an actuator, V.
     pub const LIMIT_V: RangeInclusive<f64> = 1e-3..=1e3;
     /// Most values of a list.
     pub const VALUES_MAX: usize = 10_000;
@@ -95,11 +100,7 @@ impl Scene {
         if let Some(limit_n) = self.wall_hit.force_rms_limit_n {
             within("wall_hit.force_rms_limit_n", limit_n, ranges::FORCE_RMS_N)?;
         }
-        if self.wall_hit.criterion == Criterion::Quiet {
-            let most_n = self.full_scale_n() / quiet::PUSH_MAX;
-            let key = "wall_hit.push_n with criterion = \"quiet\", which also tries 3 % more";
-            within(key, self.push_n(PushBy::Motor), -most_n..=most_n)?;
-        }
+        self.check_pushes()?;
         self.check_elements()?;
         self.check_accelerometer()?;
         self.check_passivity()?;
@@ -113,6 +114,45 @@ impl Scene {
         self.velocity.check().map_err(keyed)?;
         let Some(filter) = self.velocity.settings() else { return Ok(()) };
         self.settings(filter, 0.0, 0.0).build(&self.design()).map_err(keyed).map(|_| ())
+    }
+
+    /// What criterion and protocol ask for must be within what the motor can push.
+    fn check_pushes(&self) -> Result<(), String> {
+        let hit = &self.wall_hit;
+        let (share, why) = match (hit.criterion, hit.protocol) {
+            (Criterion::Quiet, Protocol::Hand) => (
+                quiet::PUSH_MAX * (1.0 + HAND_SWAY),
+                "with quiet walls and protocol = \"hand\", 34 % more",
+            ),
+            (_, Protocol::Hand) => (1.0 + HAND_SWAY, "with protocol = \"hand\", 30 % more"),
+            (Criterion::Quiet, _) => {
+                (quiet::PUSH_MAX, "with criterion = \"quiet\", which also tries 3 % more")
+            }
+            _ => (1.0, "of the motor"),
+        };
+        let most_n = self.full_scale_n() / share;
+        within(&format!("wall_hit.push_n {why}"), self.push_n(PushBy::Motor), -most_n..=most_n)?;
+        if !hit.protocol.varies() {
+            return Ok(());
+        }
+        let of = |key: &str| format!("{key} with protocol = \"{}\"", hit.protocol.name());
+        if hit.criterion == Criterion::Felt {
+            let key = of("wall_hit.criterion");
+            return Err(format!("{key} is felt, allowed rms, unsaturated and quiet"));
+        }
+        if hit.protocol == Protocol::Taps {
+            let (start_m, count_m) = (self.device.start_position_m, self.encoder.resolution_m);
+            let before_wall = -1000.0..=self.wall.position_m - count_m;
+            return within(&of("device.start_position_m"), start_m, before_wall);
+        }
+        within(&of("wall_hit.window_s"), hit.window_s, WINDOW_OF_HAND_S..=f64::INFINITY)?;
+        let output_hz = self.control.rate_hz / f64::from(self.actuator.period);
+        within(
+            &of("outputs a second, control.rate_hz / actuator.period,"),
+            output_hz,
+            OUTPUT_OF_HAND_HZ..=self.control.rate_hz,
+        )?;
+        Ok(())
     }
 
     fn check_sweep(&self) -> Result<(), String> {

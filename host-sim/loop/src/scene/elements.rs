@@ -13,11 +13,8 @@ use crate::scene::element::Nonlinear;
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Quantisation {
     /// A DAC with offset binary codes.
-    Dac {
-        /// Resolution.
-        bits: u32,
-    },
-    /// Sign-magnitude PWM.
+    Dac { bits: u32 },
+    /// PWM of sign and magnitude.
     Pwm {
         /// Timer ticks per PWM period.
         steps: u32,

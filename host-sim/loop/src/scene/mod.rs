@@ -51,8 +51,8 @@ pub use elements::Quantisation;
 pub use felt::FeltCurve;
 pub use passivity::PassivityTable;
 pub use tables::{
-    Actuator, Criterion, Device, Encoder, LATENCY_KNOWN_MAX, PushBy, RmsOf, Rounding, Sampling,
-    Sweep, Walk, Wall, WallHit,
+    Actuator, Criterion, Device, Encoder, HAND_SWAY, LATENCY_KNOWN_MAX, Protocol, PushBy, RmsOf,
+    Rounding, Sampling, Sweep, TAP_S, Walk, Wall, WallHit,
 };
 pub use uncertainty::Uncertainty;
 pub use units::Units;
@@ -81,7 +81,6 @@ pub struct NamedScene {
     pub text: String,
     /// The files that it was read from; none if it is built in.
     pub files: Vec<PathBuf>,
-    /// Its content.
     pub scene: Scene,
 }
 
@@ -92,21 +91,13 @@ pub struct Scene {
     /// Keys whose values nobody has measured or published; reports repeat them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub estimated: Vec<String>,
-    /// The mechanical device.
     pub device: Device,
-    /// Position sensor.
     pub encoder: Encoder,
-    /// Amplifier and motor.
     pub actuator: Actuator,
-    /// Sampling.
     pub control: Sampling,
-    /// Velocity filter.
     pub velocity: VelocityTable,
-    /// The virtual wall.
     pub wall: Wall,
-    /// The wall-hit experiment.
     pub wall_hit: WallHit,
-    /// The boundary walk.
     pub walk: Walk,
     /// The study over cutoffs.
     pub sweep: Sweep,
@@ -441,10 +432,11 @@ impl Scene {
     /// The core's wall-hit experiment; its push is the motor's.
     pub fn hit_settings(&self) -> HitSettings {
         let hit = &self.wall_hit;
+        let [settle_s, window_s] = hit.times_s();
         HitSettings {
             push_n: self.push_n(PushBy::Motor),
-            settle_s: hit.settle_s,
-            window_s: hit.window_s,
+            settle_s,
+            window_s,
             rms_limit_m: hit.rms_limit_m,
         }
     }

@@ -48,7 +48,6 @@ impl Scene {
         Some(reserve * per_bit * self.encoder.resolution_m)
     }
 
-    /// Checks the table.
     pub(super) fn check_passivity(&self) -> Result<(), String> {
         self.passivity().map(|_| ()).map_err(|error| match error.parameter {
             "latency" => format!(

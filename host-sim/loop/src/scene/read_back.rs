@@ -12,14 +12,15 @@ use zwidth::{
         Device,
         record::{BOARD_AT, BadRecord},
     },
+    experiment::Criterion as Judged,
     safety::CurrentSettings,
     store::{Loaded, Name, load},
     velocity::EstimatorName,
 };
 
 use super::{
-    BoardTable, MotorTable, PassivityTable, Quantisation, ReturnTable, SafetyTable, Scene, Sign,
-    VelocityTable, record::board_facts,
+    BoardTable, Criterion, MotorTable, PassivityTable, Quantisation, ReturnTable, SafetyTable,
+    Scene, Sign, VelocityTable, record::board_facts,
 };
 use crate::error::Error;
 
@@ -82,6 +83,7 @@ pub fn with_settings<'a>(device: Device<'a>, loaded: &Loaded) -> Device<'a> {
     of.hit.settle_s = stored.settle_s;
     of.hit.window_s = stored.window_s;
     of.hit.rms_limit_m = stored.rms_limit_m;
+    of.criterion = stored.criterion;
     of.walk = stored.grid;
     of
 }
@@ -115,6 +117,13 @@ impl Scene {
         scene.wall_hit.settle_s = hit.settle_s;
         scene.wall_hit.window_s = hit.window_s;
         scene.wall_hit.rms_limit_m = hit.rms_limit_m;
+        if (device.criterion == Judged::Quiet) != (scene.wall_hit.criterion == Criterion::Quiet) {
+            let criterion = match device.criterion {
+                Judged::Rms => Criterion::Rms,
+                Judged::Quiet => Criterion::Quiet,
+            };
+            scene.wall_hit.judge(criterion, None);
+        }
         if hit.push_n != 0.0 {
             scene.wall_hit.push_n = hit.push_n;
         }
@@ -291,7 +300,7 @@ mod tests {
         let mut flash = Copied(empty);
         let mut stored = device.defaults();
         (stored.push_n, stored.full_scale_n, stored.start_m) = (1.25, 5.0, 0.01);
-        stored.signs.motor_reversed = true;
+        (stored.signs.motor_reversed, stored.criterion) = (true, Judged::Quiet);
         assert!(zwidth::store::save(&mut flash, &stored).is_ok());
         let loaded = saved(&device, flash.0.clone()).unwrap();
         assert_eq!(loaded.stored, stored);
@@ -299,6 +308,7 @@ mod tests {
         let read = base.with_device(&with_settings(device, &loaded)).unwrap();
         assert_eq!((read.wall_hit.push_n, read.full_scale_n()), (1.25, 5.0));
         assert_eq!(read.device.start_position_m, 0.01);
+        assert_eq!(read.wall_hit.criterion, Criterion::Quiet);
         assert_eq!(read.board.unwrap().motor, Some(Sign::Minus));
         assert!(saved(&device, vec![0; 100]).unwrap_err().to_string().contains("100 bytes"));
     }

@@ -9,6 +9,7 @@ use zwidth::{
         designs::{Designs, NamedFilter},
         record::{BoardFacts, WORDS_MAX, hash_of},
     },
+    experiment::Criterion,
     safety::envelope::{Boundary, Envelope},
     store::{DeviceKey, Name},
     velocity::Sense,
@@ -118,6 +119,7 @@ impl NamedScene {
         let settings = scene.settings(velocity, 0.0, 0.0);
         let mut hit = scene.hit_settings();
         hit.push_n = 0.0; // nothing pushes until somebody says so
+        (hit.settle_s, hit.window_s) = (scene.wall_hit.settle_s, scene.wall_hit.window_s); // whatever the protocol
         let device = Device {
             board: Name::of(board.name),
             key: DeviceKey { name, hash: 0 },
@@ -136,6 +138,10 @@ impl NamedScene {
             signs,
             settings,
             hit,
+            criterion: match scene.wall_hit.criterion {
+                super::Criterion::Quiet => Criterion::Quiet,
+                _ => Criterion::Rms, // a board knows no third
+            },
             walk: scene.walk_plan(),
         };
         let guessed = guessed.iter().map(|guess| guess.told(scene.units)).collect();
@@ -223,6 +229,23 @@ mod tests {
         assert_eq!(of(1326).map(|bytes| bytes.len()).ok(), Some(4 * (WORDS_MAX - 1)));
         let error = of(1327).map(|bytes| bytes.len()).unwrap_err().to_string();
         assert!(error.contains("the envelope has 1327 rows, and the record has 16 KiB"), "{error}");
+    }
+
+    #[test]
+    fn a_board_judges_at_first_as_the_scene_does() {
+        let mut scene = NamedScene::load("nucleo-f446re").unwrap();
+        let board = board_facts("nucleo-f446re").unwrap();
+        let velocity = VelocitySettings::Butterworth { cutoff_hz: 1500.0 };
+        for (of_scene, of_board) in [
+            (crate::scene::Criterion::Quiet, Criterion::Quiet),
+            (crate::scene::Criterion::Felt, Criterion::Rms),
+        ] {
+            scene.scene.wall_hit.judge(of_scene, None);
+            let bytes = scene.prepared(&board, velocity).unwrap().record(&[], &board).unwrap();
+            let words = words(&bytes);
+            let device = Device::from_record(&words, &board).unwrap();
+            assert_eq!(device.defaults().criterion, of_board);
+        }
     }
 
     #[test]

@@ -12,7 +12,6 @@ use toml::{Table, Value};
 use super::Units;
 use crate::range::within;
 
-/// The table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rotary {
@@ -57,7 +56,6 @@ pub struct Rotary {
 pub enum EncoderOn {
     /// On the handle's axis.
     Handle,
-    /// On the motor.
     Motor,
 }
 
@@ -65,9 +63,7 @@ pub enum EncoderOn {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DriveKind {
-    /// The motor's current.
     Current,
-    /// The motor's voltage.
     Voltage,
 }
 
@@ -76,7 +72,6 @@ const LINEAR_TABLES: [&str; 6] =
     ["arm", "arms", "accelerometer", "passivity", "velocity", "designs"];
 
 impl Rotary {
-    /// Its units.
     pub fn units(&self) -> Units {
         Units::Rotary { radius_m: self.handle_radius_m }
     }

@@ -11,23 +11,18 @@ use super::FeltCurve;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Device {
-    /// m, kg.
     pub mass_kg: f64,
-    /// b, N s/m.
     pub damping_n_s_per_m: f64,
-    /// k, N/m.
     pub stiffness_n_per_m: f64,
-    /// x0, m.
     pub rest_position_m: f64,
     /// Where the handle rests before a hit, m.
     pub start_position_m: f64,
 }
 
-/// Position sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Encoder {
-    /// m per count.
+    /// Length of a count, m per count.
     pub resolution_m: f64,
     /// How a position becomes a count.
     pub rounding: Rounding,
@@ -43,15 +38,14 @@ pub enum Rounding {
     Round,
 }
 
-/// Amplifier and motor.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Actuator {
     /// Force per volt of command, N/V.
     pub gain_n_per_v: f64,
-    /// Largest command, V.
+    /// Largest magnitude of a command, V.
     pub limit_v: f64,
-    /// Samples per output.
+    /// Samples from output to output.
     pub period: u32,
     /// Samples from the encoder reading to the force on the handle; need not be whole.
     pub latency: f64,
@@ -77,7 +71,6 @@ impl Actuator {
 /// Longest latency that may be known, in samples.
 pub const LATENCY_KNOWN_MAX: u32 = 64;
 
-/// Sampling.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sampling {
@@ -85,28 +78,28 @@ pub struct Sampling {
     pub rate_hz: f64,
 }
 
-/// The virtual wall.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Wall {
-    /// Surface, m.
+    /// Position of the surface, m.
     pub position_m: f64,
     /// The wall never pulls.
     pub push_only: bool,
 }
 
-/// The wall-hit experiment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WallHit {
-    /// Constant push, N.
+    /// Constant push of a hit, N.
     pub push_n: f64,
-    /// Who pushes.
     #[serde(default, skip_serializing_if = "PushBy::is_motor")]
     pub push_by: PushBy,
+    /// How the wall is tried.
+    #[serde(default, skip_serializing_if = "Protocol::is_paper")]
+    pub protocol: Protocol,
     /// Time before the window, s.
     pub settle_s: f64,
-    /// Window, s.
+    /// Length of the window, s.
     pub window_s: f64,
     /// `stable` is an RMS below this, m.
     pub rms_limit_m: f64,
@@ -125,7 +118,7 @@ pub struct WallHit {
     /// With the criterion `quiet`, `stable` is an RMS of the force below this, N; 7 % of the push without.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force_rms_limit_n: Option<f64>,
-    /// What `felt_curve` holds.
+    /// Content of the file `felt_curve`.
     #[serde(skip)]
     pub felt: FeltCurve,
 }
@@ -137,6 +130,15 @@ impl WallHit {
             Criterion::Quiet => RmsOf::Motion,
             Criterion::Rms | Criterion::Unsaturated | Criterion::Felt => RmsOf::Counts,
         })
+    }
+
+    /// Times before the window and of the window, s, as the protocol has them.
+    pub fn times_s(&self) -> [f64; 2] {
+        match self.protocol {
+            Protocol::Paper | Protocol::Hand => [self.settle_s, self.window_s],
+            Protocol::Press => [58.0, 2.0],
+            Protocol::Taps => [TAP_S, 11.0 * TAP_S],
+        }
     }
 
     /// Judged by that; what goes without saying is not said.
@@ -169,12 +171,58 @@ pub enum RmsOf {
 }
 
 impl RmsOf {
-    /// As in scenes.
     pub fn name(self) -> &'static str {
         match self {
             Self::Counts => "counts",
             Self::Motion => "motion",
         }
+    }
+}
+
+/// From one tap to the next, s.
+pub const TAP_S: f64 = 0.5;
+/// A hand's push is off by at most this share.
+pub const HAND_SWAY: f64 = 0.3;
+
+/// How a wall is tried, beside its criterion.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Protocol {
+    /// The paper's: a constant push from the start position, and a window.
+    #[default]
+    Paper,
+    /// The last two seconds of a minute of it.
+    Press,
+    /// Taps, two a second: the last half of each contact is a window.
+    Taps,
+    /// The push of a hand that is not steady.
+    Hand,
+}
+
+impl Protocol {
+    pub const ALL: [Self; 4] = [Self::Paper, Self::Press, Self::Taps, Self::Hand];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Press => "press",
+            Self::Taps => "taps",
+            Self::Hand => "hand",
+        }
+    }
+
+    /// Its name where it is not the paper's.
+    pub fn named(self) -> Option<&'static str> {
+        (self != Self::Paper).then(|| self.name())
+    }
+
+    /// The push changes during a hit.
+    pub fn varies(self) -> bool {
+        matches!(self, Self::Taps | Self::Hand)
+    }
+
+    fn is_paper(&self) -> bool {
+        *self == Self::Paper
     }
 }
 
@@ -194,10 +242,8 @@ pub enum Criterion {
 }
 
 impl Criterion {
-    /// All of them.
     pub const ALL: [Self; 4] = [Self::Rms, Self::Unsaturated, Self::Felt, Self::Quiet];
 
-    /// As in scenes.
     pub fn name(self) -> &'static str {
         match self {
             Self::Rms => "rms",
@@ -229,10 +275,8 @@ pub enum PushBy {
 }
 
 impl PushBy {
-    /// Both.
     pub const ALL: [Self; 2] = [Self::Motor, Self::Hand];
 
-    /// As in scenes.
     pub fn name(self) -> &'static str {
         match self {
             Self::Motor => "motor",
@@ -249,11 +293,9 @@ impl PushBy {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Walk {
-    /// First K, N/m.
     pub stiffness_start_n_per_m: f64,
     /// Step of K, N/m.
     pub stiffness_step_n_per_m: f64,
-    /// Largest K, N/m.
     pub stiffness_max_n_per_m: f64,
     /// First B, N s/m.
     pub damping_start_n_s_per_m: f64,
@@ -267,6 +309,5 @@ pub struct Walk {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sweep {
-    /// Cutoffs, Hz.
     pub cutoffs_hz: Vec<f64>,
 }

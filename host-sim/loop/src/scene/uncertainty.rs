@@ -10,22 +10,17 @@ use crate::{numerics::random, range::within};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Uncertainty {
-    /// Of device.mass_kg.
     #[serde(default)]
     pub mass_kg: f64,
-    /// Of device.damping_n_s_per_m.
     #[serde(default)]
     pub damping_n_s_per_m: f64,
-    /// Of device.stiffness_n_per_m.
     #[serde(default)]
     pub stiffness_n_per_m: f64,
-    /// Of device.rest_position_m.
     #[serde(default)]
     pub rest_position_m: f64,
-    /// Of actuator.gain_n_per_v.
     #[serde(default)]
     pub gain_n_per_v: f64,
-    /// Of actuator.latency, samples.
+    /// Standard deviation of the latency, samples.
     #[serde(default)]
     pub latency: f64,
     /// Correlations of two of these names, or of what a rotary scene calls them, -1 to 1; 0 where none is named.
@@ -130,7 +125,6 @@ impl Uncertainty {
 }
 
 impl Scene {
-    /// Checks the uncertainty.
     pub(super) fn check_uncertainty(&self) -> Result<(), String> {
         let Some(uncertainty) = &self.uncertainty else { return Ok(()) };
         for (name, value) in Uncertainty::NAMES.iter().zip(uncertainty.deviations()) {

@@ -8,14 +8,11 @@ use crate::notation::rounded;
 /// What a scene, and everything that is made of it, speaks.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Units {
-    /// m and N.
+    /// Positions in m, forces in N.
     #[default]
     Linear,
     /// rad and N m, of a handle at this radius.
-    Rotary {
-        /// m.
-        radius_m: f64,
-    },
+    Rotary { radius_m: f64 },
 }
 
 /// What a number is, by the end of its key.

@@ -10,11 +10,9 @@ use crate::{numerics::random, scene::Accelerometer};
 /// An accelerometer, in counts and samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Sensor {
-    /// Largest reading.
     pub full_scale: f64,
     /// Step of a reading; 0: none.
     pub resolution: f64,
-    /// Reading at rest.
     pub bias: f64,
     /// RMS of the noise of one reading.
     noise: f64,

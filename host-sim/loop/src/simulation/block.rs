@@ -32,7 +32,6 @@ pub struct Block {
     outputs: Vec<Output>,
 }
 
-/// An output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
     /// The sample with which it was computed, as its place in the block.

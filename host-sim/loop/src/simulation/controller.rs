@@ -21,12 +21,14 @@ pub struct ControllerOutput {
     pub saturated: bool,
     /// What the passivity controller took off the wall's force, fraction of full scale.
     pub withheld: f64,
+    /// What it was pushed with, fraction of full scale.
+    pub push: f64,
 }
 
 /// What the samples of a run read.
 #[derive(Clone, Copy, Debug)]
 pub struct Readings<'a> {
-    /// Counts.
+    /// Encoder counts, one per sample.
     pub counts: &'a [i32],
     /// What is sensed beside them; empty where nothing is.
     pub senses: &'a [Senses],
@@ -78,6 +80,8 @@ pub trait Controller {
 pub trait Replaceable: Controller {
     /// What it pushes with, fraction of full scale, into the wall.
     fn push(&self) -> f64;
+    /// Pushes with that from the next output on.
+    fn set_push(&mut self, push: f64);
     /// Force that the code for that force stands for, fraction of full scale.
     fn put_out(&self, force: f64) -> f64;
 }
@@ -92,6 +96,10 @@ pub struct Told {
 impl Replaceable for Told {
     fn push(&self) -> f64 {
         self.core.push()
+    }
+
+    fn set_push(&mut self, push: f64) {
+        self.core.set_push(push);
     }
 
     fn put_out(&self, force: f64) -> f64 {
@@ -199,7 +207,6 @@ impl Fixed {
     }
 }
 
-/// As a number.
 #[inline]
 pub fn counts_per_sample(velocity: Velocity) -> f64 {
     f64::from(velocity.bits()) / f64::from(1u32 << Velocity::FRACTION_BITS)
@@ -208,6 +215,10 @@ pub fn counts_per_sample(velocity: Velocity) -> f64 {
 impl Replaceable for Fixed {
     fn push(&self) -> f64 {
         f64::from(self.push.bits()) * self.per_force_bit
+    }
+
+    fn set_push(&mut self, push: f64) {
+        self.push = Force::saturating_from_bits(floor(push / self.per_force_bit + 0.5));
     }
 
     fn put_out(&self, force: f64) -> f64 {
@@ -242,6 +253,7 @@ impl Controller for Fixed {
             output: f64::from(command.code() - self.zero_code) * self.per_code,
             saturated,
             withheld: 0.0,
+            push: self.push(),
         }
     }
 

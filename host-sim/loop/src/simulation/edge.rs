@@ -49,7 +49,7 @@ fn turns(v0: f64, b: f64, a: f64) -> impl Iterator<Item = f64> {
 
 /// Halvings of a sample: far below the 2^-16 that an age has.
 const HALVINGS: u32 = 32;
-/// As many parts.
+/// Parts of a sample after these halvings.
 const PARTS: f64 = (1u64 << HALVINGS) as f64;
 /// Steps of Newton's to the place of a crossing: from the middle they double its digits.
 const NEWTON_STEPS: u32 = 4;

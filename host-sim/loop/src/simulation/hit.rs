@@ -40,11 +40,8 @@ impl Numeric {
 /// One wall, hit from one place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WallHit {
-    /// The velocity filter.
     pub velocity: VelocitySettings,
-    /// K, N/m.
     pub stiffness_n_per_m: f64,
-    /// B, N s/m.
     pub damping_n_s_per_m: f64,
     /// Start, counts beyond the scene's start position.
     pub start_offset_counts: f64,
@@ -53,7 +50,6 @@ pub struct WallHit {
 /// What a hit showed, in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HitReport {
-    /// The verdict.
     pub verdict: Verdict,
     /// Population RMS of the measured position about its mean over the window, m.
     pub rms_m: f64,
@@ -110,7 +106,6 @@ impl HitReport {
         })
     }
 
-    /// It was held.
     pub fn is_stable(&self) -> bool {
         self.verdict == Verdict::Stable
     }

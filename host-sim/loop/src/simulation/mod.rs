@@ -268,12 +268,20 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         most - left
     }
 
-    /// The controller.
     pub fn controller(&self) -> &C {
         &self.moving.controller
     }
 
-    /// The plant.
+    /// The controller, to be pushed with something else.
+    pub(crate) fn controller_mut(&mut self) -> &mut C {
+        &mut self.moving.controller
+    }
+
+    /// The same plant under another force of the hand.
+    pub(crate) fn set_plant(&mut self, plant: P) {
+        self.parts.plant = plant;
+    }
+
     pub fn plant(&self) -> &P {
         &self.parts.plant
     }

@@ -51,7 +51,7 @@ impl<C: Replaceable> Controller for Passive<C> {
 
     fn render(&mut self) -> ControllerOutput {
         let output = self.controller.render();
-        let push = self.controller.push();
+        let push = output.push;
         let wants = bits(push - output.force);
         let contact = self.at.counts() > self.surface();
         let given = self.wall.render(&self.plan, wants, contact, self.at);
@@ -74,5 +74,19 @@ impl<C: Replaceable> Controller for Passive<C> {
 
     fn told(&mut self, speed_m_per_s: f64) {
         self.controller.told(speed_m_per_s);
+    }
+}
+
+impl<C: Replaceable> Replaceable for Passive<C> {
+    fn push(&self) -> f64 {
+        self.controller.push()
+    }
+
+    fn set_push(&mut self, push: f64) {
+        self.controller.set_push(push);
+    }
+
+    fn put_out(&self, force: f64) -> f64 {
+        self.controller.put_out(force)
     }
 }

@@ -1,10 +1,6 @@
 //! The account of the port during a hit: the wall's force, from the sample on in which it acts, and the counts' motion.
 
-use zwidth::{
-    Design,
-    port::PortEnergy,
-    units::{Force, Position},
-};
+use zwidth::{Design, port::PortEnergy, units::Position};
 
 use super::{Block, Output, Sample, controller::ControllerOutput, passive};
 
@@ -14,7 +10,6 @@ pub struct PortWatch {
     port: PortEnergy,
     /// Sample, force of the wall, contact.
     pending: Vec<(u64, i64, bool)>,
-    push: f64,
     /// Whole samples from an output to its force.
     latency: u64,
     surface: i32,
@@ -27,7 +22,7 @@ pub struct PortWatch {
 }
 
 /// What wall and hand have exchanged in a hit, J.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PortReport {
     /// What the wall has taken in the last contact; below 0 it has given.
     pub taken_j: f64,
@@ -40,12 +35,11 @@ pub struct PortReport {
 }
 
 impl PortWatch {
-    /// Of a handle at rest at `count`, which something pushes with `push` through the actuator.
-    pub fn new(design: &Design, push: Force, latency: u32, surface: i32, count: i32) -> Self {
+    /// Of a handle at rest at `count`.
+    pub fn new(design: &Design, latency: u32, surface: i32, count: i32) -> Self {
         Self {
             port: PortEnergy::new(Position::from_counts(count)),
             pending: vec![],
-            push: f64::from(push.bits()) / passive::FULL_SCALE,
             latency: latency.into(),
             surface,
             unit_j: design.full_scale_n / passive::FULL_SCALE * design.resolution_m,
@@ -54,12 +48,10 @@ impl PortWatch {
         }
     }
 
-    /// Takes each block.
     pub fn block(&mut self, block: &Block) {
         self.take(block.index(), block.counts(), block.outputs());
     }
 
-    /// Takes each sample.
     pub fn sample(&mut self, sample: &Sample) {
         let output = sample.rendered.map(|rendered| Output { place: 0, rendered });
         self.take(sample.index, &[sample.count], output.as_slice());
@@ -81,14 +73,14 @@ impl PortWatch {
     }
 
     fn rendered(&mut self, index: u64, count: i32, rendered: &ControllerOutput) {
-        let wall = passive::bits(self.push - rendered.force);
+        let wall = passive::bits(rendered.push - rendered.force);
         let contact = count > self.surface;
         self.pending.push((index + self.latency, wall, contact));
         if contact {
             let withheld = rendered.withheld;
             self.outputs[0] += 1;
             self.outputs[1] += u32::from(withheld != 0.0);
-            self.forces[0] += (self.push - rendered.force + withheld).abs();
+            self.forces[0] += (rendered.push - rendered.force + withheld).abs();
             self.forces[1] += withheld.abs();
         }
     }

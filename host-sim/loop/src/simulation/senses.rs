@@ -20,9 +20,7 @@ use crate::{
 /// A handle at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Handle {
-    /// Position, m.
     pub position_m: f64,
-    /// Speed, m/s.
     pub speed_m_per_s: f64,
 }
 
@@ -207,7 +205,6 @@ fn whole(value: f64) -> u32 {
 pub enum AnySensing {
     /// None: the estimator does not look.
     Blind,
-    /// All.
     Full(Full),
 }
 

@@ -38,12 +38,10 @@ pub struct Trace {
     pub rows: Vec<Row>,
 }
 
-/// One sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
     /// True position of the handle, m.
     pub position_m: f64,
-    /// The encoder's count.
     pub count: i32,
     /// The controller's velocity, m/s.
     pub velocity_m_per_s: f64,
@@ -88,7 +86,6 @@ impl Trace {
         })
     }
 
-    /// Takes one sample.
     pub fn push(&mut self, sample: &Sample) {
         let (held_n, held_flag) =
             self.rows.last().map_or((0.0, 0), |row| (row.force_n, row.flags & SATURATED));

@@ -38,11 +38,10 @@ pub struct Watch {
     pub squares: f64,
     /// Outputs at the actuator's limit.
     pub at_limit: f64,
-    /// Outputs.
     pub outputs: f64,
-    /// Their sum, fractions of full scale.
+    /// Sum of the forces of all outputs, fractions of full scale.
     pub forces: f64,
-    /// Sum of their squares.
+    /// Sum of the squares of these forces.
     pub force_squares: f64,
 }
 
@@ -99,9 +98,8 @@ pub struct Measures {
 /// The wall of a hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stiff {
-    /// K, N/m.
     pub stiffness_n_per_m: f64,
-    /// Its surface, counts.
+    /// Position of the surface, counts.
     pub surface: i32,
 }
 
@@ -123,6 +121,8 @@ pub struct Judge {
     felt: Option<Arc<Felt>>,
     /// Somebody asked for the measures.
     measures: bool,
+    /// The push changes during a hit.
+    varies: bool,
 }
 
 impl Judge {
@@ -143,6 +143,7 @@ impl Judge {
             period: scene.actuator.period,
             felt: None,
             measures: false,
+            varies: hit.protocol.varies(),
         };
         if hit.criterion == Criterion::Felt { judge.with_felt(scene) } else { judge }
     }
@@ -161,7 +162,12 @@ impl Judge {
     /// The counts alone decide, and nothing else is asked for.
     pub fn is_plain(&self) -> bool {
         let by_counts = self.criterion == Criterion::Rms && self.rms_of == RmsOf::Counts;
-        by_counts && self.felt.is_none() && !self.measures
+        by_counts && !self.varies && self.felt.is_none() && !self.measures
+    }
+
+    /// With another push of the motor, fraction of full scale.
+    pub fn about(self, push: f64) -> Self {
+        Self { push, ..self }
     }
 
     /// The positions of the window are needed one by one.
@@ -194,12 +200,18 @@ impl Judge {
         }
     }
 
+    /// The RMS is below its limit; that of the counts of a constant push says so in integers.
+    fn rests(&self, measures: &Measures, counts: impl FnOnce() -> bool) -> bool {
+        match self.rms_of {
+            RmsOf::Counts if self.varies => measures.rms_m < self.limit_m,
+            RmsOf::Counts => counts(),
+            RmsOf::Motion => measures.rms_motion_m < self.limit_m,
+        }
+    }
+
     /// Handle and force rest, and the wall stands.
     fn is_quiet(&self, hit: &Hit, wall: Stiff, measures: &Measures) -> bool {
-        let rests = match self.rms_of {
-            RmsOf::Counts => hit.scatter().is_below(self.quiet_counts),
-            RmsOf::Motion => measures.rms_motion_m < self.limit_m,
-        };
+        let rests = self.rests(measures, || hit.scatter().is_below(self.quiet_counts));
         let Measures { force_rms_n, wall_force_n, penetration_ratio, .. } = *measures;
         let count_n = wall.stiffness_n_per_m * self.resolution_m;
         let window = QuietWindow { force_rms_n, wall_force_n, penetration_ratio, count_n };
@@ -212,10 +224,7 @@ impl Judge {
         if counts == Verdict::NoContact {
             return counts;
         }
-        let quiet = match self.rms_of {
-            RmsOf::Counts => counts == Verdict::Stable,
-            RmsOf::Motion => measures.rms_motion_m < self.limit_m,
-        };
+        let quiet = self.rests(measures, || counts == Verdict::Stable);
         let stable = match self.criterion {
             Criterion::Rms => quiet,
             Criterion::Unsaturated => quiet && measures.at_limit_fraction == 0.0,
@@ -262,13 +271,17 @@ impl Judge {
 
 /// A threshold curve made ready for windows of one length.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Felt {
+pub struct Felt(Band);
+
+/// The part of a signal's energy that lies in a band, weighted over frequency, for windows of one length.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Band {
     spectrum: RealSpectrum,
-    /// Hann's window.
+    /// Weights of Hann's window.
     window: Vec<f64>,
-    /// First bin that is felt.
+    /// First bin of the band.
     first: usize,
-    /// What a bin's power adds to the energy over threshold.
+    /// What a bin's power adds.
     weights: Vec<f64>,
 }
 
@@ -279,38 +292,52 @@ impl Felt {
         let plan = scene.hit_settings().build(&scene.design()).ok()?;
         (least_s..=most_s)
             .contains(&hit.window_s)
-            .then(|| Self::new(&hit.felt, plan.window, scene.control.rate_hz))
+            .then(|| Self::new(&hit.felt, plan.window as usize, scene.control.rate_hz))
     }
 
     /// For windows of so many samples.
-    pub fn new(curve: &FeltCurve, samples: u32, rate_hz: f64) -> Self {
-        let turn = core::f64::consts::TAU / f64::from(samples.max(1));
-        let window: Vec<f64> =
-            (0..samples).map(|n| 0.5 - 0.5 * libm::cos(turn * f64::from(n))).collect();
-        let spectrum = RealSpectrum::new(window.len());
-        let length = spectrum.length() as f64;
-        let hz = |bin: usize| bin as f64 * rate_hz / length;
-        let felt = |bin: &usize| (FELT_HZ[0]..=FELT_HZ[1]).contains(&hz(*bin));
-        let bins: Vec<usize> = (1..spectrum.length() / 2).filter(felt).collect();
-        // both halves of the spectrum, over what the window takes away
-        let energy: f64 = window.iter().map(|w| w * w).sum();
-        let per_power = 2.0 / (length * energy);
-        let weight = |bin: &usize| per_power / curve.threshold_m(hz(*bin)).powi(2);
-        let weights = bins.iter().map(weight).collect();
-        Self { spectrum, window, first: bins.first().copied().unwrap_or(0), weights }
+    pub fn new(curve: &FeltCurve, samples: usize, rate_hz: f64) -> Self {
+        Self(Band::new(samples, rate_hz, FELT_HZ, |hz| 1.0 / curve.threshold_m(hz).powi(2)))
     }
 
     /// Sensation level of the motion, dB over threshold.
-    pub fn level_db(&self, mut positions_m: Vec<f64>) -> f64 {
-        let samples = positions_m.len().max(1) as f64;
-        let mean_m = positions_m.iter().sum::<f64>() / samples;
-        for (position_m, window) in positions_m.iter_mut().zip(&self.window) {
-            *position_m = (*position_m - mean_m) * window;
+    pub fn level_db(&self, positions_m: Vec<f64>) -> f64 {
+        (10.0 * libm::log10(self.0.energy(positions_m))).max(NO_MOTION_DB)
+    }
+}
+
+impl Band {
+    /// For windows of so many samples, from one frequency to the other, Hz, each weighted.
+    pub fn new(
+        samples: usize,
+        rate_hz: f64,
+        [from_hz, to_hz]: [f64; 2],
+        weight: impl Fn(f64) -> f64,
+    ) -> Self {
+        let turn = core::f64::consts::TAU / samples.max(1) as f64;
+        let window: Vec<f64> =
+            (0..samples).map(|n| 0.5 - 0.5 * libm::cos(turn * n as f64)).collect();
+        let spectrum = RealSpectrum::new(window.len());
+        let length = spectrum.length() as f64;
+        let hz = |bin: usize| bin as f64 * rate_hz / length;
+        let within = |bin: &usize| (from_hz..=to_hz).contains(&hz(*bin));
+        let bins: Vec<usize> = (1..spectrum.length() / 2).filter(within).collect();
+        // both halves of the spectrum, over what the window takes away
+        let energy: f64 = window.iter().map(|w| w * w).sum();
+        let per_power = 2.0 / (length * energy);
+        let weights = bins.iter().map(|bin| per_power * weight(hz(*bin))).collect();
+        Self { spectrum, window, first: bins.first().copied().unwrap_or(0), weights }
+    }
+
+    /// Weighted mean square of the values about their mean.
+    pub fn energy(&self, mut values: Vec<f64>) -> f64 {
+        let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+        for (value, window) in values.iter_mut().zip(&self.window) {
+            *value = (*value - mean) * window;
         }
         let bins = self.first..self.first + self.weights.len();
-        let powers = self.spectrum.powers(&positions_m, bins);
-        let energy: f64 = powers.iter().zip(&self.weights).map(|(power, w)| power * w).sum();
-        (10.0 * libm::log10(energy)).max(NO_MOTION_DB)
+        let powers = self.spectrum.powers(&values, bins);
+        powers.iter().zip(&self.weights).map(|(power, w)| power * w).sum()
     }
 }
 

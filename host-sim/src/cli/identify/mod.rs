@@ -121,7 +121,7 @@ struct GainArgs {
     /// k_t of gain = k_t k_amp / r_c, N m/A.
     #[arg(long, value_name = "N_M_PER_A", allow_negative_numbers = true, requires_all = ["amplifier_gain", "drum_radius"], conflicts_with_all = ["calibration_mass", "calibration_voltage", "added_mass"])]
     torque_constant: Option<f64>,
-    /// k_amp, A/V.
+    /// k_amp of this gain, A/V.
     #[arg(
         long,
         value_name = "A_PER_V",
@@ -129,7 +129,7 @@ struct GainArgs {
         requires = "torque_constant"
     )]
     amplifier_gain: Option<f64>,
-    /// r_c, m.
+    /// r_c of this gain, m.
     #[arg(long, value_name = "M", allow_negative_numbers = true, requires = "torque_constant")]
     drum_radius: Option<f64>,
     /// Mass of a weight that the motor holds, kg: gain = mass 9.80665 m/s^2 / voltage.

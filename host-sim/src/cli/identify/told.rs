@@ -80,7 +80,6 @@ pub(super) fn csv(record: &Record, found: &Identification, units: Units) -> Stri
     in_units::csv(units, text)
 }
 
-/// Measured against model.
 pub(super) fn draw(
     record: &Record,
     found: &Identification,
@@ -111,7 +110,6 @@ pub(super) fn draw(
     })?)
 }
 
-/// For the terminal.
 pub(super) fn table(
     records: &[Record],
     found: &Identification,

@@ -57,7 +57,6 @@ const LARGEST_VALUE: f64 = 1e15;
 /// What is smaller counts as 0 where a logarithm or a division follows.
 const SMALLEST_POSITIVE: f64 = 1e-15;
 
-/// A finished figure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
     size: (u32, u32),
@@ -116,20 +115,11 @@ fn at(x: f64, y: f64) -> (i32, i32) {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FigureError {
     /// A number is NaN, infinite or larger than 1e15 in magnitude.
-    NotPlottable {
-        /// Which one.
-        quantity: &'static str,
-    },
+    NotPlottable { quantity: &'static str },
     /// A number must be greater than 0.
-    NotPositive {
-        /// Which one.
-        quantity: &'static str,
-    },
+    NotPositive { quantity: &'static str },
     /// A number must not be less than 0.
-    Negative {
-        /// Which one.
-        quantity: &'static str,
-    },
+    Negative { quantity: &'static str },
     /// A trace has no samples.
     NoSamples,
     /// The bitmap could not be made.

@@ -28,20 +28,18 @@ const SHORTEST: f64 = 1e-3;
 const NAME_GAP: f64 = 8.0;
 const BAR_OPACITY: f64 = 0.75;
 
-/// One record.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TelemetryPoint {
     /// On the axis of time; rising.
     pub time: f64,
-    /// Position, velocity, force.
+    /// Position, velocity and force, in this order.
     pub values: [f64; PANELS],
     /// Records are missing between the one before and this one: the line is broken here.
     pub after_gap: bool,
-    /// Bits of `TelemetryPlot::facts`.
+    /// Facts as bits of `TelemetryPlot::facts`.
     pub facts: u32,
 }
 
-/// What [`telemetry`] draws.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TelemetryPlot {
     /// First line above the plot.
@@ -54,7 +52,6 @@ pub struct TelemetryPlot {
     pub titles: [String; PANELS],
     /// Names of the facts, the bit of each, and whether it is bad news.
     pub facts: Vec<(String, u32, bool)>,
-    /// The records.
     pub points: Vec<TelemetryPoint>,
 }
 
@@ -146,7 +143,6 @@ fn bar(
     panel::rect(page, from..to, middle - BAR / 2.0..middle + BAR / 2.0, colour.mix(BAR_OPACITY))
 }
 
-/// What [`replay`] draws.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReplayPlot {
     /// First line above the plot.

@@ -38,7 +38,6 @@ const UM_PER_M: f64 = 1e6;
 /// From here on small lengths are in millimetres.
 const MM_FROM_M: f64 = 2e-3;
 
-/// What [`hit_trace`] draws.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TracePlot {
     /// First line above the plot.
@@ -47,7 +46,6 @@ pub struct TracePlot {
     pub subtitle: String,
     /// What its axes speak.
     pub units: Units,
-    /// Samples per second.
     pub rate_hz: f64,
     /// Position at every sample, from t = 0; may end early.
     pub positions_m: Vec<f64>,

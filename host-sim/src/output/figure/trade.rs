@@ -34,11 +34,9 @@ const LIMIT_WIDTH: f64 = 0.9;
 /// Shape of a mark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mark {
-    /// Filled.
     Circle,
-    /// Filled.
     Square,
-    /// Filled, point up.
+    /// Filled, with its point up.
     Triangle,
     /// Filled, on its corner.
     Diamond,
@@ -63,18 +61,16 @@ pub struct TradeSeries {
     pub name: String,
     /// Place in the palette.
     pub colour: usize,
-    /// Its mark.
     pub mark: Mark,
     /// Points of each panel, x and y; what is 0 is drawn at the lower edge, what is infinite on the frame.
     pub points: Vec<Vec<[f64; 2]>>,
 }
 
-/// A panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TradePanel {
-    /// Above it.
+    /// Title above the panel, one line.
     pub title: String,
-    /// Beside it, with the unit.
+    /// Title beside the panel, with the unit.
     pub y_title: String,
     /// A level that is marked.
     pub limit: Option<f64>,
@@ -84,12 +80,11 @@ pub struct TradePanel {
     pub front: Vec<[f64; 2]>,
 }
 
-/// What [`trade()`] draws.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TradePlot {
     /// First line above the plot.
     pub title: String,
-    /// Second line.
+    /// Second line above the plot.
     pub subtitle: String,
     /// Title of the legend.
     pub legend: String,
@@ -97,7 +92,6 @@ pub struct TradePlot {
     pub x_title: String,
     /// Panels, two in a row; they share the x axis.
     pub panels: Vec<TradePanel>,
-    /// The series.
     pub series: Vec<TradeSeries>,
     /// Draw lines through the points of a series.
     pub lines: bool,

@@ -45,7 +45,6 @@ const LEGEND_ROWS: usize = 17;
 const LEGEND_COLUMNS: usize = 2;
 const NOTE_DROP: f64 = 33.0;
 
-/// What [`zwidth()`] draws.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ZwidthPlot {
     /// First line above the plot.
@@ -60,7 +59,6 @@ pub struct ZwidthPlot {
     pub curves: Vec<Curve>,
 }
 
-/// One boundary.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Curve {
     /// What the legend calls it.

@@ -22,7 +22,6 @@ use crate::{
 /// A point of the simulated boundary and what the hit there showed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Explained {
-    /// The wall.
     pub point: BoundaryPoint,
     /// Largest K of the linear envelope at this B, N/m: stable from 0 up to it; infinite if no K is
     /// unstable.

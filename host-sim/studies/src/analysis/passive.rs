@@ -28,18 +28,16 @@ use crate::{
 /// Walls of a boundary that are hit, at most: as many of its B, evenly.
 const WALLS: usize = 24;
 
-/// What is asked.
 #[derive(Clone, Debug)]
 pub struct PassiveQuestion {
     /// Limits of what counts as stable, of the motion.
     pub limits: Vec<Limit>,
-    /// Nominal cutoffs, Hz.
     pub filters: Vec<VelocitySettings>,
-    /// Walks each.
+    /// Walks of each boundary.
     pub repeats: u32,
     /// Grid and caps of the walks.
     pub walk: Walk,
-    /// The controller.
+    /// Settings of the passivity controller.
     pub table: PassivityTable,
     /// Lengths of the hits before their window, s: a hum is fed for as long as it lasts.
     pub settles_s: Vec<f64>,
@@ -60,11 +58,10 @@ pub struct Length {
     /// The limit of the boundary.
     #[serde(skip)]
     pub limit: Limit,
-    /// With the controller.
+    /// The passivity controller is on.
     pub controller: bool,
     /// Before the window, s.
     pub settle_s: f64,
-    /// How many walls.
     pub walls: usize,
     /// The most that one has given in a contact, by the account of force and counts, J.
     pub given_j: f64,
@@ -83,7 +80,6 @@ pub struct Length {
 /// Hits at walls of a boundary, each mean over the walls.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Hits {
-    /// How many walls.
     pub walls: usize,
     /// The most that one has given in a contact, J.
     pub given_j: f64,
@@ -107,20 +103,16 @@ pub struct Hits {
 pub struct PassiveRow {
     /// Nominal cutoff, Hz; 0 without one.
     pub cutoff_hz: Option<f64>,
-    /// The limit.
     pub limit: Limit,
-    /// With the controller.
+    /// The passivity controller is on.
     pub controller: bool,
-    /// The boundaries.
     pub boundaries: Boundaries,
     /// Hits at the boundary without the controller; and at that with it, where it is there.
     pub hits: [Hits; 2],
 }
 
-/// Question and answer.
 #[derive(Clone, Debug)]
 pub struct PassiveStudy {
-    /// What was asked.
     pub question: PassiveQuestion,
     /// The most that a contact may give with the controller, J.
     pub reserve_j: f64,

@@ -26,12 +26,9 @@ use super::{
 /// Largest move of the sample with which the count was zeroed, which nobody tells: counts.
 const ZEROED_MOVE: i32 = 500;
 
-/// One sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
-    /// Its number.
     pub sample: u64,
-    /// Position.
     pub position: Position,
     /// Velocity, where it could be computed.
     pub velocity: Option<Velocity>,
@@ -41,16 +38,14 @@ pub struct Row {
     pub told: Option<Velocity>,
 }
 
-/// What differs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
     /// The first sample that does.
     pub sample: u64,
-    /// What of it.
+    /// Name of the quantity that differs.
     pub what: &'static str,
     /// What the board says, and the core: bits.
     pub board: i64,
-    /// See `board`.
     pub core: i64,
 }
 
@@ -103,7 +98,6 @@ struct Run {
 }
 
 impl Recomputed {
-    /// Of a capture.
     pub fn of(capture: &Capture) -> Self {
         Self::until(capture, &AtomicBool::new(false))
     }

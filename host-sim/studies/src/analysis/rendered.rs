@@ -86,7 +86,7 @@ pub(super) struct Sine<'a> {
     pub(super) wall: &'a WallHit,
     /// Outputs of the record.
     outputs: f64,
-    /// Exact frequency, Hz.
+    /// Exact frequency of the sine, Hz.
     pub(super) frequency_hz: f64,
 }
 
@@ -98,7 +98,7 @@ pub(super) struct Output {
     pub(super) depth_m: f64,
     /// The motion's own, m/s.
     pub(super) speed_m_per_s: f64,
-    /// The estimator's, m/s.
+    /// Velocity by the estimator, m/s.
     pub(super) velocity_m_per_s: f64,
     /// Asked of the actuator, N.
     pub(super) force_n: f64,
@@ -180,7 +180,7 @@ impl<'a> Sine<'a> {
         Ok(())
     }
 
-    /// Radians per sample.
+    /// Angle of the sine per sample, rad.
     fn omega(&self) -> f64 {
         2.0 * PI * self.frequency_hz / self.scene.control.rate_hz
     }
@@ -276,7 +276,7 @@ impl Rendered {
 }
 
 impl Answer {
-    /// N/m.
+    /// Rendered impedance of the wall, N/m.
     fn impedance(&self, k: f64, b: f64) -> Complex<f64> {
         let pull = self.by_force * self.position * k;
         let velocity = (self.by_motion - pull) / (self.by_force * b + 1.0);

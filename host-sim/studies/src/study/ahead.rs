@@ -78,7 +78,6 @@ impl Ord for Likely {
 
 /// A walk that looks ahead.
 pub trait Walking {
-    /// Where it is.
     fn walk(&self) -> Walk;
     /// The verdict of a cell, if it is known.
     fn known(&self, cell: Cell) -> Option<Verdict>;

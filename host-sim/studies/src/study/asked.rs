@@ -20,7 +20,7 @@ use crate::{
 /// What messages call what was asked: a command's options, or a function's arguments.
 #[derive(Clone, Copy, Debug)]
 pub struct Names {
-    /// Nominal cutoff, Hz.
+    /// Nominal cutoff of the filter, Hz.
     pub cutoff: &'static str,
     /// Stiffness of the wall, N/m.
     pub stiffness: &'static str,
@@ -217,18 +217,16 @@ pub fn linear_loop(
 /// Walls of a grid, numbered: K runs fastest, then B, then the filter.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Walls {
-    /// Velocity filters.
     pub filters: Vec<VelocitySettings>,
     /// Dampings B, N s/m.
     pub dampings: Vec<f64>,
-    /// Stiffnesses K, N/m.
+    /// Stiffnesses K of the walls, N/m.
     pub stiffnesses: Vec<f64>,
     /// Counts beyond the scene's start.
     pub start_offset_counts: f64,
 }
 
 impl Walls {
-    /// How many.
     pub fn count(&self) -> u64 {
         let lengths = [self.filters.len(), self.dampings.len(), self.stiffnesses.len()];
         lengths.map(|length| length as u64).iter().product()

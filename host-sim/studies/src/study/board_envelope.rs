@@ -26,11 +26,10 @@ pub const REPEATS: u32 = 4;
 /// An estimator or a design at an output period.
 #[derive(Clone, Debug)]
 pub struct Part {
-    /// The estimator.
     pub estimator: EstimatorName,
     /// Name and number of the design that it is.
     pub design: Option<(String, u8)>,
-    /// Samples per output.
+    /// Samples from output to output.
     pub period: u32,
     /// The scene with both.
     scene: Scene,
@@ -38,26 +37,28 @@ pub struct Part {
 }
 
 impl Part {
-    /// All that a scene lists.
+    /// All that a scene lists, at the cutoffs of its sweep and at that of `first`, what is in force at first.
     ///
     /// # Errors
     /// [`Error::Input`]: a value of the scene cannot go with one of them.
-    pub fn all(scene: &Scene) -> Result<Vec<Self>, Error> {
+    pub fn all(scene: &Scene, first: &VelocitySettings) -> Result<Vec<Self>, Error> {
         let mut parts = vec![];
         let part = |scene: Scene, design: Option<(String, u8)>, period: u32| {
             let mut scene = scene;
             scene.actuator.period = period;
             scene.check().map_err(Error::Input)?;
-            let filters = filters(&scene.velocity, &scene.sweep.cutoffs_hz);
+            let own = first
+                .cutoff_hz()
+                .filter(|_| design.is_none() && scene.velocity.estimator() == first.name());
+            let cutoffs_hz: Vec<f64> = scene.sweep.cutoffs_hz.iter().copied().chain(own).collect();
+            let filters = filters(&scene.velocity, &cutoffs_hz);
             let estimator = scene.velocity.estimator();
             Ok::<Self, Error>(Self { estimator, design, period, scene, filters })
         };
         for estimator in scene.board_estimators().map_err(Error::Input)? {
             for period in scene.board_periods() {
                 let mut scene = scene.clone();
-                if scene.velocity.estimator() != estimator {
-                    scene.velocity = VelocityTable::from(estimator.defaults()).with_cutoff(None);
-                }
+                take(&mut scene, estimator);
                 parts.push(part(scene, None, period)?);
             }
         }
@@ -79,11 +80,8 @@ impl Part {
 /// What a part's sweep found.
 #[derive(Clone, Debug)]
 pub struct Found {
-    /// The part.
     pub part: Part,
-    /// Its sweep.
     pub sweep: SweepResult,
-    /// Its boundaries.
     boundaries: Vec<(Key, Vec<Point>)>,
 }
 
@@ -97,20 +95,13 @@ impl Found {
     pub fn rows(&self) -> usize {
         self.boundaries.iter().map(|(_, points)| points.len()).sum()
     }
-
-    /// The estimator at the ideal cutoff, if any wall is stable.
-    pub fn best(&self) -> Option<VelocitySettings> {
-        self.sweep.ideal.map(|ideal| self.part.scene.velocity.at(ideal.cutoff_hz))
-    }
 }
 
 /// The device record of a scene, as `cargo sim prepare` makes it.
 pub struct DeviceRecord {
-    /// The device.
     pub prepared: Prepared,
     /// What its envelope is made of.
     pub found: Vec<Found>,
-    /// The record.
     pub bytes: Vec<u8>,
 }
 
@@ -123,30 +114,71 @@ impl DeviceRecord {
     pub fn of(
         named: &NamedScene,
         board: &BoardFacts,
-        parts: Vec<Part>,
+        (first, parts): (VelocitySettings, Vec<Part>),
         engine: Engine,
         numeric: Numeric,
         stop: &AtomicBool,
         done: impl Fn() + Sync,
     ) -> Result<Self, Error> {
-        let scene = &named.scene;
-        let first = first_settings(scene)?;
-        scene.check_fits(!parts.is_empty()).map_err(|why| Error::Input(why).of(&named.name))?;
-        named.prepared(board, first)?;
+        let prepared = fitting(named, board, first, !parts.is_empty())?;
         let found = board_envelope(engine, parts, numeric, stop, done)
             .map_err(|error| error.of(&named.name))?;
-        let said = |board: &BoardTable| board.cutoff_hz.is_some() || board.design.is_some();
-        let asked = scene.board.as_ref().is_some_and(said) || scene.velocity.cutoff_hz().is_some();
-        let best = found.first().and_then(Found::best).filter(|_| !asked);
-        let prepared = named.prepared(board, best.unwrap_or(first))?;
         let boundaries: Vec<Boundary<'_>> = found.iter().flat_map(Found::boundaries).collect();
         let bytes = prepared.record(&boundaries, board)?;
         Ok(Self { prepared, found, bytes })
     }
 }
 
-/// What is in force at first: the design that the scene says, or the estimator at its cutoff or at the middle of its list.
-fn first_settings(scene: &Scene) -> Result<VelocitySettings, Error> {
+/// The device on that board, if it fits, with an envelope or without.
+///
+/// # Errors
+/// [`Error::Input`]: it does not.
+pub fn fitting(
+    named: &NamedScene,
+    board: &BoardFacts,
+    first: VelocitySettings,
+    has_envelope: bool,
+) -> Result<Prepared, Error> {
+    let fits = named.scene.check_fits(has_envelope);
+    fits.map_err(|why| Error::Input(why).of(&named.name))?;
+    named.prepared(board, first)
+}
+
+/// The scene with the estimator that is in force at first: the one for which a cutoff is recommended.
+///
+/// # Errors
+/// [`Error::Input`]: the scene names no estimator of the board.
+pub fn with_first_estimator(named: &NamedScene) -> Result<NamedScene, Error> {
+    let mut named = named.clone();
+    let estimators = named.scene.board_estimators().map_err(Error::Input)?;
+    if let Some(first) = estimators.first() {
+        take(&mut named.scene, *first);
+    }
+    Ok(named)
+}
+
+/// The scene with that estimator: its own, or the defaults of another one.
+fn take(scene: &mut Scene, estimator: EstimatorName) {
+    if scene.velocity.estimator() != estimator {
+        scene.velocity = VelocityTable::from(estimator.defaults()).with_cutoff(None);
+    }
+}
+
+/// Whether a scene says what is in force at first.
+pub fn says_first(scene: &Scene) -> bool {
+    let said = |board: &BoardTable| board.cutoff_hz.is_some() || board.design.is_some();
+    scene.board.as_ref().is_some_and(said) || scene.velocity.cutoff_hz().is_some()
+}
+
+/// What is in force at first: the design or the cutoff that the scene says, else the cutoff that is recommended, else the
+/// middle of its list.
+///
+/// # Errors
+/// [`Error::Input`]: the scene names no estimator of the board.
+pub fn first_settings(
+    scene: &Scene,
+    recommended_hz: Option<f64>,
+) -> Result<VelocitySettings, Error> {
     let design = scene.board.as_ref().and_then(|board| board.design.as_ref());
     if let Some(design) = design.and_then(|name| scene.designs.get(name)) {
         return design
@@ -157,7 +189,8 @@ fn first_settings(scene: &Scene) -> Result<VelocitySettings, Error> {
     let cutoffs = &scene.sweep.cutoffs_hz;
     let middle = cutoffs.get(cutoffs.len() / 2).copied().unwrap_or_default();
     let asked = scene.board.as_ref().and_then(|board| board.cutoff_hz);
-    let cutoff_hz = asked.or(scene.velocity.cutoff_hz()).unwrap_or(middle);
+    let asked = asked.or(scene.velocity.cutoff_hz());
+    let cutoff_hz = asked.or(recommended_hz).unwrap_or(middle);
     let first = estimators.first().copied();
     let first = first.filter(|first| *first != scene.velocity.estimator());
     Ok(first.map_or(scene.velocity, |first| first.defaults().into()).at(cutoff_hz))

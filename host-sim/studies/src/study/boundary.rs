@@ -17,13 +17,10 @@ use crate::{
 /// A wall on the boundary: the largest K that was stable at this B.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoundaryPoint {
-    /// B, N s/m.
     pub damping_n_s_per_m: f64,
-    /// K, N/m.
     pub stiffness_n_per_m: f64,
 }
 
-/// A boundary.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Boundary {
     /// Its points, B ascending.
@@ -188,7 +185,6 @@ impl Progress {
         Self { walk, boundary, last_stiffness: None, velocity, start_offset_counts }
     }
 
-    /// The next hit.
     pub fn hit(&self) -> WallHit {
         self.hit_at(self.walk.cell())
     }
@@ -199,7 +195,6 @@ impl Progress {
         (stiffness, damping)
     }
 
-    /// Where it is.
     pub(super) fn walk(&self) -> Walk {
         self.walk
     }

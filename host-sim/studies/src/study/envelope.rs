@@ -29,7 +29,6 @@ pub const STRIDE: i32 = 5;
 /// The walls that are stable at one B.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interval {
-    /// B, N s/m.
     pub damping_n_s_per_m: f64,
     /// Lowest K, N/m; 0 if the softest wall of the grid is stable.
     pub low_n_per_m: f64,
@@ -40,7 +39,6 @@ pub struct Interval {
 /// The envelope at one cutoff.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Envelope {
-    /// The filter.
     pub velocity: VelocitySettings,
     /// Its intervals, B ascending.
     pub intervals: Vec<Interval>,

@@ -50,7 +50,7 @@ pub struct Lever {
     pub of_loop: String,
     /// What stands between the output and the handle, beside what the scene has.
     pub between: Between,
-    /// All of it.
+    /// Scene with all of it.
     pub scene: Scene,
 }
 
@@ -59,17 +59,14 @@ pub struct Lever {
 pub enum Between {
     /// What the scene has.
     Nothing,
-    /// An amplifier.
     Amplifier,
     /// An amplifier, and a handle on a transmission.
     Transmission,
 }
 
 impl Between {
-    /// In their order.
     pub const ALL: [Self; 3] = [Self::Nothing, Self::Amplifier, Self::Transmission];
 
-    /// Name in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Nothing => "as-is",
@@ -78,7 +75,6 @@ impl Between {
         }
     }
 
-    /// For people.
     pub fn text(self) -> &'static str {
         match self {
             Self::Nothing => "as it is",
@@ -88,18 +84,14 @@ impl Between {
     }
 }
 
-/// What is asked.
 #[derive(Clone, Debug)]
 pub struct LeverQuestion {
-    /// The loops.
     pub levers: Vec<Lever>,
     /// Limits of the RMS of the motion or of what is felt.
     pub limits: Vec<Limit>,
-    /// Who pushes.
     pub pushes: Vec<PushBy>,
-    /// Nominal cutoffs, Hz.
     pub cutoffs_hz: Vec<f64>,
-    /// Walks of each.
+    /// Walks of each boundary.
     pub repeats: u32,
 }
 
@@ -118,9 +110,7 @@ impl LeverQuestion {
 /// Boundaries and the grid on which they were walked.
 #[derive(Clone, Debug)]
 pub struct Walked {
-    /// The boundaries.
     pub boundaries: Boundaries,
-    /// Their grid.
     pub walk: Walk,
 }
 
@@ -129,11 +119,9 @@ pub struct Walked {
 pub struct LeverResult {
     /// Place of its loop in the question.
     pub lever: usize,
-    /// The limit.
     pub limit: Limit,
-    /// Who pushes.
     pub push: PushBy,
-    /// By cutoff, ascending.
+    /// Cutoffs in Hz, ascending, each with its walks.
     pub cutoffs: Vec<(f64, Walked)>,
     /// With the true velocity; nothing where an amplifier or a transmission is added.
     pub told: Walked,

@@ -75,7 +75,6 @@ impl Limit {
     }
 }
 
-/// What is asked.
 #[derive(Clone, Debug)]
 pub struct Question {
     /// The limits, in any order.
@@ -84,7 +83,7 @@ pub struct Question {
     pub rms_of: RmsOf,
     /// Velocity filters, from the lowest cutoff to the highest.
     pub filters: Vec<VelocitySettings>,
-    /// Walks per filter.
+    /// Walks of each filter.
     pub repeats: u32,
     /// Grid and caps of the walks.
     pub walk: Walk,
@@ -105,7 +104,6 @@ impl Question {
 /// Who pushes, and in whose hand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Situation {
-    /// Who pushes.
     pub push: PushBy,
     /// A name of [`Scene::arms`], or the scene as it is.
     pub arm: Option<String>,
@@ -116,7 +114,6 @@ pub struct Situation {
 pub struct LimitResult {
     /// Who pushes, in whose hand; `None`: the worst of all.
     pub situation: Option<Situation>,
-    /// The limit.
     pub limit: Limit,
     /// Areas by cutoff, the ideal one and its range.
     pub result: SweepResult,

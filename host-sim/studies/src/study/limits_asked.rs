@@ -85,7 +85,6 @@ pub fn finer(scene: &Scene, steps: Option<[f64; 2]>, starts: Option<[f64; 2]>) -
 /// What messages call the limits, and the steps of the walks.
 #[derive(Clone, Copy, Debug)]
 pub struct Names {
-    /// The limits.
     pub limits: &'static str,
     /// Steps and first values of K and B.
     pub steps: &'static str,
@@ -117,7 +116,7 @@ pub const GRID: [&str; 6] = [
     "damping_max_tried_n_s_per_m",
 ];
 
-/// Their values.
+/// Values under these names.
 pub fn grid(walk: &Walk) -> [f64; 6] {
     [
         walk.stiffness_start_n_per_m,

@@ -29,7 +29,6 @@ use crate::{engine::Engine, simulation::prepared::Numeric};
 /// How hits are run; neither engine nor number of threads changes a bit of the result.
 #[derive(Clone, Copy, Debug)]
 pub struct How<'a> {
-    /// What runs them.
     pub engine: Engine,
     /// Arithmetic of the controller.
     pub numeric: Numeric,

@@ -12,7 +12,6 @@ use crate::{error::Error, scene::NamedScene};
 pub struct Rates {
     /// Samples of the encoder.
     pub encoder_hz: Vec<f64>,
-    /// Outputs.
     pub output_hz: Vec<f64>,
 }
 

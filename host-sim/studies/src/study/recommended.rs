@@ -4,7 +4,8 @@
 //! where the best one is an end of the list, the list goes on beyond. The grid of the walks is the scene's, or where its
 //! steps are too coarse or too fine for the quiet walls one that the first walks suggest.
 
-use zwidth::{VelocitySettings, velocity::EstimatorName};
+use rayon::prelude::*;
+use zwidth::{VelocitySettings, experiment::Verdict, velocity::EstimatorName};
 
 use super::{
     How,
@@ -15,9 +16,10 @@ use super::{
 };
 use crate::{
     error::Error,
+    interrupt,
     notation::rounded,
-    scene::{Criterion, NamedScene, RmsOf, Scene, Walk, element::Friction},
-    simulation::prepared::{PreparedScene, WallHit},
+    scene::{Criterion, NamedScene, Protocol, RmsOf, Scene, Walk, element::Friction},
+    simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
 /// Areas that are at least this share of the largest are as good.
@@ -39,6 +41,10 @@ const FINER: f64 = 8.0;
 /// largest that can be quiet.
 const TRIED: [u32; 2] = [17, 13];
 const APART: f64 = 0.562;
+/// Beside the best cutoff, a share of its area that says that a walk broke off.
+const BROKEN: f64 = 0.5;
+/// Then a grid begins elsewhere, so many times at most.
+const SEEDS: usize = 3;
 /// A cutoff is looked at if its walls have this share of the best one's area.
 const PROMISING: f64 = 0.3;
 
@@ -53,12 +59,72 @@ pub struct QuietStudy {
     pub recommended: Result<Recommended, String>,
     /// Free motion beside the stiffest wall of that cutoff.
     pub free: Option<FreeMotion>,
+    /// That wall by the protocols beside the scene's.
+    pub protocols: Vec<Held>,
+}
+
+/// What is quiet by another protocol.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Held {
+    /// How it was tried.
+    pub protocol: Protocol,
+    /// The stiffest wall that is, with the B of the one that was asked about, N/m: the first that is of ever softer ones,
+    /// if any; or why none can be tried.
+    pub stiffest: Result<Option<f64>, String>,
+}
+
+impl Held {
+    /// K of that wall, N/m, if there is one.
+    pub fn stiffness_n_per_m(&self) -> Option<f64> {
+        self.stiffest.clone().ok().flatten()
+    }
+}
+
+/// Softer walls that are tried, each this part of the one before.
+const SOFTER: f64 = 0.9;
+const SOFTER_TRIES: i32 = 30;
+
+impl Held {
+    /// That wall of a scene by every protocol but its own.
+    fn each(how: How<'_>, scene: &Scene, wall: &WallHit) -> Result<Vec<Self>, Error> {
+        let others = Protocol::ALL.into_par_iter().filter(|of| *of != scene.wall_hit.protocol);
+        let held = |protocol| {
+            let mut scene = scene.clone();
+            scene.wall_hit.protocol = protocol;
+            let prepared = match PreparedScene::new(&scene) {
+                Ok(prepared) => prepared,
+                Err(why) => return Ok(Self { protocol, stiffest: Err(why.to_string()) }),
+            };
+            for softer in 0..SOFTER_TRIES {
+                interrupt::unless(how.stop)?;
+                let stiffness_n_per_m = wall.stiffness_n_per_m * SOFTER.powi(softer);
+                let softer = WallHit { stiffness_n_per_m, ..*wall };
+                let verdict = match prepared.verdict(how.numeric, &softer) {
+                    Err(HitError::OutOfRange(_)) => Verdict::Unstable,
+                    verdict => verdict?,
+                };
+                if verdict == Verdict::Stable {
+                    return Ok(Self { protocol, stiffest: Ok(Some(stiffness_n_per_m)) });
+                }
+            }
+            Ok(Self { protocol, stiffest: Ok(None) })
+        };
+        let held: Vec<Result<Self, Error>> = others.map(held).collect();
+        held.into_iter().collect()
+    }
+}
+
+impl QuietStudy {
+    /// The cutoff to dial in, Hz, if there is one.
+    pub fn cutoff_hz(&self) -> Option<f64> {
+        self.recommended.as_ref().ok().map(|found| found.cutoff_hz)
+    }
 }
 
 /// A cutoff to dial in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recommended {
-    /// Nominal, Hz.
+    /// Nominal cutoff of the filter, Hz.
     pub cutoff_hz: f64,
     /// The cutoffs beside it whose area is at least [`AS_GOOD`] of its own, Hz.
     pub range_hz: [f64; 2],
@@ -119,22 +185,27 @@ pub fn recommended(
     goes_on: bool,
     done: impl Fn() + Sync,
 ) -> Result<QuietStudy, Error> {
-    let mut study = Search { how, scene: quiet(scene), done, cutoffs: vec![] };
+    let mut study = Search { how, scene: quiet(scene), done, cutoffs: vec![], is_seeded: false };
     let recommended = match study.run(&ascending(cutoffs_hz), goes_on) {
         Err(Error::Input(why)) => Err(why),
         found => found?.ok_or_else(|| "no quiet wall at any cutoff".to_owned()),
     };
-    let free = recommended.as_ref().ok().map(|found| {
-        let wall = WallHit {
-            velocity: scene.scene.velocity.at(found.cutoff_hz),
-            stiffness_n_per_m: found.stiffest.stiffness_n_per_m,
-            damping_n_s_per_m: found.stiffest.damping_n_s_per_m,
-            start_offset_counts: 0.0,
-        };
-        FreeMotion::of(how, &scene.scene, &wall)
+    let stiffest = recommended.as_ref().ok().map(|found| WallHit {
+        velocity: scene.scene.velocity.at(found.cutoff_hz),
+        stiffness_n_per_m: found.stiffest.stiffness_n_per_m,
+        damping_n_s_per_m: found.stiffest.damping_n_s_per_m,
+        start_offset_counts: 0.0,
     });
-    let free = free.transpose()?;
-    Ok(QuietStudy { walk: study.scene.scene.walk, cutoffs: study.cutoffs, recommended, free })
+    let free = stiffest.as_ref().map(|wall| FreeMotion::of(how, &scene.scene, wall)).transpose()?;
+    let protocols =
+        stiffest.as_ref().map(|wall| Held::each(how, &study.scene.scene, wall)).transpose()?;
+    Ok(QuietStudy {
+        walk: study.scene.scene.walk,
+        cutoffs: study.cutoffs,
+        recommended,
+        free,
+        protocols: protocols.unwrap_or_default(),
+    })
 }
 
 /// A scene as its estimators, filters and changes are ranked.
@@ -165,7 +236,8 @@ pub fn ranked(
     }
     let mut butterworth = ranked.clone();
     butterworth.scene.velocity = EstimatorName::Butterworth.defaults().into();
-    let mut search = Search { how, scene: butterworth, done: || (), cutoffs: vec![] };
+    let mut search =
+        Search { how, scene: butterworth, done: || (), cutoffs: vec![], is_seeded: false };
     let mut cutoffs_hz = ascending(&scene.scene.sweep.cutoffs_hz);
     cutoffs_hz.retain(|hz| search.is_allowed(*hz));
     search.walk(&cutoffs_hz)?;
@@ -192,13 +264,23 @@ struct Search<'a, D> {
     scene: NamedScene,
     done: D,
     cutoffs: Vec<CutoffResult>,
+    /// The grid begins at a wall of [`Self::first_walls`].
+    is_seeded: bool,
 }
 
 impl<D: Fn() + Sync> Search<'_, D> {
     fn run(&mut self, cutoffs_hz: &[f64], goes_on: bool) -> Result<Option<Recommended>, Error> {
         self.walk(cutoffs_hz)?;
         self.fit_grid(cutoffs_hz)?;
+        let mut anew = 0..SEEDS;
         for _ in 0..TRIES {
+            if self.breaks_off() && anew.next().is_some() {
+                let tried: Vec<f64> = self.cutoffs.iter().map(|result| result.cutoff_hz).collect();
+                if self.seed(&tried)? {
+                    self.walk_anew(&tried)?;
+                    self.fit_grid(&tried)?;
+                }
+            }
             let more = self.more(goes_on);
             if more.is_empty() {
                 break;
@@ -223,13 +305,15 @@ impl<D: Fn() + Sync> Search<'_, D> {
 
     /// Walks anew where the grid does not suit the walls.
     fn fit_grid(&mut self, cutoffs_hz: &[f64]) -> Result<(), Error> {
-        let mut is_seeded = false;
         for _ in 0..GRIDS {
             let walk = self.scene.scene.walk;
             let steps = [walk.stiffness_step_n_per_m, walk.damping_step_n_s_per_m];
-            self.scene.scene.walk = match self.best().map(|best| &self.cutoffs[best].boundaries) {
-                Some(found) => {
-                    let most = [found.stiffness_peak_n_per_m(), found.damping_max_n_s_per_m()];
+            let largest = self.best().map(|best| {
+                let found = &self.cutoffs[best].boundaries;
+                [found.stiffness_peak_n_per_m(), found.damping_max_n_s_per_m()]
+            });
+            match largest {
+                Some(most) => {
                     let suits = |axis: usize| {
                         let [least, most_steps] = STEPS[axis];
                         (least..=most_steps).contains(&(most[axis] / steps[axis]))
@@ -246,28 +330,45 @@ impl<D: Fn() + Sync> Search<'_, D> {
                         }
                     });
                     let starts = [walk.stiffness_start_n_per_m, walk.damping_start_n_s_per_m];
-                    let [k, b] = if is_seeded { starts } else { steps };
-                    Walk {
+                    let [k, b] = if self.is_seeded { starts } else { steps };
+                    self.scene.scene.walk = Walk {
                         stiffness_start_n_per_m: k,
                         stiffness_step_n_per_m: steps[0],
                         damping_start_n_s_per_m: b,
                         damping_step_n_s_per_m: steps[1],
                         ..walk
-                    }
+                    };
                 }
-                None if is_seeded => return Ok(()),
-                None => match self.first_walls(cutoffs_hz)? {
-                    Some(walk) => {
-                        is_seeded = true;
-                        walk
-                    }
-                    None => return Ok(()),
-                },
-            };
-            self.cutoffs.clear();
-            self.walk(cutoffs_hz)?;
+                None if !self.is_seeded && self.seed(cutoffs_hz)? => {}
+                None => return Ok(()),
+            }
+            self.walk_anew(cutoffs_hz)?;
         }
         Ok(())
+    }
+
+    fn walk_anew(&mut self, cutoffs_hz: &[f64]) -> Result<(), Error> {
+        self.cutoffs.clear();
+        self.walk(cutoffs_hz)
+    }
+
+    /// A cutoff next to the best one has almost no walls. An area changes little over a quarter of the frequency: a walk
+    /// broke off there, at a soft wall that does not come to rest in time.
+    fn breaks_off(&self) -> bool {
+        let Some(best) = self.best().map(|best| &self.cutoffs[best]) else { return false };
+        self.cutoffs.iter().any(|other| {
+            let apart = other.cutoff_hz / best.cutoff_hz;
+            (1.0 / BEYOND..=BEYOND).contains(&apart)
+                && other.boundaries.area() < BROKEN * best.boundaries.area()
+        })
+    }
+
+    /// Has the grid begin at a wall of [`Self::first_walls`]; whether there is one.
+    fn seed(&mut self, cutoffs_hz: &[f64]) -> Result<bool, Error> {
+        self.is_seeded = true;
+        let walk = self.first_walls(cutoffs_hz)?;
+        self.scene.scene.walk = walk.unwrap_or(self.scene.scene.walk);
+        Ok(walk.is_some())
     }
 
     /// A grid that begins at a wall that is quiet at all cutoffs that promise something, found among single walls.

@@ -14,7 +14,7 @@ pub enum Length {
     Short,
     /// Several parameters or estimators, in lanes.
     Long,
-    /// Hit by hit.
+    /// Hit by hit, without lanes.
     Longest,
 }
 

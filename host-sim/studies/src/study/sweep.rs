@@ -29,9 +29,8 @@ use crate::{
 /// All boundaries at one cutoff.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CutoffResult {
-    /// The filter.
     pub velocity: VelocitySettings,
-    /// Nominal cutoff, Hz.
+    /// Nominal cutoff of the filter, Hz.
     pub cutoff_hz: f64,
     /// -3 dB frequency of the digital filter, Hz.
     pub true_cutoff_hz: f64,
@@ -41,16 +40,14 @@ pub struct CutoffResult {
     pub settles_in_s: Option<f64>,
 }
 
-/// A study.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SweepResult {
-    /// Cutoffs ascending.
+    /// Results by cutoff, ascending.
     pub cutoffs: Vec<CutoffResult>,
     /// The recommendation; `None` if no cutoff has a stable wall.
     pub ideal: Option<Ideal>,
 }
 
-/// The recommended cutoff.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ideal {
     /// The smallest cutoff whose mean area is at least 98 % of the largest, Hz.
@@ -72,7 +69,6 @@ pub enum RangeBasis {
 }
 
 impl RangeBasis {
-    /// Name in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Repeats => "welch_t_5_percent",
@@ -89,7 +85,6 @@ const COARSE: f64 = 1.3;
 pub struct Plan<'a> {
     /// What errors call it.
     pub name: &'a str,
-    /// The prepared scene.
     pub prepared: &'a PreparedScene,
     /// Velocity filters, from the lowest cutoff to the highest.
     pub filters: &'a [VelocitySettings],

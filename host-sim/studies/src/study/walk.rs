@@ -11,6 +11,7 @@ use super::{
 use crate::{
     engine::Engine,
     error::Error,
+    scene::Protocol,
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
@@ -63,7 +64,10 @@ pub fn first_hit(prepared: &PreparedScene, velocity: VelocitySettings) -> WallHi
 /// `None` if more time does not help.
 pub fn settles_in_s(prepared: &PreparedScene, numeric: Numeric, hit: &WallHit) -> Option<f64> {
     let mut scene = prepared.scene().clone();
-    let (settle_s, window_s) = (scene.wall_hit.settle_s, scene.wall_hit.window_s);
+    if scene.wall_hit.protocol != Protocol::Paper {
+        return None;
+    }
+    let [settle_s, window_s] = scene.wall_hit.times_s();
     SETTLE_LONGER.into_iter().find_map(|longer| {
         scene.wall_hit.settle_s = longer * (settle_s + window_s);
         let patient = PreparedScene::new(&scene).ok()?;

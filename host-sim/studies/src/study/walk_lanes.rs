@@ -24,7 +24,6 @@ use crate::{
 /// Where a walk begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
-    /// The velocity filter.
     pub velocity: VelocitySettings,
     /// Counts beyond the scene's start.
     pub start_offset_counts: f64,
@@ -32,16 +31,13 @@ pub struct Start {
 
 /// Walks of one scene that wait for a lane, in any thread.
 pub struct Queue<'a> {
-    /// The scene.
     pub prepared: &'a PreparedScene,
-    /// All its walks.
     pub starts: &'a [Start],
     /// How many have begun.
     begun: AtomicUsize,
 }
 
 impl<'a> Queue<'a> {
-    /// Nothing has begun.
     pub fn new(prepared: &'a PreparedScene, starts: &'a [Start]) -> Self {
         Self { prepared, starts, begun: AtomicUsize::new(0) }
     }
@@ -137,7 +133,6 @@ impl<D: FnMut(usize, Result<Boundary, Error>)> Walks<'_, D> {
         likeliest(self.running.iter().map(|(number, walk)| (*number, walk)))
     }
 
-    /// Ends a walk.
     fn end(&mut self, number: usize, ended: Result<Boundary, Error>) {
         if let Some(walk) = self.running.remove(&number) {
             self.last = walk.guide;

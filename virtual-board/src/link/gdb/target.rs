@@ -53,7 +53,7 @@ pub(super) struct Debugged<'a, 'b> {
 }
 
 impl<'a, 'b> Debugged<'a, 'b> {
-    /// Halts the core.
+    /// Takes the world and halts its core.
     pub(super) fn new(world: &'a mut World<'b>) -> Self {
         let (stops, hardware) = (Stops::default(), BTreeSet::new());
         let mut target = Self { world, halt: None, stops, hardware, watchdog_stops: true };

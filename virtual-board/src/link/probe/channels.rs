@@ -18,7 +18,6 @@ const TRIES: u32 = 3;
 const HALTED: &str = "the core is halted, by a debugger or by its own fault: the board has to be reset. Its force is \
                       off, by hardware";
 
-/// An up channel.
 #[derive(Default)]
 pub(super) struct Up {
     /// Where the next byte is, as far as this end knows, and what the board was last told of it.

@@ -32,7 +32,7 @@ struct State {
     obeyed: Vec<String>,
     /// Reads of the control block.
     looks: u32,
-    /// Every access fails.
+    /// Every access fails from now on.
     gone: bool,
     /// The next write there fails; what goes on failing after it.
     fails: Option<(u32, Effect)>,

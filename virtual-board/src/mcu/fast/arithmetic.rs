@@ -92,7 +92,6 @@ pub(super) fn saturated(value: i64, bits: u32, signed: bool) -> (u32, bool) {
     (low(result.cast_unsigned()), result != value)
 }
 
-/// The lower word.
 #[expect(clippy::cast_possible_truncation, reason = "the lower half")]
 pub(super) fn low(value: u64) -> u32 {
     value as u32

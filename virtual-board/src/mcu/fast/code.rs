@@ -18,12 +18,11 @@ pub(super) enum Kind {
     Not,
 }
 
-/// An instruction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Entry {
     pub(super) instruction: Insn,
     pub(super) kind: Kind,
-    /// Of two half-words.
+    /// Instruction of two half-words.
     pub(super) wide: bool,
 }
 
@@ -33,7 +32,6 @@ const ELSEWHERE: Entry = Entry { kind: Kind::Elsewhere, ..NOT };
 /// Instructions that are decoded in one go.
 const LONGEST: usize = 64;
 
-/// The decoded instructions.
 #[derive(Default)]
 pub(super) struct Code {
     /// For each half-word of flash where its instruction stands below; 0: not decoded.

@@ -32,7 +32,6 @@ pub(super) struct Core<'a> {
     pub(super) branched: bool,
 }
 
-/// What was run.
 #[derive(Debug)]
 pub(super) struct Batch {
     pub(super) instructions: u64,

@@ -3,7 +3,7 @@ use rsemu::cpu::arm::v7m::Regs;
 use super::super::{Chip, FLASH, Listeners, Mcu, RAM, RAM_BYTES};
 use crate::board::NUCLEO_F446RE;
 
-/// xorshift64*.
+/// Random numbers by xorshift64*.
 struct Random(u64);
 
 impl Random {
@@ -15,7 +15,6 @@ impl Random {
         u32::from_le_bytes([bytes[4], bytes[5], bytes[6], bytes[7]])
     }
 
-    /// The lower half.
     fn half(&mut self) -> u16 {
         let [low, high, ..] = self.next().to_le_bytes();
         u16::from_le_bytes([low, high])

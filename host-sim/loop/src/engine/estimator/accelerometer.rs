@@ -40,12 +40,11 @@ pub struct Scale<S: SimdOps> {
     follows: S::f64s,
     bias: S::f64s,
     full_scale: S::f64s,
-    /// `None`: no steps.
+    /// Step of a reading; `None` without steps.
     resolution: Option<S::f64s>,
 }
 
 impl<S: SimdOps> Accelerometer<S> {
-    /// None.
     pub fn none(simd: S) -> Self {
         let zero = simd.splat_f64s(0.0);
         let scale =

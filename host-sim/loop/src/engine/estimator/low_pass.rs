@@ -105,7 +105,6 @@ impl<S: SimdOps> LowPass<S> {
     }
 }
 
-/// [`Cascade`](zwidth::velocity::Cascade) in lanes.
 #[derive(Clone, Copy)]
 pub struct Cascade<S: SimdOps>([LowPass<S>; 2]);
 

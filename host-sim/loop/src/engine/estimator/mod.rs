@@ -26,7 +26,6 @@ pub enum Form {
     LikeLowPass,
     /// Two low-passes in a row.
     Cascade,
-    /// Kalman filters.
     Kalman,
     /// Weighted sums of the last differences.
     Fir,
@@ -36,9 +35,7 @@ pub enum Form {
     FoawEnd,
     /// The same by its least-squares slope.
     FoawBest,
-    /// Levant's differentiator, explicit.
     LevantExplicit,
-    /// The same, implicit.
     LevantImplicit,
     /// Observer that is told the force.
     Observer,
@@ -89,7 +86,6 @@ pub struct Beside<'a> {
 
 /// An estimator in the lanes of one vector.
 pub trait VectorForm<S: SimdOps>: Sized {
-    /// Coefficients.
     type Gains: Copy;
 
     /// Before the first sample, and coefficients of lanes that are not in use.
@@ -127,10 +123,8 @@ pub trait VectorForm<S: SimdOps>: Sized {
 
 /// An estimator that lives on its own past, and so has to take every sample.
 pub trait Recursive<S: SimdOps>: Copy {
-    /// Coefficients.
     type Gains: Copy;
 
-    /// See [`VectorForm::at_rest`].
     fn at_rest(simd: S) -> (Self, Self::Gains);
     /// All that it remembers.
     fn words(&mut self) -> impl Iterator<Item = &mut S::u64s>;
@@ -138,11 +132,9 @@ pub trait Recursive<S: SimdOps>: Copy {
     fn tune(gains: &mut Self::Gains, lane: usize, estimator: &Estimator);
     /// The velocity after a move by so many counts, LSB in the lower 32 bits.
     fn step(&mut self, simd: S, gains: &Self::Gains, moved: S::f64s) -> S::u64s;
-    /// See [`VectorForm::is_lost`].
     fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool;
 }
 
-/// A [`Recursive`] form.
 pub struct Each<F>(F);
 
 impl<S: SimdOps, F: Recursive<S>> VectorForm<S> for Each<F> {

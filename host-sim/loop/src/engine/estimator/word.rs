@@ -26,7 +26,6 @@ pub struct LaneGain<S: SimdOps> {
 }
 
 impl<S: SimdOps> LaneGain<S> {
-    /// None.
     pub fn zero(simd: S) -> Self {
         let zero = simd.splat_u64s(0);
         Self { mantissa: zero, half: zero, shift: zero }
@@ -59,7 +58,6 @@ pub struct LaneFactor<S: SimdOps> {
 const PLUS: u64 = 1 << 47;
 
 impl<S: SimdOps> LaneFactor<S> {
-    /// None.
     pub fn zero(simd: S) -> Self {
         let zero = simd.splat_u64s(0);
         Self { mantissa: zero, shift: zero, less: zero }

@@ -20,7 +20,6 @@ pub struct Watched<S: SimdOps> {
 }
 
 impl<S: SimdOps> Watched<S> {
-    /// Nothing yet.
     pub fn new(simd: S) -> Self {
         let zero = simd.splat_f64s(0.0);
         Self {
@@ -54,7 +53,6 @@ impl<S: SimdOps> Watched<S> {
         self.force_squares = simd.add_f64s(self.force_squares, simd.mul_f64s(force, force));
     }
 
-    /// One lane.
     pub fn lane(&self, place: usize, origin_m: f64) -> Watch {
         let get = |vector: &S::f64s| lanes::<_, f64>(vector)[place];
         let Self { sum_m, squares, at_limit, outputs, forces, force_squares } = self;

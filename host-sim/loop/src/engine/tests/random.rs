@@ -73,7 +73,7 @@ struct Sensor {
     /// Powers of ten, of full scale.
     resolution: Option<f64>,
     noise: Option<f64>,
-    /// Of full scale.
+    /// Reading at rest, as a part of full scale.
     bias: f64,
     /// The bias is half a step: a handle at rest reads a tie.
     tie: bool,

@@ -23,7 +23,6 @@ use crate::range::{refused, within};
 /// `z' = f(z)`, smooth. State as in [`crate::scene::element::Chain`]: positions at even places, their speeds after
 /// them, at the last place of an odd number a force.
 pub trait Field<const N: usize> {
-    /// f.
     fn rate(&self, z: &[f64; N]) -> [f64; N];
 }
 
@@ -32,15 +31,9 @@ pub trait Field<const N: usize> {
 #[serde(tag = "method", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Integrator {
     /// Speeds first, then positions with the new speeds. Steps of equal length.
-    SemiImplicitEuler {
-        /// Steps per sample.
-        steps_per_sample: u32,
-    },
+    SemiImplicitEuler { steps_per_sample: u32 },
     /// Classical Runge-Kutta of order 4. Steps of equal length.
-    Rk4 {
-        /// Steps per sample.
-        steps_per_sample: u32,
-    },
+    Rk4 { steps_per_sample: u32 },
     /// Adaptive; the error of a step is kept below `relative |z| + absolute`.
     DormandPrince {
         /// Share of the state.

@@ -49,7 +49,7 @@ pub struct IntegratedStep<const N: usize> {
     split_s: f64,
     /// Lengths of the steps of a whole sample in which no regime ends; none where the error controls them.
     even: Arc<[f64]>,
-    /// Absolute tolerances.
+    /// Absolute tolerance of each state.
     tolerances: [f64; N],
 }
 

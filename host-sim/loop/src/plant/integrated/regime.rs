@@ -6,7 +6,7 @@ use crate::{
     scene::element::{End, REST_SPEED_M_PER_S, Travel},
 };
 
-/// Which equation holds.
+/// Motion and stop: they say which equation holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Regime {
     pub(super) motion: Motion,
@@ -19,7 +19,6 @@ pub(super) enum Motion {
     /// Free to move; with friction, in this direction.
     #[default]
     Up,
-    /// The same, downwards.
     Down,
     /// Stuck, or at rest on a rigid stop.
     Held,

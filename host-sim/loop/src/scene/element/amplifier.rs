@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Checker;
 
-/// First-order current loop.
+/// A current loop of first order.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Amplifier {

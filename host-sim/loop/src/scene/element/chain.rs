@@ -35,7 +35,6 @@ pub struct Chain {
     pub mode: Option<Mode>,
     /// A person on the handle.
     pub arm: Option<Arm>,
-    /// The actuator's lag.
     pub amplifier: Option<Amplifier>,
     /// Constant force of a hand on the last body of the row, N.
     pub hand_n: f64,
@@ -52,12 +51,10 @@ struct Body {
 }
 
 impl Chain {
-    /// A device alone.
     pub fn alone(device: Device) -> Self {
         Self { device, mode: None, arm: None, amplifier: None, hand_n: 0.0, offset_n: 0.0 }
     }
 
-    /// Number of states.
     pub fn states(&self) -> usize {
         2 + 2 * usize::from(self.mode.is_some())
             + 2 * usize::from(self.arm.is_some())

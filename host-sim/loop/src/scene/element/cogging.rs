@@ -17,7 +17,6 @@ use super::Checker;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cogging {
-    /// Largest force, N.
     pub amplitude_n: f64,
     /// Travel of the handle from cog to cog, m.
     pub pitch_m: f64,

@@ -14,9 +14,8 @@ use crate::numerics::random;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EncoderNoise {
-    /// Standard deviation, m.
+    /// Standard deviation of the noise, m.
     pub rms_m: f64,
-    /// Chooses the noise.
     pub seed: u32,
 }
 

@@ -14,10 +14,9 @@ use serde::{Deserialize, Serialize};
 
 use super::Checker;
 
-/// Largest friction, N.
+/// Largest friction of a scene, N.
 const FORCE_N: f64 = 1e5;
 
-/// Dry friction.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Friction {

@@ -17,13 +17,11 @@ const LEVELS: u64 = 256;
 /// Tells this stream of random numbers from the noise's.
 const STREAM: u64 = 0x6a69_7474_6572;
 
-/// Late readings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Jitter {
-    /// Largest delay, s.
+    /// Largest delay of a reading, s.
     pub peak_s: f64,
-    /// Chooses the delays.
     pub seed: u32,
 }
 

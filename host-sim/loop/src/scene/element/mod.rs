@@ -49,11 +49,8 @@ use crate::range::within;
 /// The elements of a plant that are not linear.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Nonlinear {
-    /// Dry friction.
     pub friction: Option<Friction>,
-    /// The motor's cogging.
     pub cogging: Option<Cogging>,
-    /// Travel limits.
     pub travel: Option<Travel>,
 }
 

@@ -9,11 +9,9 @@ use serde::{Deserialize, Serialize};
 
 use super::Checker;
 
-/// A constant force.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Offset {
-    /// Force, N.
     pub force_n: f64,
 }
 

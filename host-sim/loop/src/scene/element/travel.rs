@@ -25,22 +25,17 @@ pub const REST_SPEED_M_PER_S: f64 = 1e-6;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "stop", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Travel {
-    /// Springs with dampers.
+    /// Both ends are springs with dampers.
     Spring {
-        /// Lower end, m.
         low_m: f64,
-        /// Upper end, m.
         high_m: f64,
         /// Stiffness of both stops, N/m.
         stiffness_n_per_m: f64,
         /// Damping of both stops, N s/m.
         damping_n_s_per_m: f64,
     },
-    /// Rigid stops.
     Rigid {
-        /// Lower end, m.
         low_m: f64,
-        /// Upper end, m.
         high_m: f64,
         /// Speed after a bounce over that before it.
         restitution: f64,
@@ -50,9 +45,7 @@ pub enum Travel {
 /// One of the two ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
-    /// The lower one.
     Low,
-    /// The upper one.
     High,
 }
 

@@ -1,6 +1,7 @@
 //! A scene made ready to run wall hits: everything that does not change from hit to hit.
 
 mod run;
+mod varied;
 mod watch;
 
 use std::sync::{Arc, OnceLock};
@@ -15,7 +16,7 @@ use zwidth::{
 use crate::{
     error::Error,
     plant::{AnyPlant, Moment, Plant},
-    scene::{Criterion, Scene},
+    scene::{Criterion, Protocol, Scene},
     simulation::{
         Parts, Simulation,
         accelerometer::Readings,
@@ -37,6 +38,8 @@ pub struct PreparedScene {
     design: Design,
     plan: HitPlan,
     parts: Parts<AnyPlant>,
+    /// Where a hit begins, m.
+    start_m: f64,
     judge: Judge,
     /// The wall's passivity controller, if it has one.
     passivity: Option<Passivity>,
@@ -74,15 +77,19 @@ impl PreparedScene {
         let design = scene.design();
         let plan = scene.hit_settings().build(&design).map_err(Error::input)?;
         let passivity = scene.passivity().map_err(Error::input)?;
-        let latency = scene.actuator.latency;
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "0 to 1000 by the check above"
         )]
-        let whole = latency.floor() as u32;
+        let whole = scene.actuator.latency.floor() as u32;
+        let plant = Self::plant(scene);
+        let start_m = match scene.wall_hit.protocol {
+            Protocol::Taps => varied::tap_start_m(scene, &plant),
+            _ => scene.device.start_position_m,
+        };
         let parts = Parts {
-            plant: AnyPlant::of(scene, 1.0 / design.rate_hz, latency.fract()),
+            plant,
             encoder: Quantiser::of(&scene.encoder),
             full_scale_n: design.full_scale_n,
             latency: whole,
@@ -90,7 +97,22 @@ impl PreparedScene {
         };
         let (scene, judge) = (scene.clone(), Judge::of(scene));
         let (is_told, readings, pushes) = (false, Arc::default(), vec![]);
-        Ok(Self { scene, design, plan, parts, judge, passivity, is_told, readings, pushes })
+        Ok(Self {
+            scene,
+            design,
+            plan,
+            parts,
+            start_m,
+            judge,
+            passivity,
+            is_told,
+            readings,
+            pushes,
+        })
+    }
+
+    fn plant(scene: &Scene) -> AnyPlant {
+        AnyPlant::of(scene, 1.0 / scene.control.rate_hz, scene.actuator.latency.fract())
     }
 
     /// The same scene at each push that a wall is judged at.
@@ -148,7 +170,7 @@ impl PreparedScene {
         let (plant, wall_m) = (&self.parts.plant, self.scene.wall.position_m);
         let push = f64::from(self.plan.push.bits()) / f64::from(Force::FULL_SCALE.bits());
         let push_n = push * self.design.full_scale_n;
-        let mut state = plant.at_rest(self.scene.device.start_position_m);
+        let mut state = plant.at_rest(self.start_m);
         for _ in 0..self.samples() {
             state = plant.advance(&state, push_n);
             if plant.position_m(&state) > wall_m {
@@ -166,12 +188,10 @@ impl PreparedScene {
         Ok(())
     }
 
-    /// The scene.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// The core's design.
     pub fn design(&self) -> &Design {
         &self.design
     }
@@ -244,9 +264,9 @@ impl PreparedScene {
 
     /// The account of the port, before sample 0 of a hit.
     pub(in crate::simulation) fn port_watch(&self, hit: &WallHit, surface: i32) -> PortWatch {
-        let Self { design, plan, .. } = self;
+        let design = &self.design;
         let latency = self.scene.actuator.latency_samples();
-        PortWatch::new(design, plan.push, latency, surface, self.first_count(hit))
+        PortWatch::new(design, latency, surface, self.first_count(hit))
     }
 
     /// Samples of a whole hit.
@@ -255,7 +275,7 @@ impl PreparedScene {
     }
 
     pub(crate) fn start_m(&self, hit: &WallHit) -> f64 {
-        self.scene.device.start_position_m + hit.start_offset_counts * self.design.resolution_m
+        self.start_m + hit.start_offset_counts * self.design.resolution_m
     }
 
     fn settings(&self, hit: &WallHit) -> zwidth::Settings {

@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// Sees every sample of a hit.
-type Observer<'a> = dyn FnMut(&Sample) + 'a;
+pub(super) type Observer<'a> = dyn FnMut(&Sample) + 'a;
 
 /// How many samples pass between two looks for an early verdict.
 const EARLY_CHECK_SAMPLES: u32 = 256;
@@ -117,10 +117,8 @@ impl PreparedScene {
             _ if self.is_told => {
                 self.rare_hit(hit, Told::new(self.core(hit)?, &self.design), observe, bounded)
             }
-            None if self.passivity.is_some() => {
-                self.rare_hit(hit, self.core(hit)?, observe, bounded)
-            }
-            Some(rounding) if self.passivity.is_some() => {
+            None if self.is_rare() => self.rare_hit(hit, self.core(hit)?, observe, bounded),
+            Some(rounding) if self.is_rare() => {
                 self.rare_hit(hit, self.twin_of_core(hit, rounding)?, observe, bounded)
             }
             None => self.whole_hit(hit, self.core(hit)?, observe, bounded),
@@ -128,6 +126,11 @@ impl PreparedScene {
                 self.whole_hit(hit, self.twin_of_core(hit, rounding)?, observe, bounded)
             }
         }
+    }
+
+    /// Few scenes are such.
+    fn is_rare(&self) -> bool {
+        self.passivity.is_some() || self.scene.wall_hit.protocol.varies()
     }
 
     /// A hit whose controller few scenes have, with the passivity controller where the scene has one.
@@ -182,13 +185,16 @@ impl PreparedScene {
     }
 
     /// The same compiled once for all plants and senses: for what is asked rarely.
-    fn any_hit<C: Controller + Copy>(
+    fn any_hit<C: Replaceable>(
         &self,
         hit: &WallHit,
         controller: C,
         observe: Option<&mut Observer<'_>>,
         bounded: bool,
     ) -> Result<Option<HitReport>, HitError> {
+        if self.scene.wall_hit.protocol.varies() {
+            return self.varied_hit(hit, controller, observe, bounded);
+        }
         let parts = self.parts.clone();
         let simulation = Simulation::new(parts, controller, self.sensing(hit), self.start_m(hit));
         self.run_whole(hit, simulation, observe, bounded)
@@ -200,7 +206,7 @@ impl PreparedScene {
         hit: &WallHit,
         controller: C,
     ) -> Result<Verdict, HitError> {
-        if !self.judge.is_plain() || self.passivity.is_some() {
+        if !self.judge.is_plain() || self.is_rare() {
             return self.rare_hit(hit, controller, None, true).map(judged);
         }
         self.counted(hit, controller, true).map(|(verdict, _)| verdict)

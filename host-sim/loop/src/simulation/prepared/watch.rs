@@ -101,7 +101,6 @@ pub(super) struct Shown {
     listens: bool,
     pub outputs: u32,
     pub saturated: u32,
-    /// Deepest position, m.
     pub deepest_m: f64,
     /// Samples with more counts since the last one than the core's velocity can say.
     pub clipped: u32,

@@ -58,12 +58,12 @@ enum Kind {
     TrackingLoop(TrackingLoop),
     Observer(ObserverDesign),
     Fusion(ObserverDesign),
-    /// Span in samples.
+    /// Shortest span, in samples.
     TimeStamps(f64),
     Foaw(Foaw),
     Levant(Levant),
     Kalman(KalmanDesign),
-    /// Samples.
+    /// Length of the window, samples.
     Window(u8),
 }
 

@@ -2,7 +2,6 @@
 
 use super::LENGTH;
 
-/// Its parameters.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Foaw {
     best: bool,

@@ -26,7 +26,7 @@ const LENGTH: usize = WINDOW_MAX as usize;
 /// Whether the twin rounds its velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rounding {
-    /// Exact to `f64`.
+    /// Not rounded: exact to `f64`.
     Exact,
     /// The velocity that leaves the filter is rounded to the fixed-point LSB, 2^-16 counts per
     /// sample; the filter's own state is not. The least that any fixed-point form of that format
@@ -111,6 +111,10 @@ impl Replaceable for Twin {
         self.push
     }
 
+    fn set_push(&mut self, push: f64) {
+        self.push = push;
+    }
+
     #[inline]
     fn put_out(&self, force: f64) -> f64 {
         match self.codes_per_full_scale {
@@ -150,7 +154,8 @@ impl Controller for Twin {
         let wanted = self.push - wall;
         let force = wanted.clamp(-1.0, 1.0);
         let output = self.put_out(force);
-        ControllerOutput { force, output, saturated: force != wanted, withheld: 0.0 }
+        let (saturated, push) = (force != wanted, self.push);
+        ControllerOutput { force, output, saturated, withheld: 0.0, push }
     }
 
     #[inline]

@@ -7,7 +7,6 @@ const LENGTH: usize = SPAN_MAX as usize + 2;
 /// After so many samples without an edge the handle stands still.
 const STANDSTILL: f64 = 32_768.0;
 
-/// The last edges.
 #[derive(Clone, Copy, Debug)]
 pub struct Stamps {
     /// Time in samples, place in counts; newest first.

@@ -56,7 +56,6 @@ const RANGE_OPACITY: f64 = 0.13;
 /// The shade reaches this far beyond the cutoffs at its ends, so that their points lie inside.
 const RANGE_MARGIN: f64 = 6.0;
 
-/// What [`area()`] draws.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AreaPlot {
     /// First line above the plot.
@@ -78,7 +77,7 @@ pub struct AreaPlot {
 /// The result of one cutoff, over its repeats.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct AreaPoint {
-    /// Nominal cutoff.
+    /// Nominal cutoff of the filter, Hz.
     pub cutoff_hz: f64,
     /// Frequency at which the discrete filter is down by 3 dB.
     pub true_cutoff_hz: f64,
@@ -165,7 +164,7 @@ fn draw(plot: &AreaPlot, page: &Page) -> Result<(), FigureError> {
     Ok(())
 }
 
-/// The largest area.
+/// Checks the numbers; returns the largest area.
 fn check(plot: &AreaPlot) -> Result<f64, FigureError> {
     let mut largest = 0.0_f64;
     for point in &plot.points {

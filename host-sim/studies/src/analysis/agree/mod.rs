@@ -43,13 +43,10 @@ const HALVINGS: usize = 3;
 /// One B of both walks, N s/m and N/m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
-    /// B.
     pub damping_n_s_per_m: f64,
     /// Mean of the predicted K.
     pub predicted: f64,
-    /// Smallest predicted K.
     pub predicted_low: f64,
-    /// Largest predicted K.
     pub predicted_high: f64,
     /// Measured K; 0 if that walk does not reach this B.
     pub measured: f64,
@@ -72,10 +69,9 @@ pub struct Tried {
     pub predicted: Vec<f64>,
 }
 
-/// Both walks, compared.
 #[derive(Clone, Debug)]
 pub struct Agreement {
-    /// By B.
+    /// One row for each B.
     pub rows: Vec<Row>,
     /// Step of K, N/m.
     pub step: f64,

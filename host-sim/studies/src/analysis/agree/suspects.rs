@@ -11,7 +11,7 @@ use crate::{
 /// A number of the scene that may be another one in the device.
 #[derive(Clone, Debug)]
 pub struct Suspect {
-    /// For people.
+    /// Name, as reports print it.
     pub name: &'static str,
     /// The scene's key that it goes into, of a linear scene.
     pub key: &'static str,
@@ -26,7 +26,7 @@ pub struct Suspect {
 
 /// Parts of the scene's own value.
 const TIMES: [f64; 9] = [0.5, 0.7, 0.85, 0.95, 1.05, 1.15, 1.3, 1.5, 2.0];
-/// Amplifiers, Hz.
+/// Bandwidths of amplifiers, Hz.
 const AMPLIFIERS_HZ: [f64; 8] = [50.0, 100.0, 200.0, 400.0, 800.0, 1500.0, 3000.0, 4900.0];
 /// Dry friction, of the full force.
 const DRY: [f64; 6] = [0.002, 0.005, 0.01, 0.02, 0.05, 0.1];

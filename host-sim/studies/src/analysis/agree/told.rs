@@ -47,16 +47,12 @@ impl<'a> Told<'a> {
     }
 }
 
-/// One B.
 #[derive(Clone, Debug, Serialize)]
 pub struct WallRow {
-    /// B.
     pub damping_n_s_per_m: f64,
     /// Mean of the predicted K.
     pub predicted_n_per_m: f64,
-    /// Smallest.
     pub predicted_low_n_per_m: f64,
-    /// Largest.
     pub predicted_high_n_per_m: f64,
     /// Measured K; 0 if that walk does not reach this B.
     pub measured_n_per_m: f64,
@@ -64,10 +60,9 @@ pub struct WallRow {
     pub explained_n_per_m: Option<f64>,
 }
 
-/// One suspect.
 #[derive(Clone, Debug, Serialize)]
 pub struct SuspectRow {
-    /// For people.
+    /// Name, as reports print it.
     pub name: &'static str,
     /// Its key in the scene.
     pub key: String,
@@ -79,7 +74,7 @@ pub struct SuspectRow {
     pub value: f64,
     /// Smallest that explains as much.
     pub low: f64,
-    /// Largest.
+    /// Largest that explains as much.
     pub high: f64,
     /// The range ends with what was tried.
     pub at_edge: bool,
@@ -106,7 +101,6 @@ fn key_of(units: Units, tried: &Tried) -> String {
 }
 
 impl Agreement {
-    /// By B.
     pub fn walls(&self) -> Vec<WallRow> {
         let best = self.best().first().copied();
         let row = |(place, row): (usize, &Row)| WallRow {

@@ -31,7 +31,7 @@ pub struct Axes {
     pub whole: bool,
     /// Tuning at the lowest and at the highest bandwidth.
     pub tuning: [f64; 2],
-    /// Those bandwidths, Hz.
+    /// Lowest and highest bandwidth, Hz.
     pub bandwidth_hz: [f64; 2],
     /// The core accepts nothing beyond each of these ends.
     pub refused_beyond: [bool; 2],

@@ -2,7 +2,6 @@
 
 use zwidth::velocity::EstimatorName;
 
-/// Cycles and memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cost {
     /// Worst cycles of one update, zero wait states.

@@ -39,7 +39,7 @@ use crate::{
 /// one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fidelity {
-    /// `|rendered - commanded|`.
+    /// The whole error: `|rendered - commanded|`.
     pub error: f64,
     /// `|rendered - rendered with the true velocity|`: what the estimator adds.
     pub of_estimator: f64,
@@ -52,11 +52,9 @@ pub struct Fidelity {
 /// The impedance at one wall and frequency; errors as in [`Fidelity`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// The wall.
     pub wall: Wall,
-    /// Frequency, Hz.
     pub frequency_hz: f64,
-    /// `|rendered - commanded|`.
+    /// The whole error: `|rendered - commanded|`.
     pub error: f64,
     /// `|rendered - rendered with the true velocity|`.
     pub of_estimator: f64,

@@ -19,7 +19,6 @@ pub const CAN_WIN: f64 = 0.95;
 pub(super) struct Look {
     /// Mean area of its walks, N^2 s/m^2.
     pub(super) area: f64,
-    /// How many walks.
     pub(super) walks: u32,
 }
 

@@ -122,7 +122,6 @@ impl Entry {
         Ok(entries)
     }
 
-    /// Name in tables.
     pub fn name(self) -> String {
         match self {
             Self::Tuned(name) => name.text().into(),
@@ -170,14 +169,12 @@ fn not_among(name: &str, all: &[Entry], scene: &NamedScene) -> String {
 /// What an estimator looks at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
-    /// The position only.
     PositionOnly,
     /// More: a force, an accelerometer, edge times.
     MoreThanPosition,
 }
 
 impl Class {
-    /// Both.
     pub const ALL: [Self; 2] = [Self::PositionOnly, Self::MoreThanPosition];
 
     /// Name, as in files.
@@ -188,7 +185,6 @@ impl Class {
         }
     }
 
-    /// Name for people.
     pub fn text(self) -> &'static str {
         match self {
             Self::PositionOnly => "position only",
@@ -197,12 +193,9 @@ impl Class {
     }
 }
 
-/// A wall.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Wall {
-    /// K, N/m.
     pub stiffness_n_per_m: f64,
-    /// B, N s/m.
     pub damping_n_s_per_m: f64,
 }
 
@@ -219,7 +212,7 @@ impl Wall {
 /// Butterworth, tuned, reaches there, at least the walk's first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
-    /// Softest damping first.
+    /// The walls, lowest B first.
     pub walls: [Wall; 3],
     /// Mean area of the true velocity in place of an estimate, N^2 s/m^2.
     pub told_area: f64,
@@ -235,7 +228,6 @@ impl Place {
 /// All about one estimator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compared {
-    /// Which one.
     pub entry: Entry,
     /// Its settings after the search.
     pub settings: VelocitySettings,
@@ -243,7 +235,6 @@ pub struct Compared {
     pub tuned: Tuned,
     /// Boundaries of that tuning by the scene's own criterion; none where that is the one of the search.
     pub beside: Option<Boundaries>,
-    /// Delay and noise.
     pub signal: Signal,
     /// In contact with each of the walls.
     pub contacts: [Contact; 3],

@@ -78,7 +78,6 @@ pub const WRONG_BY: f64 = 1.2;
 /// How much the mass of a model is put wrong.
 pub const MASS_WRONG_BY: f64 = 0.2;
 
-/// What walks, where.
 pub struct Walker<'a, D> {
     /// What runs the hits.
     pub engine: Engine,
@@ -182,6 +181,12 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
             (true, Some(_)) => Length::Long,
             (true, None) => Length::Short,
         })
+    }
+
+    /// Whether a tuning lies at an end of what a search looks at.
+    pub(in crate::analysis) fn is_at_edge(&self, settings: &VelocitySettings) -> bool {
+        let axes = self.axes(settings, true);
+        axes.is_some_and(|axes| edges(&axes, settings).iter().any(Option::is_some))
     }
 
     pub(super) fn axes(&self, start: &VelocitySettings, is_free: bool) -> Option<Axes> {

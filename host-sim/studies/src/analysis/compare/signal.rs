@@ -27,7 +27,6 @@ use crate::{
     },
 };
 
-/// Delay and noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Signal {
     /// Delay of a slow sine, s; negative if it leads.

@@ -19,9 +19,7 @@ use crate::{
 /// Which end of a criterion is good.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Better {
-    /// The larger.
     More,
-    /// The smaller.
     Less,
     /// The nearer to 0, from either side.
     NearerToZero,
@@ -30,21 +28,19 @@ pub enum Better {
 /// Which of the tables for people a criterion stands in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// The Z-width.
+    /// Criteria of the Z-width.
     Boundary,
-    /// The estimator alone.
+    /// Criteria of the estimator alone.
     Signal,
-    /// In contact.
+    /// Criteria in contact with walls.
     Contact,
     /// Wrong settings, and cost.
     Robustness,
 }
 
 impl Part {
-    /// All of them.
     pub const ALL: [Self; 4] = [Self::Boundary, Self::Signal, Self::Contact, Self::Robustness];
 
-    /// Heading.
     pub fn title(self) -> &'static str {
         match self {
             Self::Boundary => "Z-width (means of the repeats)",
@@ -55,11 +51,10 @@ impl Part {
     }
 }
 
-/// One column.
 pub struct Criterion {
     /// Name, as a CSV column, with its unit.
     pub key: &'static str,
-    /// Name for people.
+    /// Name in tables for people.
     pub name: &'static str,
     /// Unit of the value for people.
     pub unit: &'static str,
@@ -67,7 +62,6 @@ pub struct Criterion {
     pub scale: f64,
     /// Digits after the point for people.
     pub digits: usize,
-    /// Where it stands.
     pub part: Part,
     /// Which end is good; `None` for what is neither.
     pub better: Option<Better>,
@@ -128,7 +122,6 @@ const MORE: Option<Better> = Some(Better::More);
 const LESS: Option<Better> = Some(Better::Less);
 const NEARER: Option<Better> = Some(Better::NearerToZero);
 
-/// All columns.
 pub const CRITERIA: [Criterion; 27] = criteria! {
     Boundary MORE, "area_n2_s_per_m2":
         "area", AREA, 1e-6, 2, |c, _| c.tuned.boundaries.areas();
@@ -216,9 +209,7 @@ pub fn search_walks(c: &Compared) -> u32 {
 /// A parameter that was tuned.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
-    /// Its name.
     pub name: &'static str,
-    /// Its unit.
     pub unit: &'static str,
     /// What the search found.
     pub value: f64,

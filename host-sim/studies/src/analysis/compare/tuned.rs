@@ -10,7 +10,6 @@ use crate::study::boundary::Boundaries;
 pub struct Tried {
     /// Place on the axes, 0 to 1 each.
     pub place: [f64; 2],
-    /// The estimator there.
     pub settings: VelocitySettings,
     /// Mean area of the walks of the search, N^2 s/m^2.
     pub area: f64,

@@ -20,7 +20,6 @@ use crate::{
 /// Who wins a criterion in a class.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Winner {
-    /// The criterion.
     pub criterion: Cow<'static, str>,
     /// What the estimators look at: `position_only` or `more_than_position`.
     pub class: &'static str,
@@ -28,7 +27,7 @@ pub struct Winner {
     pub best: Vec<String>,
     /// Others that the repeats cannot tell apart from it.
     pub not_told_apart: Vec<String>,
-    /// Its value.
+    /// Mean of the best estimator.
     pub value: f64,
     /// Rank of finite difference and Butterworth: 1 and how many of its class are shown to be better;
     /// `null` if it is not in the class or has no value.

@@ -62,13 +62,11 @@ const DAMPING_N_S_PER_M: f64 = 100.0;
 /// Who pushes, in whose hand, below which limit.
 #[derive(Clone, Debug)]
 pub struct Condition {
-    /// Its name.
     pub name: String,
     /// The scene under it.
     pub scene: Scene,
 }
 
-/// What is asked.
 #[derive(Clone, Debug)]
 pub struct Question {
     /// One or more, of one device.
@@ -77,7 +75,7 @@ pub struct Question {
     pub gain_peak_db: Option<f64>,
     /// Largest delay of a slow motion, s.
     pub delay_s: Option<f64>,
-    /// Roughest force, N.
+    /// Largest roughness of the force, N.
     pub roughness_n: Option<f64>,
     /// Least that a mistuned filter keeps of the area.
     pub mistuned_share: Option<f64>,
@@ -87,7 +85,7 @@ pub struct Question {
     pub budget: u32,
     /// Walks of a result in each condition.
     pub repeats: u32,
-    /// Of the search.
+    /// Seed of the search.
     pub seed: u64,
     /// Arithmetic of the controller.
     pub numeric: Numeric,
@@ -98,20 +96,18 @@ pub struct Question {
 pub struct Reference {
     /// Its best cutoff, Hz.
     pub cutoff_hz: f64,
-    /// Its boundaries there.
     pub boundaries: Boundaries,
 }
 
 /// A filter of the result.
 #[derive(Clone, Debug)]
 pub struct Designed {
-    /// Its numbers.
     pub shape: Shape,
-    /// Boundaries by condition.
+    /// Boundaries in each condition.
     pub boundaries: Vec<Boundaries>,
     /// The least of its areas over the reference's, and in which condition.
     pub worth: f64,
-    /// That condition.
+    /// Index of that condition.
     pub worst: usize,
     /// Largest gain of the velocity over the true one, dB.
     pub gain_peak_db: f64,
@@ -133,20 +129,16 @@ impl Designed {
 /// A filter that was walked by the search.
 #[derive(Clone, Copy, Debug)]
 pub struct Tried {
-    /// Its numbers.
     pub shape: Shape,
-    /// dB.
     pub gain_peak_db: f64,
     /// On the search's grid.
     pub worth: f64,
 }
 
-/// The answer.
 #[derive(Clone, Debug)]
 pub struct DesignStudy {
-    /// The question.
     pub question: Question,
-    /// By condition.
+    /// One reference for each condition.
     pub references: Vec<Reference>,
     /// The wall at which roughness is measured, in the first condition.
     pub wall: Wall,

@@ -36,13 +36,12 @@ const LOWEST: f64 = 1e-3;
 pub struct Shape {
     /// Of the poles, Hz.
     pub frequency_hz: f64,
-    /// Of the poles.
+    /// Damping ratio of the poles.
     pub damping: f64,
     /// By which a slow motion is led, s.
     pub lead_s: f64,
     /// Place of the second zero.
     pub zero: f64,
-    /// A second section.
     pub second: Option<Second>,
 }
 
@@ -51,7 +50,7 @@ pub struct Shape {
 pub struct Second {
     /// Frequency of its poles over the first section's.
     pub ratio: f64,
-    /// Of its poles.
+    /// Damping ratio of its poles.
     pub damping: f64,
     /// By which it leads a slow motion, s.
     pub lead_s: f64,

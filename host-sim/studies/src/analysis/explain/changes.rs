@@ -14,7 +14,7 @@ use crate::{
 /// What a change asks of who makes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Another part.
+    /// Another part has to be bought.
     Part,
     /// Another firmware, or another setting of it.
     Firmware,
@@ -23,7 +23,6 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// Name in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Part => "part",
@@ -33,10 +32,9 @@ impl Kind {
     }
 }
 
-/// One element changed.
 #[derive(Clone, Debug)]
 pub struct Change {
-    /// Name in files.
+    /// Name, as files have it.
     pub name: &'static str,
     /// For people, in the scene's units.
     pub text: String,

@@ -24,7 +24,7 @@ use zwidth::{VelocitySettings, velocity::EstimatorName};
 pub use changes::{CLOCK_HZ, Change, Kind, changes, cost_of_estimator};
 
 use super::compare::{
-    Entry, damping_of,
+    Entry, Tuned, damping_of,
     looked::STARTS,
     search::{Budget, Walker},
     settings_of, signal,
@@ -54,7 +54,7 @@ const INTEGRATED_TUNINGS: u32 = 5;
 pub struct Explained {
     /// What was changed; `None` for the scene as it is.
     pub change: Option<Change>,
-    /// The estimator, tuned.
+    /// The estimator with its best tuning.
     pub settings: VelocitySettings,
     /// Its boundaries, one per start.
     pub boundaries: Boundaries,
@@ -62,7 +62,7 @@ pub struct Explained {
     pub beside: Option<Boundaries>,
     /// Noise of its velocity in motion, m/s RMS.
     pub noise_m_per_s: f64,
-    /// The search ended because nothing near is better.
+    /// The search ended because nothing near is better; not so where its result was [missed](Self::missed).
     pub settled: bool,
     /// Share of the area that its own search has missed, as far as is known.
     pub missed: f64,
@@ -185,21 +185,16 @@ pub fn explain(
         let budget = Budget { tunings: budget.tunings.min(most), ..budget };
         Walker { engine, scene: changed, stop, done: &done }.best(start, true, budget)
     };
-    let conclude = |change: Option<Change>, found: (VelocitySettings, super::compare::Tuned)| {
-        let (settings, tuned) = found;
-        let own = change.as_ref().map_or(scene, |change| &change.scene);
-        let signal = signal::measure(own, settings).map_err(Error::input)?;
-        Ok::<_, Error>(Explained {
-            change,
-            settings,
-            boundaries: tuned.boundaries,
-            beside: None,
-            noise_m_per_s: signal.noise_in_motion_m_per_s,
-            settled: tuned.settled,
-            missed: 0.0,
-            at_edge: tuned.edges.iter().any(Option::is_some),
-            hits: tuned.hits,
-        })
+    let found = |change: Option<Change>, (settings, tuned): (VelocitySettings, Tuned)| Explained {
+        change,
+        settings,
+        boundaries: tuned.boundaries,
+        beside: None,
+        noise_m_per_s: 0.0,
+        settled: tuned.settled,
+        missed: 0.0,
+        at_edge: tuned.edges.iter().any(Option::is_some),
+        hits: tuned.hits,
     };
     let first = || scene.velocity.at(scene.sweep.cutoffs_hz[0]);
     let own = scene.velocity.settings().unwrap_or_else(first);
@@ -221,8 +216,8 @@ pub fn explain(
         let estimators = change.as_ref().map_or(&[][..], |change| &change.estimators);
         let start = |name: EstimatorName| start(name, changed);
         match estimators {
-            [] => conclude(change.clone(), of(changed, &own, budget)?),
-            [name] => conclude(change.clone(), of(changed, &start(*name), budget)?),
+            [] => Ok(found(change.clone(), of(changed, &own, budget)?)),
+            [name] => Ok(found(change.clone(), of(changed, &start(*name), budget)?)),
             names => {
                 let screened: Vec<Result<(f64, u64, EstimatorName), Error>> = names
                     .par_iter()
@@ -235,18 +230,18 @@ pub fn explain(
                 screened.sort_by(|a, b| b.0.total_cmp(&a.0));
                 let mut hits: u64 = screened.iter().map(|(_, hits, _)| hits).sum();
                 screened.truncate(FINALISTS);
-                let found: Vec<Result<_, Error>> = screened
+                let searched: Vec<Result<_, Error>> = screened
                     .par_iter()
                     .map(|(_, _, name)| {
                         Ok((*name, of(changed, &start(*name), final_search(budget))?))
                     })
                     .collect();
-                let found = found.into_iter().collect::<Result<Vec<_>, _>>()?;
-                let area = |found: &(EstimatorName, (VelocitySettings, super::compare::Tuned))| {
-                    found.1.1.boundaries.area()
+                let searched = searched.into_iter().collect::<Result<Vec<_>, _>>()?;
+                let area = |searched: &(EstimatorName, (VelocitySettings, Tuned))| {
+                    searched.1.1.boundaries.area()
                 };
-                hits += found.iter().map(|(_, (_, tuned))| tuned.hits).sum::<u64>();
-                let best = found.into_iter().max_by(|a, b| area(a).total_cmp(&area(b)));
+                hits += searched.iter().map(|(_, (_, tuned))| tuned.hits).sum::<u64>();
+                let best = searched.into_iter().max_by(|a, b| area(a).total_cmp(&area(b)));
                 let (name, best) = best.ok_or_else(|| {
                     Error::Internal("no estimator in place of the scene's".into())
                 })?;
@@ -254,30 +249,38 @@ pub fn explain(
                 let text = format!("the best estimator, {}", name.text());
                 let change =
                     change.clone().map(|change| Change { text, cost, cycles_per_s, ..change });
-                Ok(Explained { hits, ..conclude(change, best)? })
+                Ok(Explained { hits, ..found(change, best) })
             }
         }
     });
-    let mut explained = explained.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let mut explained = explained.into_iter().collect::<Result<Vec<_>, Error>>()?;
     let mut base = explained.remove(0);
+    let starts = budget.starts();
     let walks = |changed: &Scene, settings: &[VelocitySettings], starts: &[f64]| {
         Walker { engine, scene: changed, stop, done: &done }.walks(settings, starts)
     };
-    pool(&walks, scene, &mut base, &mut explained, &budget.starts())?;
-    if let Some(own) = beside {
-        let same = changes(own, &names);
-        for one in explained.iter_mut().chain([&mut base]) {
-            let changed = match &one.change {
-                None => Some(own),
-                Some(change) => {
-                    same.iter().find(|other| other.name == change.name).map(|other| &other.scene)
-                }
-            };
-            let starts = budget.starts();
-            let walked = changed.map(|changed| walks(changed, &[one.settings], &starts));
-            one.beside = walked.transpose()?.and_then(|mut walked| walked.pop());
-        }
-    }
+    pool(&walks, scene, &mut base, &mut explained, &starts)?;
+    let same = beside.map_or_else(Vec::new, |own| changes(own, &names));
+    let conclude = |one: &mut Explained| {
+        let changed = one.scene(scene);
+        let signal = signal::measure(changed, one.settings).map_err(Error::input)?;
+        let walker = Walker { engine, scene: changed, stop, done: &done };
+        let at_edge = match one.missed > 0.0 {
+            true => walker.is_at_edge(&one.settings),
+            false => one.at_edge,
+        };
+        let own = match &one.change {
+            None => beside,
+            Some(change) => {
+                same.iter().find(|other| other.name == change.name).map(|other| &other.scene)
+            }
+        };
+        let walked = own.map(|own| walks(own, &[one.settings], &starts)).transpose()?;
+        one.beside = walked.and_then(|mut walked| walked.pop());
+        (one.noise_m_per_s, one.at_edge) = (signal.noise_in_motion_m_per_s, at_edge);
+        Ok::<_, Error>(())
+    };
+    explained.par_iter_mut().chain([&mut base]).try_for_each(conclude)?;
     explained.sort_by(|a, b| b.boundaries.area().total_cmp(&a.boundaries.area()));
     let damping_n_s_per_m =
         damping_n_s_per_m.unwrap_or_else(|| damping_of(Some(&base.boundaries), scene));
@@ -285,7 +288,8 @@ pub fn explain(
 }
 
 /// Walks of a scene at tunings of one estimator, from those starts.
-type Walks<'a> = dyn Fn(&Scene, &[VelocitySettings], &[f64]) -> Result<Vec<Boundaries>, Error> + 'a;
+type Walks<'a> =
+    dyn Fn(&Scene, &[VelocitySettings], &[f64]) -> Result<Vec<Boundaries>, Error> + Sync + 'a;
 
 /// Tries the scene at the tunings of its changes, and these at its own.
 fn pool(
@@ -299,11 +303,10 @@ fn pool(
     let like = |one: &Explained| one.settings.name() == estimator;
     let others = explained.iter().filter(|one| like(one)).map(|one| one.settings).collect();
     base.try_at(walks, scene, others, starts)?;
-    for one in explained.iter_mut().filter(|one| like(one)) {
-        let changed = one.change.as_ref().map_or(scene, |change| &change.scene).clone();
-        one.try_at(walks, &changed, vec![base.settings], starts)?;
-    }
-    Ok(())
+    explained
+        .par_iter_mut()
+        .filter(|one| like(one))
+        .try_for_each(|one| one.try_at(walks, scene, vec![base.settings], starts))
 }
 
 impl Explained {
@@ -313,14 +316,20 @@ impl Explained {
         self.boundaries.repeats().is_below(same, &other.boundaries.repeats())
     }
 
+    /// Its scene: the one that is explained, changed.
+    fn scene<'a>(&'a self, base: &'a Scene) -> &'a Scene {
+        self.change.as_ref().map_or(base, |change| &change.scene)
+    }
+
     /// Takes the best of its own and other tunings.
     fn try_at(
         &mut self,
         walks: &Walks<'_>,
-        scene: &Scene,
+        base: &Scene,
         others: Vec<VelocitySettings>,
         starts: &[f64],
     ) -> Result<(), Error> {
+        let scene = self.scene(base);
         let mut all = vec![self.settings];
         for other in others {
             if !all.contains(&other) && other.build(&scene.design()).is_ok() {
@@ -333,8 +342,8 @@ impl Explained {
         let areas: Vec<f64> = walks(scene, &all, &STARTS)?.iter().map(Boundaries::area).collect();
         let best = (1..all.len()).max_by(|a, b| areas[*a].total_cmp(&areas[*b]));
         let Some(best) = best.filter(|best| areas[*best] > areas[0]) else { return Ok(()) };
-        self.settings = all[best];
         self.boundaries = walks(scene, &all[best..=best], starts)?.pop().unwrap_or_default();
+        (self.settings, self.settled) = (all[best], false);
         self.hits += self.boundaries.hits();
         self.missed = if areas[0] > 0.0 { areas[best] / areas[0] - 1.0 } else { f64::INFINITY };
         Ok(())

@@ -23,7 +23,6 @@ pub fn digits(value: f64) -> String {
 pub struct Row {
     /// 0 for the scene as it is.
     pub rank: usize,
-    /// The element.
     pub change: &'static str,
     /// What it becomes, for people.
     pub what: String,
@@ -33,41 +32,33 @@ pub struct Row {
     pub times_the_area: Option<f64>,
     /// The least that the starts allow.
     pub times_low: Option<f64>,
-    /// The most.
+    /// The most that the starts allow.
     pub times_high: Option<f64>,
     /// `yes`, `worse`, or `unsure`: against the scene as it is.
     pub better: &'static str,
-    /// Mean area.
+    /// Mean area over the starts.
     pub area_n2_s_per_m2: f64,
-    /// Smallest.
     pub area_low_n2_s_per_m2: f64,
-    /// Largest.
     pub area_high_n2_s_per_m2: f64,
     /// Mean by the scene's own criterion at the same tuning, where that is not the one of the search.
     pub scene_area_n2_s_per_m2: Option<f64>,
     /// Largest K of a boundary, mean.
     pub stiffness_peak_n_per_m: f64,
-    /// Smallest.
     pub stiffness_peak_low_n_per_m: f64,
-    /// Largest.
     pub stiffness_peak_high_n_per_m: f64,
     /// B at which K is read off.
     pub damping_n_s_per_m: f64,
-    /// K there, mean.
+    /// Mean of K at that B.
     pub stiffness_n_per_m: f64,
-    /// Smallest.
     pub stiffness_low_n_per_m: f64,
-    /// Largest.
     pub stiffness_high_n_per_m: f64,
     /// RMS noise of the velocity in motion.
     pub velocity_noise_m_per_s: f64,
-    /// That times B.
+    /// Velocity noise times B, N.
     pub force_noise_n: f64,
-    /// The estimator.
     pub estimator: &'static str,
     /// Its tuning, if it has one.
     pub tuning: Option<f64>,
-    /// Unit of that.
     pub tuning_unit: Option<&'static str>,
     /// At an end of the range.
     pub tuning_at_edge: bool,
@@ -75,7 +66,6 @@ pub struct Row {
     pub search_settled: bool,
     /// Walks that a cap cut.
     pub capped_walks: usize,
-    /// Of how many.
     pub walks: usize,
     /// Hits that search and result took.
     pub hits: u64,
@@ -233,16 +223,13 @@ impl Explanation {
                 change.cost
             ))
         });
-        let missed = self.changes.iter().filter(|one| one.missed > TOLD);
-        let missed: Vec<String> = missed
-            .filter_map(|one| {
-                let change = one.change.as_ref()?;
-                Some(format!("{} ({})", change.text, digits(one.missed)))
-            })
-            .collect();
+        let of = |one: &Explained| one.change.as_ref().map_or("the scene", |c| &c.text).to_owned();
+        let missed = [&self.base].into_iter().chain(&self.changes).filter(|one| one.missed > TOLD);
+        let missed: Vec<String> =
+            missed.map(|one| format!("{} ({})", of(one), digits(one.missed))).collect();
         let missed = (!missed.is_empty()).then(|| {
             format!(
-                "Shares of the area that a search missed, told by the scene's tuning: {}",
+                "Shares of the area that a search missed, found at another row's tuning: {}",
                 missed.join("; ")
             )
         });

@@ -25,9 +25,9 @@ pub struct GainAsked {
     pub gain: Option<f64>,
     /// k_t of gain = k_t k_amp / r_c, N m/A.
     pub torque_constant: Option<f64>,
-    /// k_amp, A/V.
+    /// k_amp of this gain, A/V.
     pub amplifier_gain: Option<f64>,
-    /// r_c, m.
+    /// r_c of this gain, m.
     pub drum_radius: Option<f64>,
     /// Mass of a weight that the motor holds, kg.
     pub calibration_mass: Option<f64>,

@@ -48,7 +48,6 @@ const FAR_OUTSIDE: f64 = 3.0;
 /// A value and its 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// Best value.
     pub value: f64,
     /// Half of the interval.
     pub half_width: f64,
@@ -88,7 +87,7 @@ pub(super) struct Estimates {
     pub gain: Option<Estimate>,
     pub latency: Option<Estimate>,
     pub friction: Option<Estimate>,
-    /// Time constant, s.
+    /// Time constant of the amplifier, s.
     pub lag: Option<Estimate>,
     pub offset: Option<Estimate>,
     /// Encoder error: amplitudes once and twice per cycle, phase at 0, cycle.

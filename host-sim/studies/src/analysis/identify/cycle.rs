@@ -8,11 +8,10 @@
 use super::fit::{Fitted, Solution};
 use crate::numerics::fft::RealSpectrum;
 
-/// Shortest cycle, bins.
+/// Shortest cycle that is searched, bins.
 const SHORTEST: usize = 8;
 /// Cycles in the travel, at least.
 const FEWEST: usize = 4;
-/// Most bins.
 const BINS_MAX: f64 = 65_536.0;
 /// Lines on each side that a line is measured against.
 const NEIGHBOURS: usize = 16;

@@ -5,13 +5,13 @@
 
 use crate::{range::refused, scene::ranges};
 
-/// Standard gravity, m/s^2.
+/// Standard gravity by definition, m/s^2.
 const GRAVITY_M_PER_S2: f64 = 9.806_65;
 
 /// Where the force per volt comes from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Gain {
-    /// As given, N/V.
+    /// As it was given, N/V.
     Given(f64),
     /// Paper, section 2.2.2: `k_t k_amp / r_c`.
     Motor {

@@ -113,7 +113,6 @@ struct ResidualJson {
 }
 
 impl<'a> Json<'a> {
-    /// Of those records.
     pub fn new(records: &'a [Record], found: &'a Identification, options: &Options) -> Self {
         let residual = &found.residual;
         let initial = records.iter().zip(&found.fits).map(|(record, fit)| Initial {

@@ -19,14 +19,14 @@ pub(super) enum Parameter {
     Constant,
     Gain,
     Latency,
-    /// Coulomb friction, N.
+    /// Force of Coulomb friction, N.
     Friction,
     /// Time constant of the amplifier, s.
     Lag,
     /// Encoder error once per cycle at the reference: its sine and cosine, m.
     Sine,
     Cosine,
-    /// Cycles per metre.
+    /// Cycles of the encoder's error per metre.
     Cycles,
     /// Encoder error twice per cycle, m.
     Second,
@@ -73,7 +73,6 @@ pub(super) struct Layout {
     pub cycles_per_m: Option<f64>,
     /// What positions are measured from, m.
     pub reference_m: f64,
-    /// Number of records.
     pub records: usize,
     /// Records, by bit, in which friction holds the handle at the first row: their speed there is 0.
     pub resting: u64,
@@ -140,7 +139,6 @@ impl Layout {
         self.terms.friction && record < 64 && self.resting >> record & 1 == 1
     }
 
-    /// Number of parameters.
     fn count(&self) -> usize {
         self.position_place(self.records)
     }

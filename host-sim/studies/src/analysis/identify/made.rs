@@ -18,7 +18,7 @@ use crate::{
 /// The base scene with what was identified.
 #[derive(Clone, Debug)]
 pub struct Made {
-    /// At the handle.
+    /// The scene at the handle.
     pub scene: Scene,
     /// What a reader has to know.
     pub notes: Vec<String>,
@@ -67,7 +67,7 @@ impl Serialize for Made {
     }
 }
 
-/// At the handle.
+/// The identified scene at the handle.
 fn scene(base: &Scene, found: &Identification, options: &Options) -> Scene {
     let mut scene = base.clone();
     scene.device.mass_kg = found.mass_kg.value;

@@ -65,7 +65,7 @@ const OUTLIER: f64 = 6.5;
 /// What is known beside the records.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Force per volt.
+    /// Source of the force per volt.
     pub gain: Gain,
     /// From a row's time to its voltage's effect, s; the first value if it is fitted.
     pub latency_s: f64,
@@ -77,7 +77,7 @@ pub struct Options {
     pub resolution_m: f64,
     /// How a position became a count.
     pub rounding: Rounding,
-    /// Largest command, V.
+    /// Largest magnitude of a command, V.
     pub limit_v: f64,
     /// Terms beside mass, damping and spring.
     pub terms: Terms,
@@ -117,7 +117,7 @@ pub struct Fit {
     pub residual_m: Vec<f64>,
     /// Position at the first row, m.
     pub position_m: f64,
-    /// Speed there, m/s.
+    /// Speed at the first row, m/s.
     pub speed_m_per_s: f64,
 }
 
@@ -132,12 +132,9 @@ impl Fit {
     }
 }
 
-/// What was found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Identification {
-    /// m, kg.
     pub mass_kg: Estimate,
-    /// b, N s/m.
     pub damping_n_s_per_m: Estimate,
     /// k, N/m, and x0, m; `None` for a device without a spring.
     pub spring: Option<Spring>,
@@ -147,7 +144,6 @@ pub struct Identification {
     pub latency_s: Estimate,
     /// Terms beside mass, damping and spring.
     pub terms: Found,
-    /// Each record's fit.
     pub fits: Vec<Fit>,
     /// What the fit leaves.
     pub residual: Residual,
@@ -164,9 +160,7 @@ pub struct Identification {
 /// Stiffness and rest position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spring {
-    /// k, N/m.
     pub stiffness_n_per_m: Estimate,
-    /// x0, m.
     pub rest_position_m: Estimate,
 }
 

@@ -23,11 +23,11 @@ pub(super) struct Reduced {
     pub d: f64,
     /// Acceleration per volt, m/s^2/V.
     pub gain: f64,
-    /// Constant acceleration, m/s^2.
+    /// Constant part of the acceleration, m/s^2.
     pub offset: f64,
     /// Position at the first fitted row, from the reference, m.
     pub x: f64,
-    /// Speed there, m/s.
+    /// Speed at that row, m/s.
     pub v: f64,
     /// From a row's time to its voltage's effect, rows; may be below 0.
     pub latency: f64,
@@ -89,7 +89,7 @@ impl Step {
 /// What is carried from row to row.
 #[derive(Clone, Copy)]
 struct Carried {
-    /// State.
+    /// State: position and speed.
     z: Pair,
     /// Its derivatives by w and d.
     z_w: Pair,

@@ -28,7 +28,7 @@ pub(super) struct Motion {
     pub d: f64,
     /// Acceleration per volt, m/s^2/V.
     pub gain: f64,
-    /// Constant acceleration, m/s^2.
+    /// Constant part of the acceleration, m/s^2.
     pub offset: f64,
     /// Coulomb friction per mass, m/s^2.
     pub friction: f64,
@@ -36,7 +36,7 @@ pub(super) struct Motion {
     pub lag_s: f64,
     /// Position at the first fitted row, from the reference, m.
     pub x: f64,
-    /// Speed there, m/s.
+    /// Speed at that row, m/s.
     pub v: f64,
     /// From a row's time to its voltage's effect, rows.
     pub latency: f64,
@@ -45,7 +45,7 @@ pub(super) struct Motion {
 /// x, v and the amplifier's acceleration.
 type State = SVector<f64, 3>;
 
-/// One exact step.
+/// An exact step of `seconds`.
 struct Step {
     seconds: f64,
     phi: SMatrix<f64, 3, 3>,

@@ -26,16 +26,13 @@ const FEWEST_COUNTS: f64 = 200.0;
 /// Halvings of the force until it is given up.
 const HALVINGS: u32 = 12;
 
-/// One pulse.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Pulse {
-    /// Force, N.
     pub push_n: f64,
-    /// How long, s.
     pub seconds: f64,
     /// Farthest from the start, m.
     pub excursion_m: f64,
-    /// Fastest, m/s.
+    /// Largest speed on the way, m/s.
     pub speed_m_per_s: f64,
 }
 
@@ -46,7 +43,6 @@ impl Pulse {
     }
 }
 
-/// A planned record.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
     /// Where each pulse starts, m.

@@ -15,7 +15,6 @@ pub struct Planned {
     pub scene: String,
     /// Where each pulse starts.
     pub start_m: f64,
-    /// The train's force.
     pub push_n: f64,
     /// Its pulses, in their order.
     pub pulses: Vec<Pulse>,

@@ -219,7 +219,6 @@ impl Record {
         self.start_s + row as f64 * self.step_s
     }
 
-    /// Number of rows.
     pub fn len(&self) -> usize {
         self.position_m.len()
     }

@@ -52,7 +52,6 @@ pub(super) struct Piece<'a> {
 /// What was found in the residual.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
-    /// RMS, m.
     pub rms_m: f64,
     /// RMS, counts; `None` for a sensor without counts.
     pub rms_counts: Option<f64>,
@@ -64,7 +63,7 @@ pub struct Residual {
     pub coherence_squared_error: f64,
     /// p-value of the Ljung-Box test over 20 lags: small if the residual is not white.
     pub whiteness_p: f64,
-    /// Lag-1 autocorrelation.
+    /// Autocorrelation at a lag of one row.
     pub autocorrelation: f64,
     /// Largest residual in terms of the RMS.
     pub peak_per_rms: f64,

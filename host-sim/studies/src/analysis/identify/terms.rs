@@ -28,18 +28,17 @@ pub const FAMILY_P: f64 = 0.002;
 /// A term beside mass, damping and spring.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Term {
-    /// Coulomb friction.
+    /// Coulomb friction of the device.
     Friction,
     /// First-order lag of the amplifier.
     Amplifier,
-    /// Constant force.
+    /// Constant force on the device.
     Offset,
     /// Periodic error of the encoder.
     Phase,
 }
 
 impl Term {
-    /// All of them.
     pub const ALL: [Self; 4] = [Self::Friction, Self::Amplifier, Self::Offset, Self::Phase];
 
     /// Its option on the command line.
@@ -89,11 +88,9 @@ pub enum Terms {
     Auto,
     /// These, whether the record tells them or not.
     These {
-        /// Coulomb friction.
         friction: bool,
         /// First-order lag of the amplifier.
         amplifier: bool,
-        /// Constant force.
         offset: bool,
         /// Periodic error of the encoder.
         phase: bool,
@@ -121,7 +118,6 @@ impl Terms {
     }
 }
 
-/// The encoder's error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Phase {
     /// Amplitude once per cycle, m.
@@ -137,11 +133,11 @@ pub struct Phase {
 /// What was found of the terms; `None` where one is not in the model.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Found {
-    /// Coulomb friction, N.
+    /// Force of Coulomb friction, N.
     pub friction_n: Option<Estimate>,
     /// Time constant of the amplifier, s.
     pub lag_s: Option<Estimate>,
-    /// Constant force, N.
+    /// Constant force on the device, N.
     pub offset_n: Option<Estimate>,
     /// Error of the encoder.
     pub phase: Option<Phase>,
@@ -152,7 +148,6 @@ pub struct Found {
 /// The test of one term.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tested {
-    /// Which.
     pub term: Term,
     /// Value over standard error.
     pub z: f64,

@@ -68,7 +68,6 @@ impl Device {
 /// The linear elements on the device; none by default. What each is: [`crate::scene::element`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Elements {
-    /// The actuator's lag.
     pub amplifier: Option<Amplifier>,
     /// A second mass behind the transmission.
     pub mode: Option<Mode>,
@@ -79,7 +78,6 @@ pub struct Elements {
 /// The sampled loop around a device, without its wall.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loop {
-    /// The device.
     pub device: Device,
     /// What is on it.
     pub elements: Elements,
@@ -188,14 +186,7 @@ impl Loop {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LinearError {
     /// A number is not finite or outside its range.
-    OutOfRange {
-        /// The quantity.
-        name: &'static str,
-        /// Smallest value accepted.
-        low: f64,
-        /// Largest value accepted.
-        high: f64,
-    },
+    OutOfRange { name: &'static str, low: f64, high: f64 },
     /// The estimator has no denominator, a leading zero in it, a coefficient that is no number, or an order
     /// above [`ORDER_MAX`].
     Estimator,

@@ -39,7 +39,6 @@ impl Monodromy {
         Ok(Self { fixed, stiff, damped })
     }
 
-    /// Number of states.
     #[must_use]
     pub fn states(&self) -> usize {
         self.fixed.nrows()
@@ -72,7 +71,7 @@ impl Monodromy {
 struct Stepper {
     num: Vec<f64>,
     den: Vec<f64>,
-    /// Estimator states.
+    /// Number of the estimator's states.
     order: usize,
     /// Commands on their way at an output instant, newest first.
     queue: usize,

@@ -52,7 +52,6 @@ struct Sample {
     before: f64,
 }
 
-/// A device alone.
 #[derive(Clone, Debug)]
 struct Alone {
     less: [[f64; 2]; 2],
@@ -187,7 +186,6 @@ impl Augmented {
         Self { less: step(period).0, now, before, samples, marks }
     }
 
-    /// As [`Alone::at`].
     fn at(
         &self,
         delta: Complex<f64>,

@@ -127,7 +127,7 @@ fn latency_as_printed() {
     }
 }
 
-/// Damping, printed limit.
+/// Pairs of damping and printed limit.
 type Row = [(f64, f64); 4];
 
 #[test]

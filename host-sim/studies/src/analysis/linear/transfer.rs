@@ -86,7 +86,6 @@ impl TransferFunction {
         self.num.len().max(self.den.len()).max(1) - 1
     }
 
-    /// Value at `1/z`.
     #[must_use]
     pub fn at(&self, z_inverse: Complex<f64>) -> Complex<f64> {
         polynomial(&self.num, z_inverse) / polynomial(&self.den, z_inverse)

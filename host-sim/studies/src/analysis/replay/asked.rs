@@ -86,13 +86,12 @@ pub fn lsb_m_per_s(scene: &Scene) -> f64 {
 pub struct Told {
     /// Name of the estimator.
     pub estimator: &'static str,
-    /// Its nominal cutoff.
+    /// Nominal cutoff of the estimator, Hz.
     pub cutoff_hz: f64,
-    /// How many.
     pub samples: usize,
-    /// Number of the first.
+    /// Number of the first sample.
     pub first_sample: u64,
-    /// First from which on both say the same to the last bit, up to the end.
+    /// First sample from which on both say the same to the last bit, up to the end.
     pub same_from_sample: Option<u64>,
     /// RMS of the difference to the board's.
     pub difference_rms_m_per_s: f64,
@@ -100,7 +99,7 @@ pub struct Told {
     pub later_s: Option<f64>,
     /// RMS of the board's change from sample to sample.
     pub board_change_rms_m_per_s: f64,
-    /// The estimator's.
+    /// RMS of the estimator's change from sample to sample.
     pub change_rms_m_per_s: f64,
 }
 

@@ -28,7 +28,7 @@ const LEAST: usize = 100;
 pub struct Replayed {
     /// The first of the samples, which follow each other.
     pub first: u64,
-    /// Position of each.
+    /// Position of each sample.
     pub positions: Vec<Position>,
     /// The board's own velocity of each: told with an output, or computed from its keys and counts.
     pub board: Vec<Velocity>,
@@ -71,12 +71,10 @@ impl Replayed {
         })
     }
 
-    /// Samples.
     pub fn len(&self) -> usize {
         self.velocities.len()
     }
 
-    /// There are none.
     pub fn is_empty(&self) -> bool {
         self.velocities.is_empty()
     }

@@ -37,6 +37,10 @@ impl Filtered {
 }
 
 impl Replaceable for Filtered {
+    fn set_push(&mut self, push: f64) {
+        self.core.set_push(push);
+    }
+
     fn push(&self) -> f64 {
         self.core.push()
     }
@@ -91,7 +95,6 @@ impl Controller for Filtered {
 pub struct Areas(pub Vec<f64>);
 
 impl Areas {
-    /// Mean.
     pub fn mean(&self) -> f64 {
         Repeats::of(self.0.iter().copied()).mean
     }

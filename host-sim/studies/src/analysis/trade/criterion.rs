@@ -5,9 +5,8 @@ use super::{LSB_PER_COUNT, drift, larger, noise::Noise, response::Response};
 /// What was measured of a filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
-    /// Response.
     pub response: Response,
-    /// DC drift, counts.
+    /// DC drift over `drift::SAMPLES`, counts.
     pub drift_counts: f64,
     /// Distance from the exact filter, counts per sample.
     pub noise: Noise,
@@ -31,7 +30,7 @@ impl Measured {
 /// What all filters of one cutoff are held against.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exact {
-    /// Nominal cutoff, Hz.
+    /// Nominal cutoff of the filters, Hz.
     pub cutoff_hz: f64,
     /// The -3 dB frequency is in the band that is measured.
     pub has_cutoff: bool,
@@ -50,13 +49,11 @@ pub enum Criterion {
     Response,
     /// Error of the -3 dB frequency.
     Cutoff,
-    /// DC bias.
+    /// Mean error of a constant speed.
     Bias,
-    /// Noise.
     Noise,
-    /// Limit cycle.
+    /// Limit cycle after a stop.
     Rest,
-    /// Area.
     Area,
 }
 
@@ -78,11 +75,9 @@ pub fn allowed_noise(encoder: f64) -> f64 {
 }
 
 impl Criterion {
-    /// All.
     pub const ALL: [Self; 6] =
         [Self::Response, Self::Cutoff, Self::Bias, Self::Noise, Self::Rest, Self::Area];
 
-    /// Name in tables.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Response => "response",

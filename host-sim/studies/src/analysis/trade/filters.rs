@@ -21,7 +21,6 @@ use crate::{error::Error, scene::Scene};
 /// A filter at a cutoff.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FilterRow {
-    /// Which one.
     pub variant: Variant,
     /// Index of the cutoff.
     pub cutoff: usize,
@@ -32,7 +31,6 @@ pub struct FilterRow {
 }
 
 impl FilterRow {
-    /// It would do.
     pub fn would_do(&self) -> bool {
         self.measured.is_ok() && self.missed.is_empty()
     }

@@ -22,7 +22,6 @@ pub struct Reversal {
 }
 
 impl Reversal {
-    /// For that cutoff.
     pub fn new(bench: &Bench, cutoff_hz: f64) -> Self {
         let before = bench.samples(BEFORE, cutoff_hz) + 20;
         let after = bench.samples(AFTER, cutoff_hz) + 20;

@@ -56,7 +56,7 @@ use crate::scene::Scene;
 pub struct Bench {
     /// Samples per second, Hz.
     pub rate_hz: f64,
-    /// m per count.
+    /// Length of a count, m per count.
     pub resolution_m: f64,
     /// Fractional bits of a signal in Q15.
     pub q15_fraction: u32,

@@ -25,7 +25,7 @@ pub struct Motions {
 pub struct Noise {
     /// On a count that flickers.
     pub at_rest: f64,
-    /// On a ramp.
+    /// On a ramp of counts.
     pub in_motion: f64,
 }
 
@@ -35,7 +35,6 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 impl Motions {
-    /// For that cutoff.
     pub fn new(bench: &Bench, cutoff_hz: f64) -> Self {
         let samples = bench.samples(PERIODS, cutoff_hz).max(SAMPLES_MIN);
         let mut state = 0x2545_f491_4f6c_dd1du64;

@@ -18,7 +18,6 @@ pub struct Reference {
 }
 
 impl Reference {
-    /// At rest.
     pub fn new(cutoff_hz: f64, rate_hz: f64) -> Self {
         // w is a number of 53 bits for all variants; from there on it is exact
         let g = Double::from(Prototype::new(cutoff_hz, rate_hz).g());

@@ -31,7 +31,6 @@ pub struct Tones {
     tones: Vec<Tone>,
 }
 
-/// What came out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Response {
     /// Largest `abs(H - H_exact)`.
@@ -41,7 +40,6 @@ pub struct Response {
 }
 
 impl Tones {
-    /// For that cutoff.
     pub fn new(bench: &Bench, cutoff_hz: f64) -> Self {
         let prototype = Prototype::new(cutoff_hz, bench.rate_hz);
         let amplitude = 0.5 * bench.q15_full_scale_counts() * LSB_PER_COUNT;

@@ -44,7 +44,6 @@ fn quoted(text: &str) -> String {
     format!("\"{}\"", text.replace('"', "\"\""))
 }
 
-/// `filters.csv`.
 pub fn filters_csv(filters: &Filters, bench: &Bench) -> String {
     let mut text = String::from(
         "format,form,cutoff_hz,response_error,response_error_db,cutoff_error,drift_counts,bias_m_per_s,\
@@ -96,7 +95,6 @@ pub fn filters_csv(filters: &Filters, bench: &Bench) -> String {
     text
 }
 
-/// `plant.csv`.
 pub fn plant_csv(plants: &Plants) -> String {
     let mut text = String::from(
         "method,setting,steps_per_sample,operations_per_s,trajectory_error_m,verdicts_wrong,verdicts,\
@@ -127,13 +125,11 @@ pub fn plant_csv(plants: &Plants) -> String {
 /// What a variant is good for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GoodFor {
-    /// Which one.
     pub variant: Variant,
     /// First and last of the longest run of cutoffs that were tried at which it would do, Hz.
     pub cutoffs_hz: Option<[f64; 2]>,
     /// What it misses at the next cutoff below, and above; empty where there is none or it is refused there.
     pub below: Vec<Criterion>,
-    /// See `below`.
     pub above: Vec<Criterion>,
     /// It is refused at the next cutoff below.
     pub refused_below: bool,

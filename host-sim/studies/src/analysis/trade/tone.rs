@@ -7,7 +7,7 @@ use nalgebra::Complex;
 /// A sine and its window.
 #[derive(Clone, Debug)]
 pub struct Tone {
-    /// Cycles per sample.
+    /// Frequency in cycles per sample.
     pub frequency: f64,
     window: u32,
     /// LSB of the core's velocity.
@@ -18,7 +18,7 @@ pub struct Tone {
     spectrum: Complex<f64>,
 }
 
-/// Shortest window, samples.
+/// Shortest window of a tone, samples.
 const WINDOW_MIN: f64 = 4096.0;
 
 impl Tone {

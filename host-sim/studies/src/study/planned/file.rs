@@ -17,7 +17,7 @@ use crate::{
 pub enum Measure {
     /// The boundary of the stable walls from one start.
     Walk,
-    /// One wall.
+    /// A hit at one wall.
     Hit,
     /// Walks at every cutoff, and the ideal one.
     Sweep,
@@ -66,7 +66,6 @@ struct Keys {
 pub struct StudyFile {
     /// What errors call it.
     pub origin: String,
-    /// Its text.
     pub text: String,
     /// Where the scenes are that it names by a relative path.
     pub folder: PathBuf,
@@ -187,7 +186,7 @@ impl StudyFile {
 
 /// Walks of each cutoff of a sweep.
 const REPEAT: u32 = 4;
-/// Most of them.
+/// Most walks of each cutoff.
 const REPEAT_MAX: u32 = 1000;
 /// Most points of a unit.
 const PER_UNIT_MAX: u64 = 1_000_000;

@@ -57,7 +57,6 @@ pub struct Block {
     pub table: Table,
     /// Text of its felt curve, if it names one.
     pub curve: Option<String>,
-    /// What it speaks.
     pub units: Units,
     /// Name of the estimator.
     pub estimator: &'static str,
@@ -67,22 +66,18 @@ pub struct Block {
     pub first_point: u64,
     /// Number of its first unit in the study.
     pub first_unit: u64,
-    /// How many points.
     pub points: u64,
     /// Points of each of its units but the last.
     pub points_per_unit: u64,
 }
 
-/// A study, checked.
 #[derive(Clone, Debug)]
 pub struct Study {
     /// What was asked for.
     pub file: StudyFile,
     /// Its scenes with their estimators.
     pub blocks: Vec<Block>,
-    /// How many points.
     pub points: u64,
-    /// How many units.
     pub units: u64,
     /// The files that its scenes were read from.
     pub files: Vec<PathBuf>,
@@ -348,7 +343,7 @@ impl StudyFile {
         let of_variant = [cutoffs, starts, walls].map(|n| n as u64);
         let points = of_variant.into_iter().fold(self.variants(), u64::saturating_mul);
         let hit = &with.scene.wall_hit;
-        let samples = (hit.settle_s + hit.window_s) * with.scene.control.rate_hz;
+        let samples = hit.times_s().iter().sum::<f64>() * with.scene.control.rate_hz;
         #[expect(clippy::cast_precision_loss, reason = "at most ten thousand cutoffs")]
         let hits = match self.measure {
             Measure::Hit => 1.0,

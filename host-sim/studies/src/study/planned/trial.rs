@@ -21,7 +21,7 @@ const LONG: Duration = Duration::from_secs(2);
 /// A figure for the whole study, from the spread over the points of the trial, or over its parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// Expected value.
+    /// Expected value of the figure.
     pub value: f64,
     /// Half of the interval of 95 %; 0 where every point was made, or all are alike.
     pub uncertainty: f64,
@@ -32,7 +32,6 @@ pub struct Estimate {
 pub struct Trial {
     /// Points that were made.
     pub points: u64,
-    /// Hits.
     pub hits: Estimate,
     /// Time on all threads, s.
     pub time_s: Estimate,

@@ -27,7 +27,7 @@ const AT_ONCE: usize = 256;
 /// What was made of some points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Made {
-    /// Their rows.
+    /// Rows of these points.
     pub table: Table,
     /// Hits that were asked for.
     pub hits: u64,

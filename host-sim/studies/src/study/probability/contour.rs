@@ -74,13 +74,11 @@ fn length(interval: &Interval) -> f64 {
 /// A contour that was tried.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tried {
-    /// Its intervals.
     pub intervals: Vec<Interval>,
-    /// Their length over that of the map's contour.
+    /// Length of the intervals over that of the map's contour.
     pub length: f64,
     /// Fresh draws that tried it, and those that hold.
     pub draws: u32,
-    /// Those that hold.
     pub held: u32,
 }
 
@@ -199,6 +197,7 @@ mod tests {
             step: [100.0, 10.0],
             cells: [6, 3],
             trials: 20,
+            devices: 0,
             areas: vec![],
             is_capped: false,
             held: Default::default(),

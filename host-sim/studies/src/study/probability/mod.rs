@@ -5,6 +5,12 @@
 //! holds is the wall's probability; its integral over K and B is an area that counts each wall as far as it holds. A draw's own
 //! area is that of the cells at which it holds: the spread of areas, and of the cutoff that is ideal, is that of the draws.
 //!
+//! **How sure the quantiles are.** Devices that are drawn are independent, the starts of one are spread evenly: no sample, so
+//! quantiles over the starts of the scene's own device have no interval. Of drawn devices a quantile's interval
+//! is that of the ranks between which it lies for as many devices ([`ranks`]); from fewer than [`DRAWS_MIN`] of them the
+//! worst 5 % have no lower bound. Which cutoff is best in the worst draws is asked of devices drawn again from those that
+//! were (bootstrap): what leads in too many of these cannot be told from the best.
+//!
 //! The contour of 95 % ([`contour`]) is what a firmware may render. It is made on fresh draws and tried on others.
 
 pub mod contour;
@@ -12,6 +18,7 @@ pub mod contour;
 use std::{collections::BTreeMap, sync::atomic::AtomicBool};
 
 use rayon::prelude::*;
+use statrs::distribution::{Binomial, DiscreteCDF as _};
 use zwidth::{VelocitySettings, experiment::Verdict};
 
 use super::{
@@ -37,10 +44,17 @@ const HITS_OF_A_TASK: usize = 512;
 /// Seeds of what is drawn.
 const DEVICES: u64 = 0x5eed_0001;
 const STARTS: u64 = 0x5eed_0002;
+const AGAIN: u64 = 0x5eed_0003;
 /// The share of draws that a recommendation is for.
 pub const WORST: f64 = 0.05;
+/// Devices from which on [`WORST`] of them has a lower bound.
+pub const DRAWS_MIN: u32 = 72;
+/// What an interval leaves out on either side, and the share of the draws made again in which a cutoff has to lead.
+const MISS: f64 = 0.025;
+/// Times that the devices are drawn again.
+const TIMES: u64 = 1000;
 
-/// Who is drawn.
+/// Devices and starts that are drawn.
 #[derive(Clone, Debug)]
 pub struct Draws {
     scene: Scene,
@@ -71,7 +85,6 @@ impl Draws {
         Ok(Self { scene: scene.clone(), devices, starts })
     }
 
-    /// How many.
     pub fn count(&self) -> u32 {
         self.devices.max(1) * self.starts
     }
@@ -219,16 +232,17 @@ fn holds(
 /// The share that holds, over K and B at one cutoff.
 #[derive(Clone, Debug)]
 pub struct Map {
-    /// Nominal cutoff, Hz.
+    /// Nominal cutoff of the filter, Hz.
     pub cutoff_hz: f64,
-    /// The filter.
     pub velocity: VelocitySettings,
     /// Size of a cell: K, N/m, and B, N s/m. A wall stands in the middle of its cell.
     pub step: [f64; 2],
     /// Cells in K and in B.
     pub cells: [u32; 2],
-    /// Draws.
+    /// Number of all draws.
     pub trials: u32,
+    /// Devices among them, each with as many starts in a row; 0: starts of the scene's own.
+    pub devices: u32,
     /// Of each draw, the area at which it holds, N^2 s/m^2.
     pub areas: Vec<f64>,
     /// The map is cut at a cap of `[walk]`.
@@ -253,10 +267,14 @@ impl Map {
         f64::from(held) / f64::from(self.trials) * self.step[0] * self.step[1]
     }
 
-    /// Share of the cells at which some draws hold and others do not, of those at which any holds.
+    /// Share of the cells at which more than one draw in twenty holds and more than one does not, of those at which more
+    /// than one holds.
     pub fn undecided_share(&self) -> f64 {
-        let any = self.held.values().filter(|held| **held > 0).count();
-        let some = self.held.values().filter(|held| **held > 0 && **held < self.trials).count();
+        let few = WORST * f64::from(self.trials);
+        let (hold, fail) =
+            (|held: u32| f64::from(held) > few, |held: u32| f64::from(self.trials - held) > few);
+        let any = self.held.values().filter(|held| hold(**held)).count();
+        let some = self.held.values().filter(|held| hold(**held) && fail(**held)).count();
         #[expect(clippy::cast_precision_loss, reason = "some thousand cells")]
         let share = some as f64 / any.max(1) as f64;
         share
@@ -266,6 +284,34 @@ impl Map {
     pub fn quantile(&self, share: f64) -> f64 {
         quantile(&self.areas, share)
     }
+
+    /// The 95 % interval of that quantile; without an end where too few devices are drawn.
+    pub fn interval(&self, share: f64) -> [Option<f64>; 2] {
+        let ends = ranks(self.devices, share);
+        ends.map(|end| end.map(|share| quantile(&self.areas, share)))
+    }
+
+    /// The areas of devices that are drawn again from those that were, the same for each map.
+    fn again(&self, time: u64) -> Vec<f64> {
+        let devices = u64::from(self.devices);
+        let starts = u64::from(self.trials) / devices;
+        let drawn = (0..devices).flat_map(|n| {
+            let first = random::bits(AGAIN, time * devices + n) % devices * starts;
+            first..first + starts
+        });
+        drawn.filter_map(|draw| self.areas.get(usize::try_from(draw).ok()?)).copied().collect()
+    }
+}
+
+/// The shares of the sorted draws between which a quantile lies with 95 %, whatever their distribution (Conover, *Practical
+/// Nonparametric Statistics*, 1999, section 3.2); `None` where no draw bounds it.
+pub fn ranks(draws: u32, share: f64) -> [Option<f64>; 2] {
+    let Ok(below) = Binomial::new(share, draws.into()) else { return [None; 2] };
+    // rank r of 1 to n is at the share (r - 1) / (n - 1)
+    let at = |rank: u32| (f64::from(rank) - 1.0) / (f64::from(draws) - 1.0).max(1.0);
+    let low = (1..=draws).rev().find(|rank| below.cdf(u64::from(rank - 1)) <= MISS);
+    let high = (1..=draws).find(|rank| below.cdf(u64::from(rank - 1)) >= 1.0 - MISS);
+    [low.map(at), high.map(at)]
 }
 
 /// By linear interpolation between the sorted values.
@@ -327,6 +373,7 @@ fn map(
         step,
         cells: [0, 0],
         trials,
+        devices: draws.devices,
         areas: vec![0.0; trials as usize],
         is_capped: false,
         held: BTreeMap::new(),
@@ -372,7 +419,9 @@ pub struct Verdicts {
     /// Draws for which each is ideal: the lowest within 2 % of the largest area.
     pub ideal: Vec<u32>,
     /// The cutoff whose area is largest in the worst 5 % of the draws; `None` if no wall holds.
-    pub recommended: Option<usize>,
+    pub leading: Option<usize>,
+    /// The cutoffs that the draws cannot tell from that one.
+    pub alike: Vec<usize>,
 }
 
 /// Of maps of the same draws, cutoffs ascending.
@@ -391,9 +440,24 @@ pub fn verdicts(maps: &[Map]) -> Verdicts {
             }
         }
     }
-    let worst = maps.iter().map(|map| map.quantile(WORST)).enumerate();
-    let recommended = worst.max_by(|(_, a), (_, b)| a.total_cmp(b)).filter(|(_, area)| *area > 0.0);
-    Verdicts { best, ideal, recommended: recommended.map(|(place, _)| place) }
+    let leading = leader(maps.iter().map(|map| map.quantile(WORST)));
+    let mut leads = vec![0.0; maps.len()];
+    let is_drawn = maps.first().is_some_and(|map| map.devices > 0);
+    for time in (0..TIMES).filter(|_| is_drawn) {
+        let areas = maps.iter().map(|map| quantile(&map.again(time), WORST));
+        if let Some(place) = leader(areas) {
+            leads[place] += 1.0 / TIMES as f64;
+        }
+    }
+    let is_alike = |place: &usize| leads[*place] >= MISS || leading == Some(*place);
+    let alike = (0..maps.len()).filter(is_alike).filter(|_| leading.is_some()).collect();
+    Verdicts { best, ideal, leading, alike }
+}
+
+/// Where the largest area is, if there is any.
+fn leader(areas: impl Iterator<Item = f64>) -> Option<usize> {
+    let largest = areas.enumerate().max_by(|(_, a), (_, b)| a.total_cmp(b));
+    largest.filter(|(_, area)| *area > 0.0).map(|(place, _)| place)
 }
 
 #[cfg(test)]

@@ -79,7 +79,7 @@ fn a_map_reaches_beyond_the_walks_and_adds_up() {
     }
     let verdicts = verdicts(&maps);
     assert_eq!(
-        (verdicts.best, verdicts.ideal, verdicts.recommended),
+        (verdicts.best, verdicts.ideal, verdicts.leading),
         (vec![0, 2], vec![0, 2], Some(1))
     );
 }
@@ -92,6 +92,7 @@ fn the_worst_draws_choose_the_recommendation() {
         step: [1.0, 1.0],
         cells: [1, 1],
         trials: 4,
+        devices: 4,
         areas: areas.to_vec(),
         is_capped: false,
         held: BTreeMap::new(),
@@ -104,9 +105,49 @@ fn the_worst_draws_choose_the_recommendation() {
     let verdicts = verdicts(&maps);
     assert_eq!(verdicts.best, [1, 1, 2]);
     assert_eq!(verdicts.ideal, [1, 2, 1]);
-    assert_eq!(verdicts.recommended, Some(0));
+    assert_eq!((verdicts.leading, verdicts.alike.contains(&0)), (Some(0), true));
     assert_eq!(quantile(&[3.0, 1.0, 2.0], 0.5), 2.0);
     assert!((quantile(&[0.0, 10.0], 0.05) - 0.5).abs() < 1e-12);
+}
+
+/// Of areas whose quantiles are known: an interval holds that quantile as often as it says.
+#[test]
+fn an_interval_of_a_quantile_holds_it() {
+    for (draws, share) in [(72u32, WORST), (300, WORST), (40, 0.5), (100, 0.95)] {
+        let truth = -libm::log(1.0 - share);
+        let held = (0..2000u64).filter(|time| {
+            let draw = |n: u64| -libm::log(random::uniform(7, time * 1000 + n));
+            let areas: Vec<f64> = (0..u64::from(draws)).map(draw).collect();
+            let [low, high] = ranks(draws, share).map(|end| end.map(|at| quantile(&areas, at)));
+            low.is_some_and(|low| low <= truth) && high.is_none_or(|high| truth <= high)
+        });
+        let held = held.count();
+        assert!((1890..=2000).contains(&held), "{draws} {share}: {held} of 2000"); // 1900 less two deviations
+    }
+    assert!(ranks(DRAWS_MIN, WORST)[0].is_some() && ranks(DRAWS_MIN - 1, WORST)[0].is_none());
+}
+
+/// Two cutoffs whose areas are of one distribution are not told apart, one that is a tenth better for each device is.
+#[test]
+fn cutoffs_are_alike_if_the_worst_draws_cannot_tell_them_apart() {
+    let map = |cutoff_hz: f64, area: fn(u64) -> f64| Map {
+        cutoff_hz,
+        velocity: VelocitySettings::Butterworth { cutoff_hz },
+        step: [1.0, 1.0],
+        cells: [1, 1],
+        trials: 200,
+        devices: 100,
+        areas: (0..200).map(area).collect(),
+        is_capped: false,
+        held: BTreeMap::new(),
+    };
+    let one = |n: u64| 10.0 + random::gaussian(11, n / 2);
+    let other = |n: u64| 10.0 + random::gaussian(12, n / 2);
+    let better = |n: u64| 1.1 * (10.0 + random::gaussian(11, n / 2));
+    let alike = verdicts(&[map(500.0, one), map(1000.0, other)]).alike;
+    assert_eq!(alike, [0, 1]);
+    let told = verdicts(&[map(500.0, one), map(1000.0, better)]);
+    assert_eq!((told.leading, told.alike), (Some(1), vec![1]));
 }
 
 #[test]

@@ -36,13 +36,12 @@ const OWN_HZ: [f64; 2] = [500.0, 1500.0];
 /// A default of another system.
 #[derive(Clone, Copy, Debug)]
 pub struct Peer {
-    /// Its row.
+    /// Name of its row in the table.
     pub name: &'static str,
-    /// What it does.
     pub does: &'static str,
-    /// Where that stands.
+    /// Source that states this default.
     pub source: &'static str,
-    /// The same in the core, at that rate in Hz; `None` where it is unstable.
+    /// The default in the core, at that rate in Hz; `None` where it is unstable.
     settings: fn(f64) -> Option<VelocitySettings>,
 }
 
@@ -68,7 +67,7 @@ fn predicting(w: f64, rate_hz: f64) -> Option<VelocitySettings> {
     if both[1] > 0.0 { poles(both, rate_hz) } else { None }
 }
 
-/// A sample late.
+/// Lead of a velocity that is a sample late, samples.
 const LATE: f64 = -1.0;
 /// pll_filter_hz of 400, rad/s.
 const MOTEUS_W: f64 = 2.0 * PI * 400.0;
@@ -89,7 +88,6 @@ const OPENFFBOARD: &str = "OpenFFBoard, Axis.h, filterSpeedCst";
 const ODRIVE: &str = "ODrive, Firmware/MotorControl/encoder.cpp, bandwidth";
 const MOTEUS: &str = "moteus, fw/motor_position.h, pll_filter_hz";
 
-/// All of them.
 pub const PEERS: [Peer; 13] = [
     Peer {
         name: "chai3d",
@@ -174,7 +172,6 @@ pub const PEERS: [Peer; 13] = [
 /// A loop in which all rows are walked: the scene's own, or with the output stage of a board.
 #[derive(Clone, Debug)]
 pub struct Loop {
-    /// Its name.
     pub name: String,
     /// The scene in it.
     pub scene: Scene,
@@ -200,9 +197,7 @@ pub fn loops(scene: &NamedScene) -> Result<Vec<Loop>, Error> {
 pub struct Row {
     /// Place of its loop.
     pub of_loop: usize,
-    /// Its name.
     pub name: String,
-    /// What it does.
     pub does: String,
     /// Where that stands; empty for the scene's own.
     pub source: &'static str,
@@ -210,10 +205,8 @@ pub struct Row {
     pub boundaries: Vec<Boundaries>,
 }
 
-/// What is asked.
 #[derive(Clone, Debug)]
 pub struct PeerQuestion {
-    /// The loops.
     pub loops: Vec<Loop>,
     /// The limits: of the RMS of the motion, of what is felt.
     pub limits: Vec<Limit>,
@@ -221,7 +214,7 @@ pub struct PeerQuestion {
     pub own: Vec<VelocitySettings>,
     /// Grid and caps of the walks.
     pub walk: Walk,
-    /// Walks each.
+    /// Walks of each row.
     pub repeats: u32,
 }
 
@@ -253,10 +246,8 @@ impl PeerQuestion {
     }
 }
 
-/// Question and answer.
 #[derive(Clone, Debug)]
 pub struct PeerStudy {
-    /// What was asked.
     pub question: PeerQuestion,
     /// By loop: the peers, the scene's own, the true velocity.
     pub rows: Vec<Row>,

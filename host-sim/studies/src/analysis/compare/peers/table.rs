@@ -8,7 +8,6 @@ use crate::{
     table::{Cell, Kind, Table},
 };
 
-/// One area.
 #[derive(Clone, Debug, Serialize)]
 pub struct PeerArea {
     /// Name of the loop: the scene's own, or that of a board.
@@ -16,23 +15,17 @@ pub struct PeerArea {
     pub of_loop: String,
     /// Samples from the reading of the encoder to the force.
     pub latency_samples: f64,
-    /// Who pushes.
     pub push: &'static str,
     /// Who has this default; the scene's own estimator; the true velocity.
     pub estimator: String,
-    /// What it does.
     pub does: String,
-    /// Where that stands.
     pub source: &'static str,
     /// Limit of the RMS of the motion, or of the sensation level.
     pub limit: f64,
-    /// Unit of that.
     pub limit_unit: &'static str,
     /// Mean of the walks.
     pub area_n2_s_per_m2: f64,
-    /// Smallest of them.
     pub area_low_n2_s_per_m2: f64,
-    /// Largest of them.
     pub area_high_n2_s_per_m2: f64,
     /// Of the true velocity in this loop at this limit.
     pub share_of_true_velocity: Option<f64>,
@@ -63,7 +56,6 @@ const COLUMNS: [Column; 14] = [
 ];
 
 impl PeerStudy {
-    /// Every area.
     pub fn areas(&self) -> Vec<PeerArea> {
         let rows =
             self.rows.iter().flat_map(|row| (0..row.boundaries.len()).map(move |n| (row, n)));

@@ -69,10 +69,8 @@ pub fn percents(asked: &[f64], name: &str) -> Result<Vec<f64>, Error> {
     Ok(percents)
 }
 
-/// What is asked.
 #[derive(Clone, Debug)]
 pub struct UsableQuestion {
-    /// The estimators.
     pub entries: Vec<Entry>,
     /// Limits of the error, as a share; infinite: any error.
     pub limits: Vec<f64>,
@@ -98,11 +96,9 @@ impl UsableQuestion {
 /// An estimator at its best tuning for one limit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Usable {
-    /// Which one.
     pub entry: Entry,
-    /// The limit.
+    /// Limit of the error, as a share.
     pub limit: f64,
-    /// Its settings.
     pub settings: VelocitySettings,
     /// The search ended because nothing near is better.
     pub settled: bool,

@@ -54,10 +54,8 @@ const COLUMNS: [Column; 17] = [
     ("hits", Kind::Whole, |a| Cell::Whole(a.hits)),
 ];
 
-/// A finished study.
 #[derive(Clone, Debug)]
 pub struct UsableStudy {
-    /// What was asked.
     pub question: UsableQuestion,
     /// By estimator, then by limit.
     pub found: Vec<Usable>,

@@ -9,7 +9,6 @@ use crate::{
     scene::element::{Amplifier, Arm, Mode},
 };
 
-/// Random loops.
 const LOOPS: u32 = 400;
 
 /// Step to either side of a crossing at which the eigenvalues must have changed sides.

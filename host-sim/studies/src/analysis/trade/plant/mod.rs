@@ -48,9 +48,8 @@ const TOLERANCES: [[f64; 2]; 4] = [[1e-3, 1e-9], [1e-6, 1e-12], [1e-9, 1e-15], [
 /// A way to advance the plant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Method {
-    /// The matrix exponential.
+    /// Exact, by the matrix exponential.
     Exact,
-    /// Step by step.
     Integrated(Integrator),
 }
 
@@ -69,7 +68,6 @@ impl Method {
         exact.into_iter().chain(stepwise).collect()
     }
 
-    /// Name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Exact => "exact",
@@ -129,7 +127,7 @@ impl Method {
 pub struct PlantMeasured {
     /// Largest distance from the reference's position, m.
     pub trajectory_m: f64,
-    /// Verdicts that differ.
+    /// Verdicts that differ from the reference's.
     pub verdicts_wrong: usize,
     /// Mean area, N^2 s/m^2.
     pub area: f64,
@@ -143,10 +141,8 @@ pub struct PlantMeasured {
     pub host_ns: f64,
 }
 
-/// A method's row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlantRow {
-    /// Which one.
     pub method: Method,
     /// What was measured, or why the method is refused.
     pub measured: Result<PlantMeasured, String>,

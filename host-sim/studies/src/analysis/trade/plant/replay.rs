@@ -24,7 +24,6 @@ pub struct Replayed {
     pub error_m: f64,
     /// Steps of the integrator that were tried.
     pub steps: u64,
-    /// Samples.
     pub samples: u32,
 }
 
@@ -54,7 +53,6 @@ impl Recorded {
         Ok(Self { start_m, positions_m, commands_n })
     }
 
-    /// Replays it.
     pub fn replay(&self, plant: &AnyPlant) -> Replayed {
         let mut state = plant.at_rest(self.start_m);
         let (mut acting_n, mut error_m) = (0.0, 0f64);

@@ -55,7 +55,7 @@ pub struct Passivity {
     points: Vec<Point>,
 }
 
-/// One frequency.
+/// A frequency and its aliases.
 #[derive(Clone, Debug)]
 struct Point {
     omega: f64,
@@ -71,7 +71,7 @@ struct Alias {
     most: f64,
     /// `most - |part|`, free of cancellation.
     less: f64,
-    /// The estimator.
+    /// Response of the estimator there.
     velocity: Complex<f64>,
 }
 

@@ -1,0 +1,112 @@
+//! The cutoff to dial in.
+
+use std::sync::Arc;
+
+use host_sim::output::recommended::sentences;
+use pyo3::prelude::*;
+use sim_loop::error::Error;
+use sim_studies::study::{How, recommended as study};
+
+use crate::{
+    given::{Given, Numbers, Progress},
+    result::{Tuple, result},
+    studies::{engine_of, numeric_of},
+    work::{raised, run},
+};
+
+result! { value
+    /// The cutoff with the largest area of quiet walls, and what goes with it.
+    Recommended {
+        /// Name of the scene.
+        scene: String,
+        /// The cutoff to dial in, Hz.
+        cutoff_hz: f64,
+        /// The cutoffs beside it that are as good, Hz.
+        range_hz: (f64, f64),
+        /// The range goes on to the first or the last cutoff that was tried.
+        range_is_open: (bool, bool),
+        /// K of the stiffest quiet wall, N/m.
+        stiffness_n_per_m: f64,
+        /// Its B, N s/m.
+        damping_n_s_per_m: f64,
+        /// Largest B of a quiet wall, N s/m.
+        damping_max_n_s_per_m: f64,
+        /// Area of the quiet walls, N^2 s/m^2.
+        area: f64,
+        /// A cap of the walk cuts that area.
+        is_cut: bool,
+        /// By each other protocol the largest K of a quiet wall with that B, N/m; None where none is, or none can be tried.
+        protocols: Tuple<(String, Option<f64>)>,
+        /// RMS of the output while the handle rests in free air, N.
+        hum_n: f64,
+        /// What the command line says.
+        sentences: Tuple<String>,
+    }
+}
+
+/// Look for the cutoff to dial in: the one with the largest area of walls that are quiet, by motion and force.
+///
+/// Parameters
+/// ----------
+/// scene : Scene
+///     Device and experiment; its own criterion and limit do not matter.
+/// cutoffs : iterable of float, optional
+///     Nominal cutoffs to begin with, Hz; the scene's by default. What lies between the best and its neighbours is tried as
+///     well, without a list also what lies beyond its ends.
+/// engine, numeric, threads
+///     As in `walk`.
+/// progress : callable, optional
+///     Called with the walks done and 0, since nobody knows how many it takes; what it raises ends the search.
+///
+/// Raises
+/// ------
+/// ValueError
+///     Something is out of range, or there is no quiet wall, with what to change.
+///
+/// Examples
+/// --------
+/// >>> found = recommended(Scene.load("paper-1um"))
+/// >>> found.cutoff_hz, found.range_hz, found.stiffness_n_per_m
+/// (470.0, (450.0, 500.0), 54000.0)
+#[pyfunction]
+#[pyo3(signature = (
+    scene, *, cutoffs = None, engine = "lanes", numeric = "fixed", threads = None, progress = None
+))]
+pub fn recommended(
+    py: Python<'_>,
+    scene: Given,
+    cutoffs: Option<Numbers>,
+    engine: &str,
+    numeric: &str,
+    threads: Option<usize>,
+    progress: Option<Progress>,
+) -> PyResult<Recommended> {
+    let (engine, numeric) = (engine_of(engine)?, numeric_of(numeric)?);
+    let scene = scene.0;
+    let goes_on = cutoffs.is_none();
+    let cutoffs_hz = cutoffs.map_or_else(|| scene.scene.sweep.cutoffs_hz.clone(), |of| of.0);
+    let of_work = Arc::clone(&scene);
+    let found = run(py, threads, progress.as_ref(), 0, move |course| {
+        let how = How { engine, numeric, stop: &course.stop };
+        study::recommended(how, &of_work, &cutoffs_hz, goes_on, || course.add(1))
+    })?;
+    let sentences = sentences(&scene, &found);
+    let of = found.recommended.map_err(|why| raised(Error::Input(why).of(&scene.name)))?;
+    let protocols = found.protocols.iter();
+    Ok(Recommended {
+        scene: scene.name.clone(),
+        cutoff_hz: of.cutoff_hz,
+        range_hz: of.range_hz.into(),
+        range_is_open: of.is_open.into(),
+        stiffness_n_per_m: of.stiffest.stiffness_n_per_m,
+        damping_n_s_per_m: of.stiffest.damping_n_s_per_m,
+        damping_max_n_s_per_m: of.damping_max_n_s_per_m,
+        area: of.area,
+        is_cut: of.is_cut,
+        protocols: protocols
+            .map(|held| (held.protocol.name().to_owned(), held.stiffness_n_per_m()))
+            .collect(),
+        hum_n: found.free.map_or(0.0, |free| free.hum_n),
+        sentences: sentences.into_iter().collect(),
+    })
+}
