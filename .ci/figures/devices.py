@@ -55,18 +55,19 @@ def sim(folder, words):
 
 
 def swept(folder, scene, changed, text):
-    """The sweep of a scene: a row for each cutoff, in the units of the scene."""
+    """What a sweep answers for that scene, in the units of the scene: by quiet walls, and by the scene's own criterion."""
     (Path(folder) / "SCENE.toml").write_text(text)
-    told = sim(folder, "sweep SCENE.toml --plain --repeat 2 --force")["scenes"][0]
-    low, high = told["ideal_cutoff_range_hz"]
-    for of_cutoff in told["cutoffs"]:
-        values = {next(words for words in ("area", "stiffness_peak", "damping_max") if key.startswith(words)): value
-                  for key, value in of_cutoff.items() if re.match(r"area_n|stiffness_peak|damping_max", key)}
-        # `stiffness_max`, `damping_max`, `stiffness_and_damping_max`; what ended a walk by itself is `closed`
-        cut = {f"{what}_cut": sum(what in walk["ended_by"] for walk in of_cutoff["walks"]) for what in ("stiffness", "damping")}
-        cutoff = of_cutoff["cutoff_hz"]
-        yield {"scene": scene, "changed": changed, "cutoff_hz": cutoff, **values, **cut,
-               "ideal": int(cutoff == told["ideal_cutoff_hz"]), "in_range": int(low <= cutoff <= high)}
+    told = sim(folder, "sweep SCENE.toml --repeat 2 --force")["scenes"][0]
+    found = told["recommended"] or {}
+    answer = {**found, **found.get("free_motion", {})}
+    def value(words):
+        return next((value for key, value in answer.items() if key.startswith(words)), "")
+    low, high = found.get("range_hz", ("", ""))
+    own_low, own_high = told["ideal_cutoff_range_hz"] or ("", "")
+    return {"scene": scene, "changed": changed, "cutoff_hz": value("cutoff_hz"), "low_hz": low, "high_hz": high,
+            "stiffness": value("stiffness"), "damping_max": value("damping_max"), "area": value("area"), "is_capped": int(value("is_capped") or 0),
+            "inertia": value("inertia") or value("mass"), "friction": value("friction"), "hum": value("hum"),
+            "own_low_hz": own_low, "own_high_hz": own_high}
 
 
 def text_of(scene):
@@ -80,7 +81,7 @@ def make_sweeps():
         for scene in DEVICES:
             text = text_of(scene)
             for changed, other in [("", text), *changes(text)]:
-                body += swept(folder, scene, changed, other)
+                body.append(swept(folder, scene, changed, other))
     store(SWEEPS, body)
     note_made(LONG["devices-sweeps"][0], {"sweeps": SWEEPS})
 
@@ -91,7 +92,7 @@ def make_best():
     with tempfile.TemporaryDirectory() as folder:
         for scene in DEVICES:
             (Path(folder) / "SCENE.toml").write_text(text_of(scene))
-            compared = sim(folder, f"compare SCENE.toml --criterion rms --estimators {ESTIMATORS} --budget 16 --out compare --force")
+            compared = sim(folder, f"compare SCENE.toml --estimators {ESTIMATORS} --budget 16 --out compare --force")
             areas = {r["estimator"]: next(value for key, value in r.items() if key.startswith("area_n"))
                      for r in compared["estimators"]}
             best = max(areas, key=areas.get)
@@ -100,8 +101,8 @@ def make_best():
     note_made(LONG["devices"][0], {"devices": BEST})
 
 
-LONG["devices"] = ("cargo sim compare SCENE --criterion rms --estimators " + ESTIMATORS + " --budget 16", {"devices": BEST}, make_best)
-LONG["devices-sweeps"] = ("cargo sim sweep SCENE --plain --repeat 2", {"sweeps": SWEEPS}, make_sweeps)
+LONG["devices"] = ("cargo sim compare SCENE --estimators " + ESTIMATORS + " --budget 16", {"devices": BEST}, make_best)
+LONG["devices-sweeps"] = ("cargo sim sweep SCENE --repeat 2", {"sweeps": SWEEPS}, make_sweeps)
 
 
 def units(scene):
@@ -110,56 +111,40 @@ def units(scene):
     return ("N m/rad", "N m s/rad", "N^2 m^2 s/rad^2") if turns else ("N/m", "N s/m", "N^2 s/m^2")
 
 
-def of_sweep(scene, changed="", **wanted):
-    """Its rows: of all cutoffs, or those that are `ideal` or `in_range`."""
-    return [r for r in rows(SWEEPS) if r["scene"] == scene and r["changed"] == changed
-            and all(int(r[key]) == value for key, value in wanted.items())]
-
-
-def is_cut(r):
-    return int(r["stiffness_cut"]) or int(r["damping_cut"])
+def from_to(low, high):
+    """A range of cutoffs, Hz."""
+    return " to ".join(number(end) for end in sorted({float(low), float(high)}))
 
 
 @block
 def devices():
     body = []
     for scene, name in DEVICES.items():
-        (k, b, _), best = units(scene), row(BEST, scene=scene)
-        ideal, = of_sweep(scene, ideal=1)
-        hertz = [float(r["cutoff_hz"]) for r in of_sweep(scene, in_range=1)]
-        def most(key, cut):
-            return ("> " if int(ideal[cut]) else "") + number(float(ideal[key]))
-        body.append([f"{name}, `{scene}`", " to ".join(number(end) for end in sorted({min(hertz), max(hertz)})),
-                     f"{most('stiffness_peak', 'stiffness_cut')} {k}", f"{most('damping_max', 'damping_cut')} {b}",
-                     f"`{best['best']}`, {float(best['best_times_butterworth']):.2f} times"])
-    return table(["device, scene", "ideal cutoff range, Hz", "largest K", "largest B", "best of five, its area against Butterworth's"], body)
-
-
-@block
-def devices_areas():
-    hertz = sorted({float(r["cutoff_hz"]) for scene in DEVICES for r in of_sweep(scene)})
-    body = []
-    for scene in DEVICES:
-        ideal, = of_sweep(scene, ideal=1)
-        of_cutoff = {float(r["cutoff_hz"]): r for r in of_sweep(scene)}
-        def cell(r):
-            return ("> " if is_cut(r) else "") + f"{float(r['area']) / float(ideal['area']):.2f}"
-        body.append([f"`{scene}`", f"{significant(float(ideal['area']), 3)} {units(scene)[2]}",
-                     *(cell(of_cutoff[cutoff]) if cutoff in of_cutoff else "" for cutoff in hertz)])
-    return table(["scene", "area at its ideal cutoff", *(f"{number(cutoff)} Hz" for cutoff in hertz)], body)
+        (k, b, _), best, r = units(scene), row(BEST, scene=scene), row(SWEEPS, scene=scene, changed="")
+        inertia, force = ("kg m^2", "N m") if k == "N m/rad" else ("kg", "N")
+        def said(key):
+            return significant(float(r[key]), 3)
+        body.append([f"{name}, `{scene}`", f"{number(float(r['cutoff_hz']))} ({from_to(r['low_hz'], r['high_hz'])})",
+                     f"{said('stiffness')} {k}", f"{'> ' if int(r['is_capped']) else ''}{said('damping_max')} {b}",
+                     f"{said('inertia')} {inertia}, {said('friction')} {force}, {said('hum')} {force}",
+                     f"`{best['best']}`, {float(best['best_times_butterworth']):.2f} times", from_to(r["own_low_hz"], r["own_high_hz"])])
+    return table(["device, scene", "dial in, Hz (as good)", "largest K", "largest B", "free motion: inertia, dry friction, hum at rest",
+                  "best of five, its area against Butterworth's", "the paper's criterion, Hz"], body)
 
 
 @block
 def devices_limits():
     body, shown = [], list(dict.fromkeys(r["changed"] for r in rows(SWEEPS) if r["changed"]))
     for scene in DEVICES:
-        ideal = {name: of_sweep(scene, name, ideal=1) for name in ["", *shown]}
-        areas = {name: float(found[0]["area"]) for name, found in ideal.items() if found}
+        found = {r["changed"]: r for r in rows(SWEEPS) if r["scene"] == scene}
+        areas = {name: float(r["area"]) for name, r in found.items() if r["area"]}
         limit = max(areas, key=areas.get)
         def cell(name):
-            if name not in areas:
+            if name not in found:
                 return ""
-            cut = "> " if is_cut(ideal[name][0]) else ""
+            if name not in areas:
+                return "no quiet wall"
+            cut = "> " if int(found[name]["is_capped"]) else ""
             return f"{cut}{significant(areas[name] / areas[''], 3)}{' (most)' if name == limit else ''}"
         body.append([f"`{scene}`", *map(cell, shown)])
     return table(["scene", *shown], body)

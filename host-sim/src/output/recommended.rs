@@ -30,6 +30,7 @@ struct Row {
     /// Largest B of any wall.
     damping_max_n_s_per_m: f64,
     area_n2_s_per_m2: f64,
+    is_capped: bool,
     reason: String,
     /// Lower end of the Z-width: the free motion.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -67,6 +68,7 @@ impl Answer {
                     damping_n_s_per_m: of.stiffest.damping_n_s_per_m,
                     damping_max_n_s_per_m: of.damping_max_n_s_per_m,
                     area_n2_s_per_m2: of.area,
+                    is_capped: of.is_cut,
                     reason: reason(scene.scene.units, study, of),
                     free_motion: study.free.map(|free| FreeRow {
                         mass_kg: free.mass_kg,
