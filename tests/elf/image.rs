@@ -116,8 +116,8 @@ fn an_image_without_its_seal_or_with_another_byte_is_refused(board: Board) {
     is_refused(&mut world_of(&firmware, &elf), unsealed);
     elf.seal().unwrap();
     assert!(ok(&mut world_of(&firmware, &elf), "status").contains("fault none"));
-    let [.., [variables, _]] = seal::parts(&elf).unwrap();
-    for address in [UNUSED_VECTOR, variables - 1, seal, seal + 3] {
+    let [.., [_, constants_end], _] = seal::parts(&elf).unwrap();
+    for address in [UNUSED_VECTOR, constants_end - 1, seal, seal + 3] {
         let mut elf = firmware.elf.clone();
         *byte_of(&mut elf, address) ^= 0x10;
         is_refused(&mut world_of(&firmware, &elf), REFUSED);
