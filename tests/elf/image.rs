@@ -17,10 +17,7 @@ use zwidth::{
     period::PERIODS,
 };
 
-use crate::{
-    figure::figure,
-    firmware::{Firmware, arm, ok},
-};
+use crate::firmware::{Firmware, arm, ok};
 
 each_board!(
     everything_that_is_programmed_is_covered,
@@ -266,8 +263,6 @@ fn a_pass_ends_in_time_whatever_the_host_does(board: Board) {
             }
             let what = format!("{} period {period}, {flood:?}", board.name);
             println!("{what}: a pass within {:.1} ms", longest as f64 / 10.0);
-            let name = if flood.is_empty() { "quiet" } else { flood.split('\n').next().unwrap() };
-            figure(&format!("elf/image/{}/{period}/{name}", board.name), longest as f64 / 10.0);
             assert!(world.powered.amplifier.is_enabled(), "{what}");
             assert!(longest > 0 && longest <= PASS, "{what}: {longest}");
         }
