@@ -24,7 +24,7 @@ FIVE = "butterworth,kalman-3,levant-explicit,first-order,time-stamps"
 LONG = {
     "campaign": ("cargo board campaign --random 10000", {"rows": "campaign-rows.csv", "random": "campaign-random.csv",
                                                          "left": "campaign-left.csv"}),
-    "campaign-image": ("cargo board campaign --rows none --image 5000", {"image": "campaign-image.csv"}),
+    "campaign-image": ("cargo board campaign --rows none --image 2500", {"image": "campaign-image.csv"}),
     "walk-nucleo-f446re": ("cargo board walk nucleo-f446re --cutoff 1500", {"csv": "walk-nucleo-f446re.csv"}),
     "compare-paper-1um": ("cargo sim compare paper-1um --criterion rms", {
         "compare.csv": "compare-paper-1um.csv", "fidelity.csv": "compare-paper-1um-fidelity.csv",

@@ -154,7 +154,7 @@ fn a_flip_ends_in_off_and_is_refused_from_then_on(board: Board) {
         world.run(RESET).unwrap();
         let said = world.replies.clone();
         assert_eq!(world.powered.mcu.resets(), 1, "{said}");
-        let reason = if address >= RECORD && address < 0x0801_0000 {
+        let reason = if (RECORD..0x0801_0000).contains(&address) {
             "error: no device record: it is damaged: its checksum is wrong; nothing runs, see help"
         } else {
             "error: fault 46 (image): it is not what was built: flash it again; nothing runs, see help"
