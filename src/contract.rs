@@ -37,7 +37,7 @@ use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
 use crate::{
     Output,
     period::SAMPLES_PER_MS,
-    safety::{FaultRecord, FaultSet, Readings, ResetCause, Sensed},
+    safety::{Fault, FaultRecord, FaultSet, Readings, ResetCause, Sensed},
     self_test::{Found, Part},
     units::OutputCode,
     velocity::{Sense, Senses},
@@ -103,6 +103,10 @@ pub trait Board: Sized {
 
     /// Pends the interrupt of `link`; by `render`.
     fn request_link();
+
+    /// Off for good, with that fault in the memory that outlives the reset that follows; from any task. Nothing else runs
+    /// any more.
+    fn end(fault: Fault) -> !;
 
     /// Lines of the log that found no room, ever; wraps.
     fn log_dropped() -> u32;

@@ -59,6 +59,7 @@ pub mod device;
 pub mod encoder;
 pub mod experiment;
 mod gain;
+pub mod image;
 pub mod passivity;
 pub mod period;
 pub mod port;

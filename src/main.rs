@@ -7,7 +7,7 @@
 //! | `render`    | every period-th sample | 14       | wall, force output, records for telemetry      |
 //! | `brown_out` | the supply falls       | 14       | off                                            |
 //! | `link`      | after each `render`    | 1        | commands in, replies and telemetry out         |
-//! | `idle`      |                        | 0        | sleeps; feeds the watchdog while all tasks run |
+//! | `idle`      |                        | 0        | watchdog, image in flash; sleeps               |
 //!
 //! Nothing delays `sample`: it shares no resource, takes no lock, spawns and logs nothing, and
 //! nothing below masks it (docs/firmware.md).

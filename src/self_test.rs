@@ -4,7 +4,7 @@
 
 use core::fmt;
 
-use crate::{crc, period::OUTPUT_WATCHDOG_US};
+use crate::{image::UNSEALED, period::OUTPUT_WATCHDOG_US};
 
 /// One thing that is tested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -127,6 +127,8 @@ pub enum Found {
         bad_vector: Option<u32>,
         /// CRC-32 of vectors, code and constants.
         crc: u32,
+        /// What it has to be.
+        sealed: u32,
     },
     /// Levels of the pin of enable.
     Enable {
@@ -175,11 +177,6 @@ pub enum Found {
 /// Edges given on each way.
 pub const EDGES: u32 = 2000;
 
-/// Checksum of the pieces of an image, one after the other.
-pub fn checksum<'a>(pieces: impl IntoIterator<Item = &'a [u32]>) -> u32 {
-    crc::of_pieces(pieces)
-}
-
 /// When the output watchdog has to act, us.
 const WATCHDOG_US: core::ops::RangeInclusive<u32> =
     OUTPUT_WATCHDOG_US - OUTPUT_WATCHDOG_US / 25..=OUTPUT_WATCHDOG_US + OUTPUT_WATCHDOG_US / 25;
@@ -209,7 +206,9 @@ impl Found {
         match *self {
             Self::Chip { id, expected } => id == expected,
             Self::BrownOutReset { level, expected } => level == expected,
-            Self::Image { bad_vector, .. } => bad_vector.is_none(),
+            Self::Image { bad_vector, crc, sealed } => {
+                bad_vector.is_none() && crc == sealed && sealed != UNSEALED
+            }
             Self::Enable { stop_closed, off, on, after } => !off && on == stop_closed && !after,
             Self::OutputWatchdog { stop_closed, micros } => {
                 stop_closed && micros.is_some_and(|micros| WATCHDOG_US.contains(&micros))
@@ -242,10 +241,13 @@ impl fmt::Display for Found {
                 }
                 if wrong { write!(f, ", this board wants {expected}") } else { Ok(()) }
             }
-            Self::Image { bad_vector, crc } => match bad_vector {
-                Some(number) => write!(f, "vector {number} leads nowhere"),
-                None => write!(f, "crc {crc:08x}"),
-            },
+            Self::Image { bad_vector: Some(number), .. } => {
+                write!(f, "vector {number} leads nowhere")
+            }
+            Self::Image { crc, sealed, .. } => {
+                write!(f, "crc {crc:08x}")?;
+                if wrong { write!(f, ", the seal is {sealed:08x}") } else { Ok(()) }
+            }
             Self::Enable { off: true, .. } => f.write_str("the pin is high with the output off"),
             Self::Enable { after: true, .. } => f.write_str("the pin stays high"),
             Self::Enable { stop_closed: true, on: false, .. } => f.write_str("the pin stays low"),
@@ -321,8 +323,11 @@ mod tests {
             "fail, level 3 is off, this board wants 1",
         );
         says(Found::BrownOutReset { level: 2, expected: 1 }, "fail, level 2, this board wants 1");
-        says(Found::Image { bad_vector: None, crc: 0xAB }, "pass, crc 000000ab");
-        says(Found::Image { bad_vector: Some(7), crc: 0xAB }, "fail, vector 7 leads nowhere");
+        let image = |bad_vector, crc, sealed| Found::Image { bad_vector, crc, sealed };
+        says(image(None, 0xAB, 0xAB), "pass, crc 000000ab");
+        says(image(None, 0xAB, 0xBA), "fail, crc 000000ab, the seal is 000000ba");
+        says(image(None, UNSEALED, UNSEALED), "fail, crc ffffffff, the seal is ffffffff");
+        says(image(Some(7), 0xAB, 0xAB), "fail, vector 7 leads nowhere");
         let output = |read| Found::Output { worst: [1000, read], allowed: 40 };
         says(output(960), "pass, code 1000 reads as 960, allowed is 40 more or less");
         says(output(1040), "pass, code 1000 reads as 1040, allowed is 40 more or less");

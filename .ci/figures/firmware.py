@@ -307,6 +307,21 @@ def campaign_random():
 
 
 @block
+def campaign_image():
+    """How flips in the program in flash ended."""
+    body = []
+    for row in rows("campaign-image.csv"):
+        ends = [int(row[name]) for name in ("harmless", "wrong", "other", "late", "unnoticed")]
+        share = f"{100 * float(row['wrong_low']):.2f} to {100 * float(row['wrong_high']):.2f}"
+        body.append([row["board"], row["part"], sum(ends), *ends, share, f"{float(row['wrong_s']) * 1e3:.0f}",
+                     f"{float(row['speed_m_per_s']):.3f}", f"{float(row['off_s']) * 1e3:.0f}"])
+    head = ["board", "part", "flips", "found by the check, force right", "found by the check, force wrong before",
+            "off by something else", "force wrong for longer than a pass", "unnoticed", "wrong before, %, 95 %",
+            "force wrong, ms, at most", "speed, m/s, at most", "off after, ms, at most"]
+    return table(head, body)
+
+
+@block
 def campaign_left():
     """What the random flips left late or unnoticed: none without a reason."""
     reasons = {row["place"]: row["reason"] for row in rows("campaign-reasons.csv")}

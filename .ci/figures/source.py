@@ -24,6 +24,7 @@ FIVE = "butterworth,kalman-3,levant-explicit,first-order,time-stamps"
 LONG = {
     "campaign": ("cargo board campaign --random 10000", {"rows": "campaign-rows.csv", "random": "campaign-random.csv",
                                                          "left": "campaign-left.csv"}),
+    "campaign-image": ("cargo board campaign --rows none --image 2500", {"image": "campaign-image.csv"}),
     "walk-nucleo-f446re": ("cargo board walk nucleo-f446re --cutoff 1500", {"csv": "walk-nucleo-f446re.csv"}),
     "compare-paper-1um": ("cargo sim compare paper-1um --criterion rms", {
         "compare.csv": "compare-paper-1um.csv", "fidelity.csv": "compare-paper-1um-fidelity.csv",
@@ -284,26 +285,27 @@ def told_by(command):
     return json.JSONDecoder().raw_decode(ran.stdout)[0]  # an error may follow
 
 
-def campaign(command, files):
-    """Runs a campaign of faults and stores named rows, regions of random flips, and the flips that were late or stayed.
+def said_once(name, command):
+    """What a campaign says; kept in target/campaign/COMMIT, so that a longer one goes on where it was ended."""
+    path = ROOT / "target/campaign" / commit().rstrip("+") / f"{name}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.exists():
+        path.with_suffix(".new").write_text(json.dumps(told_by(command)))
+        path.with_suffix(".new").rename(path)
+    return json.loads(path.read_text())
 
-    In parts, each kept in target/campaign/COMMIT: the same command goes on where it was ended.
-    """
-    flips = int(re.search(r"--random (\d+)", command)[1])
-    command = command.replace(f" --random {flips}", "")
-    kept = ROOT / "target/campaign" / commit().rstrip("+")
-    kept.mkdir(parents=True, exist_ok=True)
-    parts = [("rows", command)]
-    parts += [(f"{board}-{first}", f"{command} --board {board} --rows none --first {first} --random {min(CHUNK, flips - first)}")
-              for first in range(0, flips, CHUNK) for board in BOARDS]
-    told = []
-    for name, part in parts:
-        path = kept / f"{name}.json"
-        if not path.exists():
-            text = json.dumps(told_by(part))
-            path.with_suffix(".new").write_text(text)
-            path.with_suffix(".new").rename(path)
-        told.append(json.loads(path.read_text()))
+
+def flips_in_parts(command, option):
+    """What it says of so many flips of each board."""
+    flips = int(re.search(rf"--{option} (\d+)", command)[1])
+    command = command.replace(f" --{option} {flips}", "").replace(" --rows none", "")
+    return [said_once(f"{option}-{board}-{first}", f"{command} --board {board} --rows none --first {first} --{option} {min(CHUNK, flips - first)}")
+            for first in range(0, flips, CHUNK) for board in BOARDS]
+
+
+def campaign(command, files):
+    """Runs a campaign of faults and stores named rows, regions of random flips, and the flips that were late or stayed."""
+    told = [said_once("rows", re.sub(r" --random \d+", "", command)), *flips_in_parts(command, "random")]
     named = told[0]["rows"]
     left = [row for part in told[1:] for row in part["rows"] if row["class"] in CLASSES[3:]]
     left.sort(key=lambda row: BOARDS.index(row["board"]))
@@ -320,6 +322,27 @@ def campaign(command, files):
     for key, body in (("rows", named), ("random", regions), ("left", left)):
         head = list(regions[0]) if key == "random" else columns + (["reason"] if key == "rows" else ["region"])
         store(files[key], body, head)
+
+
+# Ends of a flip in the program in flash, in the order of `cargo board campaign`.
+ENDS = ["harmless", "wrong", "other", "late", "unnoticed"]
+
+
+def campaign_image(command, files):
+    """Runs a campaign of flips in flash and stores how they ended, by board and part."""
+    sums = {}
+    most = ("wrong_s", "speed_m_per_s", "off_s")
+    for row in (row for told in flips_in_parts(command, "image") for row in told["image"]):
+        of_part = sums.setdefault((row["board"], row["part"] or "all"), dict.fromkeys([*ENDS, *most], 0))
+        for name in ENDS:
+            of_part[name] += row["ends"].get(name, 0)
+        for name in most:
+            of_part[name] = max(of_part[name], row[name])
+    body = []
+    for (board, part), told in sorted(sums.items(), key=lambda item: BOARDS.index(item[0][0])):
+        low, high = wilson(told["wrong"], max(sum(told[name] for name in ENDS), 1))
+        body.append({"board": board, "part": part, **told, "wrong_low": low, "wrong_high": high})
+    store(files["image"], body, list(body[0]))
 
 
 def wilson(hits, trials):
@@ -340,7 +363,7 @@ def run_long(name):
         subprocess.run(f"{command} --force --csv {DATA / files['csv']}", shell=True, cwd=ROOT, check=True)
         return note_made(command, files)
     if command.startswith("cargo board"):
-        campaign(command, files)
+        (campaign if "--random" in command else campaign_image)(command, files)
         return note_made(command, files)
     with tempfile.TemporaryDirectory() as folder:
         words = command.removeprefix("cargo sim ").replace("docs/data/", f"{DATA}/")

@@ -53,7 +53,7 @@ impl Shared {
         Self { hub, scene, board, device, scale, seats: Mutex::default() }
     }
 
-    /// What is wrong where the board has another device record: by what its `version` says of it.
+    /// What is wrong where the board has another device record, or nothing runs on it: by what its `version` says.
     fn other_record(&self, version: &str) -> Option<String> {
         let device = self.device.as_ref()?;
         let (scene, envelope) = (device.scene_hash, device.envelope.hash());
@@ -63,6 +63,9 @@ impl Shared {
             return None;
         }
         let (_, has) = version.split_once(", board ").unwrap_or_default();
+        if let Some((_, why)) = has.split_once(", fault ") {
+            return Some(format!("Nothing runs on the board, fault {why}."));
+        }
         Some(format!(
             "The board has another device record than cargo live was given ({wanted}): {has}. Give the scene of its \
              record, or --device FILE."
@@ -407,6 +410,10 @@ mod tests {
         }
         let none = "ok version 1, commit 2, board nucleo-f446re, no device record: it is damaged";
         assert!(shared.other_record(none).unwrap().contains("no device record: it is damaged"));
+        let spoiled =
+            "ok version 1, commit 2, board nucleo-f446re, fault 46 (image): it is not sealed";
+        let said = "Nothing runs on the board, fault 46 (image): it is not sealed.";
+        assert_eq!(shared.other_record(spoiled).as_deref(), Some(said));
     }
 
     #[test]

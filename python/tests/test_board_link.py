@@ -185,8 +185,9 @@ def test_refusals_are_the_consoles_line(fake: FakeBoard) -> None:
         assert fake.since() == [], "what is no line is not sent"
 
 
-def test_a_board_without_a_device_says_so(fake: FakeBoard) -> None:
-    why = "no device record: there is none; nothing runs, see help"
+@pytest.mark.parametrize("what", ["no device record: there is none", "fault 46 (image): it is not sealed"])
+def test_a_board_on_which_nothing_runs_says_why(fake: FakeBoard, what: str) -> None:
+    why = f"{what}; nothing runs, see help"
     fake.answer = lambda line: [f"error: {why}"]
     with pytest.raises(ValueError) as raised:
         connect(fake)

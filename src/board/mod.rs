@@ -14,7 +14,7 @@ mod selected;
 
 mod common;
 
-pub use common::device_record::device_record;
+pub use common::{device_record::device_record, image::image};
 
 use cortex_m::register::control;
 use selected::Selected;
@@ -22,7 +22,7 @@ pub use zwidth::contract::{FlashError, RATE_HZ};
 use zwidth::{
     contract::{self, Parts},
     device::record::BoardFacts,
-    safety::OutputWatch,
+    safety::{Fault, OutputWatch},
 };
 
 // The board's own: its parts as the tasks name them.
@@ -97,6 +97,10 @@ fn forget_floats() {
 #[inline(always)]
 pub fn off() {
     contract::off::<Force, Enable>();
+}
+
+pub fn end(fault: Fault) -> ! {
+    <Selected as contract::Board>::end(fault)
 }
 
 #[inline(always)]

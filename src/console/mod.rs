@@ -29,7 +29,7 @@ pub use line::{Line, LineReader, Text};
 pub use number::{Decimal, Limit};
 pub use pace::Pace;
 pub use port::Port;
-pub use refused::{Refused, RefusedLine};
+pub use refused::{Refused, RefusedLine, Unusable};
 pub use reply::Reply;
 pub use rules::{Situation, allowed, is_off};
 pub use session::Console;

@@ -1,15 +1,49 @@
-//! The console of a board that has no device: its record is not taken, so nothing runs.
+//! The console of a board on which nothing runs: its image is not what was built, or its device record is not taken.
 
 use core::fmt;
 
 use super::{Command, LINE_MAX, Line, LineReader, parse, reply::Built, spoken::Spoken};
-use crate::device::record::{BadRecord, LAYOUT, WORDS_MAX, WORDS_MIN};
+use crate::{
+    device::record::{BadRecord, LAYOUT, WORDS_MAX, WORDS_MIN},
+    image::BadImage,
+    safety::Fault,
+};
 
-/// What a board without a device says, and to which commands.
+/// Why nothing runs.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Unusable {
+    /// The program.
+    Image(BadImage),
+    /// The device record.
+    Record(BadRecord),
+}
+
+impl From<BadImage> for Unusable {
+    fn from(why: BadImage) -> Self {
+        Self::Image(why)
+    }
+}
+
+impl From<BadRecord> for Unusable {
+    fn from(why: BadRecord) -> Self {
+        Self::Record(why)
+    }
+}
+
+impl fmt::Display for Unusable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Image(why) => write!(f, "fault {}: {why}", Fault::Image),
+            Self::Record(why) => write!(f, "no device record: {why}"),
+        }
+    }
+}
+
+/// What such a board says, and to which commands.
 pub struct Refused<'a> {
     board: &'a str,
     commit: &'a str,
-    why: &'a BadRecord,
+    why: &'a Unusable,
     reader: LineReader<LINE_MAX>,
 }
 
@@ -17,13 +51,13 @@ pub struct Refused<'a> {
 pub struct RefusedLine<'a> {
     board: &'a str,
     commit: &'a str,
-    why: &'a BadRecord,
+    why: &'a Unusable,
     command: Option<Command>,
 }
 
 impl<'a> Refused<'a> {
     /// Of that board and of a program that was built from that commit, for that reason.
-    pub fn new(board: &'a str, commit: &'a str, why: &'a BadRecord) -> Self {
+    pub fn new(board: &'a str, commit: &'a str, why: &'a Unusable) -> Self {
         Self { board, commit, why, reader: LineReader::new() }
     }
 
@@ -52,10 +86,10 @@ impl fmt::Display for RefusedLine<'_> {
         match command {
             Some(Command::Help) => f.write_str("ok help, version, status"),
             Some(Command::Version) => {
-                write!(f, "{}, board {board}, no device record: {why}", Built(commit))
+                write!(f, "{}, board {board}, {why}", Built(commit))
             }
-            Some(Command::Status) => write!(f, "ok status off, no device record: {why}"),
-            _ => write!(f, "error: no device record: {why}; nothing runs, see help"),
+            Some(Command::Status) => write!(f, "ok status off, {why}"),
+            _ => write!(f, "error: {why}; nothing runs, see help"),
         }
     }
 }
@@ -96,7 +130,8 @@ mod tests {
 
     #[test]
     fn every_command_but_three_is_refused_with_the_reason() {
-        let mut console = Refused::new("a-board", "unknown", &BadRecord::Damaged);
+        let why = BadRecord::Damaged.into();
+        let mut console = Refused::new("a-board", "unknown", &why);
         let why = "its checksum is wrong";
         assert!(console.reason().to_string().starts_with("error: no device record: it is damaged"));
         let mut ask = |line: &str| {
@@ -114,5 +149,14 @@ mod tests {
             let reply = ask(&std::format!("{}\n", line.trim()));
             assert!(reply.starts_with("error: no device record") && reply.contains(why), "{reply}");
         }
+    }
+    #[test]
+    fn an_image_that_is_not_what_was_built_is_a_fault_and_says_what_to_do() {
+        let why = BadImage::Unsealed.into();
+        let console = Refused::new("a-board", "unknown", &why);
+        assert_eq!(
+            console.reason().to_string(),
+            "error: fault 46 (image): it is not sealed: cargo seal ELF, then flash that; nothing runs, see help"
+        );
     }
 }

@@ -159,6 +159,13 @@ fn whole(words: &[u32]) -> Result<(&[u32; FIXED], &[u32], u32), BadRecord> {
     Ok((fixed, rest, *check))
 }
 
+/// The record at the front of those words, without what is behind it: its last word is the checksum of all before it.
+/// All of them, if its length is none.
+pub fn record_in(words: &[u32]) -> &[u32] {
+    let length = words.get(1).and_then(|&length| usize::try_from(length).ok());
+    length.and_then(|length| words.get(..length)).unwrap_or(words)
+}
+
 fn output_of(kind: u32, size: u32) -> Option<Output> {
     match kind {
         0 => Some(Output::Continuous),

@@ -91,6 +91,8 @@ faults! {
     Memory = 44, "memory";
     /// An interrupt came that no task is bound to.
     Interrupt = 45, "unexpected interrupt";
+    /// The program in flash, or the device record, is not what was checked at boot.
+    Image = 46, "image";
 }
 
 impl Fault {
@@ -206,7 +208,7 @@ mod tests {
             codes,
             [
                 10, 11, 12, 13, 14, 15, 20, 21, 22, 23, 24, 30, 31, 32, 33, 34, 35, 36, 40, 41, 42,
-                43, 44, 45
+                43, 44, 45, 46
             ]
         );
         for code in 0..=u8::MAX {

@@ -3,29 +3,40 @@
 use core::sync::atomic::Ordering::Relaxed;
 
 use super::FLAGS;
-use zwidth::contract::Watchdog as _;
+use zwidth::{contract::Watchdog as _, image::Pass, safety::Fault};
 
 use crate::board::{self, Watchdog};
 
-/// The idle task. It alone feeds the watchdog, but while `link` writes flash or tests the board, with the force off.
+/// The idle task. It alone feeds the watchdog, but while `link` writes flash or tests the board, with the force off; and
+/// it looks whether the image in flash is still what was built.
 pub struct Idle {
     watchdog: Watchdog,
     /// `rendered` and `links` when the watchdog was last fed.
     fed: [u32; 2],
+    pass: Pass<'static>,
+    passes: u32,
 }
 
 impl Idle {
-    pub(super) fn new(watchdog: Watchdog) -> Self {
-        Self { watchdog, fed: [0; 2] }
+    pub(super) fn new(watchdog: Watchdog, pass: Pass<'static>) -> Self {
+        Self { watchdog, fed: [0; 2], pass, passes: 0 }
     }
 
-    /// Sleeps until the next interrupt. Feeds only if `render` (hence `sample`) and `link` have
-    /// both run since the last time.
+    /// Looks at a slice of the image, then sleeps until the next interrupt. Feeds only if `render` (hence `sample`) and
+    /// `link` have both run since the last time.
     pub fn run(&mut self) {
         let now = [FLAGS.rendered.load(Relaxed), FLAGS.links.load(Relaxed)];
         if now[0] != self.fed[0] && now[1] != self.fed[1] {
             self.watchdog.feed();
             self.fed = now;
+        }
+        if let Some(wrong) = self.pass.go_on() {
+            // What was wrong goes into the number: `link` takes none but the next one.
+            self.passes = self.passes.wrapping_add(1).wrapping_add(wrong);
+            FLAGS.passes.store(self.passes, Relaxed);
+            if wrong != 0 {
+                board::end(Fault::Image);
+            }
         }
         board::sleep();
     }

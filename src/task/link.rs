@@ -8,11 +8,12 @@ use core::sync::atomic::Ordering::Relaxed;
 use heapless::spsc::{Consumer, Producer};
 use zwidth::{
     LoopParameters,
-    console::{Console, Pace, Port, REPLY_MAX, Refused, Text},
+    console::{Console, Pace, Port, REPLY_MAX, Refused, Text, Unusable},
     contract::{CommandChannel as _, SelfTest as _, UpChannel as _, Watchdog as _},
-    device::{Device, record::BadRecord},
+    device::Device,
     experiment::{Event, Order, Report},
-    safety::GuardedSampler,
+    image::PassWatch,
+    safety::{Fault, GuardedSampler},
     self_test::{Found, Part},
     store::{self, Loaded, SaveError, Source, Stored},
     units::Position,
@@ -115,6 +116,7 @@ pub struct Link {
     reports: Consumer<'static, Report, REPORTS>,
     pace: Pace,
     passes: u32,
+    image: PassWatch,
 }
 
 impl Link {
@@ -139,11 +141,15 @@ impl Link {
             ordered: 0,
         };
         let console = Console::new(channels, device, stored, source);
-        Self { console, reports, pace: Pace::default(), passes: 0 }
+        Self { console, reports, pace: Pace::default(), passes: 0, image: PassWatch::default() }
     }
 
     /// Passes on what has come since. Late: `render` drops reports, seen as gaps in the samples of the telemetry.
     pub fn run(&mut self) {
+        let (sample, passes) = (FLAGS.rendered.load(Relaxed), FLAGS.passes.load(Relaxed));
+        if self.image.is_wrong(sample, passes) {
+            board::end(Fault::Image);
+        }
         let listens = self.pace.begin(board::clock());
         let mut worked = false;
         while let Some(report) = self.reports.dequeue() {
@@ -159,9 +165,8 @@ impl Link {
     }
 }
 
-/// Says what is wrong with the device record, answers what can be answered without one, and stays there with everything
-/// off.
-pub(super) fn refuse(mut link: board::Link, mut watchdog: Watchdog, why: &BadRecord) -> ! {
+/// Says why nothing runs, answers what can be answered then, and stays there with everything off.
+pub(super) fn refuse(mut link: board::Link, mut watchdog: Watchdog, why: &Unusable) -> ! {
     let mut console = Refused::new(board::FACTS.name, COMMIT, why);
     let mut said = Some(console.reason());
     loop {

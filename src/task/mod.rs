@@ -27,11 +27,15 @@ pub use render::Render;
 pub use sample::Sample;
 use zwidth::{
     contract::{Encoder as _, FaultMemory as _},
-    device::{Device, Start},
+    device::{
+        Device, Start,
+        record::{BadRecord, record_in},
+    },
     encoder::Bits32,
     experiment::{Order, Report},
+    image::{BadImage, Pass},
     period::PERIODS,
-    safety::{GuardCommand, GuardedSampler, Supervisor, boot_fault},
+    safety::{Fault, FaultRecord, GuardCommand, GuardedSampler, Supervisor, boot_fault},
 };
 
 use crate::board::{self, Board};
@@ -71,35 +75,49 @@ impl Queues {
     }
 }
 
-/// What the watchdog has to know.
+/// What is watched.
 struct Flags {
     /// The value of [`GuardCommand::rendered`].
     rendered: AtomicU32,
     /// Passes of `link` so far.
     links: AtomicU32,
+    /// Passes of `idle` over the image, see [`PassWatch`](zwidth::image::PassWatch).
+    passes: AtomicU32,
 }
 
-static FLAGS: Flags = Flags { rendered: AtomicU32::new(0), links: AtomicU32::new(0) };
+static FLAGS: Flags =
+    Flags { rendered: AtomicU32::new(0), links: AtomicU32::new(0), passes: AtomicU32::new(0) };
 
 /// Makes the tasks of a board that has just been set up.
 ///
-/// A device record that is not allowed is said, and nothing runs.
+/// An image that is not what was built is said, or a device record that is not allowed, and nothing runs.
 pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, Link, Idle) {
     let (due_in, due_out) = Seqlock::split();
     let (guard_in, guard_out) = Seqlock::split();
     let (reports_in, reports_out) = queues.reports.split();
     let (orders_in, orders_out) = queues.orders.split();
 
+    let image = board::image();
+    let boot = boot_fault(&board.memory.read(), board.reset_cause);
+    if let Err(why) = image.check() {
+        // A fault even if the next boot reads the flash as it was.
+        let damaged = (why == BadImage::Damaged).then(|| FaultRecord::bare(Fault::Image));
+        if let Some(record) = boot.or(damaged) {
+            board.memory.write(&record.to_words());
+        }
+        link::refuse(board.link, board.watchdog, &why.into());
+    }
     let device = match Device::from_record(board::device_record(), &board::FACTS) {
         Ok(device) => queues.device.insert(device),
-        Err(error) => link::refuse(board.link, board.watchdog, &error),
+        Err(error) => link::refuse(board.link, board.watchdog, &error.into()),
     };
     let loaded = zwidth::store::load(&mut board.settings, device.defaults());
-    let boot = boot_fault(&board.memory.read(), board.reset_cause);
     let Start { stored, source, control, safety, period, current, fault } =
         match device.start(&loaded, boot) {
             Ok(start) => start,
-            Err(error) => link::refuse(board.link, board.watchdog, &error.into()),
+            Err(error) => {
+                link::refuse(board.link, board.watchdog, &BadRecord::from(error).into());
+            }
         };
     let acts = (board::output_watch(), current);
     if let Some(record) = fault {
@@ -155,6 +173,6 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
             device,
             (stored, source),
         ),
-        Idle::new(board.watchdog),
+        Idle::new(board.watchdog, Pass::new(&image, record_in(board::device_record()))),
     )
 }

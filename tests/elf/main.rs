@@ -68,6 +68,7 @@ mod flood;
 mod fuzz;
 mod gdb;
 mod identify_telemetry;
+mod image;
 mod instructions;
 mod mailbox;
 mod panics;

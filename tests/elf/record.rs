@@ -60,7 +60,7 @@ fn refused(firmware: &Firmware, record: &[u8], samples: u64) -> String {
     let elf = firmware.elf.with_record(record).unwrap();
     let Firmware { board, table, scene, .. } = firmware;
     let mut world = World::new(*board, &elf, table, scene, scene.device.rest_position_m).unwrap();
-    world.run(20).unwrap();
+    world.run(100).unwrap();
     let said = world.replies.lines().next().unwrap_or_default().to_owned();
     let why = said.strip_prefix("error: no device record: ").expect(&said);
     let why = why.strip_suffix("; nothing runs, see help").unwrap().to_owned();

@@ -3,7 +3,7 @@
 use std::sync::atomic::Ordering::Relaxed;
 
 use virtual_board::{board::Board, elf::Elf, world::World};
-use zwidth::self_test::{Part, checksum};
+use zwidth::self_test::Part;
 
 use crate::firmware::{Firmware, arm, ok};
 
@@ -43,23 +43,6 @@ fn failed(world: &mut World<'_>) -> Vec<String> {
     lines[..Part::ALL.len()].iter().filter(|line| line.contains(": fail, ")).cloned().collect()
 }
 
-/// As the board does it: vectors, then from the code to the end of what is copied to RAM.
-fn checksum_of(elf: &Elf) -> u32 {
-    // What lies between two pieces is erased.
-    let byte_at = |address: u32| {
-        let mut pieces = elf.flash.iter();
-        let inside =
-            pieces.find_map(|(start, bytes)| bytes.get(address.checked_sub(*start)? as usize));
-        inside.copied().unwrap_or(0xFF)
-    };
-    let word_at = |address: u32| u32::from_le_bytes([0, 1, 2, 3].map(|n| byte_at(address + n)));
-    let words = |from: u32, to: u32| (from..to).step_by(4).map(word_at).collect::<Vec<_>>();
-    let at = |name: &str| elf.address_of(name).unwrap();
-    let end = at("__sidata") + at("__edata") - at("__sdata");
-    let (vectors, code) = (words(0x0800_0000, 0x0800_0000 + 98 * 4), words(at("_stext"), end));
-    checksum([&vectors[..], &code[..]])
-}
-
 fn a_whole_board_passes_and_has_lost_its_zero(board: Board) {
     let firmware = &Firmware::of(board);
     let mut world = prepared(firmware, &firmware.elf);
@@ -71,7 +54,7 @@ fn a_whole_board_passes_and_has_lost_its_zero(board: Board) {
         assert!(line.starts_with(&format!("selftest {}: pass, ", part.text())), "{line}");
     }
     assert_eq!(lines.last().unwrap(), "ok selftest");
-    let crc = format!("crc {:08x}", checksum_of(&firmware.elf));
+    let crc = format!("crc {:08x}", seal::seal_of(&firmware.elf).unwrap().1);
     assert!(lines.iter().any(|line| line.ends_with(&crc)), "{lines:?}: not {crc}");
     // Enable is off again, and no fault has come of it.
     assert!(!world.powered.amplifier.is_enabled());
@@ -115,12 +98,20 @@ fn each_part_fails_by_itself(board: Board) {
         });
         assert!(clock.len() == 1 && clock[0].starts_with("selftest clock: fail, "), "{clock:?}");
     }
-    // A vector of an interrupt that never comes; a byte of the constants.
+    // A vector of an interrupt that never comes.
     let mut elf = firmware.elf.clone();
     let (_, vectors) = elf.flash.iter_mut().find(|(start, _)| *start == 0x0800_0000).unwrap();
     vectors[4 * 60..4 * 61].copy_from_slice(&0x0900_0001u32.to_le_bytes());
+    elf.seal().unwrap();
     let image = failed(&mut prepared(firmware, &elf));
     assert_eq!(image, ["selftest image: fail, vector 60 leads nowhere"]);
+    // The seal, right before it is looked at.
+    let mut world = prepared(firmware, &firmware.elf);
+    let (seal, sum) = seal::seal_of(&firmware.elf).unwrap();
+    world.powered.mcu.program(seal, &(sum ^ 1).to_le_bytes());
+    let image = failed(&mut world);
+    let said = format!("selftest image: fail, crc {sum:08x}, the seal is {:08x}", sum ^ 1);
+    assert_eq!(image, [said]);
 }
 
 fn a_self_test_is_refused_while_force_acts(board: Board) {

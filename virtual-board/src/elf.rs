@@ -8,6 +8,7 @@ use object::{
     Object, ObjectSection, ObjectSymbol,
     read::elf::{ElfFile32, ProgramHeader},
 };
+use seal::Linked;
 
 /// An ELF file taken apart.
 #[derive(Clone, Debug)]
@@ -93,8 +94,34 @@ impl Elf {
             .ok_or_else(|| format!("the ELF has no symbol {part}"))
     }
 
+    /// Seals the image as it is in `flash` now; the file's bytes stay as they are.
+    ///
+    /// # Errors
+    /// It is no image of this firmware.
+    pub fn seal(&mut self) -> Result<(), String> {
+        let (at, sum) = seal::seal_of(self)?;
+        let place = self.flash.iter_mut().find_map(|(from, bytes)| {
+            bytes.get_mut(at.checked_sub(*from)? as usize..)?.first_chunk_mut::<4>()
+        });
+        *place.ok_or_else(|| format!("the ELF has nothing at {}", seal::SEAL))? = sum.to_le_bytes();
+        Ok(())
+    }
+
     /// The section of that name: address and size.
     pub fn section(&self, name: &str) -> Option<(u32, u32)> {
         self.sections.iter().find(|(n, ..)| n == name).map(|(_, address, size)| (*address, *size))
+    }
+}
+
+impl Linked for Elf {
+    fn address_of(&self, symbol: &str) -> Option<u32> {
+        self.address_of(symbol)
+    }
+
+    fn word_at(&self, address: u32) -> Option<u32> {
+        self.flash.iter().find_map(|(from, bytes)| {
+            let word = bytes.get(address.checked_sub(*from)? as usize..)?.first_chunk()?;
+            Some(u32::from_le_bytes(*word))
+        })
     }
 }

@@ -1,4 +1,4 @@
-//! Builds for the board's target: the firmware's ELF.
+//! Builds for the board's target: the firmware's ELF, sealed.
 
 use std::{
     fs::File,
@@ -39,7 +39,7 @@ pub fn build_variant(board: &str, features: &[&str]) -> Result<PathBuf, String> 
     let bin = ["--bin", "zwidth", "--no-default-features", "--features", &name];
     in_turn(|folder| {
         let built = package(folder, "zwidth", &bin)?.join("zwidth");
-        keep(folder, &built, &format!("{name}.elf"))
+        keep_sealed(folder, &built, &format!("{name}.elf"))
     })
 }
 
@@ -58,7 +58,7 @@ pub fn build_with_record(board: &str, record: &Path) -> Result<PathBuf, String> 
         if !told.status.success() {
             return Err(String::from_utf8_lossy(&told.stderr).into_owned());
         }
-        keep(folder, &built(folder).join("zwidth"), &format!("{board},its record.elf"))
+        keep_sealed(folder, &built(folder).join("zwidth"), &format!("{board},its record.elf"))
     })
 }
 
@@ -75,6 +75,15 @@ pub fn build_on_target(file: &str, features: &[&str]) -> Result<PathBuf, String>
         let built = package(folder, "on-target", &arguments)?.join(file);
         keep(folder, &built, &format!("{features}{file}"))
     })
+}
+
+/// The same of an image, with its checksum in it.
+fn keep_sealed(folder: &Path, built: &Path, name: &str) -> Result<PathBuf, String> {
+    let mut elf = std::fs::read(built).map_err(|error| format!("{}: {error}", built.display()))?;
+    seal::seal(&mut elf).map_err(|error| format!("{}: {error}", built.display()))?;
+    let sealed = folder.join("sealed");
+    std::fs::write(&sealed, elf).map_err(|error| format!("{}: {error}", sealed.display()))?;
+    keep(folder, &sealed, name)
 }
 
 /// Copies what was built to its own name, at one stroke: the next build, of another variant, replaces the file.

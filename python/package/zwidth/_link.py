@@ -225,8 +225,8 @@ class Link:
         *whole, self._unfinished = (self._unfinished + got).split(b"\n")
         for line in whole:
             text = line.decode("ascii", "replace").strip()
-            # Without a device record nothing runs, and every command is refused so.
-            if text == "ok disarm" or text.startswith("error: no device record"):
+            # Without a device record, or with an image that is not what was built, nothing runs; commands are refused so.
+            if text == "ok disarm" or text.startswith(("error: no device record", "error: fault 46 (image)")):
                 self._disarmed.set()
             if text and text != "ok disarm" and not (text == "ok alive" and self._promise_ms is not None):
                 self._lines.put(text)

@@ -113,7 +113,8 @@ class Board:
         ConnectionError
             Nobody is there.
         ValueError
-            The board has no device record, or its firmware has no ``alive``.
+            Nothing runs on the board (device record or image are not as they should be), or its firmware has no
+            ``alive``.
         """
         telemetry = commands + 1 if telemetry is None else telemetry
         replies = commands + 2 if replies is None else replies

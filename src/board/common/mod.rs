@@ -2,6 +2,7 @@
 
 pub(in crate::board) mod control_block;
 pub mod device_record;
+pub mod image;
 pub mod logger;
 pub mod mask;
 pub mod rtt;

@@ -1,5 +1,5 @@
-//! The ends: a panic, a hard fault, a failed clock, an interrupt that no task is bound to. All switch off, note the
-//! fault, and wait for the watchdog.
+//! The ends: a panic, a hard fault, a failed clock, an interrupt that no task is bound to, an image that is not what was
+//! built. All switch off, note the fault, and wait for the watchdog.
 
 use core::panic::PanicInfo;
 
@@ -10,7 +10,6 @@ use zwidth::safety::Fault;
 /// may be what panicked.
 #[panic_handler]
 fn panic(_: &PanicInfo) -> ! {
-    cortex_m::interrupt::disable();
     end(Fault::Panic)
 }
 
@@ -25,7 +24,6 @@ unsafe fn HardFault(_: &ExceptionFrame) -> ! {
 // SAFETY: as HardFault.
 #[exception]
 unsafe fn NonMaskableInt() -> ! {
-    cortex_m::interrupt::disable();
     end(Fault::ClockFailure)
 }
 
@@ -33,11 +31,12 @@ unsafe fn NonMaskableInt() -> ! {
 // SAFETY: as HardFault.
 #[exception]
 unsafe fn DefaultHandler(_: i16) -> ! {
-    cortex_m::interrupt::disable();
     end(Fault::Interrupt)
 }
 
-fn end(fault: Fault) -> ! {
+/// See [`end`](zwidth::contract::Board::end).
+pub fn end(fault: Fault) -> ! {
+    cortex_m::interrupt::disable();
     super::off();
     super::fault_memory::note(fault);
     loop {

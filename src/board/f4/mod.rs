@@ -33,7 +33,7 @@ use stm32f4xx_hal::{
 use zwidth::{
     Output,
     contract::{Board, Drive, EmergencyStop, Encoder, ForceOutput, Link, Parts, RATE_HZ},
-    safety::ResetCause,
+    safety::{Fault, ResetCause},
     self_test::Found,
     velocity::Sense,
 };
@@ -113,6 +113,10 @@ impl<W: Wiring> Board for F4<W> {
     #[inline(always)]
     fn request_link() {
         rtic::pend(Interrupt::SPI2);
+    }
+
+    fn end(fault: Fault) -> ! {
+        fatal::end(fault)
     }
 
     fn log_dropped() -> u32 {

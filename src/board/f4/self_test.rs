@@ -5,7 +5,7 @@
 //! |---|---|---|
 //! | chip | `DEV_ID` | RM0390 33.6.1, RM0090 38.6.1 |
 //! | brown-out reset | `BOR_LEV` of FLASH_OPTCR | RM0390 3.8.6, RM0090 3.9.10 |
-//! | image | vectors, CRC from vectors to constants | |
+//! | image | vectors, CRC of all that is sealed | |
 //! | enable | TIM1_CH3's pin against MOE and the break input | RM0390 16.3.12, RM0090 17.3.12 |
 //! | output watchdog | MOE against time, without outputs | RM0390 16.4.4, 9.3.3, RM0090 17.4.4, 10.3 |
 //! | output | the board's own: `dac.rs`, `pwm.rs` | |
@@ -15,7 +15,6 @@
 
 use core::{
     marker::PhantomData,
-    ptr, slice,
     sync::atomic::{AtomicU32, Ordering::Relaxed},
 };
 
@@ -23,7 +22,7 @@ use stm32f4xx_hal::{pac, rcc::Rcc};
 use zwidth::{
     contract,
     period::OUTPUT_WATCHDOG_US,
-    self_test::{Delays, EDGES, Found, Part, checksum},
+    self_test::{Delays, EDGES, Found, Part},
 };
 
 use super::{Wiring, enable, output_watchdog, pin::BoardPin, watchdog};
@@ -82,23 +81,13 @@ impl<W: Wiring> contract::SelfTest for SelfTest<W> {
     }
 }
 
-// SAFETY: names of memory.x and of cortex-m-rt's link.x; of their addresses only.
-unsafe extern "C" {
-    safe static __vector_table: [u32; VECTORS];
-    safe static _stext: u32;
-    safe static __sidata: u32;
-    safe static __sdata: u32;
-    safe static __edata: u32;
-}
-
-/// Stack pointer, 15 exceptions, 82 interrupts.
-const VECTORS: usize = 16 + 82;
 /// Where the image may be, and its stack.
 const FLASH: core::ops::Range<u32> = 0x0800_0000..0x0808_0000;
 const RAM: core::ops::RangeInclusive<u32> = 0x2000_0000..=0x2002_0000;
 
 fn image() -> Found {
-    let vectors = &__vector_table;
+    let image = crate::board::image();
+    let [vectors, ..] = image.parts;
     // SAFETY: the address is the core's; this only reads.
     let in_force = unsafe { (*cortex_m::peripheral::SCB::PTR).vtor.read() };
     let stack = vectors.first().is_some_and(|top| RAM.contains(top) && top % 8 == 0);
@@ -107,17 +96,7 @@ fn image() -> Found {
     let bad =
         if in_force != vectors.as_ptr() as u32 || !stack { Some(0) } else { rest.map(|n| n + 1) };
     let bad_vector = bad.and_then(|number| u32::try_from(number).ok());
-    let code = (&raw const _stext) as usize;
-    let end = (&raw const __sidata) as usize
-        + ((&raw const __edata) as usize - (&raw const __sdata) as usize);
-    // SAFETY: flash from the beginning of the code to the end of the image.
-    let code = unsafe {
-        slice::from_raw_parts(
-            ptr::with_exposed_provenance::<u32>(code),
-            (end - code) / size_of::<u32>(),
-        )
-    };
-    Found::Image { bad_vector, crc: checksum([vectors.as_slice(), code]) }
+    Found::Image { bad_vector, crc: image.checksum(), sealed: image.sealed() }
 }
 
 fn enabled(pin: BoardPin, stop_closed: fn() -> bool) -> Found {

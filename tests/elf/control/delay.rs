@@ -76,6 +76,7 @@ fn with_critical_sections(firmware: &Firmware) -> Elf {
         piece.1[(at - piece.0) as usize..][..4].copy_from_slice(&bytes);
     }
     assert!(patched.iter().all(|&n| n > 0), "{patched:?}");
+    elf.seal().unwrap();
     elf
 }
 

@@ -33,7 +33,7 @@ const CORE: &[&[&str]] = &[
     &["contract"],
     &["console"],
     &["device", "renderer"],
-    &["experiment", "safety", "self_test", "store", "telemetry"],
+    &["experiment", "image", "safety", "self_test", "store", "telemetry"],
     &["control", "passivity", "period", "port", "settings", "wall"],
     &["velocity"],
     &["design"],

@@ -22,11 +22,11 @@ const SECTOR_A: u32 = 0x0800_4000;
 const SECTOR_B: u32 = 0x0800_8000;
 const SECTOR_WORDS: usize = 4096;
 /// Backup RAM, 4 KiB.
-const BACKUP: u32 = 0x4002_4000;
+pub(super) const BACKUP: u32 = 0x4002_4000;
 const BACKUP_WORDS: u32 = 1024;
 /// Contents that are tried at random.
 const RANDOM: usize = 16;
-/// Samples until the board has booted, whatever its flash holds: 6 ms at most.
+/// Samples until the board has booted, whatever its flash holds: 12 ms at most.
 const BOOT: u64 = 150;
 
 const NO_FAULT: &str = "ok status off, fault none";

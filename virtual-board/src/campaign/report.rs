@@ -11,6 +11,7 @@ use host_sim::{
 use serde::Serialize;
 
 use super::{
+    image::{ENDS, End, Ends, ImageFlip, PARTS, Part},
     place::{REGIONS, Region},
     rows::{Row, rows, slug},
     run::Ground,
@@ -37,6 +38,9 @@ pub struct Campaign {
     /// So many single bits that flip at random, a board.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000_000))]
     random: u64,
+    /// So many single bits that flip at random in the program in flash, in contact, a board.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000_000))]
+    image: u64,
     /// Which ones; the same number gives the same ones.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
@@ -66,6 +70,8 @@ struct Json {
     rows: Vec<RowJson>,
     classes: Vec<ClassJson>,
     random: Vec<RegionJson>,
+    image: Vec<PartJson>,
+    image_flips: Vec<ImageFlipJson>,
     on_in_fault: u64,
     wall_s: f64,
 }
@@ -109,6 +115,36 @@ struct RegionJson {
     unnoticed: [f64; 3],
 }
 
+/// Flips in the program in flash.
+#[derive(Serialize)]
+struct PartJson {
+    board: &'static str,
+    /// Null: all of them.
+    part: Option<Part>,
+    flips: u64,
+    ends: Ends,
+    /// The share with a wrong force until the check came by, with its 95 % interval.
+    wrong: [f64; 3],
+    /// The longest time of a wrong force, s.
+    wrong_s: f64,
+    /// What the handle gets by it, m/s.
+    speed_m_per_s: f64,
+    /// The longest time from a flip to off, s.
+    off_s: f64,
+}
+
+/// One of them.
+#[derive(Serialize)]
+struct ImageFlipJson {
+    board: &'static str,
+    name: String,
+    end: End,
+    code: Option<u8>,
+    off_s: Option<f64>,
+    wrong_s: f64,
+    speed_m_per_s: f64,
+}
+
 /// Runs it.
 ///
 /// # Errors
@@ -129,6 +165,8 @@ pub fn execute(options: &Campaign) -> Result<(), Error> {
         rows: Vec::new(),
         classes: Vec::new(),
         random: Vec::new(),
+        image: Vec::new(),
+        image_flips: Vec::new(),
         on_in_fault: 0,
         wall_s: 0.0,
     };
@@ -157,6 +195,11 @@ pub fn execute(options: &Campaign) -> Result<(), Error> {
         }
         if !chosen.is_empty() {
             json.classes.push(ClassJson::new(board, false, &counts));
+        }
+        if options.image > 0 {
+            let seed = (options.seed, options.first);
+            let flips = ground.image_flips(seed, options.image, threads)?;
+            wrong.extend(json.add_image(board, options.first, flips));
         }
         if options.random == 0 {
             continue;
@@ -196,6 +239,54 @@ pub fn execute(options: &Campaign) -> Result<(), Error> {
         say(&json)?;
     }
     if wrong.is_empty() { Ok(()) } else { Err(Error::Internal(wrong.join("; "))) }
+}
+
+impl Json {
+    /// Takes flips in the program in flash; what must not be among them.
+    fn add_image(&mut self, board: Board, first: u64, flips: Vec<ImageFlip>) -> Vec<String> {
+        for part in [None].into_iter().chain(PARTS.map(Some)) {
+            let of_it: Vec<_> =
+                flips.iter().filter(|flip| part.is_none_or(|part| flip.part == part)).collect();
+            let mut ends = Ends::new();
+            of_it.iter().for_each(|flip| *ends.entry(flip.end).or_default() += 1);
+            let most = |of: fn(&Verdict) -> f64| {
+                of_it.iter().map(|flip| of(&flip.verdict)).fold(0.0, f64::max)
+            };
+            let flips = of_it.len() as u64;
+            let wrong = share(ends.get(&End::Wrong).copied().unwrap_or_default(), flips);
+            self.image.push(PartJson {
+                board: board.name,
+                part,
+                flips,
+                ends,
+                wrong,
+                wrong_s: most(|verdict| verdict.wrong_s),
+                speed_m_per_s: most(|verdict| verdict.speed_m_per_s),
+                off_s: most(|verdict| verdict.off_s.unwrap_or_default()),
+            });
+        }
+        let mut bad = Vec::new();
+        for (n, ImageFlip { what, end, verdict, .. }) in (first..).zip(flips) {
+            let name = format!("flip {n}, {what}");
+            self.on_in_fault += u64::from(verdict.on_in_fault);
+            let fault = verdict.on_in_fault.then_some("on in a fault");
+            if let Some(why) = fault.or(end.is_bad().then(|| end.text())) {
+                bad.push(format!("{} {name}: {why}", board.name));
+            }
+            let Verdict { code, off_s, wrong_s, speed_m_per_s, .. } = verdict;
+            let board = board.name;
+            self.image_flips.push(ImageFlipJson {
+                board,
+                name,
+                end,
+                code,
+                off_s,
+                wrong_s,
+                speed_m_per_s,
+            });
+        }
+        bad
+    }
 }
 
 /// The board's own device, or the same with an amplifier that says its current.
@@ -335,9 +426,40 @@ fn say(json: &Json) -> Result<(), Error> {
             percent(told.off_late[2]),
         ))?;
     }
+    for flip in
+        json.image_flips.iter().filter(|flip| !matches!(flip.end, End::Harmless | End::Other))
+    {
+        let off = flip.off_s.map_or_else(|| "never".to_owned(), |s| format!("{:.1} ms", s * 1e3));
+        print_text(&format!(
+            "{:14} {}: {}; off {off}, force wrong {:.1} ms, speed {:.4} m/s, code {}",
+            flip.board,
+            flip.name,
+            flip.end.text(),
+            flip.wrong_s * 1e3,
+            flip.speed_m_per_s,
+            flip.code.map_or_else(|| "-".to_owned(), |code| code.to_string()),
+        ))?;
+    }
+    for told in &json.image {
+        let n = |end| told.ends.get(&end).copied().unwrap_or_default();
+        let ends: Vec<_> = ENDS.map(|end| format!("{} {}", end.text(), n(end))).into();
+        print_text(&format!(
+            "{:14} {:16} {} flips: {}; wrong {} ({} to {}), for {:.1} ms at most; off after {:.1} ms at most",
+            told.board,
+            told.part.map_or("image", Part::text),
+            told.flips,
+            ends.join("; "),
+            percent(told.wrong[0]),
+            percent(told.wrong[1]),
+            percent(told.wrong[2]),
+            told.wrong_s * 1e3,
+            told.off_s * 1e3,
+        ))?;
+    }
+    let image: u64 = json.image.iter().filter(|told| told.part.is_none()).map(|it| it.flips).sum();
     note(&format!(
         "{} faults, {:.0} s; on in a fault: {}",
-        json.rows.len(),
+        json.rows.len() as u64 + image,
         json.wall_s,
         json.on_in_fault
     ));

@@ -11,6 +11,7 @@ use std::{
 use host_sim::{error::Error, interrupt, output::terminal::note};
 
 use super::{
+    image::{self, Image, ImageFlip},
     place::Places,
     random::{self, Flip, STARTS, WATCHED},
     rows::Row,
@@ -43,7 +44,7 @@ impl<'a> Ground<'a> {
     /// The board cannot be armed.
     pub fn new(session: &'a Session, rows: &[Row]) -> Result<Self, Error> {
         let longest = rows.iter().map(samples).max().unwrap_or_default();
-        let samples = longest.max(WATCHED) + LEAST;
+        let samples = longest.max(WATCHED).max(image::WATCHED) + LEAST;
         let stages = on_threads(
             SITUATIONS.len(),
             2,
@@ -150,6 +151,26 @@ impl<'a> Ground<'a> {
         };
         let reference = if row.from_off { &[] } else { &stage.seen[start.index..] };
         Ok(watched.judge(&seen, reference, world.powered.board.cycles_per_sample(), &measure))
+    }
+
+    /// The same of flips in the program in flash, in contact.
+    ///
+    /// # Errors
+    /// The image has no seal, or Ctrl-C.
+    pub fn image_flips(
+        &self,
+        (seed, first): (u64, u64),
+        count: u64,
+        threads: usize,
+    ) -> Result<Vec<ImageFlip>, Error> {
+        let image = Image::of(&self.session.elf)?;
+        let count = usize::try_from(count).unwrap_or(usize::MAX);
+        let begin = || boot(self.session);
+        on_threads(count, threads, begin, |world, number| {
+            let ground = (&self.stages[Situation::Contact as usize], &image);
+            let number = first + number as u64;
+            image::flip(world, ground, (seed, number), self.full_m_per_s2)
+        })
     }
 
     /// What came of so many flips of a seed, from number `first` on.

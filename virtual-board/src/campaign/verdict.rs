@@ -3,9 +3,12 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use zwidth::telemetry::{Decoder, Flags};
+use zwidth::{
+    safety::{Fault, FaultRecord},
+    telemetry::{Decoder, Flags},
+};
 
-use super::rows::SOON_S;
+use super::{kept::BACKUP, rows::SOON_S};
 use crate::world::{Seen, World};
 
 /// How a fault ended.
@@ -48,6 +51,8 @@ pub struct Verdict {
     pub class: Class,
     /// From the fault to enable inactive, s.
     pub off_s: Option<f64>,
+    /// For which the force was wrong or old until then, s.
+    pub wrong_s: f64,
     /// What the handle gets until then, m/s: in free motion more than its speed at the fault, while no hand holds it; in
     /// contact that of a handle that is let go at the fault, by the force that should not be there, over 5 mm at most.
     pub speed_m_per_s: f64,
@@ -64,6 +69,7 @@ impl Verdict {
         Self {
             class,
             off_s: None,
+            wrong_s: 0.0,
             speed_m_per_s: 0.0,
             travel_m: 0.0,
             code: None,
@@ -107,7 +113,7 @@ const SAME: f64 = 0.01;
 /// Those that are small.
 const SMALL: f64 = 0.05;
 /// Longest time of a larger one that is bounded, s.
-const SHORT_S: f64 = 2e-3;
+pub(super) const SHORT_S: f64 = 2e-3;
 /// A force is old after so many samples: an output period, a sample, and the time of `render`.
 const OLD: u64 = 12;
 /// A handle that is let go is looked at for so far, m.
@@ -121,6 +127,8 @@ const GAIN_MOST_M_PER_S: f64 = 0.1;
 /// Samples after off, for the board to say why, and at most so many until it does.
 const AFTER: u64 = 60;
 const TOLD: u64 = 2_000;
+/// Those after off of a program that has become another: an output, and the output watchdog.
+const AFTER_FROM_MEMORY: u64 = 30;
 
 /// Whether the last 10 ms of the force are those.
 fn is_right(world: &World<'_>, right: &[Seen]) -> bool {
@@ -130,6 +138,15 @@ fn is_right(world: &World<'_>, right: &[Seen]) -> bool {
         && last.into_iter().all(|(now, right)| (now.force - right.force).abs() <= SAME)
 }
 
+/// The fault in the backup RAM, but for what every reset would be.
+fn kept_code(world: &mut World<'_>) -> Option<u8> {
+    let words = std::array::from_fn(|n| {
+        world.powered.mcu.peek(BACKUP + 4 * u32::try_from(n).unwrap_or_default())
+    });
+    let record = FaultRecord::from_words(&words)?;
+    (record.fault != Fault::ResetWhileArmed).then(|| record.fault.code())
+}
+
 /// A fault being watched.
 pub struct Watched {
     off_at: Option<u64>,
@@ -137,58 +154,77 @@ pub struct Watched {
     decoder: Decoder,
     code: Option<u8>,
     on_with_code: bool,
+    /// The program may be unable to say its code: what is in the backup RAM is told.
+    from_memory: bool,
 }
 
 impl Watched {
     /// Runs on until it is off and has said why, or for `samples`; where `right` is given for half of them if the force
     /// is that then.
     pub fn observe(world: &mut World<'_>, begun: u64, samples: u64, right: &[Seen]) -> Self {
-        let mut watched = Self {
+        Self::new(false).on(world, begun, samples, right)
+    }
+
+    /// The same of a program that may have become another: its code is what is in the backup RAM.
+    pub fn observe_memory(world: &mut World<'_>, begun: u64, samples: u64) -> Self {
+        Self::new(true).on(world, begun, samples, &[])
+    }
+
+    fn new(from_memory: bool) -> Self {
+        Self {
             off_at: None,
             back: false,
             decoder: Decoder::new(),
             code: None,
             on_with_code: false,
-        };
+            from_memory,
+        }
+    }
+
+    fn on(mut self, world: &mut World<'_>, begun: u64, samples: u64, right: &[Seen]) -> Self {
         let mut after = 0;
         for n in 1..=samples + TOLD {
             // A log that makes no sense, or a core that stands: what counts is the force.
             let _ = world.sample();
             if n % 50 == 0 {
-                watched.listen(world);
+                self.listen(world);
             }
             let enabled = world.powered.amplifier.is_enabled();
-            match watched.off_at {
+            match self.off_at {
                 None if !enabled => {
                     let off = world.powered.amplifier.changes().disabled_at;
-                    watched.off_at = Some(off.filter(|&at| at >= begun).unwrap_or(begun));
+                    self.off_at = Some(off.filter(|&at| at >= begun).unwrap_or(begun));
                 }
                 None if n >= samples || n == samples / 2 && is_right(world, right) => break,
                 None => {}
                 Some(_) if enabled => {
-                    watched.listen(world);
+                    self.listen(world);
                     // Without a fault it is an output that was left out: the force may go on.
-                    if watched.code.is_none() {
-                        (watched.off_at, after) = (None, 0);
+                    if self.code.is_none() {
+                        (self.off_at, after) = (None, 0);
                     } else {
-                        watched.back = true;
+                        self.back = true;
                         break;
                     }
                 }
                 Some(_) => {
                     after += 1;
-                    if after >= AFTER && (watched.code.is_some() || after >= TOLD) {
+                    let least = if self.from_memory { AFTER_FROM_MEMORY } else { AFTER };
+                    if after >= least && (self.code.is_some() || after >= TOLD) {
                         break;
                     }
                 }
             }
         }
-        watched.listen(world);
-        watched
+        self.listen(world);
+        self
     }
 
     fn listen(&mut self, world: &mut World<'_>) {
         let _ = world.probe();
+        if self.from_memory && self.off_at.is_some() {
+            self.code = self.code.or(kept_code(world));
+        }
         for byte in std::mem::take(&mut world.telemetry) {
             if let Some(frame) = self.decoder.push(byte)
                 && !frame.record.flags.contains(Flags::REPLAY)
@@ -258,6 +294,7 @@ impl Watched {
         Verdict {
             class,
             off_s,
+            wrong_s: f64::from(stale) * SAMPLE_S,
             speed_m_per_s: if moved { most } else { 0.0 },
             travel_m: if moved { travel.abs() } else { 0.0 },
             code: self.code,

@@ -1,0 +1,112 @@
+//! The checksum of the firmware's image, put into the ELF that the linker has made: `zwidth::image` says what it covers
+//! and who looks at it.
+#![forbid(unsafe_code)]
+
+use object::{
+    Object, ObjectSymbol,
+    read::elf::{ElfFile32, ProgramHeader},
+};
+use zwidth::image::{Image, UNSEALED};
+
+/// What the linker calls the seal, and the ends of what it covers (memory.x, cortex-m-rt's link.x).
+pub const SEAL: &str = "_seal";
+const PARTS: [[&str; 2]; 3] =
+    [["__vector_table", SEAL], ["__stext", "__etext"], ["__srodata", "__erodata"]];
+/// Where the variables' image is, and where the variables begin and end.
+const VARIABLES: [&str; 3] = ["__sidata", "__sdata", "__edata"];
+
+/// What an image is made of.
+pub trait Linked {
+    /// The address of a symbol.
+    fn address_of(&self, symbol: &str) -> Option<u32>;
+
+    /// A word of flash.
+    fn word_at(&self, address: u32) -> Option<u32>;
+}
+
+/// Where each part of an image begins and ends, bytes: vectors, code, constants, what is copied to RAM.
+///
+/// # Errors
+/// Names what it lacks.
+pub fn parts(image: &impl Linked) -> Result<[[u32; 2]; 4], String> {
+    let at = |name: &str| image.address_of(name).ok_or_else(|| format!("it has no symbol {name}"));
+    let [from, begin, end] = VARIABLES;
+    let (from, length) = (at(from)?, at(end)?.wrapping_sub(at(begin)?));
+    let [vectors, code, constants] = PARTS;
+    let part = |[from, to]: [&str; 2]| Ok::<_, String>([at(from)?, at(to)?]);
+    Ok([part(vectors)?, part(code)?, part(constants)?, [from, from.wrapping_add(length)]])
+}
+
+/// Where the seal is, and what it has to be.
+///
+/// # Errors
+/// It is no image of this firmware.
+pub fn seal_of(image: &impl Linked) -> Result<(u32, u32), String> {
+    let at = image.address_of(SEAL).ok_or_else(|| format!("it has no symbol {SEAL}"))?;
+    let words = |[from, to]: [u32; 2]| {
+        let word = |address| {
+            image.word_at(address).ok_or_else(|| format!("it has nothing at {address:#x}"))
+        };
+        (from..to).step_by(4).map(word).collect::<Result<Vec<_>, _>>()
+    };
+    let [vectors, code, constants, variables] = parts(image)?.map(words);
+    let (vectors, code, constants, variables) = (vectors?, code?, constants?, variables?);
+    let parts = [&vectors[..], &code, &constants, &variables];
+    match (Image { parts, seal: &[UNSEALED] }).checksum() {
+        UNSEALED => Err("its checksum is that of an image without one: change it".into()),
+        sum => Ok((at, sum)),
+    }
+}
+
+/// A file taken apart.
+struct File<'a> {
+    /// Symbols: name, address.
+    symbols: Vec<(&'a str, u64)>,
+    /// What goes into flash: address, where it is in the file, bytes.
+    pieces: Vec<(u32, u32, &'a [u8])>,
+}
+
+impl Linked for File<'_> {
+    fn address_of(&self, symbol: &str) -> Option<u32> {
+        let (_, address) = self.symbols.iter().find(|(name, _)| *name == symbol)?;
+        u32::try_from(*address).ok()
+    }
+
+    fn word_at(&self, address: u32) -> Option<u32> {
+        self.pieces.iter().find_map(|(from, _, bytes)| {
+            let word = bytes.get(address.checked_sub(*from)? as usize..)?.first_chunk()?;
+            Some(u32::from_le_bytes(*word))
+        })
+    }
+}
+
+/// Seals the bytes of an ELF. Whether it was not sealed before, or with another checksum.
+///
+/// # Errors
+/// It is no ELF of this firmware.
+pub fn seal(elf: &mut [u8]) -> Result<bool, String> {
+    let (place, sum) = {
+        let file: ElfFile32 = ElfFile32::parse(&*elf).map_err(|error| error.to_string())?;
+        let endian = file.endian();
+        let symbols = file.symbols().filter_map(|s| Some((s.name().ok()?, s.address()))).collect();
+        let headers = file.elf_program_headers().iter();
+        let pieces = headers
+            .filter(|header| header.p_type(endian) == object::elf::PT_LOAD)
+            .filter_map(|header| {
+                let data = header.data(endian, &*elf).ok()?;
+                Some((header.p_paddr(endian), header.p_offset(endian), data))
+            })
+            .collect();
+        let file = File { symbols, pieces };
+        let (at, sum) = seal_of(&file)?;
+        let place = file.pieces.iter().find_map(|(from, offset, bytes)| {
+            let inside = at.checked_sub(*from)?;
+            (inside as usize + 4 <= bytes.len()).then(|| (offset + inside) as usize)
+        });
+        (place.ok_or_else(|| format!("it has nothing at {SEAL}"))?, sum)
+    };
+    let seal = elf.get_mut(place..place + 4).ok_or_else(|| format!("it ends before {SEAL}"))?;
+    let changed = seal != sum.to_le_bytes();
+    seal.copy_from_slice(&sum.to_le_bytes());
+    Ok(changed)
+}

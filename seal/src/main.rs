@@ -1,0 +1,65 @@
+//! `cargo seal ELF ..`, and the runner behind `cargo flash`.
+
+use std::{
+    env,
+    ffi::{OsStr, OsString},
+    fs,
+    process::{Command, ExitCode},
+};
+
+const USAGE: &str = "usage: cargo seal ELF ..
+Puts the checksum of the firmware's image into each ELF, where it is. Without it a board refuses the image; what is
+made of the ELF, HEX or BIN, has to be made after it.
+
+       cargo seal --run ELF ARGUMENT ..
+Does the same, then runs `probe-rs run ELF ARGUMENT ..`: what `cargo flash` does.";
+
+/// Writes only what changes: the linker's output keeps its time.
+fn seal(path: &OsStr) -> Result<(), String> {
+    let named = |error: String| format!("{}: {error}", path.display());
+    let mut elf = fs::read(path).map_err(|error| named(error.to_string()))?;
+    if seal::seal(&mut elf).map_err(named)? {
+        fs::write(path, elf).map_err(|error| named(error.to_string()))?;
+    }
+    Ok(())
+}
+
+/// Becomes `probe-rs`, where a program can.
+fn probe_rs(arguments: &[OsString]) -> Result<ExitCode, String> {
+    let mut command = Command::new("probe-rs");
+    command.arg("run").args(arguments);
+    #[cfg(unix)]
+    let ended = Err(std::os::unix::process::CommandExt::exec(&mut command));
+    #[cfg(not(unix))]
+    let ended = command.status();
+    let ended: std::io::Result<std::process::ExitStatus> = ended;
+    let status = ended.map_err(|error| format!("probe-rs: {error}"))?;
+    let code = status.code().and_then(|code| u8::try_from(code).ok());
+    Ok(ExitCode::from(code.unwrap_or(1)))
+}
+
+fn run(arguments: &[OsString]) -> Result<ExitCode, String> {
+    match arguments {
+        [] => Err(USAGE.into()),
+        [first] if first == "--help" || first == "-h" => {
+            println!("{USAGE}");
+            Ok(ExitCode::SUCCESS)
+        }
+        [first, rest @ ..] if first == "--run" => {
+            seal(rest.first().ok_or(USAGE)?)?;
+            probe_rs(rest)
+        }
+        elfs => {
+            elfs.iter().try_for_each(|elf| seal(elf))?;
+            Ok(ExitCode::SUCCESS)
+        }
+    }
+}
+
+fn main() -> ExitCode {
+    let arguments: Vec<OsString> = env::args_os().skip(1).collect();
+    run(&arguments).unwrap_or_else(|error| {
+        eprintln!("error: {error}");
+        ExitCode::FAILURE
+    })
+}

@@ -1,0 +1,245 @@
+//! The program in flash against a checksum that the build puts into it.
+//!
+//! A linker makes no checksums: it leaves a word behind the vectors, the seal (`_seal` of memory.x), with all bits set.
+//! The package `seal` puts the checksum there when everything is linked. Covered are vectors, code, constants and what is
+//! copied to RAM at boot, each from its first word to its last by the linker's names: what lies between them is never
+//! read, and may be anything. Not covered are the sectors that are written later: settings, which have checksums of their
+//! own and are read at `load` only, and the device record, which has its own too and is looked at with each pass, because
+//! envelope and designs are read from it all the time.
+//!
+//! | when | by | wrong |
+//! |------|----|-------|
+//! | boot, before any task | [`Image::check`] | nothing runs; the console says why |
+//! | always, a [slice](SLICE) each time that `idle` wakes | [`Pass`] | off, [`Fault::Image`](crate::safety::Fault::Image), reset |
+//! | with each pass of `link` | [`PassWatch`] | the same, if no pass has ended for [`LONGEST`], or one that was wrong |
+//!
+//! The two that find a wrong image while the force may be on do not rely on each other: `idle` tells how many passes have
+//! ended by a number into which what was wrong is added, and `link` takes nothing but the next number. So a bit that
+//! flips in the code of the one, and makes it silent, is found by the other; and any flip in either is in the image.
+
+use core::fmt;
+
+use crate::{
+    crc::{RESIDUE, Sum},
+    period::SAMPLES_PER_MS,
+};
+
+/// The seal of an image that nobody has sealed.
+pub const UNSEALED: u32 = u32::MAX;
+
+/// Words that `idle` looks at each time that it wakes, 0.1 ms after the last time or sooner: an image of 256 KiB in
+/// a tenth of a second. A flip just behind the pass is found by the end of the next one.
+pub const SLICE: usize = 64;
+
+/// Longest time from the end of a pass to that of the next, samples: 0.5 s. A pass takes a fifth of it, also while a host
+/// floods the board.
+pub const LONGEST: u32 = 500 * SAMPLES_PER_MS;
+
+/// Parts of an image, without its seal.
+const PARTS: usize = 4;
+
+/// An image.
+#[derive(Clone, Copy, Debug)]
+pub struct Image<'a> {
+    /// Vectors, code, constants, what is copied to RAM.
+    pub parts: [&'a [u32]; PARTS],
+    /// What their checksum has to be.
+    pub seal: &'a [u32; 1],
+}
+
+/// What is wrong with an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BadImage {
+    /// It has no checksum.
+    Unsealed,
+    /// It is not what was sealed.
+    Damaged,
+}
+
+impl Image<'_> {
+    /// The checksum of what is there.
+    pub fn checksum(&self) -> u32 {
+        let mut sum = Sum::new();
+        self.parts.iter().for_each(|part| sum.add(part));
+        sum.get()
+    }
+
+    /// What it has to be.
+    pub const fn sealed(&self) -> u32 {
+        let [seal] = *self.seal;
+        seal
+    }
+
+    /// Whether it is what was sealed.
+    ///
+    /// # Errors
+    /// It is not.
+    pub fn check(&self) -> Result<(), BadImage> {
+        match self.sealed() {
+            UNSEALED => Err(BadImage::Unsealed),
+            sealed if sealed == self.checksum() => Ok(()),
+            _ => Err(BadImage::Damaged),
+        }
+    }
+}
+
+impl fmt::Display for BadImage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Unsealed => "it is not sealed: cargo seal ELF, then flash that",
+            Self::Damaged => "it is not what was built: flash it again",
+        })
+    }
+}
+
+impl core::error::Error for BadImage {}
+
+/// Looks at image and device record, over and over, in slices.
+pub struct Pass<'a> {
+    /// Those of the image, its seal, the record.
+    parts: [&'a [u32]; PARTS + 2],
+    /// The part that is under way, and what is left of it.
+    part: usize,
+    rest: &'a [u32],
+    sum: Sum,
+    /// Bits that are other than they should be, of the checksums of this pass.
+    wrong: u32,
+}
+
+impl<'a> Pass<'a> {
+    /// From the beginning, of that image and that record, the last word of which is its checksum.
+    pub const fn new(image: &Image<'a>, record: &'a [u32]) -> Self {
+        let [vectors, code, constants, variables] = image.parts;
+        let parts = [vectors, code, constants, variables, image.seal.as_slice(), record];
+        Self { parts, part: 0, rest: vectors, sum: Sum::new(), wrong: 0 }
+    }
+
+    /// Goes on by a slice, or to the end of a part. At the end of the pass: which bits were wrong, so 0 if none was.
+    #[inline]
+    pub fn go_on(&mut self) -> Option<u32> {
+        let (slice, rest) = self.rest.split_at_checked(SLICE).unwrap_or((self.rest, &[]));
+        self.sum.add(slice);
+        self.rest = rest;
+        if rest.is_empty() { self.end_part() } else { None }
+    }
+
+    #[inline(never)]
+    fn end_part(&mut self) -> Option<u32> {
+        self.part += 1;
+        if self.part > PARTS {
+            self.wrong |= self.sum.get() ^ RESIDUE;
+            self.sum = Sum::new();
+        }
+        if let Some(part) = self.parts.get(self.part) {
+            self.rest = part;
+            return None;
+        }
+        self.part = 0;
+        [self.rest, ..] = self.parts;
+        Some(core::mem::take(&mut self.wrong))
+    }
+}
+
+/// Whether passes go on, and none was wrong.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PassWatch {
+    passes: u32,
+    /// The sample by which the last one had ended.
+    ended: u32,
+}
+
+impl PassWatch {
+    /// Whether something is wrong by that sample, when so many passes have ended: another one has ended than the next, or
+    /// none for too long.
+    pub fn is_wrong(&mut self, sample: u32, passes: u32) -> bool {
+        if passes == self.passes.wrapping_add(1) {
+            *self = Self { passes, ended: sample };
+        }
+        passes != self.passes || sample.wrapping_sub(self.ended) > LONGEST
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::crc;
+    use std::{string::ToString, vec, vec::Vec};
+
+    /// Parts of other lengths than slices, one of them empty, and what their seal has to be.
+    fn parts() -> ([Vec<u32>; PARTS], u32) {
+        let of = |length: u32, seed: u32| (0..length).map(|n| seed.wrapping_mul(n + 1)).collect();
+        let parts = [of(98, 0x9E37_79B9), of(1_003, 77), of(240, 0xDEAD_BEEF), vec![]];
+        let sum = crc::of_pieces(parts.each_ref().map(Vec::as_slice));
+        (parts, sum)
+    }
+
+    fn record() -> Vec<u32> {
+        let body: Vec<u32> = (0..131).map(|n| n * 0x0101_0101).collect();
+        let sum = crc::of_words(&body);
+        [body, vec![sum]].concat()
+    }
+
+    fn image<'a>(parts: &'a [Vec<u32>; PARTS], seal: &'a [u32; 1]) -> Image<'a> {
+        Image { parts: parts.each_ref().map(Vec::as_slice), seal }
+    }
+
+    /// What the next pass says, and the slices that it took.
+    fn pass(pass: &mut Pass<'_>) -> (u32, usize) {
+        (1..10_000).find_map(|n| Some((pass.go_on()?, n))).expect("it ends")
+    }
+
+    #[test]
+    fn an_image_is_what_was_sealed_or_says_what_to_do() {
+        let (mut parts, sum) = parts();
+        assert_eq!(image(&parts, &[sum]).check(), Ok(()));
+        assert_eq!(image(&parts, &[sum ^ 1]).check(), Err(BadImage::Damaged));
+        assert_eq!(image(&parts, &[UNSEALED]).check(), Err(BadImage::Unsealed));
+        parts[2][239] ^= 1 << 31;
+        assert_eq!(image(&parts, &[sum]).check(), Err(BadImage::Damaged));
+        assert!(BadImage::Unsealed.to_string().contains("cargo seal ELF"));
+    }
+
+    #[test]
+    fn a_pass_ends_again_and_again_and_finds_every_flipped_bit_and_none_else() {
+        let ((mut parts, sum), mut record) = (parts(), record());
+        let slices = [98, 1_003, 240, 0, 1, 132].map(|words: usize| words.div_ceil(SLICE).max(1));
+        let seal = [sum];
+        let mut under_way = Pass::new(&image(&parts, &seal), &record);
+        for _ in 0..3 {
+            assert_eq!(pass(&mut under_way), (0, slices.iter().sum()));
+        }
+        for part in 0..PARTS {
+            for word in 0..parts[part].len() {
+                let bit = 1 << (word % 32);
+                parts[part][word] ^= bit;
+                let wrong = pass(&mut Pass::new(&image(&parts, &[sum]), &record)).0;
+                assert_ne!(wrong, 0, "part {part} word {word}");
+                parts[part][word] ^= bit;
+            }
+        }
+        for bit in 0..32 {
+            let seal = [sum ^ 1 << bit];
+            assert_ne!(pass(&mut Pass::new(&image(&parts, &seal), &record)).0, 0);
+        }
+        for word in 0..record.len() {
+            record[word] ^= 1 << (word % 32);
+            assert_ne!(pass(&mut Pass::new(&image(&parts, &[sum]), &record)).0, 0, "{word}");
+            record[word] ^= 1 << (word % 32);
+        }
+    }
+
+    #[test]
+    fn passes_follow_each_other_in_time_and_none_is_wrong() {
+        let mut watch = PassWatch::default();
+        assert!(!watch.is_wrong(LONGEST, 0));
+        assert!(watch.is_wrong(LONGEST + 1, 0));
+        assert!(!watch.is_wrong(LONGEST + 2, 1) && !watch.is_wrong(2 * LONGEST + 2, 1));
+        assert!(watch.is_wrong(2 * LONGEST + 3, 1));
+        assert!(!watch.is_wrong(2 * LONGEST + 4, 2));
+        for passes in [1, 4, 2 + 0x8000_0001, 0] {
+            assert!({ watch }.is_wrong(2 * LONGEST + 5, passes), "{passes}");
+        }
+        let mut watch = PassWatch { passes: u32::MAX, ended: u32::MAX - 5 };
+        assert!(!watch.is_wrong(10, u32::MAX) && !watch.is_wrong(20, 0));
+    }
+}
