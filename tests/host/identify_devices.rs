@@ -349,7 +349,8 @@ fn judged(case: &Case, found: &Identification) -> Verdict {
     let mut off = vec![];
     let mut add = |name, estimate: Option<Estimate>, truth: f64| {
         let Some(estimate) = estimate else { return };
-        off.push((name, (estimate.value - truth).abs() / estimate.half_width));
+        let half_widths = (estimate.value - truth).abs() / estimate.half_width;
+        off.push((name, if half_widths.is_nan() { f64::INFINITY } else { half_widths }));
     };
     add("mass", Some(found.mass_kg), device.mass);
     add("damping", Some(found.damping_n_s_per_m), device.damping);
@@ -425,7 +426,7 @@ fn campaign(seeds: std::ops::Range<u64>, verbose: bool) -> Counts {
             for counted in [all, &mut counts.parameters] {
                 *counted = [counted[0] + usize::from(*off <= 1.0), counted[1] + 1];
             }
-            wrong |= !verdict.warned && !(*off <= 3.0);
+            wrong |= !verdict.warned && *off > 3.0;
         }
         counts.silently_wrong += usize::from(wrong);
         counts.invented += usize::from(!verdict.invented.is_empty());
@@ -433,7 +434,7 @@ fn campaign(seeds: std::ops::Range<u64>, verbose: bool) -> Counts {
         let outside: Vec<String> = verdict
             .off
             .iter()
-            .filter(|(_, off)| !(*off <= 1.0))
+            .filter(|(_, off)| *off > 1.0)
             .map(|(name, off)| format!("{name} {off:.1}"))
             .collect();
         if verbose
