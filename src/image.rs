@@ -13,8 +13,8 @@
 //! | always, a [slice](SLICE) each time that `idle` wakes | [`Pass`] | off, [`Fault::Image`](crate::safety::Fault::Image), reset |
 //! | with each pass of `link` | [`PassWatch`] | the same, if no pass has ended for [`LONGEST`], or one that was wrong |
 //!
-//! The two that find a wrong image while the force may be on do not rely on each other: `idle` tells how many passes have
-//! ended by a number into which what was wrong is added, and `link` takes nothing but the next number. So a bit that
+//! The two that find a wrong image while the force may be on do not rely on each other: `idle` adds the checksums of each
+//! pass to a number, and `link` takes nothing but steps of [`RIGHT`]. So a bit that
 //! flips in the code of the one, and makes it silent, is found by the other; and any flip in either is in the image.
 
 use core::fmt;
@@ -34,6 +34,9 @@ pub const SLICE: usize = 64;
 /// Longest time from the end of a pass to that of the next, samples: 0.5 s. A pass takes a fifth of it, also while a host
 /// floods the board.
 pub const LONGEST: u32 = 500 * SAMPLES_PER_MS;
+
+/// What the checksums of a pass that found nothing wrong add up to: those of image and record, each with its own behind.
+pub const RIGHT: u32 = RESIDUE.wrapping_mul(2);
 
 /// Parts of an image, without its seal.
 const PARTS: usize = 4;
@@ -102,8 +105,8 @@ pub struct Pass<'a> {
     part: usize,
     rest: &'a [u32],
     sum: Sum,
-    /// Bits that are other than they should be, of the checksums of this pass.
-    wrong: u32,
+    /// Sum of the checksums of this pass.
+    found: u32,
 }
 
 impl<'a> Pass<'a> {
@@ -111,10 +114,11 @@ impl<'a> Pass<'a> {
     pub const fn new(image: &Image<'a>, record: &'a [u32]) -> Self {
         let [vectors, code, constants, variables] = image.parts;
         let parts = [vectors, code, constants, variables, image.seal.as_slice(), record];
-        Self { parts, part: 0, rest: vectors, sum: Sum::new(), wrong: 0 }
+        Self { parts, part: 0, rest: vectors, sum: Sum::new(), found: 0 }
     }
 
-    /// Goes on by a slice, or to the end of a part. At the end of the pass: which bits were wrong, so 0 if none was.
+    /// Goes on by a slice, or to the end of a part. At the end of the pass the sum of its checksums,
+    /// [`RIGHT`] if nothing is wrong.
     #[inline]
     pub fn go_on(&mut self) -> Option<u32> {
         let (slice, rest) = self.rest.split_at_checked(SLICE).unwrap_or((self.rest, &[]));
@@ -127,7 +131,7 @@ impl<'a> Pass<'a> {
     fn end_part(&mut self) -> Option<u32> {
         self.part += 1;
         if self.part > PARTS {
-            self.wrong |= self.sum.get() ^ RESIDUE;
+            self.found = self.found.wrapping_add(self.sum.get());
             self.sum = Sum::new();
         }
         if let Some(part) = self.parts.get(self.part) {
@@ -136,26 +140,26 @@ impl<'a> Pass<'a> {
         }
         self.part = 0;
         [self.rest, ..] = self.parts;
-        Some(core::mem::take(&mut self.wrong))
+        Some(core::mem::take(&mut self.found))
     }
 }
 
-/// Whether passes go on, and none was wrong.
+/// Whether passes go on, and none was wrong: by the sum over all of them.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PassWatch {
-    passes: u32,
+    sum: u32,
     /// The sample by which the last one had ended.
     ended: u32,
 }
 
 impl PassWatch {
-    /// Whether something is wrong by that sample, when so many passes have ended: another one has ended than the next, or
-    /// none for too long.
-    pub fn is_wrong(&mut self, sample: u32, passes: u32) -> bool {
-        if passes == self.passes.wrapping_add(1) {
-            *self = Self { passes, ended: sample };
+    /// Whether something is wrong by that sample, with that sum over all passes: the last one was, or none has ended for
+    /// too long.
+    pub fn is_wrong(&mut self, sample: u32, sum: u32) -> bool {
+        if sum == self.sum.wrapping_add(RIGHT) {
+            *self = Self { sum, ended: sample };
         }
-        passes != self.passes || sample.wrapping_sub(self.ended) > LONGEST
+        sum != self.sum || sample.wrapping_sub(self.ended) > LONGEST
     }
 }
 
@@ -206,24 +210,24 @@ mod tests {
         let seal = [sum];
         let mut under_way = Pass::new(&image(&parts, &seal), &record);
         for _ in 0..3 {
-            assert_eq!(pass(&mut under_way), (0, slices.iter().sum()));
+            assert_eq!(pass(&mut under_way), (RIGHT, slices.iter().sum()));
         }
         for part in 0..PARTS {
             for word in 0..parts[part].len() {
                 let bit = 1 << (word % 32);
                 parts[part][word] ^= bit;
-                let wrong = pass(&mut Pass::new(&image(&parts, &[sum]), &record)).0;
-                assert_ne!(wrong, 0, "part {part} word {word}");
+                let found = pass(&mut Pass::new(&image(&parts, &[sum]), &record)).0;
+                assert_ne!(found, RIGHT, "part {part} word {word}");
                 parts[part][word] ^= bit;
             }
         }
         for bit in 0..32 {
             let seal = [sum ^ 1 << bit];
-            assert_ne!(pass(&mut Pass::new(&image(&parts, &seal), &record)).0, 0);
+            assert_ne!(pass(&mut Pass::new(&image(&parts, &seal), &record)).0, RIGHT);
         }
         for word in 0..record.len() {
             record[word] ^= 1 << (word % 32);
-            assert_ne!(pass(&mut Pass::new(&image(&parts, &[sum]), &record)).0, 0, "{word}");
+            assert_ne!(pass(&mut Pass::new(&image(&parts, &[sum]), &record)).0, RIGHT, "{word}");
             record[word] ^= 1 << (word % 32);
         }
     }
@@ -233,13 +237,15 @@ mod tests {
         let mut watch = PassWatch::default();
         assert!(!watch.is_wrong(LONGEST, 0));
         assert!(watch.is_wrong(LONGEST + 1, 0));
-        assert!(!watch.is_wrong(LONGEST + 2, 1) && !watch.is_wrong(2 * LONGEST + 2, 1));
-        assert!(watch.is_wrong(2 * LONGEST + 3, 1));
-        assert!(!watch.is_wrong(2 * LONGEST + 4, 2));
-        for passes in [1, 4, 2 + 0x8000_0001, 0] {
-            assert!({ watch }.is_wrong(2 * LONGEST + 5, passes), "{passes}");
+        assert!(!watch.is_wrong(LONGEST + 2, RIGHT) && !watch.is_wrong(2 * LONGEST + 2, RIGHT));
+        assert!(watch.is_wrong(2 * LONGEST + 3, RIGHT));
+        let two = RIGHT.wrapping_mul(2);
+        assert!(!watch.is_wrong(2 * LONGEST + 4, two));
+        for sum in [RIGHT, RIGHT.wrapping_mul(4), two + 1, two.wrapping_add(RIGHT ^ 1 << 7), 0] {
+            assert!({ watch }.is_wrong(2 * LONGEST + 5, sum), "{sum}");
         }
-        let mut watch = PassWatch { passes: u32::MAX, ended: u32::MAX - 5 };
-        assert!(!watch.is_wrong(10, u32::MAX) && !watch.is_wrong(20, 0));
+        let mut watch = PassWatch { sum: u32::MAX, ended: u32::MAX - 5 };
+        let next = u32::MAX.wrapping_add(RIGHT);
+        assert!(!watch.is_wrong(10, u32::MAX) && !watch.is_wrong(20, next));
     }
 }

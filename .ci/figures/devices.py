@@ -126,9 +126,9 @@ def devices():
             return significant(float(r[key]), 3)
         body.append([f"{name}, `{scene}`", f"{number(float(r['cutoff_hz']))} ({from_to(r['low_hz'], r['high_hz'])})",
                      f"{said('stiffness')} {k}", f"{'> ' if int(r['is_capped']) else ''}{said('damping_max')} {b}",
-                     f"{said('inertia')} {inertia}, {said('friction')} {force}, {said('hum')} {force}",
+                     f"{said('inertia')} {inertia}, {said('friction')} {force}",
                      f"`{best['best']}`, {float(best['best_times_butterworth']):.2f} times", from_to(r["own_low_hz"], r["own_high_hz"])])
-    return table(["device, scene", "dial in, Hz (as good)", "largest K", "largest B", "free motion: inertia, dry friction, hum at rest",
+    return table(["device, scene", "dial in, Hz (as good)", "largest K", "largest B", "free motion: inertia, dry friction",
                   "best of five, its area against Butterworth's", "the paper's criterion, Hz"], body)
 
 
@@ -144,7 +144,7 @@ def devices_limits():
                 return ""
             if name not in areas:
                 return "no quiet wall"
-            cut = "> " if int(found[name]["is_capped"]) else ""
+            cut = "~ " if int(found[""]["is_capped"]) else "> " if int(found[name]["is_capped"]) else ""
             return f"{cut}{significant(areas[name] / areas[''], 3)}{' (most)' if name == limit else ''}"
         body.append([f"`{scene}`", *map(cell, shown)])
     return table(["scene", *shown], body)

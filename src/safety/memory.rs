@@ -22,7 +22,7 @@ pub struct FaultRecord {
     pub sample: u64,
     /// Position at the output that latched it, counts.
     pub position: Position,
-    /// Velocity at that output, 2^-16 counts per sample.
+    /// Velocity at that output, counts per sample.
     pub velocity: Velocity,
     /// Force that acted until then.
     pub force: Force,

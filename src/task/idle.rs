@@ -3,7 +3,11 @@
 use core::sync::atomic::Ordering::Relaxed;
 
 use super::FLAGS;
-use zwidth::{contract::Watchdog as _, image::Pass, safety::Fault};
+use zwidth::{
+    contract::Watchdog as _,
+    image::{Pass, RIGHT},
+    safety::Fault,
+};
 
 use crate::board::{self, Watchdog};
 
@@ -30,11 +34,11 @@ impl Idle {
             self.watchdog.feed();
             self.fed = now;
         }
-        if let Some(wrong) = self.pass.go_on() {
-            // What was wrong goes into the number: `link` takes none but the next one.
-            self.passes = self.passes.wrapping_add(1).wrapping_add(wrong);
+        if let Some(found) = self.pass.go_on() {
+            // `link` takes nothing but steps of what is right.
+            self.passes = self.passes.wrapping_add(found);
             FLAGS.passes.store(self.passes, Relaxed);
-            if wrong != 0 {
+            if found != RIGHT {
                 board::end(Fault::Image);
             }
         }

@@ -81,7 +81,7 @@ struct Flags {
     rendered: AtomicU32,
     /// Passes of `link` so far.
     links: AtomicU32,
-    /// Passes of `idle` over the image, see [`PassWatch`](zwidth::image::PassWatch).
+    /// Sum of the checksums of all passes of `idle` over the image, see [`PassWatch`](zwidth::image::PassWatch).
     passes: AtomicU32,
 }
 

@@ -13,7 +13,7 @@ use virtual_board::{
     world::World,
 };
 use zwidth::{
-    image::{LONGEST, UNSEALED},
+    image::{LONGEST, RIGHT, UNSEALED},
     period::PERIODS,
 };
 
@@ -213,16 +213,16 @@ fn add(world: &mut World<'_>, address: u32, much: u32) {
     world.powered.mcu.write(address, &more.to_le_bytes());
 }
 
-/// Where the number of passes is: of what the tasks count, each with a symbol, the word that grows by one in a pass.
+/// Where the number of passes is: of what the tasks count, each with a symbol, the word that grows by [`RIGHT`] in a pass.
 fn counter(firmware: &Firmware, world: &mut World<'_>) -> u32 {
     let symbols = firmware.elf.symbols.iter().filter(|(name, ..)| name.contains("task5FLAGS"));
     let words: Vec<u32> = symbols.flat_map(|(_, at, size)| (*at..at + size).step_by(4)).collect();
     let before: Vec<u32> = words.iter().map(|&at| word(world, at)).collect();
     world.run(2 * PASS).unwrap();
-    let grown = words
-        .iter()
-        .zip(before)
-        .find(|&(&at, before)| (1..=8).contains(&word(world, at).wrapping_sub(before)));
+    let grown = words.iter().zip(before).find(|&(&at, before)| {
+        let grown = word(world, at).wrapping_sub(before);
+        (1..=8).any(|passes| grown == RIGHT.wrapping_mul(passes))
+    });
     *grown.unwrap().0
 }
 
@@ -256,7 +256,7 @@ fn a_pass_ends_in_time_whatever_the_host_does(board: Board) {
                 }
                 let now = word(&world, passes);
                 if now != seen {
-                    assert_eq!(now, seen.wrapping_add(1));
+                    assert_eq!(now, seen.wrapping_add(RIGHT));
                     longest = longest.max(ended.map_or(0, |ended| n - ended));
                     (ended, seen) = (Some(n), now);
                 }

@@ -476,7 +476,7 @@ impl Soc {
         }
     }
 
-    /// Devices that gate the clocks.
+    /// RCC, PWR and EXTI.
     pub(super) fn rcc_and_power(&self) -> impl Iterator<Item = &dyn Device> {
         self.others[..2].iter().chain([&self.exti]).map(|lazy| &*lazy.device)
     }

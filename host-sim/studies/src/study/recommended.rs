@@ -274,7 +274,8 @@ impl<D: Fn() + Sync> Search<'_, D> {
         self.fit_grid(cutoffs_hz)?;
         let mut anew = 0..SEEDS;
         for _ in 0..TRIES {
-            if self.breaks_off() && anew.next().is_some() {
+            let looks_anew = self.breaks_off() && anew.next().is_some();
+            if looks_anew {
                 let tried: Vec<f64> = self.cutoffs.iter().map(|result| result.cutoff_hz).collect();
                 if self.seed(&tried)? {
                     self.walk_anew(&tried)?;
@@ -282,10 +283,11 @@ impl<D: Fn() + Sync> Search<'_, D> {
                 }
             }
             let more = self.more(goes_on);
-            if more.is_empty() {
+            if !more.is_empty() {
+                self.walk(&more)?;
+            } else if !looks_anew {
                 break;
             }
-            self.walk(&more)?;
         }
         Ok(self.best().map(|best| self.of(best)))
     }
@@ -371,7 +373,7 @@ impl<D: Fn() + Sync> Search<'_, D> {
         Ok(walk.is_some())
     }
 
-    /// A grid that begins at a wall that is quiet at all cutoffs that promise something, found among single walls.
+    /// A grid that begins at a wall that is quiet at most cutoffs that promise something, found among single walls.
     fn first_walls(&self, cutoffs_hz: &[f64]) -> Result<Option<Walk>, Error> {
         let (prepared, scene) = (prepare(&self.scene)?, &self.scene.scene);
         let caps = scene.walk_plan();

@@ -205,7 +205,9 @@ pub(super) fn estimates(
         let modelled = seen.last().map_or(0.0, |seen| model.covariance(seen, seen));
         let larger = modelled.max(robust(column, (&raw, pieces), stop));
         let stated = larger.max(white);
-        widening = widening.max((stated / white).sqrt());
+        if white > 0.0 {
+            widening = widening.max((stated / white).sqrt());
+        }
         half_widths.push([stated, white].map(|variance| quantile * variance.sqrt()));
     }
     let mut is_widened = false;
@@ -395,6 +397,9 @@ fn long_run(scores: &[f64], stop: &AtomicBool) -> f64 {
         scores.iter().zip(scores.iter().skip(lag)).map(|(a, b)| a * b).sum()
     };
     let power = lagged(0);
+    if !power.is_finite() {
+        return f64::INFINITY;
+    }
     if power <= 0.0 {
         return 0.0;
     }
