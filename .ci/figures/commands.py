@@ -27,7 +27,7 @@ NAME = re.compile(r"cargo (?:sim|board)(?: (?:--)?\w+)?$")
 HARDWARE = re.compile(r"cargo (?:flash|embed)|probe-rs|STM32_Programmer|openocd|nc |cargo-flash|\(printf")
 # Done by .ci/run, .ci/book or nobody: tools of the reader's.
 ELSEWHERE = re.compile(
-    r"\.ci/|mdbook|valgrind|cargo (?:fmt|clippy|doc|firmware|install|live|sim-files|test --workspace|test -p zwidth --lib|bench -p host-sim-bench|(?:test|run)$)"
+    r"\.ci/|mdbook|valgrind|cargo (?:fmt|clippy|doc|firmware|seal|install|live|sim-files|test --workspace|test -p zwidth --lib|bench -p host-sim-bench|(?:test|run)$)"
 )
 # Of minutes, without a table of figures: what they make is stored beside.
 MINUTES = {
