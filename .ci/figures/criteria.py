@@ -1,8 +1,7 @@
 """Who pushes, and what counts as stable."""
 
-import re
-
 from . import block
+from .devices import without
 from .estimators import f, of, tuned
 from .source import ROOT, m, measured, number, rows, sim, significant, table
 
@@ -105,10 +104,8 @@ def plain_area(r):
 def criteria_people():
     """Largest K of a spring alone by rate of the output, of an estimated device, beside what people called clean."""
     told = (ROOT / "docs/data/choi-tan.toml").read_text()
-    devices = {"rigid, no lag": re.sub(r"(?ms)^\[amplifier\]\n.*?\n\n", "", told).replace('    "wall_hit.push_n", "amplifier.bandwidth_hz",', '    "wall_hit.push_n",'),
-               "force lags by 1.6 ms (100 Hz)": told}
     rates, body = {250: 160, 1000: 40, 5000: 8, 10_000: 4, 40_000: 1}, []
-    for name, text in devices.items():
+    for name, text in {"rigid, no lag": without(told, "amplifier"), "force lags by 1.6 ms (100 Hz)": told}.items():
         for criterion in ("quiet", "felt"):
             peaks = [sim(f"walk SCENE.toml --criterion {criterion}", text.replace("period = 160", f"period = {period}"))["stiffness_peak_n_per_m"]
                      for period in rates.values()]

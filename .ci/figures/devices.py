@@ -32,6 +32,8 @@ def times(text, key, factor):
 
 
 def without(text, name):
+    """The scene without that table, and without the list of estimated keys, which may name it."""
+    text = re.sub(r"(?ms)^estimated = \[.*?^\]\n", "", text)
     return re.sub(rf"(?ms)^\[{name}\]\n.*?(?=^\[|\Z)", "", text)
 
 
@@ -42,11 +44,10 @@ def changes(text):
     yield "an output for every sample", times(text, "period", 0.1).replace("period = 1.0", "period = 1")
     yield "no latency", times(text, "latency", 0)
     yield "twice the force", times(text, "supply_v" if "supply_v =" in text else "limit_v", 2)
-    plain = re.sub(r"(?ms)^estimated = \[.*?^\]\n", "", text)
     if "[amplifier]" in text:
-        yield "no lag of the amplifier", without(plain, "amplifier")
+        yield "no lag of the amplifier", without(text, "amplifier")
     if "[friction]" in text:
-        yield "no friction", without(without(plain, "friction"), "integrator")
+        yield "no friction", without(without(text, "friction"), "integrator")
 
 
 def sim(folder, words):
@@ -66,7 +67,7 @@ def swept(folder, scene, changed, text):
     own_low, own_high = told["ideal_cutoff_range_hz"] or ("", "")
     return {"scene": scene, "changed": changed, "cutoff_hz": value("cutoff_hz"), "low_hz": low, "high_hz": high,
             "stiffness": value("stiffness"), "damping_max": value("damping_max"), "area": value("area"), "is_capped": int(value("is_capped") or 0),
-            "inertia": value("inertia") or value("mass"), "friction": value("friction"), "hum": value("hum"),
+            "inertia": value("inertia") or value("mass"), "friction": value("friction"),
             "own_low_hz": own_low, "own_high_hz": own_high}
 
 
@@ -106,9 +107,9 @@ LONG["devices-sweeps"] = ("cargo sim sweep SCENE --repeat 2", {"sweeps": SWEEPS}
 
 
 def units(scene):
-    """Of stiffness, damping and area."""
+    """Of stiffness, damping, inertia and force."""
     turns = "[rotary]" in text_of(scene)
-    return ("N m/rad", "N m s/rad", "N^2 m^2 s/rad^2") if turns else ("N/m", "N s/m", "N^2 s/m^2")
+    return ("N m/rad", "N m s/rad", "kg m^2", "N m") if turns else ("N/m", "N s/m", "kg", "N")
 
 
 def from_to(low, high):
@@ -120,8 +121,7 @@ def from_to(low, high):
 def devices():
     body = []
     for scene, name in DEVICES.items():
-        (k, b, _), best, r = units(scene), row(BEST, scene=scene), row(SWEEPS, scene=scene, changed="")
-        inertia, force = ("kg m^2", "N m") if k == "N m/rad" else ("kg", "N")
+        (k, b, inertia, force), best, r = units(scene), row(BEST, scene=scene), row(SWEEPS, scene=scene, changed="")
         def said(key):
             return significant(float(r[key]), 3)
         body.append([f"{name}, `{scene}`", f"{number(float(r['cutoff_hz']))} ({from_to(r['low_hz'], r['high_hz'])})",

@@ -2,7 +2,7 @@
 
 
 from . import block
-from .source import BOARDS, constant, m, measured, number, power, rows, significant, table
+from .source import BOARDS, ENDS, constant, m, measured, number, power, rows, significant, table
 
 MHZ = {"nucleo-f446re": 180.0, "discovery-f407": 168.0}
 
@@ -311,7 +311,7 @@ def campaign_image():
     """How flips in the program in flash ended."""
     body = []
     for row in rows("campaign-image.csv"):
-        ends = [int(row[name]) for name in ("harmless", "wrong", "other", "late", "unnoticed")]
+        ends = [int(row[name]) for name in ENDS]
         share = f"{100 * float(row['wrong_low']):.2f} to {100 * float(row['wrong_high']):.2f}"
         body.append([row["board"], row["part"], sum(ends), *ends, share, f"{float(row['wrong_s']) * 1e3:.0f}",
                      f"{float(row['speed_m_per_s']):.3f}", f"{float(row['off_s']) * 1e3:.0f}"])

@@ -20,8 +20,16 @@ pub trait Linked {
     /// The address of a symbol.
     fn address_of(&self, symbol: &str) -> Option<u32>;
 
-    /// A word of flash.
-    fn word_at(&self, address: u32) -> Option<u32>;
+    /// What goes into flash: address, bytes.
+    fn pieces(&self) -> impl Iterator<Item = (u32, &[u8])>;
+}
+
+/// A word of flash.
+fn word_at(image: &impl Linked, address: u32) -> Option<u32> {
+    image.pieces().find_map(|(from, bytes)| {
+        let word = bytes.get(address.checked_sub(from)? as usize..)?.first_chunk()?;
+        Some(u32::from_le_bytes(*word))
+    })
 }
 
 /// Where each part of an image begins and ends, bytes: vectors, code, constants, what is copied to RAM.
@@ -45,7 +53,7 @@ pub fn seal_of(image: &impl Linked) -> Result<(u32, u32), String> {
     let at = image.address_of(SEAL).ok_or_else(|| format!("it has no symbol {SEAL}"))?;
     let words = |[from, to]: [u32; 2]| {
         let word = |address| {
-            image.word_at(address).ok_or_else(|| format!("it has nothing at {address:#x}"))
+            word_at(image, address).ok_or_else(|| format!("it has nothing at {address:#x}"))
         };
         (from..to).step_by(4).map(word).collect::<Result<Vec<_>, _>>()
     };
@@ -72,19 +80,16 @@ impl Linked for File<'_> {
         u32::try_from(*address).ok()
     }
 
-    fn word_at(&self, address: u32) -> Option<u32> {
-        self.pieces.iter().find_map(|(from, _, bytes)| {
-            let word = bytes.get(address.checked_sub(*from)? as usize..)?.first_chunk()?;
-            Some(u32::from_le_bytes(*word))
-        })
+    fn pieces(&self) -> impl Iterator<Item = (u32, &[u8])> {
+        self.pieces.iter().map(|(from, _, bytes)| (*from, *bytes))
     }
 }
 
-/// Seals the bytes of an ELF. Whether it was not sealed before, or with another checksum.
+/// Seals the bytes of an ELF. The place of the four that have changed; none if it was sealed so before.
 ///
 /// # Errors
 /// It is no ELF of this firmware.
-pub fn seal(elf: &mut [u8]) -> Result<bool, String> {
+pub fn seal(elf: &mut [u8]) -> Result<Option<usize>, String> {
     let (place, sum) = {
         let file: ElfFile32 = ElfFile32::parse(&*elf).map_err(|error| error.to_string())?;
         let endian = file.endian();
@@ -106,7 +111,7 @@ pub fn seal(elf: &mut [u8]) -> Result<bool, String> {
         (place.ok_or_else(|| format!("it has nothing at {SEAL}"))?, sum)
     };
     let seal = elf.get_mut(place..place + 4).ok_or_else(|| format!("it ends before {SEAL}"))?;
-    let changed = seal != sum.to_le_bytes();
+    let has_changed = seal != sum.to_le_bytes();
     seal.copy_from_slice(&sum.to_le_bytes());
-    Ok(changed)
+    Ok(has_changed.then_some(place))
 }

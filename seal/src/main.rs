@@ -15,20 +15,15 @@ made of the ELF, HEX or BIN, has to be made after it.
        cargo seal --run ELF ARGUMENT ..
 Does the same, then runs `probe-rs run ELF ARGUMENT ..`: what `cargo flash` does.";
 
-/// Writes only the bytes that change, so that a full disk leaves no cut file.
+/// Writes the four bytes of the seal only, so that a full disk leaves no cut file.
 fn seal(path: &OsStr) -> Result<(), String> {
     let named = |error: String| format!("{}: {error}", path.display());
-    let built = fs::read(path).map_err(|error| named(error.to_string()))?;
-    let mut sealed = built.clone();
-    seal::seal(&mut sealed).map_err(named)?;
-    let differs = |(_, (old, new)): &(usize, (&u8, &u8))| old != new;
-    let mut changed = built.iter().zip(&sealed).enumerate().filter(differs).map(|(at, _)| at);
-    let Some(from) = changed.next() else { return Ok(()) };
-    let to = changed.next_back().unwrap_or(from);
+    let mut elf = fs::read(path).map_err(|error| named(error.to_string()))?;
+    let Some(place) = seal::seal(&mut elf).map_err(named)? else { return Ok(()) };
     let write = || {
         let mut file = fs::OpenOptions::new().write(true).open(path)?;
-        file.seek(SeekFrom::Start(from as u64))?;
-        file.write_all(&sealed[from..=to])
+        file.seek(SeekFrom::Start(place as u64))?;
+        file.write_all(&elf[place..place + 4])
     };
     write().map_err(|error: std::io::Error| named(error.to_string()))
 }

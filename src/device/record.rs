@@ -147,8 +147,9 @@ fn whole(words: &[u32]) -> Result<(&[u32; FIXED], &[u32], u32), BadRecord> {
         _ => return Err(BadRecord::Foreign),
     }
     let bad_length = BadRecord::Length(*length);
-    let record = usize::try_from(*length).ok().and_then(|length| words.get(..length));
-    let Some((check, body)) = record.and_then(<[u32]>::split_last) else { return Err(bad_length) };
+    let Some((check, body)) = stated(words).and_then(<[u32]>::split_last) else {
+        return Err(bad_length);
+    };
     let Some((fixed, rest)) = body.split_first_chunk::<FIXED>() else { return Err(bad_length) };
     if rest.len() < 2 * NUMBERS || body.len() >= WORDS_MAX {
         return Err(bad_length);
@@ -162,8 +163,12 @@ fn whole(words: &[u32]) -> Result<(&[u32; FIXED], &[u32], u32), BadRecord> {
 /// The record at the front of those words, without what is behind it: its last word is the checksum of all before it.
 /// All of them, if its length is none.
 pub fn record_in(words: &[u32]) -> &[u32] {
-    let length = words.get(1).and_then(|&length| usize::try_from(length).ok());
-    length.and_then(|length| words.get(..length)).unwrap_or(words)
+    stated(words).unwrap_or(words)
+}
+
+/// As many of the words as the second one says.
+fn stated(words: &[u32]) -> Option<&[u32]> {
+    words.get(..usize::try_from(*words.get(1)?).ok()?)
 }
 
 fn output_of(kind: u32, size: u32) -> Option<Output> {

@@ -18,12 +18,12 @@ pub struct Idle {
     /// `rendered` and `links` when the watchdog was last fed.
     fed: [u32; 2],
     pass: Pass<'static>,
-    passes: u32,
+    checked: u32,
 }
 
 impl Idle {
     pub(super) fn new(watchdog: Watchdog, pass: Pass<'static>) -> Self {
-        Self { watchdog, fed: [0; 2], pass, passes: 0 }
+        Self { watchdog, fed: [0; 2], pass, checked: 0 }
     }
 
     /// Looks at a slice of the image, then sleeps until the next interrupt. Feeds only if `render` (hence `sample`) and
@@ -36,8 +36,8 @@ impl Idle {
         }
         if let Some(found) = self.pass.go_on() {
             // `link` takes nothing but steps of what is right.
-            self.passes = self.passes.wrapping_add(found);
-            FLAGS.passes.store(self.passes, Relaxed);
+            self.checked = self.checked.wrapping_add(found);
+            FLAGS.checked.store(self.checked, Relaxed);
             if found != RIGHT {
                 board::end(Fault::Image);
             }

@@ -146,8 +146,8 @@ impl Link {
 
     /// Passes on what has come since. Late: `render` drops reports, seen as gaps in the samples of the telemetry.
     pub fn run(&mut self) {
-        let (sample, passes) = (FLAGS.rendered.load(Relaxed), FLAGS.passes.load(Relaxed));
-        if self.image.is_wrong(sample, passes) {
+        let (sample, checked) = (FLAGS.rendered.load(Relaxed), FLAGS.checked.load(Relaxed));
+        if self.image.is_wrong(sample, checked) {
             board::end(Fault::Image);
         }
         let listens = self.pace.begin(board::clock());

@@ -82,11 +82,11 @@ struct Flags {
     /// Passes of `link` so far.
     links: AtomicU32,
     /// Sum of the checksums of all passes of `idle` over the image, see [`PassWatch`](zwidth::image::PassWatch).
-    passes: AtomicU32,
+    checked: AtomicU32,
 }
 
 static FLAGS: Flags =
-    Flags { rendered: AtomicU32::new(0), links: AtomicU32::new(0), passes: AtomicU32::new(0) };
+    Flags { rendered: AtomicU32::new(0), links: AtomicU32::new(0), checked: AtomicU32::new(0) };
 
 /// Makes the tasks of a board that has just been set up.
 ///

@@ -181,6 +181,13 @@ impl<'a> Replay<'a> {
     }
 }
 
+/// A word of memory.
+pub fn word(world: &World<'_>, address: u32) -> u32 {
+    let mut bytes = [0; 4];
+    world.powered.mcu.read(address, &mut bytes);
+    u32::from_le_bytes(bytes)
+}
+
 /// Asks, and insists on `ok`.
 #[track_caller]
 pub fn ok(world: &mut World<'_>, line: &str) -> String {

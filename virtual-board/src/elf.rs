@@ -118,10 +118,7 @@ impl Linked for Elf {
         self.address_of(symbol)
     }
 
-    fn word_at(&self, address: u32) -> Option<u32> {
-        self.flash.iter().find_map(|(from, bytes)| {
-            let word = bytes.get(address.checked_sub(*from)? as usize..)?.first_chunk()?;
-            Some(u32::from_le_bytes(*word))
-        })
+    fn pieces(&self) -> impl Iterator<Item = (u32, &[u8])> {
+        self.flash.iter().map(|(from, bytes)| (*from, &bytes[..]))
     }
 }

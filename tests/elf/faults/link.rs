@@ -7,7 +7,7 @@ use virtual_board::{
     world::World,
 };
 
-use crate::firmware::{Firmware, ok};
+use crate::firmware::{Firmware, ok, word};
 
 each_board!(
     a_channel_whose_buffer_is_not_its_own_is_left_alone_and_ends_in_off,
@@ -16,13 +16,6 @@ each_board!(
     the_stack_ends_in_a_guard
 );
 
-/// Words of the control block: 24 bytes, then name, buffer, size, write, read, flags for each channel.
-fn word(world: &World<'_>, at: u32) -> u32 {
-    let mut bytes = [0; 4];
-    world.powered.mcu.read(at, &mut bytes);
-    u32::from_le_bytes(bytes)
-}
-
 fn a_channel_whose_buffer_is_not_its_own_is_left_alone_and_ends_in_off(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();
@@ -30,6 +23,7 @@ fn a_channel_whose_buffer_is_not_its_own_is_left_alone_and_ends_in_off(board: Bo
     let mut symbols = firmware.elf.symbols.iter();
     let (_, render, _) = symbols.find(|(name, ..)| name.contains("local_resource_render")).unwrap();
     let before = world.snapshot();
+    // Words of the control block: 24 bytes, then name, buffer, size, write, read, flags for each channel.
     // Up 1 carries telemetry all the time, up 0 and 2 a reply.
     for (channel, place, value) in [
         (1, 1, *render),

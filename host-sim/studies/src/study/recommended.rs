@@ -367,10 +367,10 @@ impl<D: Fn() + Sync> Search<'_, D> {
 
     /// Has the grid begin at a wall of [`Self::first_walls`]; whether there is one.
     fn seed(&mut self, cutoffs_hz: &[f64]) -> Result<bool, Error> {
+        let Some(walk) = self.first_walls(cutoffs_hz)? else { return Ok(false) };
+        self.scene.scene.walk = walk;
         self.is_seeded = true;
-        let walk = self.first_walls(cutoffs_hz)?;
-        self.scene.scene.walk = walk.unwrap_or(self.scene.scene.walk);
-        Ok(walk.is_some())
+        Ok(true)
     }
 
     /// A grid that begins at a wall that is quiet at most cutoffs that promise something, found among single walls.

@@ -121,16 +121,12 @@ impl Estimates {
         ] {
             own.iter_mut().zip(other).for_each(|(own, other)| widen(own, other));
         }
-        for (own, was) in self
-            .numbers()
-            .into_iter()
-            .zip(before.numbers())
-            .enumerate()
-            .filter_map(|(place, (own, was))| Some(((place, own?.half_width), was?.half_width)))
-        {
-            let (place, half_width) = own;
-            if was > 0.0 {
-                self.joint.deviations[place] *= half_width / was;
+        let wider = self.numbers().into_iter().zip(before.numbers());
+        for (deviation, wider) in self.joint.deviations.iter_mut().zip(wider) {
+            if let (Some(own), Some(was)) = wider
+                && was.half_width > 0.0
+            {
+                *deviation *= own.half_width / was.half_width;
             }
         }
     }

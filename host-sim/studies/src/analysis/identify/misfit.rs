@@ -19,6 +19,7 @@ const BLOCKS: usize = 200;
 const BEYOND: f64 = 6.0;
 /// Least factor of a mean square that is worth a warning.
 const WORTH: f64 = 1.15;
+
 /// How much larger, or more coloured, the residual of a model is than the model allows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Misfit {
@@ -48,18 +49,16 @@ pub(super) fn misfit(
     let own = measures(&own, &rows);
     let copies: Vec<[f64; 2]> = (0..COPIES)
         .map(|copy| {
-            let mut seed = 0;
             let errors = pieces.iter().enumerate().flat_map(|(record, piece)| {
                 let shift = random::uniform(copy, record as u64);
-                seed += 1;
-                let stream = (copy << 8) | seed;
+                let stream = (copy << 8) | (record as u64 + 1);
                 piece.position.iter().enumerate().map(move |(row, x)| {
                     let at = x + shift;
                     let read = at + noise * random::gaussian(stream, row as u64);
                     read.floor() + 0.5 - at
                 })
             });
-            let errors = DVector::from_iterator(own_rows(&rows), errors);
+            let errors = DVector::from_iterator(rows.iter().sum(), errors);
             let left = left(errors);
             measures(left.as_slice(), &rows)
         })
@@ -77,10 +76,6 @@ pub(super) fn misfit(
     beyond(0)
         .map(|(is, allowed)| Misfit::Larger(is, allowed))
         .or_else(|| beyond(1).map(|(is, allowed)| Misfit::Coloured(is, allowed)))
-}
-
-fn own_rows(rows: &[usize]) -> usize {
-    rows.iter().sum()
 }
 
 /// Mean square of a residual, and of its means over stretches.

@@ -54,7 +54,7 @@ use std::{f64::consts::TAU, sync::atomic::AtomicBool};
 use crate::scene::{Rounding, Scene};
 use fit::Fitted;
 use layout::{Included, Layout, Parameter, Values};
-use misfit::{Misfit, misfit};
+use misfit::Misfit;
 use search::{Model, Search};
 
 /// Extra room for a latency that is fitted, s.
@@ -471,8 +471,7 @@ fn of_residual(
              that and are up to {widening:.1} times those of white noise",
             100.0 * residual.coherence
         ));
-        let larger = misfit(&model.weighed, |errors| search.left(model, errors));
-        let said = larger.map(|larger| match larger {
+        let said = search.misfit(model).map(|larger| match larger {
             Misfit::Larger(is, allowed) => {
                 format!("larger than they allow: {is:.2} counts RMS, {allowed:.2} with this model")
             }

@@ -3,7 +3,7 @@
 //! Forward: of all terms that pass beside those that are in, the one that leaves least, the encoder's
 //! error after all others; until none passes. Then backward: a term that no longer passes beside the others goes.
 
-use std::f64::consts::TAU;
+use std::{cell::OnceCell, f64::consts::TAU};
 
 use levenberg_marquardt::LeastSquaresProblem as _;
 use nalgebra::{DMatrix, DVector};
@@ -16,7 +16,7 @@ use super::{
     fit::{self, Fitted, Problem, Solution},
     guess,
     layout::{Included, Layout, Parameter, Values},
-    misfit::misfit,
+    misfit::{Misfit, misfit},
     residual::Weighed,
     terms::{FAMILY_P, Term, Terms, Tested, said, tail},
     weighting::Weighting,
@@ -46,6 +46,8 @@ pub(super) struct Model {
     pub basis: DMatrix<f64>,
     /// Cycles of the encoder's error that were looked at.
     cycles: f64,
+    /// Made when it is asked for.
+    misfit: OnceCell<Option<Misfit>>,
 }
 
 impl Model {
@@ -60,7 +62,7 @@ impl Model {
             column.unscale_mut(norm);
         }
         let basis = jacobian.qr().q();
-        Ok(Self { solution, weighed, estimates, basis, cycles })
+        Ok(Self { solution, weighed, estimates, basis, cycles, misfit: OnceCell::new() })
     }
 
     pub(super) fn values(&self) -> &Values {
@@ -450,7 +452,7 @@ impl Search<'_> {
     }
 
     /// What the fit leaves of errors of the rows.
-    pub(super) fn left(&self, model: &Model, errors: DVector<f64>) -> DVector<f64> {
+    fn left(&self, model: &Model, errors: DVector<f64>) -> DVector<f64> {
         let Weighting::Readings(weights) = &self.weighting else { return model.without(&errors) };
         let weights = DVector::from_iterator(errors.len(), weights.iter().flatten().copied());
         model.without(&errors.component_mul(&weights)).component_div(&weights)
@@ -467,9 +469,12 @@ impl Search<'_> {
     /// The residual is white, or as the quantiser makes it.
     pub(super) fn is_explained(&self, model: &Model) -> bool {
         let residual = &model.weighed.found;
-        residual.is_white()
-            || (residual.is_bound_by_quantisation()
-                && misfit(&model.weighed, |errors| self.left(model, errors)).is_none())
+        residual.is_white() || (residual.is_bound_by_quantisation() && self.misfit(model).is_none())
+    }
+
+    /// How a model's residual is more than the quantiser makes of it, if so.
+    pub(super) fn misfit(&self, model: &Model) -> Option<Misfit> {
+        *model.misfit.get_or_init(|| misfit(&model.weighed, |errors| self.left(model, errors)))
     }
 
     /// Terms that the record can neither show nor exclude: the intervals hold what they would change.
