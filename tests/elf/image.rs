@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use virtual_board::{
     board::{Board, NUCLEO_F446RE, Powered},
     campaign::{
-        image::{End, Part},
+        image_flips::{End, Part},
         run::Ground,
     },
     elf::Elf,

@@ -8,13 +8,13 @@
 //! | `rows` | all of them, with the time that each may take |
 //! | `situation` | free, with the whole force and in contact, and what the force is there without a fault |
 //! | `place`, `random` | where a bit can flip, and flips |
-//! | `image` | flips in the program in flash |
+//! | `image_flips` | flips in the program in flash |
 //! | `verdict` | what came of a fault |
 //! | `run` | faults on several threads |
 //! | `report` | options, and what is printed |
 
 pub mod fault_case;
-pub mod image;
+pub mod image_flips;
 pub mod kept;
 mod memory;
 mod no_processor;

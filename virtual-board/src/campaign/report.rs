@@ -11,7 +11,7 @@ use host_sim::{
 use serde::Serialize;
 
 use super::{
-    image::{ENDS, End, Ends, ImageFlip, PARTS, Part},
+    image_flips::{ENDS, End, Ends, ImageFlip, PARTS, Part},
     place::{REGIONS, Region},
     rows::{Row, rows, slug},
     run::Ground,

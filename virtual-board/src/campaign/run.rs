@@ -11,7 +11,7 @@ use std::{
 use host_sim::{error::Error, interrupt, output::terminal::note};
 
 use super::{
-    image::{self, Image, ImageFlip},
+    image_flips::{self, Image, ImageFlip},
     place::Places,
     random::{self, Flip, STARTS, WATCHED},
     rows::Row,
@@ -44,7 +44,7 @@ impl<'a> Ground<'a> {
     /// The board cannot be armed.
     pub fn new(session: &'a Session, rows: &[Row]) -> Result<Self, Error> {
         let longest = rows.iter().map(samples).max().unwrap_or_default();
-        let samples = longest.max(WATCHED).max(image::WATCHED) + LEAST;
+        let samples = longest.max(WATCHED).max(image_flips::WATCHED) + LEAST;
         let stages = on_threads(
             SITUATIONS.len(),
             2,
@@ -169,7 +169,7 @@ impl<'a> Ground<'a> {
         on_threads(count, threads, begin, |world, number| {
             let ground = (&self.stages[Situation::Contact as usize], &image);
             let number = first + number as u64;
-            image::flip(world, ground, (seed, number), self.full_m_per_s2)
+            image_flips::flip(world, ground, (seed, number), self.full_m_per_s2)
         })
     }
 
