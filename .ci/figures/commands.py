@@ -161,7 +161,7 @@ def board(scene, block, folder, environment):
 # Options of a command that its page has; those of all commands stand in docs/files.md.
 OPTIONS = {
     "docs/virtual-board.md": ["board run", "board hit", "board walk", "board serve", "board fuzz"],
-    "docs/faults.md": ["board campaign"],
+    "docs/lab/campaigns.md": ["board campaign"],
     "docs/telemetry.md": ["sim telemetry", "sim replay"],
 }
 COMMON = {"--help", "--version", "--elf", "--threads", "--numeric", "--engine", "--out", "--force", "--json", "--parquet"}

@@ -183,7 +183,7 @@ def fault_campaign():
         body.append([case_name, how, shown, limit, code])
     body += [
         ["RTT stall and flood", "nobody reads, all channels set to blocking, commands and garbage without a pause, at output"
-         " period 10; at each period, read or not: [below](#a-host-that-sends-without-a-pause)",
+         " period 10; at each period, read or not: [below](../faults.md#a-host-that-sends-without-a-pause)",
          "stays on: no output missed, no sample delayed", "", "none"],
         ["each byte of a settings record flipped", f"{m('elf/faults/flipped/cases')} boots",
          "stays off; the older settings, or the defaults, and `load` says so", "", "none"],

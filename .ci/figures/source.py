@@ -12,7 +12,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "docs/data"
-PAGES = ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", *sorted(f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md"))]
+PAGES = ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", *(
+    f"{folder}/{page.name}" for folder in ("docs", "docs/lab") for page in sorted((ROOT / folder).glob("*.md")))]
 # What `figure` of tests/figure.rs leaves, one file for each.
 LEFT_BY_TESTS = ROOT / "target/tmp/figures"
 MEASURED = DATA / "measured.csv"

@@ -90,8 +90,8 @@ def test_a_figure(made: dict[str, Made], script: str) -> None:
 
 @pytest.mark.parametrize("script", SCRIPTS)
 def test_the_page_has_what_the_script_prints(made: dict[str, Made], script: str) -> None:
-    page = (ROOT / "docs" / "gallery.md").read_text()
-    sections = [part for part in page.split("\n## ") if f"(figures/{figure(script)})" in part]
+    page = (ROOT / "docs" / "python.md").read_text()
+    sections = [part for part in re.split(r"\n###? ", page) if f"(figures/{figure(script)})" in part]
     assert len(sections) == 1
     assert f"`python python/gallery/{script}.py --out docs/figures`" in sections[0]
     assert lines(sections[0]) == lines(made[script].text), "copy the tables that the script prints into the page"

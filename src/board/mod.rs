@@ -1,7 +1,7 @@
 //! The hardware. All unsafe code of the firmware is here, but for the hand-over between tasks in `src/sync`.
 //!
 //! What a board gives is stated in [`zwidth::contract`]. A board is one file, which names its pins as the schematic does
-//! and takes in its family's peripherals (`f4/`) and what every family shares (`common/`); it exports `Selected`. See docs/adding-a-board.md.
+//! and takes in its family's peripherals (`f4/`) and what every family shares (`common/`); it exports `Selected`. See docs/lab/adding-a-board.md.
 #![allow(unsafe_code)]
 
 // One board each; build.rs refuses two.

@@ -78,7 +78,7 @@ fn the_front_holds_the_areas_of_an_independent_search() {
             assert!(area >= least, "{name} {peak_db} dB: {area}");
         }
     }
-    // with the coarser encoder the other program's 704 is not reached: docs/design.md says what was tried
+    // with the coarser encoder the other program's 704 is not reached: docs/improve.md says what was tried
     for (name, least) in [("paper-1um", OF_THEIRS * 950.0), ("paper-2um", 600.0)] {
         let mut hand = scene(name);
         hand.wall_hit.push_by = PushBy::Hand;
@@ -110,7 +110,7 @@ fn two_sections_hold_more_than_one() {
     }
 }
 
-/// A limit of 1 um of the true motion, steps 1000 N/m and 5 N s/m: smaller ones of K find less (docs/design.md).
+/// A limit of 1 um of the true motion, steps 1000 N/m and 5 N s/m: smaller ones of K find less (docs/improve.md).
 #[test]
 #[ignore = "minutes: .ci/long design"]
 fn quiet_walls_have_their_filter_too() {
@@ -140,7 +140,7 @@ fn ten_seeds_find_the_same_area() {
     assert!(high / low < 1.02, "{areas:?}");
 }
 
-/// Motor and hand, the free handle and both arms: against kalman-3 in the tuning of docs/comparison.md.
+/// Motor and hand, the free handle and both arms: against kalman-3 in the tuning of docs/lab/comparison.md.
 #[test]
 #[ignore = "minutes: .ci/long design"]
 fn designed_for_the_worst_of_six_it_holds_in_each_what_kalman_3_does() {

@@ -274,7 +274,7 @@ fn bad_arguments_are_refused_with_what_is_allowed() {
 }
 
 /// The order that is published, against a filter of 50 Hz that nobody tuned. That a tuned filter does
-/// as well is what docs/comparison.md reports.
+/// as well is what docs/lab/comparison.md reports.
 #[test]
 #[ignore = "a search of eight estimators; CI runs it"]
 fn levant_windowing_and_kalman_raise_the_stiffest_wall_of_an_untuned_filter() {

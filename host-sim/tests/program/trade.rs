@@ -216,7 +216,7 @@ fn noise_is_a_fraction_of_an_lsb_where_it_must_be() {
     assert!(noise(Format::F64, Form::Direct1).at_rest < f64::EPSILON);
 }
 
-/// What is said in docs/trade.md, in its words: a tenth of the encoder's share or one LSB; 2 % beyond the spread.
+/// What is said in docs/lab/trade.md, in its words: a tenth of the encoder's share or one LSB; 2 % beyond the spread.
 fn misses(criterion: Criterion, m: &Measured, exact: &Exact) -> bool {
     const LSB: f64 = 1.0 / 65_536.0;
     let within = |error: f64, encoder: f64| error <= 0.1 * encoder || error <= LSB;

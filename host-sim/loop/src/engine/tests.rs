@@ -284,7 +284,7 @@ fn a_filter_of_another_form_than_the_scenes_runs_beside_the_lanes() {
     assert_eq!(hold_with(&prepared, &hits), 2, "the low-passes");
 }
 
-/// docs/batch.md names the others.
+/// docs/lab/batch.md names the others.
 const IN_LANES: [&str; 24] = [
     "butterworth",
     "butterworth-prewarped",

@@ -2,7 +2,7 @@
 //!
 //! Points are numbered, so that a study of a million takes no memory. The order: scenes, estimators, `[[list]]`,
 //! the keys of `[product]` in alphabetical order, cutoffs, starts, B, K; the last runs fastest. A scene with one
-//! estimator is a [`Block`]; a unit is a row of points of one block. `docs/study.md` has the file, [`mod@unit`]
+//! estimator is a [`Block`]; a unit is a row of points of one block. `docs/scenes.md` has the file, [`mod@unit`]
 //! what a unit is.
 
 mod file;
