@@ -18,6 +18,7 @@ mod progress;
 mod read;
 mod reference;
 mod replay;
+mod schema;
 mod shared;
 mod study;
 mod sweep;
@@ -29,7 +30,7 @@ mod walk;
 use std::path::PathBuf;
 
 use clap::{
-    Args, Parser, Subcommand, ValueEnum,
+    Args, CommandFactory as _, Parser, Subcommand, ValueEnum,
     builder::{EnumValueParser, TypedValueParser as _},
 };
 
@@ -74,6 +75,7 @@ enum Command {
     Read(read::ReadArgs),
     Reference(reference::ReferenceArgs),
     Replay(replay::ReplayArgs),
+    Schema(schema::SchemaArgs),
     Study(study::StudyArgs),
     StudyPlan(study::PlanArgs),
 }
@@ -178,6 +180,7 @@ impl Command {
             Self::Replay(_) => Some(["replay", "--csv"]),
             Self::StudyPlan(_) => Some(["study-plan", "none"]),
             Self::Reference(_) => Some(["reference", "none"]),
+            Self::Schema(_) => Some(["schema", "none"]),
             Self::Sweep(_)
             | Self::Compare(_)
             | Self::Design(_)
@@ -232,8 +235,9 @@ fn execute(Cli { command, common }: Cli) -> Result<(), Error> {
         Command::Telemetry(args) => telemetry::run(&args, &common),
         Command::Prepare(args) => prepare::run(&args, &common),
         Command::Read(args) => read::run(&args, &common),
-        Command::Reference(args) => reference::run(&args),
+        Command::Reference(args) => reference::run(&args, &Cli::command()),
         Command::Replay(args) => replay::run(&args, &common),
+        Command::Schema(_) => schema::run(),
         Command::Study(args) => study::run(&args, &common),
         Command::StudyPlan(args) => study::plan(&args, &common),
     })

@@ -1,9 +1,13 @@
 //! `reference`: lists of the firmware's own tables, as Markdown for the book.
 
-use clap::{Args, ValueEnum};
+use clap::{Args, Command, ValueEnum};
 use zwidth::{console, ends, safety::Fault, velocity::EstimatorName};
 
-use crate::{error::Error, output::terminal::print_text, scene::NamedScene};
+use crate::{
+    error::Error,
+    output::terminal::print_text,
+    scene::{NamedScene, schema},
+};
 
 /// Prints a list of the firmware's own tables as Markdown, as the book shows it.
 #[derive(Debug, Args)]
@@ -13,16 +17,21 @@ pub struct ReferenceArgs {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum List {
+    /// Commands of `cargo sim` with their options.
+    Commands,
     /// How each command of the console is typed.
     Console,
     /// Velocity estimators: number, name, parameters with units, defaults and ranges, and what they need.
     Estimators,
     /// Codes and names of the faults.
     Faults,
+    /// Keys of scene files: meaning, unit, and what is allowed.
+    Scene,
 }
 
-pub fn run(args: &ReferenceArgs) -> Result<(), Error> {
+pub fn run(args: &ReferenceArgs, program: &Command) -> Result<(), Error> {
     let text = match args.list {
+        List::Commands => commands(program),
         List::Console => {
             table(&["command"], console::usages().map(|usage| vec![format!("`{usage}`")]))
         }
@@ -44,6 +53,13 @@ pub fn run(args: &ReferenceArgs) -> Result<(), Error> {
             let row = |fault: &Fault| vec![fault.code().to_string(), fault.text().to_owned()];
             table(&["code", "fault"], Fault::ALL.iter().map(row))
         }
+        List::Scene => {
+            let rows = schema::keys().into_iter().map(|key| {
+                let name = format!("`{}`", key.path);
+                vec![name, key.unit.unwrap_or_default(), key.meaning, key.allowed, key.absent]
+            });
+            table(&["key", "unit", "meaning", "allowed", "absent"], rows)
+        }
     };
     print_text(&text)
 }
@@ -53,6 +69,41 @@ fn table(head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
     let head: Vec<String> = head.iter().map(|&cell| cell.to_owned()).collect();
     let rule = vec!["---".to_owned(); head.len()];
     [head, rule].into_iter().chain(rows).map(|cells| line(&cells)).collect::<Vec<_>>().join("\n")
+}
+
+/// A table of options for each command; those of all commands stand first.
+fn commands(program: &Command) -> String {
+    let mut sections = vec![];
+    let rows = |command: &Command, of_all: bool| {
+        let options = command.get_arguments().filter(|option| option.is_global_set() == of_all);
+        let rows = options.filter(|option| !option.is_hide_set()).map(|option| {
+            let name = option.get_long().map_or(String::new(), |long| format!("--{long}"));
+            let takes = option.get_action().takes_values() || option.is_positional();
+            let values = option.get_value_names().unwrap_or_default().join(" ");
+            let form = format!("{name} {}", if takes { &values } else { "" });
+            let default = option.get_default_values().first().filter(|_| takes);
+            let default =
+                default.map_or(String::new(), |value| value.to_string_lossy().into_owned());
+            let choices: Vec<_> = option.get_possible_values();
+            let choices: Vec<_> = choices.iter().map(|value| value.get_name().to_owned()).collect();
+            let allowed = if takes { choices.join(", ") } else { String::new() };
+            let help = option.get_help().map(ToString::to_string).unwrap_or_default();
+            vec![
+                format!("`{}`", form.trim()),
+                help.replace('\n', " ").replace('|', "\\|"),
+                allowed,
+                default,
+            ]
+        });
+        table(&["option", "meaning", "allowed", "default"], rows)
+    };
+    sections.push(format!("### Options of every command\n\n{}", rows(program, true)));
+    for command in program.get_subcommands().filter(|command| command.get_name() != "help") {
+        let about = command.get_about().map(ToString::to_string).unwrap_or_default();
+        let name = command.get_name();
+        sections.push(format!("### `cargo sim {name}`\n\n{about}\n\n{}", rows(command, false)));
+    }
+    sections.join("\n\n")
 }
 
 /// A row for each parameter. A value that no parameter takes is refused with the range that it takes.

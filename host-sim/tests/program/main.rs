@@ -29,6 +29,7 @@ mod prepare;
 mod read;
 mod ready;
 mod rotary;
+mod schema;
 #[cfg(unix)]
 mod study;
 mod sure;

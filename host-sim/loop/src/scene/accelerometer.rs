@@ -2,6 +2,7 @@
 
 use std::ops::RangeInclusive;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use zwidth::units::Acceleration;
 
@@ -13,21 +14,21 @@ const BANDWIDTH_HZ: RangeInclusive<f64> = 1e-3..=1e6;
 
 /// An accelerometer on the body that carries motor and encoder, also where `[mode]` puts another one behind it. It gives
 /// the mean acceleration of each sample.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Accelerometer {
-    /// Largest magnitude of a reading, m/s^2.
+    /// Largest magnitude of a reading.
     pub full_scale_m_per_s2: f64,
-    /// Step of a reading, m/s^2; 0: none.
+    /// Step of a reading; 0: none.
     #[serde(default)]
     pub resolution_m_per_s2: f64,
-    /// Density of its noise, m/s^2 per root Hz.
+    /// Density of its noise.
     #[serde(default)]
     pub noise_m_per_s2_per_sqrt_hz: f64,
-    /// Reading at rest, m/s^2.
+    /// Reading at rest.
     #[serde(default)]
     pub bias_m_per_s2: f64,
-    /// Corner of its first-order low-pass, Hz; without it, none.
+    /// Corner of its first-order low-pass; without it, none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bandwidth_hz: Option<f64>,
 }

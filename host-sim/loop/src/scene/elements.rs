@@ -1,6 +1,7 @@
 //! The optional elements of a scene: one table each. One that is absent is not modelled and costs
 //! nothing.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use zwidth::velocity::Sense;
@@ -8,15 +9,18 @@ use zwidth::velocity::Sense;
 use super::Scene;
 use crate::scene::element::Nonlinear;
 
-/// Quantisation of the command.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Optional element: quantisation of the command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Quantisation {
     /// A DAC with offset binary codes.
-    Dac { bits: u32 },
+    Dac {
+        /// Bits of a code; full scale is `2^(bits-1) - 1` codes from the middle.
+        bits: u32,
+    },
     /// PWM of sign and magnitude.
     Pwm {
-        /// Timer ticks per PWM period.
+        /// Timer ticks per PWM period; full scale is all of them.
         steps: u32,
     },
 }

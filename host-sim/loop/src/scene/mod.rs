@@ -9,6 +9,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use zwidth::{
     Design, HitSettings, Output, Settings, VelocitySettings, WallSettings,
@@ -39,6 +40,7 @@ mod passivity;
 pub mod read_back;
 pub mod record;
 pub mod rotary;
+pub mod schema;
 mod tables;
 mod uncertainty;
 pub mod units;
@@ -85,7 +87,7 @@ pub struct NamedScene {
 }
 
 /// Device, controller and study.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
     /// Keys whose values nobody has measured or published; reports repeat them.

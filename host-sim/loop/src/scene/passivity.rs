@@ -1,5 +1,6 @@
 //! The passivity controller of the wall, as an element of a scene.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use zwidth::{
     SettingsError,
@@ -10,10 +11,10 @@ use zwidth::{
 use super::Scene;
 
 /// The wall gives no more in a contact than a reserve: see [`zwidth::passivity`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PassivityTable {
-    /// The most that the handle accelerates, m/s^2; without it, what twice the actuator's full scale does with the
+    /// The most that the handle accelerates. Absent: what twice the actuator's full scale does with the
     /// handle's mass: motor and hand, each at full scale.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub acceleration_m_per_s2: Option<f64>,

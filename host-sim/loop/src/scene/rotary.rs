@@ -6,16 +6,17 @@
 //! N k_t / (R r): there the back-EMF, k_t N omega, is damping, which takes from the force at speed. Winding inductance is left out:
 //! L / R is some tenth of a millisecond in motors of this size; `[amplifier]` can stand for it.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use super::Units;
 use crate::range::within;
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Rotary {
-    /// From the axis to where the hand holds it, m.
+    /// From the axis to where the hand holds the handle.
     pub handle_radius_m: f64,
     /// Turns of the motor per turn of the handle.
     pub ratio: f64,
@@ -23,52 +24,55 @@ pub struct Rotary {
     pub counts_per_turn: f64,
     /// What carries the encoder.
     pub encoder_on: EncoderOn,
-    /// About the handle's axis, kg m^2.
+    /// Inertia of the handle about its axis.
     pub handle_inertia_kg_m2: f64,
-    /// About the motor's axis, kg m^2.
+    /// Inertia of the motor about its own axis.
     pub motor_inertia_kg_m2: f64,
-    /// Of bearings and transmission at the handle, N m s/rad.
+    /// Damping of bearings and transmission, at the handle.
     pub damping_n_m_s_per_rad: f64,
-    /// Of a spring at the handle, N m/rad.
+    /// Spring at the handle.
     pub stiffness_n_m_per_rad: f64,
     /// Where that spring rests.
     pub rest_angle_rad: f64,
     /// Where the handle rests before a hit.
     pub start_angle_rad: f64,
-    /// Of the motor, N m/A, which is V s/rad too.
+    /// Torque constant of the motor, which in V s/rad is its speed constant.
     pub torque_constant_n_m_per_a: f64,
     /// What the command sets.
     pub drive: DriveKind,
-    /// With `drive = "current"`: current per volt of command, A/V.
+    /// With `drive = "current"`: current per volt of command.
     #[serde(default)]
     pub amplifier_a_per_v: Option<f64>,
-    /// With `drive = "voltage"`: of winding and amplifier, ohm.
+    /// With `drive = "voltage"`: resistance of winding and amplifier.
     #[serde(default)]
     pub resistance_ohm: Option<f64>,
-    /// With `drive = "voltage"`: the largest voltage, V.
+    /// With `drive = "voltage"`: the largest voltage, in place of `actuator.limit_v`.
     #[serde(default)]
     pub supply_v: Option<f64>,
 }
 
 /// Where an encoder is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum EncoderOn {
     /// On the handle's axis.
     Handle,
+    /// On the motor's axis.
     Motor,
 }
 
 /// What a command sets.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum DriveKind {
+    /// A command is a current.
     Current,
+    /// A command is the motor's voltage; the back-EMF is damping.
     Voltage,
 }
 
 /// Tables about a hand, a sensor at the handle or an estimator: in m and N in every scene.
-const LINEAR_TABLES: [&str; 6] =
+pub(super) const LINEAR_TABLES: [&str; 6] =
     ["arm", "arms", "accelerometer", "passivity", "velocity", "designs"];
 
 impl Rotary {

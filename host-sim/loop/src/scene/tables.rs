@@ -2,34 +2,40 @@
 
 use std::path::PathBuf;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use zwidth::experiment::quiet;
 
 use super::FeltCurve;
 
 /// Mass, damper and spring: `m x'' + b x' + k (x - x0) = F`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Device {
+    /// Mass at the handle, m.
     pub mass_kg: f64,
+    /// Viscous damping, b.
     pub damping_n_s_per_m: f64,
+    /// Spring of the device, k.
     pub stiffness_n_per_m: f64,
+    /// Rest position of that spring, x0.
     pub rest_position_m: f64,
-    /// Where the handle rests before a hit, m.
+    /// Where the handle rests before a hit; before the wall.
     pub start_position_m: f64,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// The encoder at the handle.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Encoder {
-    /// Length of a count, m per count.
+    /// Length of one count.
     pub resolution_m: f64,
     /// How a position becomes a count.
     pub rounding: Rounding,
 }
 
 /// How a position becomes a count.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Rounding {
     /// `floor(x / resolution)`, as an incremental encoder does.
@@ -38,19 +44,20 @@ pub enum Rounding {
     Round,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// Amplifier and motor.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Actuator {
-    /// Force per volt of command, N/V.
+    /// Force per volt of command. Full scale is `gain_n_per_v * limit_v`, 1e-3 to 1e5 N.
     pub gain_n_per_v: f64,
-    /// Largest magnitude of a command, V.
+    /// Largest magnitude of a command.
     pub limit_v: f64,
-    /// Samples from output to output.
+    /// Samples from output to output. The boards have 1, 2, 5 and 10.
     pub period: u32,
-    /// Samples from the encoder reading to the force on the handle; need not be whole.
+    /// Samples from the encoder reading to the force on the handle. Need not be whole.
     pub latency: f64,
-    /// An estimator that is told the force is told it when it acts, to the nearest sample, and not when it
-    /// is granted.
+    /// `true`: an observer that uses the force gets it when it acts, to the nearest sample, for a latency of at most
+    /// 64 samples. `false`: when it is granted, as on the boards, whose latency is below half a sample. Absent: `false`.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub latency_known: bool,
 }
@@ -71,51 +78,57 @@ impl Actuator {
 /// Longest latency that may be known, in samples.
 pub const LATENCY_KNOWN_MAX: u32 = 64;
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// The sampled controller.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Sampling {
-    /// Encoder samples per second, Hz.
+    /// Encoder samples per second.
     pub rate_hz: f64,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// The virtual wall: spring and damper.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Wall {
-    /// Position of the surface, m.
+    /// Surface of the wall, which extends to larger positions; within 2^30 counts.
     pub position_m: f64,
-    /// The wall never pulls.
+    /// Whether the wall never pulls the handle.
     pub push_only: bool,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// The experiment: a push into the wall, and what counts as stable.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WallHit {
-    /// Constant push of a hit, N.
+    /// Constant push into the wall; of the motor within full scale, with `quiet` 1.03 times it.
     pub push_n: f64,
+    /// Who pushes the handle into the wall. Absent: `motor`.
     #[serde(default, skip_serializing_if = "PushBy::is_motor")]
     pub push_by: PushBy,
-    /// How the wall is tried.
+    /// How the wall is tried. Absent: `paper`. `taps`: the start is before the wall. `hand`: 1.3 times the push is within full scale, the
+    /// window has 0.5 s or more, and there are 100 outputs a second or more.
     #[serde(default, skip_serializing_if = "Protocol::is_paper")]
     pub protocol: Protocol,
-    /// Time before the window, s.
+    /// Time before the hit is judged; 1 to 2^24 samples.
     pub settle_s: f64,
-    /// Length of the window, s.
+    /// Time over which it is judged; 1 to 2^24 samples, with `felt` 0.5 s to 2^17 samples.
     pub window_s: f64,
-    /// `stable` is an RMS below this, m.
+    /// With `rms`, stable is an RMS below this; 0.001 to 65535 counts.
     pub rms_limit_m: f64,
-    /// What the RMS is taken of: counts without, and the motion with the criterion `quiet`.
+    /// What the RMS is taken of. Absent: `motion` with the criterion `quiet`, else `counts`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rms_of: Option<RmsOf>,
-    /// What counts as stable.
+    /// When a wall counts as stable. Absent: `rms`.
     #[serde(default, skip_serializing_if = "Criterion::is_rms")]
     pub criterion: Criterion,
-    /// File of the least motion that is felt, relative to the scene's; the built-in model without.
+    /// File of the least motion that is felt, by its path from the scene's folder: two columns, frequency in Hz and amplitude
+    /// in m, up to 10,000 rows and 1 MiB. Absent: a model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub felt_curve: Option<PathBuf>,
-    /// With the criterion `felt`, `stable` is a sensation level below this, dB.
+    /// With `felt`, stable is a sensation level below this. Absent: 0.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub felt_limit_db: f64,
-    /// With the criterion `quiet`, `stable` is an RMS of the force below this, N; 7 % of the push without.
+    /// With `quiet`, stable is an RMS of the force below this. Absent: 7 % of the push.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force_rms_limit_n: Option<f64>,
     /// Content of the file `felt_curve`.
@@ -160,7 +173,7 @@ impl WallHit {
 }
 
 /// What the RMS of a window is taken of.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum RmsOf {
     /// The encoder's counts, as in the paper.
@@ -185,13 +198,13 @@ pub const TAP_S: f64 = 0.5;
 pub const HAND_SWAY: f64 = 0.3;
 
 /// How a wall is tried, beside its criterion.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Protocol {
-    /// The paper's: a constant push from the start position, and a window.
+    /// A constant push from the start position, and a window.
     #[default]
     Paper,
-    /// The last two seconds of a minute of it.
+    /// The last two seconds of a constant push of a minute.
     Press,
     /// Taps, two a second: the last half of each contact is a window.
     Taps,
@@ -227,17 +240,17 @@ impl Protocol {
 }
 
 /// When a wall that was touched counts as stable.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Criterion {
     /// The RMS is below its limit.
     #[default]
     Rms,
-    /// That, and no output of the window is at the actuator's limit.
+    /// The RMS is below its limit, and no output of the window is at the actuator's limit.
     Unsaturated,
     /// The motion's sensation level is below its limit.
     Felt,
-    /// At each of [four pushes](quiet::PUSHES) handle and force rest, and the wall stands.
+    /// At each of four pushes handle and force rest, and the wall stands.
     Quiet,
 }
 
@@ -264,13 +277,13 @@ fn is_zero(value: &f64) -> bool {
 }
 
 /// Who pushes the handle into the wall.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum PushBy {
-    /// The motor: push and wall share its range.
+    /// Push and wall share the motor's range.
     #[default]
     Motor,
-    /// A hand: a constant force on the last body of the row, which is the handle, or the arm if there is one.
+    /// A constant force on the last body of the chain: the handle, or the arm if there is one.
     Hand,
 }
 
@@ -290,24 +303,27 @@ impl PushBy {
 }
 
 /// The boundary walk's grid and caps.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Walk {
+    /// First K, up to the largest.
     pub stiffness_start_n_per_m: f64,
-    /// Step of K, N/m.
+    /// Step of K, from 1e-6 of the largest.
     pub stiffness_step_n_per_m: f64,
+    /// Largest K.
     pub stiffness_max_n_per_m: f64,
-    /// First B, N s/m.
+    /// First B, up to the largest.
     pub damping_start_n_s_per_m: f64,
-    /// Step of B, N s/m.
+    /// Step of B, from 1e-6 of the largest.
     pub damping_step_n_s_per_m: f64,
-    /// Largest B, N s/m.
+    /// Largest B.
     pub damping_max_n_s_per_m: f64,
 }
 
 /// The study over cutoffs.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Sweep {
+    /// Nominal cutoffs, up to 0.499 of the sampling rate (0.38 with `prewarp`).
     pub cutoffs_hz: Vec<f64>,
 }

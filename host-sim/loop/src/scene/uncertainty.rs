@@ -1,5 +1,6 @@
 //! How sure the numbers of a device are, and devices drawn by it.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Scene, Units};
@@ -7,20 +8,25 @@ use crate::{numerics::random, range::within};
 
 /// Standard deviations of numbers of `[device]` and `[actuator]`, in their units; 0: exactly known. What is drawn is jointly
 /// Gaussian; a device outside the scene's ranges is drawn anew.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Uncertainty {
+    /// Of the device's mass.
     #[serde(default)]
     pub mass_kg: f64,
+    /// Of the device's damping.
     #[serde(default)]
     pub damping_n_s_per_m: f64,
+    /// Of the device's stiffness.
     #[serde(default)]
     pub stiffness_n_per_m: f64,
+    /// Of its rest position.
     #[serde(default)]
     pub rest_position_m: f64,
+    /// Of the actuator's gain.
     #[serde(default)]
     pub gain_n_per_v: f64,
-    /// Standard deviation of the latency, samples.
+    /// Of the latency in samples.
     #[serde(default)]
     pub latency: f64,
     /// Correlations of two of these names, or of what a rotary scene calls them, -1 to 1; 0 where none is named.

@@ -3,13 +3,15 @@
 //! Names and keys are the table's; a frequency is called `cutoff_hz` whatever its name there. Without it the command line
 //! or `[sweep]` has the cutoff.
 
-use std::fmt;
+use std::{borrow::Cow, fmt};
 
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{
     Deserialize, Deserializer, Serialize, Serializer,
     de::{self, DeserializeOwned, MapAccess, Visitor},
     ser::SerializeStruct,
 };
+use serde_json::json;
 use toml::Value;
 use zwidth::{
     SettingsError, VelocitySettings,
@@ -316,6 +318,55 @@ impl<'de> Deserialize<'de> for Family {
         }
         deserializer.deserialize_identifier(Known)
     }
+}
+
+impl JsonSchema for VelocityTable {
+    fn schema_name() -> Cow<'static, str> {
+        "VelocityTable".into()
+    }
+
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        let tables: Vec<_> = families().into_iter().map(schema_of).collect();
+        json_schema!({ "type": "object", "oneOf": tables })
+    }
+}
+
+/// The keys that go with a name in scenes.
+fn schema_of(family: &str) -> serde_json::Value {
+    let mut properties = serde_json::Map::from_iter([(TAG.into(), json!({ "const": family }))]);
+    let mut required = vec![TAG];
+    let first = members(family).next();
+    for (key, parameter, _) in first.into_iter().flat_map(keys) {
+        let kind = if parameter.is_whole() { "integer" } else { "number" };
+        let described = json!({ "type": kind, "description": parameter.name });
+        properties.insert(key.into(), described);
+        if !OPTIONAL.contains(&key) && key != CUTOFF {
+            required.push(key);
+        }
+    }
+    if let Some((key, member)) = first.and_then(|name| spelling(name).1) {
+        let described = match member {
+            Member::Flag(_) => json!({
+                "type": "boolean",
+                "default": false,
+                "description": "`true`: the cutoff is the -3 dB frequency. `false`: nominal, as in the paper."
+            }),
+            Member::Number(_) => {
+                required.push(key);
+                let known = members(family).filter_map(|name| match spelling(name).1 {
+                    Some((_, Member::Number(number))) => Some(number),
+                    _ => None,
+                });
+                json!({ "enum": known.collect::<Vec<_>>(), "description": key })
+            }
+        };
+        properties.insert(key.into(), described);
+    }
+    json!({ "properties": properties, "required": required, "additionalProperties": false })
 }
 
 impl Serialize for VelocityTable {

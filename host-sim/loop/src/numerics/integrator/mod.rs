@@ -16,6 +16,7 @@ mod stability;
 
 pub use stability::{Bodies, StepDemand};
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::range::{refused, within};
@@ -27,18 +28,24 @@ pub trait Field<const N: usize> {
 }
 
 /// The `[integrator]` table of a scene.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "method", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Integrator {
     /// Speeds first, then positions with the new speeds. Steps of equal length.
-    SemiImplicitEuler { steps_per_sample: u32 },
+    SemiImplicitEuler {
+        /// Steps in a sample, at least as many as stability needs.
+        steps_per_sample: u32,
+    },
     /// Classical Runge-Kutta of order 4. Steps of equal length.
-    Rk4 { steps_per_sample: u32 },
+    Rk4 {
+        /// Steps in a sample, at least as many as stability needs.
+        steps_per_sample: u32,
+    },
     /// Adaptive; the error of a step is kept below `relative |z| + absolute`.
     DormandPrince {
-        /// Share of the state.
+        /// Error of a step, as a share of the state.
         relative_tolerance: f64,
-        /// Of positions, m. Of speeds: this per sample; of the amplifier's force: what moves the mass so far in a sample.
+        /// Error of a step in positions; in speeds this per sample; in the amplifier's force what moves the mass so far in a sample.
         absolute_tolerance_m: f64,
     },
 }

@@ -10,15 +10,16 @@
 
 use core::f64::consts::TAU;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Checker;
 
 /// A current loop of first order.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Amplifier {
-    /// -3 dB frequency of the current loop, Hz.
+    /// -3 dB frequency of the current loop.
     pub bandwidth_hz: f64,
 }
 

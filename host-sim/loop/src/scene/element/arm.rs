@@ -10,25 +10,26 @@
 //!
 //! A standard model of an arm: a passive impedance of second order, behind the compliance of the grip.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::{range::within, scene::ranges};
 
 /// A person's arm on the handle.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Arm {
-    /// Moving mass of hand and arm, kg.
+    /// Moving mass of hand and arm.
     pub mass_kg: f64,
-    /// Damping of the arm against the ground, N s/m.
+    /// Damping of the arm against the ground.
     pub damping_n_s_per_m: f64,
-    /// Stiffness of the arm against the ground, N/m.
+    /// Stiffness of the arm against the ground.
     pub stiffness_n_per_m: f64,
-    /// Position to which the arm's own spring draws it, m.
+    /// Position to which the arm's own spring draws it.
     pub rest_position_m: f64,
-    /// Damping of the grip, N s/m.
+    /// Damping of the grip.
     pub grip_damping_n_s_per_m: f64,
-    /// Stiffness of the grip, N/m.
+    /// Stiffness of the grip.
     pub grip_stiffness_n_per_m: f64,
 }
 

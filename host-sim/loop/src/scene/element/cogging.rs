@@ -9,18 +9,20 @@
 
 use core::f64::consts::TAU;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Checker;
 
 /// First harmonic of a motor's cogging.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Cogging {
+    /// Amplitude of `amplitude sin(2 pi x / pitch + phase)`.
     pub amplitude_n: f64,
-    /// Travel of the handle from cog to cog, m.
+    /// Travel of the handle from cog to cog.
     pub pitch_m: f64,
-    /// Phase at position 0, rad.
+    /// Phase at position 0.
     pub phase_rad: f64,
 }
 

@@ -11,21 +11,22 @@
 
 use core::f64::consts::TAU;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Checker;
 
 /// Periodic error of the encoder.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EncoderError {
-    /// Travel per cycle of the signals, m.
+    /// Travel per cycle of the signals.
     pub cycle_m: f64,
-    /// Amplitude of the error once per cycle, m.
+    /// Amplitude of the error once per cycle.
     pub first_m: f64,
-    /// Amplitude of the error twice per cycle, m.
+    /// Amplitude of the error twice per cycle.
     pub second_m: f64,
-    /// Phase at position 0, rad.
+    /// Phase at position 0.
     pub phase_rad: f64,
 }
 

@@ -5,17 +5,19 @@
 //!
 //! White measurement noise as Kalman filters suppose it, with the quantiser apart.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Checker;
 use crate::numerics::random;
 
 /// White noise on the encoder's reading.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EncoderNoise {
-    /// Standard deviation of the noise, m.
+    /// Standard deviation of the noise.
     pub rms_m: f64,
+    /// Seed of its random numbers.
     pub seed: u32,
 }
 

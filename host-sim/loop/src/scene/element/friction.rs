@@ -10,6 +10,7 @@
 //! The standard Stribeck curve in its Gaussian form; sticking as a state of its own, as in Karnopp's model, but
 //! without his band of speeds.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Checker;
@@ -17,14 +18,14 @@ use super::Checker;
 /// Largest friction of a scene, N.
 const FORCE_N: f64 = 1e5;
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Friction {
-    /// Friction of fast sliding, N.
+    /// Friction of fast sliding.
     pub coulomb_n: f64,
-    /// Largest friction at rest, N; at least `coulomb_n`.
+    /// Largest friction at rest; at least `coulomb_n`.
     pub static_n: f64,
-    /// Speed over which friction falls from static to Coulomb, m/s.
+    /// Speed over which friction falls from static to Coulomb.
     pub stribeck_speed_m_per_s: f64,
 }
 

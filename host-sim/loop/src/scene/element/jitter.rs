@@ -7,6 +7,7 @@
 //!
 //! Evenly spread because nothing else is known of it.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Chain, Checker, STATES_MAX};
@@ -17,11 +18,12 @@ const LEVELS: u64 = 256;
 /// Tells this stream of random numbers from the noise's.
 const STREAM: u64 = 0x6a69_7474_6572;
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Jitter {
-    /// Largest delay of a reading, s.
+    /// Largest delay of a reading, up to the latency and below a sample; evenly spread over 257 values.
     pub peak_s: f64,
+    /// Seed of its random numbers.
     pub seed: u32,
 }
 

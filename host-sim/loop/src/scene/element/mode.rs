@@ -10,20 +10,21 @@
 //! The standard two-mass model of motor, cable transmission and body; vibration modes in haptic stability: Diaz,
 //! Gil, IEEE T-RO 26(1), 2010.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Checker;
 use crate::scene::ranges;
 
 /// A second mass behind a spring and a damper.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Mode {
-    /// Mass behind the transmission, kg.
+    /// Mass behind the transmission.
     pub mass_kg: f64,
-    /// Stiffness of the transmission, N/m.
+    /// Stiffness of the transmission.
     pub stiffness_n_per_m: f64,
-    /// Damping of the transmission, N s/m.
+    /// Damping of the transmission.
     pub damping_n_s_per_m: f64,
 }
 

@@ -5,13 +5,15 @@
 //! ```
 //! On a device with a spring it is the same as a rest position that is `force / stiffness` farther. Part of the exact step.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Checker;
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Offset {
+    /// Constant force on the device: gravity, or an amplifier whose zero is not zero.
     pub force_n: f64,
 }
 

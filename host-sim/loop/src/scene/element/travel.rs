@@ -13,6 +13,7 @@
 //! The standard coefficient of restitution, and a Kelvin-Voigt contact whose force is clamped, because its damper
 //! would pull as the device leaves.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Checker;
@@ -22,20 +23,25 @@ use crate::scene::{Device, ranges};
 pub const REST_SPEED_M_PER_S: f64 = 1e-6;
 
 /// The ends of the way.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "stop", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Travel {
     /// Both ends are springs with dampers.
     Spring {
+        /// Lower end, below the start of a hit.
         low_m: f64,
+        /// Upper end, above the start of a hit.
         high_m: f64,
-        /// Stiffness of both stops, N/m.
+        /// Stiffness of both stops.
         stiffness_n_per_m: f64,
-        /// Damping of both stops, N s/m.
+        /// Damping of both stops.
         damping_n_s_per_m: f64,
     },
+    /// Both ends are rigid; a speed below 1e-6 m/s does not bounce.
     Rigid {
+        /// Lower end, below the start of a hit.
         low_m: f64,
+        /// Upper end, above the start of a hit.
         high_m: f64,
         /// Speed after a bounce over that before it.
         restitution: f64,

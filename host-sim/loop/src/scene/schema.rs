@@ -1,0 +1,404 @@
+//! The JSON schema of scene files, for editors and for the book.
+//!
+//! Keys and descriptions are those of the types. Ranges are asked of the reader of scenes: it refuses a value that is too
+//! large, and names what is allowed. A range that depends on another key of the scene is left out; the description has it.
+
+use std::sync::LazyLock;
+
+use schemars::{JsonSchema, generate::SchemaSettings};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use toml::Table;
+
+use crate::notation::rounded;
+
+use super::{
+    BUILT_IN, Scene, Units,
+    rotary::{LINEAR_TABLES, Rotary, at_handle},
+};
+
+/// Stands for the name of an arm or of a design.
+const NAME: &str = "NAME";
+/// Where a key's range is in its schema, beside `minimum` and `maximum`.
+const LOW_HIGH: [&str; 2] = ["minimum", "maximum"];
+
+/// Optional tables whose ranges are asked for, in the forms that they have.
+const ELEMENTS: [&str; 3] = [
+    "[output]\nkind = 'dac'\nbits = 12\n[travel]\nstop = 'spring'\nlow_m = -1\nhigh_m = 1\nstiffness_n_per_m = 1e3\n\
+     damping_n_s_per_m = 1\n[integrator]\nmethod = 'dormand-prince'\nrelative_tolerance = 1e-6\n\
+     absolute_tolerance_m = 1e-10",
+    "[output]\nkind = 'pwm'\nsteps = 100\n[travel]\nstop = 'rigid'\nlow_m = -1\nhigh_m = 1\nrestitution = 0.5\n\
+     [integrator]\nmethod = 'rk4'\nsteps_per_sample = 100",
+    "[integrator]\nmethod = 'semi-implicit-euler'\nsteps_per_sample = 100",
+];
+/// Those that have one form.
+const PLAIN: &str = "[amplifier]\nbandwidth_hz = 100\n[mode]\nmass_kg = 1\nstiffness_n_per_m = 1\ndamping_n_s_per_m = 1\n\
+    [arm]\nmass_kg = 1\nstiffness_n_per_m = 1\ndamping_n_s_per_m = 1\nrest_position_m = 0\ngrip_stiffness_n_per_m = 1\n\
+    grip_damping_n_s_per_m = 1\n[friction]\ncoulomb_n = 0\nstatic_n = 1\nstribeck_speed_m_per_s = 1\n[offset]\nforce_n = 1\n\
+    [cogging]\namplitude_n = 1\npitch_m = 1\nphase_rad = 1\n[encoder_error]\ncycle_m = 0.1\nfirst_m = 0\nsecond_m = 0\n\
+    phase_rad = 0\n[encoder_noise]\nrms_m = 0\nseed = 1\n[accelerometer]\nfull_scale_m_per_s2 = 10\n[uncertainty]\n\
+    [passivity]\n[board]\nname = 'nucleo-f446re'\n[safety]\n[motor]\n[return]";
+
+/// Scenes of other devices: what is allowed in all of them depends on none.
+static BASES: LazyLock<Vec<Table>> = LazyLock::new(|| {
+    let of = |text: &str| text.parse::<Table>().unwrap_or_default();
+    let (_, paper) = BUILT_IN[0];
+    let mut bases: Vec<Table> = BUILT_IN.iter().map(|(_, text)| of(text)).collect();
+    for forms in ELEMENTS {
+        let mut base = of(paper);
+        base.extend(of(PLAIN));
+        base.extend(of(forms));
+        let arm = base.get("arm").cloned().unwrap_or_else(|| Table::new().into());
+        base.insert("arms".into(), Table::from_iter([(NAME.into(), arm)]).into());
+        let mut other = base.clone();
+        for (path, value) in [
+            ("control.rate_hz", 20_000.0),
+            ("device.mass_kg", 0.3),
+            ("device.start_position_m", -0.01),
+            ("encoder.resolution_m", 3e-6),
+            ("actuator.gain_n_per_v", 2.0),
+            ("actuator.limit_v", 7.0),
+            ("wall.position_m", 0.05),
+            ("wall_hit.push_n", 0.5),
+            ("walk.stiffness_max_n_per_m", 2e5),
+            ("walk.damping_max_n_s_per_m", 500.0),
+            ("accelerometer.full_scale_m_per_s2", 20.0),
+            ("encoder_error.cycle_m", 0.05),
+            ("travel.low_m", -2.0),
+            ("travel.high_m", 2.0),
+        ] {
+            put(&mut other, path, value.into());
+        }
+        bases.extend([base, other]);
+    }
+    bases
+});
+
+/// The JSON schema (draft 7) of scene files: a linear one, or a rotary one.
+pub fn schema() -> Value {
+    let linear = of::<Scene>();
+    let rotary = turned(linear.clone());
+    let [mut linear, mut rotary] = [linear, rotary].map(|mut form| {
+        ranged(&mut form, "");
+        with_units(&mut form, "");
+        form
+    });
+    // Both have these tables, and each twice.
+    let velocity = linear["properties"]["velocity"].clone();
+    let arm = linear["properties"]["arm"].clone();
+    for form in [&mut linear, &mut rotary] {
+        for (one, many, name) in [("velocity", "designs", "velocity"), ("arm", "arms", "arm")] {
+            let there = json!({ "$ref": format!("#/definitions/{name}") });
+            form["properties"][one] = there.clone();
+            form["properties"][many]["additionalProperties"] = there;
+        }
+    }
+    json!({
+        "$schema": "http://json-schema.org/draft-07/schema#",
+        "title": "Scene of zwidth: one device, one controller, one study",
+        "oneOf": [linear, rotary],
+        "definitions": { "velocity": velocity, "arm": arm },
+    })
+}
+
+/// The schema of a scene with `[rotary]`: keys of lengths, forces and masses have the rotary unit at their end.
+fn turned(mut scene: Value) -> Value {
+    let renamed = Units::rotary_key;
+    rename(&mut scene, &|table, key| match (table, key) {
+        ("encoder", "resolution_m") | ("actuator", "gain_n_per_v") | ("", "device") => None,
+        _ if LINEAR_TABLES.contains(&table) || key.ends_with("phase_rad") => Some(key.into()),
+        _ => Some(renamed(key).unwrap_or_else(|| key.into())),
+    });
+    scene["properties"]["rotary"] = of::<Rotary>();
+    if let Some(required) = scene["required"].as_array_mut() {
+        required.push("rotary".into());
+    }
+    // With `drive = "voltage"` it is the supply's.
+    if let Some(required) = scene["properties"]["actuator"]["required"].as_array_mut() {
+        required.retain(|key| key != "limit_v");
+    }
+    scene
+}
+
+/// Renames keys, or takes them out, by the scene's table in which they stand.
+fn rename(scene: &mut Value, name: &dyn Fn(&str, &str) -> Option<String>) {
+    rename_in(scene, "", name);
+    for (table, schema) in scene["properties"].as_object_mut().into_iter().flatten() {
+        rename_below(schema, table, name);
+    }
+}
+
+fn rename_below(schema: &mut Value, table: &str, name: &dyn Fn(&str, &str) -> Option<String>) {
+    rename_in(schema, table, name);
+    for form in schema.get_mut("oneOf").and_then(Value::as_array_mut).into_iter().flatten() {
+        rename_in(form, table, name);
+    }
+}
+
+fn rename_in(schema: &mut Value, table: &str, name: &dyn Fn(&str, &str) -> Option<String>) {
+    if let Some(keys) = schema.get_mut("properties").and_then(Value::as_object_mut) {
+        let old = std::mem::take(keys);
+        keys.extend(old.into_iter().filter_map(|(key, value)| Some((name(table, &key)?, value))));
+    }
+    if let Some(required) = schema.get_mut("required").and_then(Value::as_array_mut) {
+        let old = std::mem::take(required);
+        let kept = old.iter().filter_map(|key| name(table, key.as_str()?));
+        required.extend(kept.map(Value::String));
+    }
+}
+
+/// Every number's description ends with its unit.
+fn with_units(schema: &mut Value, key: &str) {
+    match schema {
+        Value::Array(forms) => forms.iter_mut().for_each(|form| with_units(form, key)),
+        Value::Object(keys) => {
+            if let (Some(unit), Some(Value::String(text))) =
+                (unit(key), keys.get_mut("description"))
+            {
+                *text = format!("{text} [{unit}]");
+            }
+            for (name, schema) in keys.iter_mut() {
+                match (name.as_str(), schema) {
+                    ("properties", Value::Object(properties)) => {
+                        properties.iter_mut().for_each(|(key, schema)| with_units(schema, key));
+                    }
+                    ("oneOf" | "additionalProperties", schema) => with_units(schema, ""),
+                    _ => {}
+                }
+            }
+        }
+        _ => {}
+    }
+}
+
+/// The unit that the end of a key names.
+pub fn unit(key: &str) -> Option<String> {
+    const WORDS: [(&str, &str); 15] = [
+        ("n", "N"),
+        ("m", "m"),
+        ("s", "s"),
+        ("kg", "kg"),
+        ("rad", "rad"),
+        ("v", "V"),
+        ("a", "A"),
+        ("hz", "Hz"),
+        ("ohm", "ohm"),
+        ("db", "dB"),
+        ("m2", "m^2"),
+        ("s2", "s^2"),
+        ("n2", "N^2"),
+        ("rad2", "rad^2"),
+        ("sqrt", "root"),
+    ];
+    let word = |part: &str| WORDS.iter().find(|(name, _)| *name == part).map(|(_, unit)| *unit);
+    let parts: Vec<&str> = key.split('_').collect();
+    let start = parts
+        .iter()
+        .rposition(|part| *part != "per" && word(part).is_none())
+        .map_or(0, |last| last + 1);
+    let mut powers = parts[start..].split(|part| *part == "per").map(|words| {
+        let words: Vec<_> = words.iter().filter_map(|part| word(part)).collect();
+        words.join(" ").replace("root Hz", "sqrt(Hz)")
+    });
+    let mut unit = powers.next()?;
+    for below in powers {
+        let brackets = below.contains(' ');
+        unit += &if brackets { format!("/({below})") } else { format!("/{below}") };
+    }
+    (!unit.is_empty()).then_some(unit)
+}
+
+/// A key of scenes, for people.
+#[derive(Debug)]
+pub struct Key {
+    /// Tables and key, with dots.
+    pub path: String,
+    /// None: a number without a unit, or no number.
+    pub unit: Option<String>,
+    pub meaning: String,
+    /// Range, or names with what they mean; empty where the meaning has it.
+    pub allowed: String,
+    /// `needed`, `optional`, or what stands for it where it is absent.
+    pub absent: String,
+}
+
+/// All keys of linear scenes, and those of `[rotary]`. Left out are `[velocity]` and the tables `[designs.NAME]` and
+/// `[arms.NAME]`, which have the keys of `[velocity]` and `[arm]`.
+pub fn keys() -> Vec<Key> {
+    let mut schema = of::<Scene>();
+    schema["properties"]["rotary"] = of::<Rotary>();
+    ranged(&mut schema, "");
+    let mut found = vec![];
+    listed(&schema, "", "", &mut found);
+    found
+}
+
+/// `with`: which form of the table has the keys.
+fn listed(schema: &Value, path: &str, with: &str, found: &mut Vec<Key>) {
+    let text = |value: &Value| value.as_str().unwrap_or_default().replace('\n', " ");
+    for (name, key) in schema["properties"].as_object().into_iter().flatten() {
+        let path = joined(path, name);
+        if ["velocity", "designs", "arms"].contains(&path.as_str()) || key.get("const").is_some() {
+            continue;
+        }
+        if key["type"] == "object"
+            || key.get("oneOf").is_some_and(|forms| forms[0].get("properties").is_some())
+        {
+            listed(key, &path, "", found);
+            continue;
+        }
+        let names = key["oneOf"].as_array().into_iter().flatten();
+        let names: Vec<String> = names
+            .map(|name| format!("`{}`: {}", text(&name["const"]), text(&name["description"])))
+            .collect();
+        let allowed = match (key.get(LOW_HIGH[0]), key.get(LOW_HIGH[1])) {
+            (Some(Value::Number(low)), Some(Value::Number(high))) => {
+                let [low, high] = [low, high].map(|end| short(end.as_f64().unwrap_or_default()));
+                format!("{low} to {high}")
+            }
+            _ => names.join(" "),
+        };
+        let is_needed =
+            schema["required"].as_array().is_some_and(|all| all.iter().any(|k| k == name));
+        let absent = match key.get("default") {
+            Some(Value::String(default)) => default.clone(),
+            Some(default @ (Value::Number(_) | Value::Bool(_))) => default.to_string(),
+            _ if is_needed => "needed".into(),
+            _ => "optional".into(),
+        };
+        let meaning = format!("{with}{}", text(&key["description"]));
+        found.push(Key { unit: unit(name), path, meaning, allowed, absent });
+    }
+    for form in schema["oneOf"].as_array().into_iter().flatten() {
+        let tag = form["properties"].as_object().into_iter().flatten();
+        let tag = tag.filter_map(|(key, value)| Some((key, value.get("const")?))).next();
+        let with = tag.map_or(String::new(), |(key, name)| format!("With `{key} = {name}`: "));
+        listed(form, path, &with, found);
+    }
+    if let Some(named) = schema.get("additionalProperties").filter(|named| named.is_object()) {
+        listed(named, &joined(path, NAME), with, found);
+    }
+}
+
+/// A number as people write it.
+fn short(number: f64) -> String {
+    let plain = number.to_string();
+    let power = format!("{number:e}");
+    if power.len() + 1 < plain.len() { power } else { plain }
+}
+
+/// The schema of a type, without what TOML does not have.
+fn of<T: JsonSchema>() -> Value {
+    let settings = SchemaSettings::draft07().with(|settings| settings.inline_subschemas = true);
+    let mut schema = settings.into_generator().into_root_schema_for::<T>().to_value();
+    without_null(&mut schema);
+    if let Some(root) = schema.as_object_mut() {
+        root.remove("$schema");
+    }
+    schema
+}
+
+fn without_null(schema: &mut Value) {
+    match schema {
+        Value::Array(parts) => parts.iter_mut().for_each(without_null),
+        Value::Object(keys) => {
+            keys.remove("format");
+            if keys.get("default") == Some(&Value::Null) {
+                keys.remove("default");
+            }
+            if let Some(Value::Array(types)) = keys.get_mut("type") {
+                types.retain(|kind| kind != "null");
+                if let [only] = types.as_slice() {
+                    let only = only.clone();
+                    keys.insert("type".into(), only);
+                }
+            }
+            if let Some(Value::Array(forms)) = keys.get_mut("anyOf") {
+                forms.retain(|form| form["type"] != "null");
+                if let [Value::Object(only)] = forms.as_slice() {
+                    let only = only.clone();
+                    keys.remove("anyOf");
+                    for (key, value) in only {
+                        keys.entry(key).or_insert(value);
+                    }
+                }
+            }
+            keys.values_mut().for_each(without_null);
+        }
+        _ => {}
+    }
+}
+
+/// Numbers of a table get the range that every scene has.
+fn ranged(schema: &mut Value, path: &str) {
+    let Some(keys) = schema.as_object_mut() else { return };
+    if path == "velocity" || path.starts_with("designs") {
+        return;
+    }
+    if ["number", "integer"].iter().any(|kind| keys.get("type").is_some_and(|is| is == kind)) {
+        LOW_HIGH.iter().for_each(|end| drop(keys.remove(*end)));
+        if let Some(ends) = range(path) {
+            LOW_HIGH
+                .iter()
+                .zip(ends)
+                .for_each(|(end, value)| drop(keys.insert((*end).into(), value)));
+        }
+        return;
+    }
+    for (key, value) in
+        keys.get_mut("properties").and_then(Value::as_object_mut).into_iter().flatten()
+    {
+        ranged(value, &joined(path, key));
+    }
+    for form in keys.get_mut("oneOf").and_then(Value::as_array_mut).into_iter().flatten() {
+        ranged(form, path);
+    }
+    if let Some(named) = keys.get_mut("additionalProperties") {
+        ranged(named, &joined(path, NAME));
+    }
+}
+
+fn joined(path: &str, key: &str) -> String {
+    if path.is_empty() { key.into() } else { format!("{path}.{key}") }
+}
+
+/// What the key may be, if that is the same in every scene that can have it.
+fn range(path: &str) -> Option<[Value; 2]> {
+    let found: Vec<[f64; 2]> = BASES.iter().filter_map(|base| range_in(base, path)).collect();
+    let (first, others) = found.split_first()?;
+    others.iter().all(|other| other == first).then(|| first.map(|end| json!(end)))
+}
+
+/// The range with which a scene refuses a value that none has.
+fn range_in(base: &Table, path: &str) -> Option<[f64; 2]> {
+    [toml::Value::Float(f64::INFINITY), toml::Value::Integer(u32::MAX.into())].into_iter().find_map(
+        |strange| {
+            let mut scene = base.clone();
+            put(&mut scene, path, strange);
+            let refusal = refusal(scene)?;
+            let (_, range) =
+                refusal.strip_prefix(path)?.strip_prefix(" is ")?.split_once(", allowed ")?;
+            let (low, high) = range.split_once(" to ")?;
+            Some([rounded(low.parse().ok()?, 7), rounded(high.parse().ok()?, 7)])
+        },
+    )
+}
+
+/// Sets a key of a table that is there.
+fn put(scene: &mut Table, path: &str, value: toml::Value) {
+    let mut keys: Vec<&str> = path.split('.').collect();
+    let last = keys.pop().unwrap_or_default();
+    let table = keys.iter().try_fold(scene, |table, key| table.get_mut(*key)?.as_table_mut());
+    if let Some(table) = table {
+        table.insert(last.into(), value);
+    }
+}
+
+/// Why a scene is none.
+fn refusal(scene: Table) -> Option<String> {
+    let (table, units) = match at_handle(scene) {
+        Ok(read) => read,
+        Err(error) => return Some(error),
+    };
+    Scene::deserialize(table).ok()?.check().err().map(|error| units.text(&error))
+}
