@@ -78,7 +78,7 @@ fn the_front_holds_the_areas_of_an_independent_search() {
             assert!(area >= least, "{name} {peak_db} dB: {area}");
         }
     }
-    // with the coarser encoder the other program's 704 is not reached: docs/improve.md says what was tried
+    // with the coarser encoder the other program's 704 is not reached: docs/lab/design.md says what was tried
     for (name, least) in [("paper-1um", OF_THEIRS * 950.0), ("paper-2um", 600.0)] {
         let mut hand = scene(name);
         hand.wall_hit.push_by = PushBy::Hand;
@@ -110,7 +110,7 @@ fn two_sections_hold_more_than_one() {
     }
 }
 
-/// A limit of 1 um of the true motion, steps 1000 N/m and 5 N s/m: smaller ones of K find less (docs/improve.md).
+/// A limit of 1 um of the true motion, steps 1000 N/m and 5 N s/m: smaller ones of K find less (docs/lab/design.md).
 #[test]
 #[ignore = "minutes: .ci/long design"]
 fn quiet_walls_have_their_filter_too() {

@@ -35,7 +35,7 @@ fn unfelt(scene: &Scene) -> Option<[f64; 2]> {
 /// octave from 16 um down, with which some cutoff and some B of 10 to 300 N s/m hold 20,000 N/m below 0 dB from four
 /// starts, with the curve moved by -12, 0 and +12 dB; the motor pushes, in the paper's loop and the NUCLEO's.
 #[test]
-#[ignore = "a table of docs/criteria.md"]
+#[ignore = "a table of docs/lab/criteria-measured.md"]
 fn how_fine_an_encoder_nobody_feels() {
     let paper = paper("paper-1um");
     let [(_, board), _] = boards(&paper).unwrap().try_into().unwrap();

@@ -1,4 +1,4 @@
-//! A second program for the table of loops in docs/criteria.md: device, amplifier, transmission, DAC, latency, filter,
+//! A second program for the loops of docs/lab/criteria-measured.md: device, amplifier, transmission, DAC, latency, filter,
 //! wall, hit and walk written anew in `f64`. Of the simulator it has the scenes' numbers, nothing else.
 
 use host_sim::study::levers::{Between, Lever, levers};
@@ -230,7 +230,7 @@ impl Row<'_> {
 /// at its ideal cutoff and with the true velocity, the motor pushes, 1 um and 15 um of the motion; grids, starts and caps
 /// as each row of docs/data/levers-paper-1um.csv has them, both programs from one start.
 #[test]
-#[ignore = "a table of docs/criteria.md"]
+#[ignore = "a table of docs/lab/criteria-measured.md"]
 fn loops_are_those_of_a_second_program() {
     let table = include_str!("../../../docs/data/levers-paper-1um.csv");
     let mut lines = table.lines();

@@ -1,4 +1,4 @@
-//! The tables of docs/criteria.md: minutes, so they wait for CI.
+//! The tables of docs/lab/criteria-measured.md: minutes, so they wait for CI.
 
 use host_sim::{
     analysis::compare::with_filter,
@@ -75,7 +75,7 @@ fn beyond(table: &str, rows: &[[usize; 2]]) -> usize {
 /// `cargo test --release --test host criteria::tables::saturation -- --ignored --nocapture`: paper-2um, 700 Hz, K from 4000 in
 /// steps of 4000, B from 20 in steps of 20, by who pushes and by the actuator's limit; expected: an independent program.
 #[test]
-#[ignore = "a table of docs/criteria.md"]
+#[ignore = "a table of docs/lab/criteria-measured.md"]
 fn saturation_decides_who_holds_more() {
     let mut scene = paper("paper-2um");
     scene.walk.stiffness_start_n_per_m = 4000.0;
@@ -117,7 +117,7 @@ fn hold_starts(key: &str, scene: &Scene, cutoff_hz: f64, expected: f64) {
 /// `cargo test --release --test host criteria::tables::by_hand -- --ignored --nocapture`: paper-1um, the hand pushes, the tunings
 /// that `compare` has found by the motor's push; expected: an independent program.
 #[test]
-#[ignore = "a table of docs/criteria.md"]
+#[ignore = "a table of docs/lab/criteria-measured.md"]
 fn by_hand_another_estimator_is_best() {
     let found = include_str!("../../../docs/data/compare-paper-1um.csv");
     let tuning = |name: &str| {
@@ -146,7 +146,7 @@ fn by_hand_another_estimator_is_best() {
 /// K from 500 by 500, B from 5 by 5; expected: an independent program in `f64`, one start. Beyond: 2 um below 5 um at
 /// 1500 Hz, within our twin's range, and below 1 um at 500 Hz, where the area falls with the 3.7th power of the cutoff.
 #[test]
-#[ignore = "a table of docs/criteria.md"]
+#[ignore = "a table of docs/lab/criteria-measured.md"]
 fn table_of_limits() {
     let cutoffs_hz = [50.0, 100.0, 200.0, 300.0, 400.0, 500.0, 700.0, 1000.0, 1500.0];
     let one = [
@@ -203,7 +203,7 @@ fn table_of_limits() {
 /// `cargo test --release --test host criteria::tables::table_of_levels -- --ignored --nocapture`: motor push, K from 1000 by 2000,
 /// B from 5 by 10; expected: an independent program in `f64`, one start.
 #[test]
-#[ignore = "a table of docs/criteria.md"]
+#[ignore = "a table of docs/lab/criteria-measured.md"]
 fn table_of_levels() {
     let cutoffs_hz = [50.0, 100.0, 150.0, 200.0, 300.0, 500.0, 1000.0, 1500.0];
     let one = [
@@ -230,7 +230,7 @@ fn table_of_levels() {
 /// `cargo test --release --test host criteria::tables::yardstick -- --ignored --nocapture`: the true velocity in place of an
 /// estimate, motor push, RMS of the motion, K from 1000, B from 5 by 5; levels B by 10, K by 2000.
 #[test]
-#[ignore = "a table of docs/criteria.md"]
+#[ignore = "a table of docs/lab/criteria-measured.md"]
 fn yardstick() {
     let rms = [15e-6, 1e-6, 0.5e-6].map(Limit::Rms);
     let felt = [Limit::Felt(0.0)];
