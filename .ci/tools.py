@@ -55,7 +55,7 @@ def install_browser():
     """Chromium with its driver, and selenium in a place of its own."""
     if not shutil.which("chromedriver"):
         install_debian("chromium", "chromium-driver")
-    run_with("browser", "selenium==4.36.0")
+    run_with("browser", "selenium==4.36.0", "pillow==12.0.0")
 
 
 class Browser:

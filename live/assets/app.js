@@ -8,6 +8,7 @@ import { Plots, SIGNALS } from "./plots.js";
 import { saveFigures, saveRows } from "./save.js";
 import { Units } from "./units.js";
 
+const three = (value) => +value.toPrecision(3);
 const by = (id) => document.getElementById(id);
 const plots = new Plots(by("plots"), by("spectrum"), by("phase"));
 const handle = new Handle(by("handle"), (message) => link.send(message));
@@ -231,7 +232,7 @@ link.on("hello", (message) => {
   units = plots.units = plane.units = handle.units = new Units(hello.radius_m);
   Object.assign(handle, { fullScale: hello.full_scale_n, low: hello.travel_m[0], high: hello.travel_m[1] });
   for (const item of document.querySelectorAll("[data-unit]")) item.textContent = units[item.dataset.unit].unit;
-  by("speed").textContent = units.say("slow", hello.noise_speed_m_per_s, (said) => +said.toPrecision(3));
+  by("speed").textContent = units.say("slow", hello.noise_speed_m_per_s, three);
   plots.make();
   by("board").textContent = `${hello.board} · ${hello.scene}${hello.virtual ? " · virtual" : ""}`;
   frame.estimators = null;
@@ -301,10 +302,10 @@ function showEstimators(names) {
 link.on("predicted", ({ predicted }) => {
   if (`${predicted.estimator} ${predicted.cutoff_hz}` !== walked) return;
   plane.predicted = units.predicted(now?.other_record ? { ...predicted, envelope: [] } : predicted);
-  by("area").textContent = predicted.error ?? units.say("area", predicted.area, (said) => said.toExponential(3));
-  by("quiet-area").textContent = predicted.error || !predicted.quiet_area ? "–" : units.say("area", predicted.quiet_area, (said) => said.toExponential(3));
+  by("area").textContent = predicted.error ?? units.say("area", predicted.area, three);
+  by("quiet-area").textContent = predicted.error || !predicted.quiet_area ? "–" : units.say("area", predicted.quiet_area, three);
   by("delay").textContent = predicted.delay_s == null ? "–" : `${(predicted.delay_s * 1e3).toFixed(3)} ms`;
-  by("noise").textContent = predicted.noise_m_per_s == null ? "–" : units.say("slow", predicted.noise_m_per_s, (said) => said.toPrecision(3));
+  by("noise").textContent = predicted.noise_m_per_s == null ? "–" : units.say("slow", predicted.noise_m_per_s, three);
   plane.draw();
 });
 link.on("state", (state) => {

@@ -14,7 +14,7 @@ export class Units {
     this.position = quantity("mm", 1e3, "deg", -1, DEGREES);
     this.velocity = quantity("m/s", 1, "deg/s", -1, DEGREES);
     this.slow = quantity("mm/s", 1e3, "deg/s", -1, DEGREES);
-    this.area = quantity("N²s/m²", 1, "N²m²s/rad²", 4);
+    this.area = quantity("10⁶ N²s/m²", 1e-6, "N²m²s/rad²", 4);
     // As the console has them.
     this.force = quantity("N", 1, "N m", 1);
     this.wall = quantity("m", 1, "rad", -1);
