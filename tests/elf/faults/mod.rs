@@ -1,6 +1,6 @@
 //! What must switch the force off, done to the unmodified release ELF: how long until enable is
 //! inactive and the code is that of zero force, which fault is latched, what is kept, and that only
-//! `clear` and `arm` bring force back. docs/faults.md has the table and how each is brought about.
+//! `clear` and `arm` bring force back. docs/lab/campaigns.md has the table and how each is brought about.
 //!
 //! `cargo test --test elf -- --ignored --nocapture campaign` prints the whole table.
 

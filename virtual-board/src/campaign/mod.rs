@@ -1,5 +1,5 @@
 //! Faults done to a board while its force is on: named ones, and single bits at random. How long until it is off, and
-//! what the handle gets meanwhile. docs/faults.md has the tables.
+//! what the handle gets meanwhile. docs/lab/campaigns.md has the tables.
 //!
 //! | file | holds |
 //! |------|-------|
