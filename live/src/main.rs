@@ -40,6 +40,7 @@ use virtual_board::{
     elf::Elf,
     image,
     link::{Begin, Link, LiveBoard, RttTcp},
+    session::Session,
 };
 
 /// Shows a board in the browser: see, turn and push the wall. Opens nothing by itself: the first line on stdout is the
@@ -81,7 +82,7 @@ fn main() -> ExitCode {
 }
 
 fn execute(cli: Cli) -> Result<(), Error> {
-    let board = cli::board(&cli.board)?;
+    let board = Board::asked(&cli.board)?;
     let with_probe = cli.probe.is_wanted(&cli.scene)?;
     let scene = NamedScene::load(&cli.scene)?;
     let inputs: Vec<PathBuf> =
@@ -113,7 +114,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
         None => {
             let start = |record: &Option<Vec<u8>>| {
                 let elf = cli.elf.as_ref();
-                let session = cli::with_record(board, elf, scene.clone(), record.clone())?;
+                let session = Session::open_with(board, elf, scene.clone(), record.clone())?;
                 let elf = session.elf.bytes.clone();
                 let begin = Begin { zeroed: true, period: None };
                 Ok::<_, Error>((LiveBoard::start(session, begin)?, elf))

@@ -4,7 +4,8 @@ use host_sim::scene::NamedScene;
 use virtual_board::{
     board::NUCLEO_F446RE,
     campaign::{
-        rows::{Row, rows},
+        row::Row,
+        rows::rows,
         run::Ground,
         situation::SITUATIONS,
         verdict::{Class, Verdict},

@@ -6,8 +6,8 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::{
-    board::{Force, Wiring},
     mcu::{DacListener, Pin, PinListener},
+    wiring::{Force, Wiring},
 };
 
 /// The amplifier's inputs, and what they added up to.

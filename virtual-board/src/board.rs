@@ -2,6 +2,9 @@
 
 use std::sync::Arc;
 
+use host_sim::error::Error;
+
+pub use crate::wiring::{Force, Wiring};
 use crate::{
     amplifier::Amplifier,
     elf::Elf,
@@ -20,34 +23,6 @@ pub struct Board {
     pub wiring: Wiring,
     /// The lowest that its chip's supply may be when all is well, mV.
     pub supply_mv: u32,
-}
-
-/// Which pin goes where.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Wiring {
-    /// Channels A and B of the encoder.
-    pub encoder: [Pin; 2],
-    /// Where A and B are wired to as well, for the times of their edges: TIM3's channels 1 and 2.
-    pub captured: Option<[Pin; 2]>,
-    pub force: Force,
-    /// Amplifier enable, active high.
-    pub enable: Pin,
-    /// Emergency stop, normally closed to ground.
-    pub stop: Pin,
-}
-
-/// How the force comes out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Force {
-    /// Channel 1 of the DAC.
-    Dac { pin: Pin },
-    /// Sign-magnitude PWM of TIM1.
-    Pwm {
-        /// Channel 1: the force's magnitude.
-        magnitude: Pin,
-        /// Channel 2, high: away from the wall.
-        sign: Pin,
-    },
 }
 
 const fn pin(port: char, number: u8) -> Pin {
@@ -87,6 +62,16 @@ pub const DISCOVERY_F407: Board = Board {
 pub const BOARDS: [Board; 2] = [NUCLEO_F446RE, DISCOVERY_F407];
 
 impl Board {
+    /// The board of that name.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn asked(name: &str) -> Result<Self, Error> {
+        Self::named(name).ok_or_else(|| {
+            Error::Input(format!("--board is {name}, allowed {}", Self::names(", ")))
+        })
+    }
+
     /// The board of that name.
     pub fn named(name: &str) -> Option<Self> {
         BOARDS.into_iter().find(|board| board.name == name)

@@ -32,9 +32,7 @@ use crate::{
     board::{Board, NUCLEO_F446RE},
     campaign::{self, report::Campaign},
     device,
-    elf::Elf,
     fuzz::report::{self, Fuzz},
-    image,
     link::serve::{self, Ports},
     mcu::{LINK, RENDER, SAMPLE},
     session::{BoardHit, Failed, Session, ask},
@@ -204,13 +202,13 @@ impl Common {
 
     fn session(&self, scene: NamedScene) -> Result<Session, Error> {
         check_period("actuator.period", scene.scene.actuator.period)?;
-        let board = board(&self.board)?;
+        let board = Board::asked(&self.board)?;
         match &self.device {
             Some(path) => {
                 let bytes = given(path, board, &scene)?;
-                with_record(board, self.elf.as_ref(), scene, Some(bytes))
+                Session::open_with(board, self.elf.as_ref(), scene, Some(bytes))
             }
-            None => session(board, self.elf.as_ref(), scene),
+            None => Session::open(board, self.elf.as_ref(), scene),
         }
     }
 }
@@ -224,24 +222,6 @@ fn check_period(name: &str, period: u32) -> Result<(), Error> {
     Err(Error::Input(format!("{name} is {period}, allowed on a board {known}")))
 }
 
-/// The board of that name.
-///
-/// # Errors
-/// There is none.
-pub fn board(name: &str) -> Result<Board, Error> {
-    Board::named(name)
-        .ok_or_else(|| Error::Input(format!("--board is {name}, allowed {}", Board::names(", "))))
-}
-
-/// A board with that image, or the one that is built for it, and the record of a scene, on the device of that scene.
-///
-/// # Errors
-/// The image cannot be read or built, or is none of ours.
-pub fn session(board: Board, elf: Option<&PathBuf>, scene: NamedScene) -> Result<Session, Error> {
-    let record = device::record(&scene, board)?;
-    with_record(board, elf, scene, record)
-}
-
 /// The record that `--device` names, for a device of that scene.
 ///
 /// # Errors
@@ -251,32 +231,6 @@ pub fn given(path: &Path, board: Board, scene: &NamedScene) -> Result<Vec<u8>, E
     device::same_units(&bytes, board, &scene.scene)
         .map_err(|text| Error::Input(format!("--device {}: {text}", path.display())))?;
     Ok(bytes)
-}
-
-/// The same with that record in its flash, or with the image's own.
-///
-/// # Errors
-/// As [`session`].
-pub fn with_record(
-    board: Board,
-    elf: Option<&PathBuf>,
-    scene: NamedScene,
-    record: Option<Vec<u8>>,
-) -> Result<Session, Error> {
-    let path = match elf {
-        Some(path) => path.clone(),
-        None => image::build(board.name).map_err(Error::Internal)?,
-    };
-    Session::of(board, Elf::load(&path)?, &path.display().to_string(), scene, record)
-}
-
-impl From<Failed> for Error {
-    fn from(failed: Failed) -> Self {
-        match failed {
-            Failed::Refused(text) => Self::input(text.trim_start_matches("error: ")),
-            Failed::Program(ended) => Self::Internal(format!("the firmware: {ended:?}")),
-        }
-    }
 }
 
 /// Samples between two looks at the keyboard.

@@ -17,4 +17,5 @@ pub mod mcu;
 mod random;
 pub mod rtt;
 pub mod session;
+mod wiring;
 pub mod world;

@@ -1,5 +1,7 @@
 //! Experiments as a person runs them: the same commands, typed into a virtual board.
 
+use std::path::PathBuf;
+
 use defmt_decoder::Table;
 use host_sim::{
     error::Error,
@@ -12,8 +14,9 @@ use zwidth::{
 
 use crate::{
     board::{BOARDS, Board},
+    device,
     elf::Elf,
-    log,
+    image, log,
     world::{Ended, World},
 };
 
@@ -158,6 +161,32 @@ const ARM_SAMPLES: u64 = 4_000;
 const LINE_SAMPLES: u64 = 3_000_000;
 
 impl Session {
+    /// A board with that image, or the one that is built for it, and the record of a scene, on the device of that scene.
+    ///
+    /// # Errors
+    /// The image cannot be read or built, or is none of ours.
+    pub fn open(board: Board, elf: Option<&PathBuf>, scene: NamedScene) -> Result<Self, Error> {
+        let record = device::record(&scene, board)?;
+        Self::open_with(board, elf, scene, record)
+    }
+
+    /// The same with that record in its flash, or with the image's own.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn open_with(
+        board: Board,
+        elf: Option<&PathBuf>,
+        scene: NamedScene,
+        record: Option<Vec<u8>>,
+    ) -> Result<Self, Error> {
+        let path = match elf {
+            Some(path) => path.clone(),
+            None => image::build(board.name).map_err(Error::Internal)?,
+        };
+        Self::of(board, Elf::load(&path)?, &path.display().to_string(), scene, record)
+    }
+
     /// A board with that image, which errors call `origin`, and that record in its flash, or with the image's own.
     ///
     /// # Errors
@@ -393,4 +422,13 @@ fn tuning(
     };
     let lines = std::array::from_fn(line);
     Ok((lines, estimator))
+}
+
+impl From<Failed> for Error {
+    fn from(failed: Failed) -> Self {
+        match failed {
+            Failed::Refused(text) => Self::input(text.trim_start_matches("error: ")),
+            Failed::Program(ended) => Self::Internal(format!("the firmware: {ended:?}")),
+        }
+    }
 }

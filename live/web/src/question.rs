@@ -6,7 +6,7 @@ use host_sim::{
 };
 use serde::Deserialize;
 use serde_json::{Value, json};
-use virtual_board::{board::Board, cli};
+use virtual_board::board::{Board, NUCLEO_F446RE};
 
 use crate::{board, study};
 
@@ -78,7 +78,7 @@ impl Question {
     /// # Errors
     /// There is none of that name.
     pub fn board(&self) -> Result<Board, Error> {
-        cli::board(self.board.as_deref().unwrap_or(virtual_board::board::NUCLEO_F446RE.name))
+        Board::asked(self.board.as_deref().unwrap_or(NUCLEO_F446RE.name))
     }
 }
 

@@ -15,8 +15,9 @@ use rayon::prelude::*;
 use virtual_board::{
     board::{BOARDS, Board, NUCLEO_F446RE},
     campaign::{
-        fault_case::{Before, FaultCase, fault_cases},
+        fault_case::{Before, FaultCase},
         kept, outside,
+        rows::fault_cases,
     },
     session::Failed,
     world::World,

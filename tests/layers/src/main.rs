@@ -41,6 +41,33 @@ const CORE: &[&[&str]] = &[
     &["units", "gain", "range", "crc"],
 ];
 
+/// The layers of the virtual board.
+const BOARD: &[&[&str]] = &[
+    &["main"],
+    &["cli"],
+    &["campaign", "fuzz"],
+    &["link"],
+    &["session"],
+    &["world"],
+    &["core_program", "device"],
+    &["board"],
+    &["amplifier", "rtt"],
+    &["wiring"],
+    &["mcu"],
+    &["image", "elf", "log", "random"],
+];
+
+/// The layers of the live page's server.
+const LIVE: &[&[&str]] = &[
+    &["main"],
+    &["server", "probe"],
+    &["page", "picture"],
+    &["hub"],
+    &["seats", "access", "message", "predicted"],
+    &["trigger", "spectrum"],
+    &["history"],
+];
+
 /// What the files of a crate do against the rules, each with its lines.
 fn offences(source: &Source, layers: &[&[&str]]) -> BTreeMap<String, Vec<usize>> {
     let imports = source.imports();
@@ -93,6 +120,8 @@ fn main() -> ExitCode {
     let core = Source::read(&["src"], &["zwidth"]);
     let mut found = offences(&simulator, SIMULATOR);
     found.extend(offences(&core, CORE));
+    found.extend(offences(&Source::read(&["virtual-board/src"], &["virtual_board"]), BOARD));
+    found.extend(offences(&Source::read(&["live/src"], &["live"]), LIVE));
     for (offence, lines) in &found {
         eprintln!("error: {offence}, line {lines:?}");
     }

@@ -1,6 +1,6 @@
 //! What goes wrong, and how it is brought about without touching the program.
 
-use super::{no_processor::NO_PROCESSOR, place::flip_word};
+use super::place::flip_word;
 use crate::{
     elf::{Elf, SAMPLE_STATE},
     mcu::{LINK, RENDER, SAMPLE},
@@ -97,11 +97,7 @@ pub(super) const PLAIN: FaultCase = FaultCase {
     short: true,
 };
 
-pub fn fault_cases() -> Vec<&'static FaultCase> {
-    FAULT_CASES.iter().chain(&NO_PROCESSOR).collect()
-}
-
-const FAULT_CASES: [FaultCase; 29] = [
+pub(super) const FAULT_CASES: [FaultCase; 29] = [
     FaultCase {
         name: "count jump",
         code: 10,

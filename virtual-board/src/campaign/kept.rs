@@ -7,7 +7,7 @@ use zwidth::{
     store::{RECORD_WORDS, Signs, Stored},
 };
 
-use super::rows::Row;
+use super::row::Row;
 use crate::{
     board::{Board, Powered},
     device::built_in,

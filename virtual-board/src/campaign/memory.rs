@@ -2,7 +2,7 @@
 
 use super::{
     place::{flip_word, words_of},
-    rows::{Row, SOON_S},
+    row::{Row, SOON_S},
     situation::Situation,
 };
 use crate::{

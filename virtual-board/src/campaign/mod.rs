@@ -23,6 +23,7 @@ pub mod place;
 pub mod random;
 pub mod registers;
 pub mod report;
+pub mod row;
 pub mod rows;
 pub mod run;
 pub mod situation;

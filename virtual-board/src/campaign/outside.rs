@@ -2,7 +2,7 @@
 
 use super::{
     memory::memory_rows,
-    rows::{Row, SOON_S},
+    row::{Row, SOON_S},
 };
 use crate::{
     board::{Board, Force, Powered},

@@ -13,16 +13,16 @@ use serde::Serialize;
 use super::{
     image_flips::{ENDS, End, Ends, ImageFlip, PARTS, Part},
     place::{REGIONS, Region},
-    rows::{Row, rows, slug},
+    row::{Row, slug},
+    rows::rows,
     run::Ground,
     situation::Situation,
     verdict::{CLASSES, Class, Counts, Verdict},
 };
 use crate::{
     board::{BOARDS, Board},
-    cli,
+    session::Session,
 };
-
 /// Options of the fault campaign.
 #[derive(Args)]
 pub struct Campaign {
@@ -152,7 +152,7 @@ struct ImageFlipJson {
 pub fn execute(options: &Campaign) -> Result<(), Error> {
     let begun = Instant::now();
     let boards = match &options.board {
-        Some(name) => vec![cli::board(name)?],
+        Some(name) => vec![Board::asked(name)?],
         None => BOARDS.to_vec(),
     };
     let threads = options
@@ -172,7 +172,7 @@ pub fn execute(options: &Campaign) -> Result<(), Error> {
     };
     let mut wrong = Vec::new();
     for (board, chosen) in boards.into_iter().zip(chosen) {
-        let session = cli::session(board, options.elf.as_ref(), scene(board, options)?)?;
+        let session = Session::open(board, options.elf.as_ref(), scene(board, options)?)?;
         let ground = Ground::new(&session, &chosen)?;
         let mut counts = Counts::new();
         for (row, situation, verdict) in ground.rows(&chosen, threads)? {

@@ -1,115 +1,17 @@
 //! The named faults, and how long each may take.
 
 use super::{
-    fault_case::{Before, fault_cases},
+    fault_case::{Before, FAULT_CASES, FaultCase},
     kept::kept_rows,
+    no_processor::NO_PROCESSOR,
     outside::outside,
     registers::register_rows,
-    situation::Situation,
+    row::{GRID_S, Row, SOON_S},
 };
-use crate::{board::Board, elf::Elf, session::Failed, world::World};
+use crate::{board::Board, elf::Elf, world::World};
 
-/// Whatever need not wait for the plant is off within so long, s; the world's grid is a sample.
-pub const SOON_S: f64 = 3e-3;
-const GRID_S: f64 = 1e-4;
-
-type Begin = dyn Fn(&Elf, &mut World<'_>) -> Result<u64, Failed> + Send + Sync;
-/// How many cases were tried, or what was wrong with one of them.
-type Keeps = fn(&mut World<'_>) -> Result<usize, Failed>;
-
-/// A fault with its name and limits.
-pub struct Row {
-    /// Name in reports, unique among the rows.
-    pub name: String,
-    /// Brings it about; the cycle at which it began.
-    pub begin: Box<Begin>,
-    /// Longest time to off, s.
-    pub limit_s: f64,
-    /// Why it is never found, free and in contact.
-    pub never: [Option<&'static str>; 2],
-    /// The force is off before.
-    pub from_off: bool,
-    /// What it is done to is there in free motion only.
-    pub only_free: bool,
-    /// With the whole force there is none.
-    pub not_full: bool,
-    /// In place of `begin`: damages what is kept, over and over, from off.
-    pub keeps: Option<Keeps>,
-}
-
-impl Row {
-    pub fn of(
-        name: impl Into<String>,
-        limit_s: f64,
-        begin: impl Fn(&Elf, &mut World<'_>) -> Result<u64, Failed> + Send + Sync + 'static,
-    ) -> Self {
-        let begin = Box::new(begin);
-        Self {
-            name: name.into(),
-            begin,
-            limit_s,
-            never: [None; 2],
-            from_off: false,
-            only_free: false,
-            not_full: false,
-            keeps: None,
-        }
-    }
-
-    /// One from off: force stays off, and what was kept is what was saved, or nothing.
-    pub fn keeping(name: &str, keeps: Keeps) -> Self {
-        let begin = |_: &Elf, world: &mut World<'_>| Ok(world.powered.mcu.now());
-        Self { from_off: true, keeps: Some(keeps), ..Self::of(name, SOON_S, begin) }
-    }
-
-    /// There is none in contact.
-    pub fn only_free(self) -> Self {
-        Self { only_free: true, ..self }
-    }
-
-    /// There is none with the whole force, to which it would add.
-    pub fn not_full(self) -> Self {
-        Self { not_full: true, ..self }
-    }
-
-    /// In free motion it cannot be found, because of that.
-    pub fn never_free(mut self, why: &'static str) -> Self {
-        self.never[0] = Some(why);
-        self
-    }
-
-    /// The same in contact.
-    pub fn never_in_contact(mut self, why: &'static str) -> Self {
-        self.never[1] = Some(why);
-        self
-    }
-
-    /// Why it cannot be found there.
-    pub fn reason(&self, situation: Situation) -> Option<&'static str> {
-        self.never[usize::from(!situation.is_free())]
-    }
-
-    /// Whether it is done there: with the whole force what has to be off soon.
-    pub fn is_in(&self, situation: Situation) -> bool {
-        let soon = self.limit_s <= SOON_S + GRID_S && self.never[0].is_none();
-        match situation {
-            Situation::Free => true,
-            Situation::Contact => !self.from_off && !self.only_free,
-            Situation::Full => !self.from_off && !self.not_full && soon,
-        }
-    }
-
-    /// What to type for it: words with a dash between.
-    pub fn slug(&self) -> String {
-        slug(&self.name)
-    }
-}
-
-/// Letters and digits, a dash for all else.
-pub fn slug(name: &str) -> String {
-    let lower = name.to_lowercase();
-    let words = lower.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
-    words.collect::<Vec<_>>().join("-")
+pub fn fault_cases() -> Vec<&'static FaultCase> {
+    FAULT_CASES.iter().chain(&NO_PROCESSOR).collect()
 }
 
 /// All of a board, whose amplifier says its current or not.

@@ -14,7 +14,7 @@ use super::{
     image_flips::{self, Image, ImageFlip},
     place::Places,
     random::{self, Flip, STARTS, WATCHED},
-    rows::Row,
+    row::Row,
     situation::{FULL_SAMPLES, SITUATIONS, Situation, Stage},
     verdict::{Class, Measure, Verdict, Watched},
 };

@@ -8,7 +8,7 @@ use zwidth::{
     telemetry::{Decoder, Flags},
 };
 
-use super::{kept::BACKUP, rows::SOON_S};
+use super::{kept::BACKUP, row::SOON_S};
 use crate::world::{Seen, World};
 
 /// How a fault ended.

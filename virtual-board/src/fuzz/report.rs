@@ -16,7 +16,6 @@ use super::{
 };
 use crate::{
     board::{Board, NUCLEO_F446RE},
-    cli,
     session::Session,
 };
 
@@ -77,8 +76,8 @@ struct Difference<'a> {
 pub fn execute(options: &Fuzz) -> Result<(), Error> {
     // The board's own scene: what it is built for.
     let actions = options.script.as_ref().map(|path| campaign::script(path)).transpose()?;
-    let board = cli::board(&options.board)?;
-    let session = cli::session(board, options.elf.as_ref(), NamedScene::load(board.name)?)?;
+    let board = Board::asked(&options.board)?;
+    let session = Session::open(board, options.elf.as_ref(), NamedScene::load(board.name)?)?;
     let threads = thread::available_parallelism().map_or(1, NonZero::get);
     if options.instants {
         return instants_of(&session, options.json, threads);

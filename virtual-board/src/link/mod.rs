@@ -10,6 +10,8 @@ pub mod serve;
 mod stepped;
 mod wires;
 
+use std::time::Duration;
+
 pub use crate::world::Finger;
 pub use core_board::CoreBoard;
 pub use live::{Begin, LiveBoard};
@@ -28,6 +30,11 @@ pub const TELEMETRY: usize = 1;
 pub const REPLIES: usize = 2;
 /// Down channel of the commands.
 pub const COMMANDS: usize = 0;
+
+/// Between two looks at a channel.
+const LOOK: Duration = Duration::from_millis(1);
+/// A client that takes nothing for so long is let go: the board does not wait for it meanwhile.
+const PATIENCE: Duration = Duration::from_secs(10);
 
 /// The channels of a board. Nothing here waits.
 pub trait Link: Send {

@@ -17,13 +17,9 @@ use host_sim::{
     output::terminal::{note, print_text},
 };
 
-use super::{Begin, Link as _, LiveBoard};
+use super::{Begin, LOOK, Link as _, LiveBoard, PATIENCE};
 use crate::session::Session;
 
-/// Between two looks at a channel.
-pub(super) const LOOK: Duration = Duration::from_millis(1);
-/// A client that takes nothing for so long is let go: the board does not wait for it meanwhile.
-pub(super) const PATIENCE: Duration = Duration::from_secs(10);
 /// Tries to find as many free ports in a row as there are channels, where any will do.
 const TRIES: usize = 100;
 

@@ -16,7 +16,7 @@ use rsemu::core::{
     value::Width,
 };
 
-use super::{bus::Storage, soc::Flag};
+use super::{bus::Storage, flag::Flag};
 
 /// Offsets in a stream, and its distance from the next.
 const FIRST: u64 = 0x10;

@@ -8,7 +8,6 @@ use std::sync::{
 use super::{
     bus::{Clock, Lazy, Port},
     crystal::Crystal,
-    soc::Soc,
 };
 
 const CCR1: u64 = 0x34;
@@ -90,25 +89,5 @@ impl Port for Break {
     fn read(&self, offset: u64, value: u32) -> u32 {
         let flag = if self.broken.load(Relaxed) { BREAK_FLAG } else { 0 };
         if offset == SR { value & !BREAK_FLAG | flag } else { value }
-    }
-}
-
-impl Soc {
-    /// The break input: while open, an enabled break holds MOE clear.
-    pub(super) fn set_break(&self, open: bool) {
-        self.stop.store(open, Relaxed);
-        if open {
-            self.break_output();
-        }
-    }
-
-    /// What breaks has become active.
-    pub(super) fn break_output(&self) {
-        let bdtr = self.pwm.peek(BDTR);
-        if bdtr & BREAK_ENABLE != 0 {
-            self.broken.store(true, Relaxed);
-            self.pwm.catch_up_by_edges();
-            self.pwm.poke(BDTR, bdtr & !MAIN_OUTPUT_ENABLE);
-        }
     }
 }

@@ -14,6 +14,7 @@ mod debugger;
 mod dma;
 mod encoder;
 mod fast;
+mod flag;
 mod inject;
 mod main_output;
 mod outside;

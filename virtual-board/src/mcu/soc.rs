@@ -24,7 +24,8 @@ use super::{
     crystal::{ClockPort, Crystal},
     dma::Dma,
     encoder::{CapturePort, CounterPort, EncoderInput},
-    main_output::Break,
+    flag::{Flag, Latch},
+    main_output::{BDTR, BREAK_ENABLE, Break, MAIN_OUTPUT_ENABLE},
     reads::Noted,
     supply::{PowerPort, Supply},
 };
@@ -82,38 +83,6 @@ pub(super) struct Soc {
 /// How many [`Soc::flags`] there are.
 pub(super) const FLAGS: usize = 11;
 
-/// A wire that is looked at.
-#[derive(Debug, Default)]
-pub(super) struct Flag(AtomicBool);
-
-impl Flag {
-    pub(super) fn get(&self) -> bool {
-        self.0.load(Relaxed)
-    }
-
-    pub(super) fn take(&self) -> bool {
-        self.0.swap(false, Relaxed)
-    }
-}
-
-impl WireSink for Flag {
-    fn set_level(&self, _: WireId, _: u32, level: Level) {
-        self.0.store(level.is_high(), Relaxed);
-    }
-}
-
-/// Remembers that a wire was high at some time.
-#[derive(Debug, Default)]
-struct Latch(Arc<Flag>);
-
-impl WireSink for Latch {
-    fn set_level(&self, _: WireId, _: u32, level: Level) {
-        if level.is_high() {
-            self.0.0.store(true, Relaxed);
-        }
-    }
-}
-
 #[derive(Debug)]
 struct WatchdogPort {
     lazy: Lazy,
@@ -161,6 +130,24 @@ const DBGMCU_APB1_FZ: u64 = 0x08;
 const DBGMCU_APB2_FZ: u64 = 0x0C;
 
 impl Soc {
+    /// The break input: while open, an enabled break holds MOE clear.
+    pub(super) fn set_break(&self, open: bool) {
+        self.stop.store(open, Relaxed);
+        if open {
+            self.break_output();
+        }
+    }
+
+    /// What breaks has become active.
+    pub(super) fn break_output(&self) {
+        let bdtr = self.pwm.peek(BDTR);
+        if bdtr & BREAK_ENABLE != 0 {
+            self.broken.store(true, Relaxed);
+            self.pwm.catch_up_by_edges();
+            self.pwm.poke(BDTR, bdtr & !MAIN_OUTPUT_ENABLE);
+        }
+    }
+
     #[expect(clippy::too_many_lines, reason = "one table of the chip, read from top to bottom")]
     pub(super) fn new(
         chip: &Chip,

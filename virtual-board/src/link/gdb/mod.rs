@@ -23,7 +23,7 @@ use gdbstub::{
 use host_sim::output::terminal::note;
 
 use self::{target::Debugged, wire::Wire};
-use super::serve::PATIENCE;
+use super::PATIENCE;
 use crate::{
     mcu::{Met, Stops},
     session::Failed,

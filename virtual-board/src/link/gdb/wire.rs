@@ -8,7 +8,7 @@ use std::{
 
 use gdbstub::conn;
 
-use super::super::serve::{LOOK, PATIENCE};
+use super::super::{LOOK, PATIENCE};
 
 /// A client of the port. Reading never waits.
 pub(super) struct Wire {

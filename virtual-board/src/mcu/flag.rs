@@ -1,0 +1,40 @@
+//! Wires of the chip that are looked at.
+
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, Ordering::Relaxed},
+};
+
+use rsemu::core::wire::{Level, WireId, WireSink};
+
+/// A wire that is looked at.
+#[derive(Debug, Default)]
+pub(super) struct Flag(pub(super) AtomicBool);
+
+impl Flag {
+    pub(super) fn get(&self) -> bool {
+        self.0.load(Relaxed)
+    }
+
+    pub(super) fn take(&self) -> bool {
+        self.0.swap(false, Relaxed)
+    }
+}
+
+impl WireSink for Flag {
+    fn set_level(&self, _: WireId, _: u32, level: Level) {
+        self.0.store(level.is_high(), Relaxed);
+    }
+}
+
+/// Remembers that a wire was high at some time.
+#[derive(Debug, Default)]
+pub(super) struct Latch(pub(super) Arc<Flag>);
+
+impl WireSink for Latch {
+    fn set_level(&self, _: WireId, _: u32, level: Level) {
+        if level.is_high() {
+            self.0.0.store(true, Relaxed);
+        }
+    }
+}
