@@ -22,7 +22,8 @@ fn main() {
 fn built_from() -> [String; 2] {
     for path in [
         "../src",
-        "../filter-forms",
+        "../lab/filter-forms",
+        "../lab/trade",
         "../scenes",
         "../Cargo.lock",
         "src",

@@ -109,7 +109,7 @@ def shell(command, folder=ROOT, seconds=None, **more):
 
 def commit():
     """The last commit that changed the programs; + where they have been changed since."""
-    programs_ = "src host-sim filter-forms virtual-board scenes Cargo.lock rust-toolchain.toml"
+    programs_ = "src host-sim lab virtual-board scenes Cargo.lock rust-toolchain.toml"
     changed = shell(f"git status --porcelain --untracked-files=no -- {programs_}").stdout
     return shell(f"git log -1 --abbrev=9 --format=%h -- {programs_}").stdout.strip() + ("+" if changed else "")
 

@@ -7,12 +7,6 @@ use serde::Serialize;
 
 use super::{Common, list, progress};
 use crate::{
-    analysis::trade::{
-        Bench, Criterion, Format, Variant, cost, default_cutoffs_hz,
-        filters::{self, Filters},
-        plant::{self, Plants},
-        table::{self, GoodFor},
-    },
     error::Error,
     interrupt,
     notation::number,
@@ -28,6 +22,12 @@ use crate::{
     range::within,
     scene::NamedScene,
     simulation::prepared::Numeric,
+};
+use lab_trade::{
+    Bench, Criterion, Format, Variant, cost, default_cutoffs_hz,
+    filters::{self, Filters},
+    plant::{self, Plants},
+    table::{self, GoodFor},
 };
 
 /// Measures speed against accuracy: number formats and forms of the velocity filter, and ways to advance the plant.

@@ -1,7 +1,7 @@
 //! The figures of a trade.
 
 use super::figure::{Figure, FigureError, Mark, TradePanel, TradePlot, TradeSeries, hertz, trade};
-use crate::analysis::trade::{
+use lab_trade::{
     Bench, Criterion, Form, Format, Variant, criterion,
     filters::{FilterRow, Filters},
     plant::Plants,
@@ -176,7 +176,7 @@ pub fn plants(scene: &str, plants: &Plants) -> Result<Figure, FigureError> {
         ("dormand-prince", 3, Mark::Triangle),
     ];
     let series = methods.map(|(name, colour, mark)| {
-        let of = |value: fn(&crate::analysis::trade::plant::PlantMeasured) -> Option<f64>| -> Vec<[f64; 2]> {
+        let of = |value: fn(&lab_trade::plant::PlantMeasured) -> Option<f64>| -> Vec<[f64; 2]> {
             let rows = plants.rows.iter().filter(|row| row.method.name() == name);
             let mut points: Vec<[f64; 2]> = rows
                 .filter_map(|row| {

@@ -2,7 +2,7 @@
 //!
 //! | layer | holds |
 //! |-------|-------|
-//! | [`analysis`] | linear theory, identification, comparison, trade of formats |
+//! | [`analysis`] | linear theory, identification, comparison |
 //! | [`study`] | walks, sweeps, sensitivity, envelopes |
 //! | [`table`] | results as rows under named columns |
 #![forbid(unsafe_code)]

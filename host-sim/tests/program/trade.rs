@@ -3,18 +3,15 @@
 use std::{collections::HashSet, fs, path::Path, process::Command};
 
 use filter_forms::{Form, Format, Variant};
-use host_sim::{
-    analysis::trade::{
-        Bench, Criterion, Refused,
-        criterion::{Exact, Measured},
-        drift,
-        filters::{FilterRow, Filters},
-        noise::Motions,
-        response::Tones,
-        rest,
-    },
-    output::trade_figures,
-    scene::NamedScene,
+use host_sim::{output::trade_figures, scene::NamedScene};
+use lab_trade::{
+    Bench, Criterion, Refused,
+    criterion::{Exact, Measured},
+    drift,
+    filters::{FilterRow, Filters},
+    noise::Motions,
+    response::Tones,
+    rest,
 };
 use serde_json::Value;
 use tempfile::TempDir;

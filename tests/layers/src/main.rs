@@ -1,5 +1,6 @@
-//! The layers of simulator and core: no file imports from a layer above its own, and files do not import each other in
-//! a circle, unless one of them is the other's child. `cargo run --package layers` names each offence with file and
+//! The layers of core, simulator, virtual board and live page: no file imports from a layer above its own, and files do
+//! not import each other in a circle, unless one of them is the other's child. Kernel and product do not name a crate of
+//! the laboratory, but for the files that lend it a command. `cargo run --package layers` names each offence with file and
 //! line, and ends with 1 if there is any.
 #![allow(clippy::unwrap_used, reason = "a source file that cannot be read ends the check")]
 
@@ -68,6 +69,22 @@ const LIVE: &[&[&str]] = &[
     &["history"],
 ];
 
+/// Crates of the laboratory, and the files that lend them a command.
+const LABORATORY: &[&str] = &["lab_trade", "filter_forms", "host_sim_bench"];
+const LENDERS: &[&str] = &["host-sim/src/cli/trade.rs", "host-sim/src/output/trade_figures.rs"];
+/// Kernel and product, by the folders of their crates.
+const PRODUCT: &[&str] = &[
+    "src",
+    "host-sim/src",
+    "host-sim/studies/src",
+    "host-sim/loop/src",
+    "virtual-board/src",
+    "live/src",
+    "live/web/src",
+    "python/src",
+    "seal/src",
+];
+
 /// What the files of a crate do against the rules, each with its lines.
 fn offences(source: &Source, layers: &[&[&str]]) -> BTreeMap<String, Vec<usize>> {
     let imports = source.imports();
@@ -122,10 +139,28 @@ fn main() -> ExitCode {
     found.extend(offences(&core, CORE));
     found.extend(offences(&Source::read(&["virtual-board/src"], &["virtual_board"]), BOARD));
     found.extend(offences(&Source::read(&["live/src"], &["live"]), LIVE));
+    for folder in PRODUCT {
+        for (file, line) in Source::read(&[folder], LABORATORY).mentions() {
+            if !LENDERS.contains(&file) {
+                let offence = format!("{file} names a crate of the laboratory");
+                found.entry(offence).or_default().push(line);
+            }
+        }
+    }
     for (offence, lines) in &found {
         eprintln!("error: {offence}, line {lines:?}");
     }
     ExitCode::from(u8::from(!found.is_empty()))
+}
+
+#[test]
+fn a_crate_of_the_laboratory_is_found_where_it_is_named() {
+    let text =
+        "use std::fs;\nuse lab_trade::Bench;\nfn f() { lab_trade::g() }\n#[cfg(test)]\nmod tests;";
+    let files = [("src/one.rs", text), ("src/one/tests.rs", "use lab_trade::Bench;")];
+    let texts = files.map(|(name, text)| (name.to_owned(), text.to_owned())).to_vec();
+    let source = Source::of(texts, &["src"], LABORATORY);
+    assert_eq!(source.mentions(), [("src/one.rs", 2), ("src/one.rs", 3)]);
 }
 
 #[test]

@@ -85,6 +85,16 @@ impl Source {
         source
     }
 
+    /// Where files that are not for tests name one of the `own_names`: file and line.
+    pub fn mentions(&self) -> Vec<(&str, usize)> {
+        let mut found = vec![];
+        for file in self.files.values() {
+            let own = file.named.iter().filter(|named| self.own_names.contains(&&*named.path[0]));
+            found.extend(own.map(|named| (file.name.as_str(), named.line)));
+        }
+        found
+    }
+
     /// All imports from one file to another.
     pub fn imports(&self) -> Vec<Import> {
         let mut imports = vec![];

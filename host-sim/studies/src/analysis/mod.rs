@@ -16,4 +16,3 @@ pub mod recompute;
 pub mod rendered;
 pub mod replay;
 pub mod telemetry;
-pub mod trade;

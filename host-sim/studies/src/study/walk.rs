@@ -36,7 +36,10 @@ pub fn walk(
 }
 
 /// [`walk`] by other hits, one by one.
-pub(crate) fn walk_with(
+///
+/// # Errors
+/// As [`walk`].
+pub fn walk_with(
     prepared: &PreparedScene,
     velocity: VelocitySettings,
     start_offset_counts: f64,

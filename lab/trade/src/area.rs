@@ -10,8 +10,8 @@ use super::{Bench, Variant};
 use crate::{
     error::Error,
     numerics::statistics::Repeats,
-    plant::RUN,
     scene::Scene,
+    sim_plant::RUN,
     simulation::{
         controller::{
             Controller, ControllerOutput, Fixed, Readings, Replaceable, counts_per_sample,

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use crate::{
-    plant::{AnyPlant, Plant, each_plant},
+    sim_plant::{AnyPlant, Plant, each_plant},
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 

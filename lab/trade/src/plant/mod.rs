@@ -25,8 +25,8 @@ use crate::{
     engine::Engine,
     error::Error,
     numerics::integrator::Integrator,
-    plant::AnyPlant,
     scene::{Scene, element::Nonlinear},
+    sim_plant::AnyPlant,
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
     study::{sweep::start_offset_counts, walk::walk},
 };

@@ -8,7 +8,7 @@ use crate::analysis::compare::Cost;
 
 /// The cost of one update of that variant, velocity bits in and out; a test holds the table against the measurement.
 pub fn of(variant: Variant) -> Option<Cost> {
-    Cost::find(include_str!("../../../../data/filter_cost.csv"), &variant.to_string())
+    Cost::find(include_str!("../../../host-sim/data/filter_cost.csv"), &variant.to_string())
 }
 
 const SAMPLES: u32 = 50_000;

@@ -90,7 +90,7 @@ impl Reversal {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{analysis::trade::Variant, scene::NamedScene};
+    use crate::{Variant, scene::NamedScene};
     use filter_forms::{Form, Format};
 
     /// The overshoot of 8.6 % of a reversal is what is missing of full scale.

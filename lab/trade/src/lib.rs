@@ -49,7 +49,8 @@ pub mod tone;
 pub use criterion::Criterion;
 pub use filter_forms::{Filter, Form, Format, Refused, Variant};
 
-use crate::scene::Scene;
+use sim_loop::{engine, error, numerics, plant as sim_plant, scene, scene::Scene, simulation};
+use sim_studies::{analysis, study};
 
 /// What the filters of a scene have in common.
 #[derive(Clone, Copy, Debug, PartialEq)]
