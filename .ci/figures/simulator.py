@@ -112,6 +112,18 @@ def quiet_choices():
 
 
 @block
+def encoders():
+    """The cutoff to dial in with encoders of other resolutions."""
+    body = []
+    for microns in (0.5, 1, 2, 5, 10):
+        scene = re.sub(r"(?m)^resolution_m = \S+", f"resolution_m = {microns}e-6", changed_scene("paper-1um"))
+        result = sim("sweep SCENE.toml --repeat 1", scene)["scenes"][0]
+        millions = result["recommended"]["area_n2_s_per_m2"] / 1e6
+        body.append([f"{microns:g} um", *dial_in(result), significant(millions, 3)])
+    return table(["encoder", "dial in", "as good", "stiffest wall", "area, 10^6 N^2 s/m^2"], body)
+
+
+@block
 def quiet_protocols():
     """The stiffest quiet wall of ready scenes, tried in other ways."""
     body = []
@@ -211,13 +223,13 @@ def theory_passive():
 
 @block
 def amplifier_walls():
-    """First power-up: two walls on the edge of the NUCLEO's envelope."""
+    """First power-up: walls of the NUCLEO that are quiet with an ideal amplifier."""
     bandwidths = [None, 5000, 3000, 2000, 1000]
     text = changed_scene("nucleo-f446re")
     body = []
-    for k, b in [(117_000, 60), (27_000, 10)]:
+    for k, b in [(157_000, 140), (27_000, 10), (50_000, 60)]:
         hits = [
-            sim(f"hit SCENE.toml --cutoff 1500 --stiffness {k} --damping {b}",
+            sim(f"hit SCENE.toml --cutoff 360 --criterion quiet --stiffness {k} --damping {b}",
                 text + (f"\n[amplifier]\nbandwidth_hz = {f}\n" if f else ""))["rms_m"]
             for f in bandwidths
         ]
