@@ -268,6 +268,7 @@ fn zwidth(scene: &NamedScene, compared: &[Compared], class: Class) -> Result<Fig
         title: format!("Z-width by estimator, {}, {}", class.text(), scene.name),
         units: scene.scene.units,
         subtitle: "each at the tuning with the largest area; ideal: the largest of them".into(),
+        marked: "ideal",
         legend: "Estimator".into(),
         curves: curves.collect(),
     })?)

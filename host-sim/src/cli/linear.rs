@@ -361,6 +361,7 @@ fn draw(
         title: format!("Uncoupled stability, linear, {}", scene.name),
         subtitle,
         units: scene.scene.units,
+        marked: "ideal",
         legend: Curve::CUTOFF_LEGEND.into(),
         curves: curves.collect(),
     })?)

@@ -121,6 +121,7 @@ impl AgreeReport<'_> {
             title: format!("Predicted and measured walls, {}", self.scene),
             units: self.units,
             subtitle,
+            marked: "ideal",
             legend: "Walk".into(),
             curves,
         })

@@ -173,7 +173,7 @@ impl ExplainReport<'_> {
         let curve = |one: &Explained| {
             let text = one.change.as_ref().map_or("as it is".into(), |change| change.text.clone());
             Curve {
-                name: one.change.as_ref().map_or(Curve::AS_IT_IS, |change| change.name).into(),
+                name: one.change.as_ref().map_or("as it is", |change| change.name).into(),
                 detail: format!("{text}, {}", one.settings.name().text()),
                 ideal: one.change.is_none(),
                 points: one
@@ -188,6 +188,7 @@ impl ExplainReport<'_> {
             units: self.units,
             subtitle: "one element changed at a time, each at its best tuning; bold: as it is"
                 .into(),
+            marked: "",
             legend: "Change".into(),
             curves: changes.iter().take(DRAWN).chain([base]).map(curve).collect(),
         })

@@ -220,7 +220,8 @@ impl LimitStudy {
                 points: kinds.iter().map(|felt| points(push, *felt)).collect(),
             })
             .collect();
-        if series.iter().flat_map(|series| &series.points).all(Vec::is_empty) {
+        // One limit makes no curve.
+        if series.iter().flat_map(|series| &series.points).all(|points| points.len() < 2) {
             return Ok(None);
         }
         let panel = |felt: &bool| TradePanel {

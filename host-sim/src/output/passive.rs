@@ -69,6 +69,7 @@ impl Passive {
                 first.map(name).unwrap_or_default(),
                 self.0.reserve_j
             ),
+            marked: "ideal",
             legend: "Cutoff, controller".into(),
             curves: rows.map(curve).collect(),
         })

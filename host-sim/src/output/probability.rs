@@ -219,7 +219,7 @@ impl ProbabilityStudy {
         let subtitle = format!("largest K that a share of {} draws holds", map.trials);
         let legend = "Share".into();
         let units = scene.scene.units;
-        zwidth(&ZwidthPlot { units, title, subtitle, legend, curves }).map(Some)
+        zwidth(&ZwidthPlot { units, title, subtitle, legend, marked: "ideal", curves }).map(Some)
     }
 
     /// The table for people.

@@ -272,6 +272,7 @@ mod tests {
             units: Units::Linear,
             title: "Z-width".to_owned(),
             subtitle: String::new(),
+            marked: "ideal",
             legend: String::new(),
             curves: vec![],
         };
@@ -282,6 +283,7 @@ mod tests {
             points: vec![],
             ideal_cutoff_hz: None,
             ideal_range_hz: None,
+            names: AreaPlot::IDEAL,
             convention: String::new(),
         };
         let figures = [zwidth(&boundaries).unwrap(), area(&areas).unwrap()];

@@ -10,7 +10,7 @@ use crate::{
     notation::rounded,
     output::{
         SCHEMA_VERSION,
-        figure::{self, AreaPlot, AreaPoint, Curve, ZwidthPlot},
+        figure::{self, AreaPlot, AreaPoint, Curve, Figure, ZwidthPlot},
         files::{FolderPlace, MANIFEST, Outputs, json},
         in_units::{self, InUnits},
         levers::{LeverStudy, LeverSummary},
@@ -29,15 +29,19 @@ use crate::{
     },
     study::{
         envelope::{self, Envelope},
-        recommended::QuietStudy,
+        recommended::{QuietStudy, Recommended},
         sweep::{CutoffResult, SweepResult, start_offset_counts},
     },
 };
 
 /// All files that a study may have. `sensitivity.csv` and the figure of a hit are not always there.
-pub const FILES: [&str; 29] = [
+pub const FILES: [&str; 33] = [
     QUIET_AREAS,
     QUIET_BOUNDARY,
+    "quiet.svg",
+    "quiet.png",
+    "quiet_area.svg",
+    "quiet_area.png",
     "boundary.csv",
     "areas.csv",
     "envelope.csv",
@@ -168,10 +172,9 @@ struct VariantSummary {
 }
 
 /// How frequencies are given, one sentence.
-fn convention(study: &Study) -> String {
+fn convention(study: &Study, best_hz: Option<f64>) -> String {
     let scene = &study.scene.scene;
-    let shown = study.result.ideal.map(|ideal| ideal.cutoff_hz);
-    let shown = shown.or_else(|| study.result.cutoffs.last().map(|last| last.cutoff_hz));
+    let shown = best_hz.or_else(|| study.result.cutoffs.last().map(|last| last.cutoff_hz));
     let nominal_is_true = scene.true_cutoff_hz(1.0) == 1.0;
     if nominal_is_true {
         return "Bilinear, pre-warped: the nominal cutoff is the -3 dB frequency.".into();
@@ -232,12 +235,21 @@ impl Study {
     /// Draws and writes every file.
     pub fn write(&self, outputs: &mut Outputs, to: FolderPlace) -> Result<(), Error> {
         let manifest = Manifest::new(self.command.clone(), &self.scene);
-        let mut figures = vec![self.zwidth()?, self.area()?];
-        figures.extend(self.hit()?);
         let units = self.scene.scene.units;
         let csv = |table| in_units::csv(units, table);
-        for (stem, shown) in ["zwidth", "area", "hit"].into_iter().zip(&figures) {
-            outputs.add_figure(to, stem, &shown.figure)?;
+        let mut figures = vec![];
+        let shown = [
+            ("quiet_area", self.quiet_area()?),
+            ("quiet", self.quiet_walls()?),
+            ("zwidth", Some(self.zwidth()?)),
+            ("area", Some(self.area()?)),
+            ("hit", self.hit()?),
+        ];
+        for (stem, shown) in shown {
+            if let Some(shown) = shown {
+                outputs.add_figure(to, stem, &shown.figure)?;
+                figures.push(shown);
+            }
         }
         let name = &self.scene.name;
         let limits = self.limits.as_ref().map(|limits| limits.figure(name)).transpose()?;
@@ -287,24 +299,86 @@ impl Study {
         outputs.add(to, MANIFEST, &json(&manifest)?)
     }
 
+    /// What is recommended, with all cutoffs that were tried.
+    fn recommended(&self) -> Option<(&QuietStudy, &Recommended)> {
+        let quiet = self.quiet.as_ref()?;
+        Some((quiet, quiet.recommended.as_ref().ok()?))
+    }
+
+    fn quiet_area(&self) -> Result<Option<ReportFigure>, Error> {
+        let Some((quiet, found)) = self.recommended() else { return Ok(None) };
+        let walks = "Quiet walls: one walk per cutoff, each wall at four pushes.";
+        let figure = figure::area(&AreaPlot {
+            title: format!("Area of quiet walls over the cutoff, {}", self.scene.name),
+            subtitle: subtitle(self),
+            units: self.scene.scene.units,
+            points: quiet.cutoffs.iter().map(area_row).collect(),
+            ideal_cutoff_hz: Some(found.cutoff_hz),
+            ideal_range_hz: Some(found.range_hz),
+            names: AreaPlot::DIAL_IN,
+            convention: format!("{} {walks}", convention(self, Some(found.cutoff_hz))),
+        })?;
+        let caption = "Walls whose motion and force rest at four pushes, and that are as stiff as commanded: the area of \
+                       their boundary. The cutoffs beside the best one were added by the sweep.";
+        Ok(Some(ReportFigure { figure, caption: caption.into() }))
+    }
+
+    /// The boundaries of the cutoffs that were asked for, and of the recommended one.
+    fn quiet_walls(&self) -> Result<Option<ReportFigure>, Error> {
+        let Some((quiet, found)) = self.recommended() else { return Ok(None) };
+        let asked = |cutoff_hz| self.result.cutoffs.iter().any(|of| of.cutoff_hz == cutoff_hz);
+        let shown = |of: &&CutoffResult| of.cutoff_hz == found.cutoff_hz || asked(of.cutoff_hz);
+        let figure = self.boundaries(
+            format!("Quiet walls, {}", self.scene.name),
+            "dial in",
+            Some(found.cutoff_hz),
+            quiet.cutoffs.iter().filter(shown),
+        )?;
+        let caption = "Boundary of the quiet walls, one curve per nominal cutoff: the largest K that the walk found \
+                       quiet at each B.";
+        Ok(Some(ReportFigure { figure, caption: caption.into() }))
+    }
+
     fn zwidth(&self) -> Result<ReportFigure, Error> {
-        let ideal = self.result.ideal.map(|ideal| ideal.cutoff_hz);
-        let curves = self.result.cutoffs.iter().map(|result| {
-            let first = result.boundaries.first();
+        let figure = self.boundaries(
+            format!("Z-width, {}", self.scene.name),
+            "ideal",
+            self.result.ideal.map(|ideal| ideal.cutoff_hz),
+            self.result.cutoffs.iter(),
+        )?;
+        let caption = "Boundary of the stable walls, one curve per nominal cutoff: the largest K that the walk \
+                       found stable at each B. The first of the repeated walks is shown.";
+        Ok(ReportFigure { figure, caption: self.by_its_own(caption) })
+    }
+
+    fn boundaries<'a>(
+        &self,
+        title: String,
+        marked: &'static str,
+        best_hz: Option<f64>,
+        cutoffs: impl Iterator<Item = &'a CutoffResult>,
+    ) -> Result<Figure, Error> {
+        let curves = cutoffs.map(|of| {
+            let first = of.boundaries.first();
             let points = first.map(|first| first.points.clone()).unwrap_or_default();
-            let is_ideal = ideal == Some(result.cutoff_hz);
-            Curve::of_cutoff(result.cutoff_hz, result.true_cutoff_hz, is_ideal, points)
+            let is_best = best_hz == Some(of.cutoff_hz);
+            Curve::of_cutoff(of.cutoff_hz, of.true_cutoff_hz, is_best, points)
         });
-        let figure = figure::zwidth(&ZwidthPlot {
-            title: format!("Z-width, {}", self.scene.name),
+        Ok(figure::zwidth(&ZwidthPlot {
+            title,
             subtitle: subtitle(self),
             units: self.scene.scene.units,
             legend: Curve::CUTOFF_LEGEND.into(),
+            marked,
             curves: curves.collect(),
-        })?;
-        let caption = "Boundary of the stable walls, one curve per nominal cutoff: the largest K that the walk \
-                       found stable at each B. The first of the repeated walks is shown.";
-        Ok(ReportFigure { figure, caption: caption.into() })
+        })?)
+    }
+
+    /// The caption of a figure by the scene's own criterion, where another is recommended by.
+    fn by_its_own(&self, caption: &str) -> String {
+        let Some(_) = self.recommended() else { return caption.into() };
+        let criterion = self.scene.scene.wall_hit.criterion.name();
+        format!("By the scene's own criterion, {criterion}, and not by quiet walls. {caption}")
     }
 
     fn area(&self) -> Result<ReportFigure, Error> {
@@ -320,9 +394,13 @@ impl Study {
             points: areas(&self.result).collect(),
             ideal_cutoff_hz: ideal.map(|ideal| ideal.cutoff_hz),
             ideal_range_hz: ideal.map(|ideal| ideal.range_hz),
-            convention: format!("{} {walks}", convention(self)),
+            names: AreaPlot::IDEAL,
+            convention: format!("{} {walks}", convention(self, ideal.map(|ideal| ideal.cutoff_hz))),
         })?;
-        Ok(ReportFigure { figure, caption: convention(self) })
+        Ok(ReportFigure {
+            figure,
+            caption: self.by_its_own(&convention(self, ideal.map(|ideal| ideal.cutoff_hz))),
+        })
     }
 
     /// The hit on the stiffest wall of the boundary at the ideal cutoff.
@@ -353,7 +431,7 @@ impl Study {
         let caption = "The hit on the stiffest wall of the boundary at the ideal cutoff: position \
                        over time, and the window that decides.";
         let figure = trace::figure(&samples, &self.scene, &hit, &report)?;
-        Ok(Some(ReportFigure { figure, caption: caption.into() }))
+        Ok(Some(ReportFigure { figure, caption: self.by_its_own(caption) }))
     }
 
     /// What a reader must know beside the numbers.

@@ -48,6 +48,7 @@ impl UsableReport {
                 "stable, and rendered within {} of K + jwB from 1 to 30 Hz; ideal: the largest area",
                 name(limit)
             ),
+            marked: "ideal",
             legend: "Estimator".into(),
             curves: entries.iter().filter_map(of).map(curve).collect(),
         })

@@ -55,6 +55,8 @@ pub struct ZwidthPlot {
     pub units: Units,
     /// Title of the legend.
     pub legend: String,
+    /// What the legend adds to the curve that is drawn on top: `ideal`.
+    pub marked: &'static str,
     /// The boundaries; the colours follow their order.
     pub curves: Vec<Curve>,
 }
@@ -72,8 +74,6 @@ pub struct Curve {
 }
 
 impl Curve {
-    /// Name of the scene's own curve among its changes: bold, and not called ideal.
-    pub const AS_IT_IS: &str = "as it is";
     /// Title of the legend of curves named by their cutoff.
     pub const CUTOFF_LEGEND: &str = "Cutoff [Hz]";
 
@@ -231,8 +231,9 @@ impl Legend {
             let mut text = curve.name.clone();
             if curve.points.is_empty() {
                 text.push_str(" (none)");
-            } else if style.ideal && curve.name != Curve::AS_IT_IS {
-                text.push_str(" ideal");
+            } else if style.ideal && !plot.marked.is_empty() {
+                text.push(' ');
+                text.push_str(plot.marked);
             }
             (style.ideal || index.is_multiple_of(every)).then_some((text, style))
         };
@@ -299,6 +300,7 @@ mod tests {
             units: Units::Linear,
             title: "Z-width \"paper\" & more".to_owned(),
             subtitle: "resolution 1 µm".to_owned(),
+            marked: "ideal",
             legend: Curve::CUTOFF_LEGEND.into(),
             curves,
         }

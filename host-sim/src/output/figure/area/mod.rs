@@ -70,8 +70,17 @@ pub struct AreaPlot {
     pub ideal_cutoff_hz: Option<f64>,
     /// First and last nominal cutoff of the range that is shaded.
     pub ideal_range_hz: Option<[f64; 2]>,
+    /// What that range and that cutoff are called.
+    pub names: [&'static str; 2],
     /// What the cutoff means, printed below the axis.
     pub convention: String,
+}
+
+impl AreaPlot {
+    /// By the scene's own criterion.
+    pub const IDEAL: [&str; 2] = ["ideal range", "ideal"];
+    /// By quiet walls.
+    pub const DIAL_IN: [&str; 2] = ["as good", "dial in"];
 }
 
 /// The result of one cutoff, over its repeats.
@@ -256,9 +265,9 @@ fn key(page: &Page, plot: &AreaPlot) -> Result<(), FigureError> {
         let colour = ACCENT.mix(2.0 * RANGE_OPACITY);
         panel::rect(page, x..x + KEY_SWATCH, y - 6.0..y + 6.0, colour)?;
         let text = if low < high {
-            format!("ideal range {} to {} Hz", hertz(low), hertz(high))
+            format!("{} {} to {} Hz", plot.names[0], hertz(low), hertz(high))
         } else {
-            "ideal range".to_owned()
+            plot.names[0].to_owned()
         };
         label(&mut x, &text)?;
     }
@@ -266,7 +275,7 @@ fn key(page: &Page, plot: &AreaPlot) -> Result<(), FigureError> {
         let middle = x + KEY_SWATCH / 2.0;
         ring(page, at(middle, y))?;
         panel::dot(page, [middle, y], DOT_RADIUS, ACCENT)?;
-        label(&mut x, &format!("ideal {} Hz", hertz(ideal_hz)))?;
+        label(&mut x, &format!("{} {} Hz", plot.names[1], hertz(ideal_hz)))?;
     }
     Ok(())
 }
@@ -294,6 +303,7 @@ mod tests {
             points,
             ideal_cutoff_hz: Some(2000.0),
             ideal_range_hz: Some([1500.0, 2000.0]),
+            names: AreaPlot::IDEAL,
             convention: "bilinear, not pre-warped: nominal 2000 Hz is −3 dB at 1785.7 Hz"
                 .to_owned(),
         }
