@@ -50,7 +50,7 @@ pub const RATE_HZ: u32 = 1000 * SAMPLES_PER_MS;
 pub trait Board: Sized {
     /// Name, also the feature that selects it, its scene and `--board`.
     const NAME: &'static str;
-    /// What the force output makes of a force.
+    /// How the force output turns a force into an output code.
     const OUTPUT: Output;
     /// What an estimator can look at beside the count.
     const SENSES: &'static [Sense];
@@ -81,7 +81,7 @@ pub trait Board: Sized {
     type SetUp: SetUp;
     /// Converters for force output and current.
     type ReadBack: ReadBack;
-    /// What it finds out about itself.
+    /// Self-test of the board's hardware.
     type SelfTest: SelfTest;
     /// Reset when the tasks stop.
     type Watchdog: Watchdog;
@@ -170,7 +170,7 @@ pub struct Parts<B: Board> {
     pub set_up: B::SetUp,
     /// Converters for force output and current.
     pub read_back: B::ReadBack,
-    /// What the board finds out about itself.
+    /// Self-test of the board's hardware.
     pub self_test: B::SelfTest,
     /// Reset when the tasks stop.
     pub watchdog: B::Watchdog,
@@ -254,7 +254,7 @@ pub trait Enable {
 
 /// The supply supervisor. It has an interrupt of `render`'s priority, so that the force is off at once.
 pub trait Supply {
-    /// What that interrupt does: off, and remember.
+    /// The interrupt's handler: switches the force off and remembers that the supply was low.
     fn has_dropped();
 
     /// The supply is too low to write flash by, or was since this was last asked. By `render`.
@@ -288,16 +288,16 @@ pub trait SetUp {
     fn hold_enable_low(&mut self);
 }
 
-/// Reads what acts, by converters.
+/// Reads the force output and the motor's current back, with A/D converters.
 pub trait ReadBack {
-    /// Lowest and highest code that the force output surely follows its command to; none: it cannot be read.
+    /// Lowest and highest code up to which the output surely follows its command; `None`: it cannot be read back.
     const SWING: Option<[i32; 2]>;
 
     /// Begins to read what the last output has put out. By `render`, at the beginning of each: what is written some
     /// microseconds later is not read.
     fn begin(&mut self);
 
-    /// What was read. By `render`, with the same output, once it is out.
+    /// The converters' readings. Called by `render`, in the same output, after the force is written.
     fn finish(&mut self) -> Readings;
 }
 
@@ -314,7 +314,7 @@ pub trait OutputWatchdog {
     fn rate_is_wrong(&self) -> bool;
 }
 
-/// Finds out what a board can know of itself.
+/// Tests the parts of a board that the board can test by itself.
 pub trait SelfTest {
     /// Tests that part, with the force off, and leaves everything as it was. By `link`, which is kept for 15 ms at most;
     /// `render` waits for 4 ms at most. Enable is active for as long at most, at zero force.
@@ -380,7 +380,7 @@ pub struct Drive<F, E> {
 }
 
 impl<F: ForceOutput, E: Enable> Drive<F, E> {
-    /// Of these two, both off.
+    /// A drive made of this force output and this enable line; both must be off.
     pub const fn new(force: F, enable: E) -> Self {
         Self { force, enable }
     }

@@ -38,7 +38,7 @@ pub struct Motion {
     pub velocity: Velocity,
 }
 
-/// What a [`Sampler`] says to one sample.
+/// Result of a [`Sampler`] for one sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sampled {
     /// Where the handle is and how fast it moves.
@@ -80,7 +80,7 @@ pub struct Sampler<W = CounterWidth> {
     sample: u32,
     /// Number of the sample with which the next output is due, low 32 bits.
     due: u32,
-    /// Its high 32 bits. It is never far, so they tell those of every sample.
+    /// High 32 bits of `due`. No sample is far from it, so they also give the high bits of every sample's number.
     high: u32,
 }
 
@@ -107,7 +107,7 @@ impl<W: Width> Sampler<W> {
         self.encoder.is_whole()
     }
 
-    /// Whether what the estimator remembers is as the last sample has left it, if that one went by `control`.
+    /// Whether the estimator's memory is unchanged since the last sample; `true` if that had another tuning.
     #[inline(always)]
     pub fn remembers(&self, control: &LoopParameters) -> bool {
         self.velocity.number() != control.estimator.number()
@@ -119,7 +119,7 @@ impl<W: Width> Sampler<W> {
         self.near(self.sample)
     }
 
-    /// The sample nearest to that of the next output whose low 32 bits are those.
+    /// Full number of the sample with the low 32 bits `number` that is nearest to the next due sample.
     #[inline(always)]
     const fn near(&self, number: u32) -> u64 {
         let since = number.wrapping_sub(self.due);
@@ -132,7 +132,7 @@ impl<W: Width> Sampler<W> {
         near & !(u32::MAX as u64) | number as u64
     }
 
-    /// What the samples so far left behind.
+    /// The state after the samples so far.
     pub fn state(&self) -> velocity::State {
         velocity::State::behind(self.encoder.position(), self.velocity)
     }
@@ -182,7 +182,7 @@ impl<W: Width> Sampler<W> {
         Some(self.say(control, self.sample.wrapping_add(before), self.encoder.position(), velocity))
     }
 
-    /// What it says to the sample of that number.
+    /// The result for the sample with this number; also counts it.
     #[inline(always)]
     fn say(
         &mut self,

@@ -7,19 +7,19 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 
 static TABLE: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// What a checksum comes to over anything and then its own checksum.
+/// The CRC of any data followed by its own CRC: always this constant.
 pub(crate) const RESIDUE: u32 = 0x2144_DF1C;
 
 pub(crate) fn of_bytes(bytes: &[u8]) -> u32 {
     TABLE.checksum(bytes)
 }
 
-/// Of words, each taken with its least significant byte first.
+/// CRC of words, each with its least significant byte first.
 pub(crate) fn of_words(words: &[u32]) -> u32 {
     of_pieces([words])
 }
 
-/// Of words in several pieces, as of one.
+/// CRC of several pieces of words, as if they were one piece.
 pub(crate) fn of_pieces<'a>(pieces: impl IntoIterator<Item = &'a [u32]>) -> u32 {
     let mut digest = TABLE.digest();
     for word in pieces.into_iter().flatten() {
@@ -34,12 +34,12 @@ pub(crate) fn of_pieces<'a>(pieces: impl IntoIterator<Item = &'a [u32]>) -> u32 
 pub(crate) struct Sum(u32);
 
 impl Sum {
-    /// Of nothing.
+    /// A CRC over no data yet.
     pub(crate) const fn new() -> Self {
         Self(u32::MAX)
     }
 
-    /// Of these words as well.
+    /// Adds these words to the CRC.
     #[inline(never)]
     pub(crate) fn add(&mut self, words: &[u32]) {
         let [table] = TABLE.table();
@@ -52,7 +52,7 @@ impl Sum {
         }
     }
 
-    /// Of all so far.
+    /// The CRC of all words added so far.
     pub(crate) const fn get(self) -> u32 {
         !self.0
     }

@@ -1,4 +1,4 @@
-//! What is built, and SI units in its counts, samples and fractions of full scale.
+//! The fixed data of a device, and the conversion of SI units to counts, samples and fractions of full scale.
 
 use crate::{
     actuator::{Actuator, Output},
@@ -6,7 +6,7 @@ use crate::{
     units::{Force, Position},
 };
 
-/// What is built and does not change while running.
+/// Fixed data of the device: they do not change while the loop runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Design {
     /// Encoder samples per second, Hz.
@@ -46,7 +46,7 @@ impl Design {
         libm::ceil(self.rate_hz / 1000.0) as u32
     }
 
-    /// Outputs in a millisecond, 1 where they are farther apart: the pace of what need not go faster than at 1 kHz.
+    /// Outputs per millisecond, at least 1. Work that needs no more than 1 kHz runs once in this many outputs.
     pub(crate) fn outputs_per_ms(&self) -> u32 {
         (self.samples_per_ms() / self.period.max(1)).max(1)
     }

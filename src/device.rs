@@ -35,7 +35,7 @@ pub struct Device<'a> {
     pub key: DeviceKey,
     /// Hash of the scene.
     pub scene_hash: u32,
-    /// What is built. A calibration may find another force at full command, and the output period may be set.
+    /// Fixed data. A calibration may replace the force at full command, a setting the output period.
     pub design: Design,
     /// From the counter's reading to the force, samples.
     pub latency_samples: f64,
@@ -47,21 +47,21 @@ pub struct Device<'a> {
     pub designs: Designs<'a>,
     /// Limits of the supervisor. No hit starts outside its travel.
     pub safety: SafetySettings,
-    /// What the motor stands.
+    /// Thermal limits of the motor.
     pub duty: DutySettings,
-    /// How its amplifier says its current.
+    /// Scale of the voltage with which the amplifier reports its current.
     pub current: CurrentSettings,
     /// Distance of the handle from the axis of a rotary device, m; 0: it moves straight.
     pub radius_m: f64,
-    /// The return move to the start; the start is that of the settings.
+    /// The return move to the start of a hit; `start_m` is only the default, the stored settings hold the one in use.
     pub back: ReturnSettings,
-    /// A calibration; its force is that of the command.
+    /// A calibration; its force is given by the command that starts it.
     pub calibration: CalibrationSettings,
     /// Directions of motor and encoder on a board to which nothing was ever saved.
     pub signs: Signs,
     /// Estimator and wall of such a board.
     pub settings: Settings,
-    /// Its hit, shortened to what the motor stands.
+    /// Hit of such a board, shortened to the motor's thermal limits.
     pub hit: HitSettings,
     /// What counts as a wall on a board to which nothing was ever saved.
     pub criterion: Criterion,
@@ -93,20 +93,20 @@ pub struct Start {
     pub stored: Stored,
     /// Where they come from.
     pub source: Source,
-    /// The same in integers.
+    /// The settings in force as integers.
     pub control: LoopParameters,
     /// Limits of the supervisor.
     pub safety: SafetyPlan,
-    /// What goes by the output period.
+    /// Values that depend on the output period.
     pub period: PeriodPlan,
-    /// The motor's current is compared, if its amplifier says it.
+    /// Check of the motor's current, if the amplifier reports it.
     pub current: Option<CurrentWatch>,
-    /// The fault of the last run, that of settings that cannot be used, or both.
+    /// Fault of the last run, the fault of unusable saved settings, or both.
     pub fault: Option<FaultRecord>,
 }
 
 impl Device<'_> {
-    /// Radii of a handle that turns, m. Of one that does not it is 0.
+    /// Allowed radii of a rotary handle, m. A linear handle has radius 0.
     pub const RADIUS_M: RangeInclusive<f64> = 1e-3..=10.0;
     /// Longest latency that a record may state, samples: half a second on the boards there are.
     pub const LATENCY_MAX_SAMPLES: f64 = 5000.0;
@@ -114,7 +114,7 @@ impl Device<'_> {
     pub const TRAVEL_MAX_M: f64 = 10.0;
     /// Highest speed that a record may believe, m/s.
     pub const SPEED_MAX_M_PER_S: f64 = 100.0;
-    /// Masses of the heaviest handle, kg. The highest stands for one that nobody knows.
+    /// Allowed masses of the heaviest handle, kg. The upper end stands for an unknown mass.
     pub const HEAVIEST_MASS_KG: RangeInclusive<f64> = 1e-4..=1e6;
 
     /// The design with the force at full command that was calibrated.
@@ -128,7 +128,7 @@ impl Device<'_> {
         Ok(Design { full_scale_n, ..self.design })
     }
 
-    /// The design with what of it is set.
+    /// The design with the output period and the calibrated full scale of the settings.
     pub(crate) fn design(&self, stored: &Stored) -> Result<Design, SettingsError> {
         Ok(Design { period: stored.period, ..self.calibrated(stored.full_scale_n)? })
     }
@@ -239,7 +239,7 @@ impl Device<'_> {
         Ok(HitSequencePlan { hit, back, duty, look })
     }
 
-    /// What heats is the current: its part of full scale stays, whatever force a calibration found there.
+    /// Current heats the motor: continuous over full-scale force is a ratio of currents, so a calibration keeps it.
     fn duty_at(&self, design: &Design) -> DutySettings {
         let part = design.full_scale_n / self.design.full_scale_n;
         let continuous_force_n = self.duty.continuous_force_n * part;
@@ -328,7 +328,7 @@ impl Device<'_> {
         stored.settings.build(&self.design(stored)?)
     }
 
-    /// Where the envelope has those settings.
+    /// Key under which the envelope lists these settings.
     pub fn key(&self, stored: &Stored) -> Key {
         let velocity = &stored.settings.velocity;
         let design = self.designs.number_of(velocity);

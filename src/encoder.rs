@@ -60,7 +60,7 @@ impl<W: Width> Encoder<W> {
         Self { width, count: position.counts().cast_unsigned(), position, origin: 0 }
     }
 
-    /// The same, with the width as a value.
+    /// This encoder with the counter's width as a value in place of a type.
     pub(crate) fn of_any_width(self) -> Encoder {
         let Self { width, count, position, origin } = self;
         Encoder { width: width.value(), count, position, origin }
@@ -82,7 +82,7 @@ impl<W: Width> Encoder<W> {
         Moves { width: self.width, count: self.count }
     }
 
-    /// Those readings were taken.
+    /// Takes over the count after these readings, and moves the position by the difference.
     #[inline]
     pub(crate) fn moved(&mut self, moves: &Moves<W>) {
         let moved = moves.count.wrapping_sub(self.count).cast_signed();
@@ -117,7 +117,7 @@ pub(crate) struct Moves<W> {
 }
 
 impl<W: Width> Moves<W> {
-    /// By how many counts the next reading, as signed, is further.
+    /// Counts from the last reading to this next one; negative: backwards.
     #[inline(always)]
     pub(crate) fn to(&mut self, counter: i32) -> i32 {
         let moved = signed(counter.cast_unsigned().wrapping_sub(self.count), self.width);

@@ -35,7 +35,7 @@ pub const SLICE: usize = 64;
 /// floods the board.
 pub const LONGEST: u32 = 500 * SAMPLES_PER_MS;
 
-/// What the checksums of a pass that found nothing wrong add up to: those of image and record, each with its own behind.
+/// Sum of the two CRCs of an intact pass: over image and record, each followed by its stored checksum.
 pub const RIGHT: u32 = RESIDUE.wrapping_mul(2);
 
 /// Parts of an image, without its seal.
@@ -46,7 +46,7 @@ const PARTS: usize = 4;
 pub struct Image<'a> {
     /// Vectors, code, constants, what is copied to RAM.
     pub parts: [&'a [u32]; PARTS],
-    /// What their checksum has to be.
+    /// Their expected checksum.
     pub seal: &'a [u32; 1],
 }
 
@@ -55,7 +55,7 @@ pub struct Image<'a> {
 pub enum BadImage {
     /// It has no checksum.
     Unsealed,
-    /// It is not what was sealed.
+    /// The image differs from the one that was sealed: its checksum is wrong.
     Damaged,
 }
 
@@ -67,7 +67,7 @@ impl Image<'_> {
         sum.get()
     }
 
-    /// What it has to be.
+    /// The expected checksum.
     pub const fn sealed(&self) -> u32 {
         let [seal] = *self.seal;
         seal
@@ -99,7 +99,7 @@ impl core::error::Error for BadImage {}
 
 /// Looks at image and device record, over and over, in slices.
 pub struct Pass<'a> {
-    /// Those of the image, its seal, the record.
+    /// Parts to check: those of the image, its seal, the record.
     parts: [&'a [u32]; PARTS + 2],
     /// The part that is under way, and what is left of it.
     part: usize,
@@ -144,11 +144,11 @@ impl<'a> Pass<'a> {
     }
 }
 
-/// Whether passes go on, and none was wrong: by the sum over all of them.
+/// Checks by the sum over all passes that passes go on and that none was wrong.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PassWatch {
     sum: u32,
-    /// The sample by which the last one had ended.
+    /// Sample by which the last pass had ended, low 32 bits.
     ended: u32,
 }
 

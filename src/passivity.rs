@@ -92,7 +92,7 @@ pub struct Passivity {
     acceleration: u64,
     latency: u32,
     period: NonZeroU32,
-    /// Counts by which motion can differ from that of the last output: until the new force acts, and while it does.
+    /// Most counts by which the motion may change from the last output's: before the new force acts, and while it acts.
     changes: [i32; 2],
 }
 
@@ -111,7 +111,7 @@ impl Passivity {
         Self { period, changes: [counts((l * (p + l)).div_ceil(2)), counts(p * (p + l))], ..self }
     }
 
-    /// Counts by which motion can differ from that of the last output, while the new force acts.
+    /// Most counts by which the motion may change from the last output's while the new force acts.
     pub fn change(&self) -> i32 {
         self.changes[1]
     }
@@ -124,7 +124,7 @@ impl Passivity {
     }
 }
 
-/// The account of a wall's port, from output to output, and what the controller goes by.
+/// Energy account of a wall's port from output to output, and the further state of the passivity controller.
 #[derive(Clone, Copy, Debug)]
 pub struct PassiveWall {
     port: PortEnergy,
@@ -132,7 +132,7 @@ pub struct PassiveWall {
     last: Position,
     /// What the contact has given beyond the reserve.
     forgiven: i64,
-    /// On its way to the handle, with the contact of its output; acts when `wait` comes to none.
+    /// Wall force that does not act yet, and its output's contact; it acts when `wait` reaches 0.
     pending: (i64, bool),
     wait: u32,
 }
@@ -174,7 +174,7 @@ impl PassiveWall {
         given
     }
 
-    /// What the wall may give where it `wants` that much, LSB of force, out of it positive; at most two full scales.
+    /// Allowed force of the wall where it `wants` this force, LSB, positive out of it; at most two full scales.
     #[inline]
     pub fn limit(
         &mut self,
@@ -221,13 +221,13 @@ impl PassiveWall {
         self.port.rename(position);
     }
 
-    /// Begins anew what [`PortEnergy::given`] says.
+    /// Resets [`PortEnergy::given`].
     #[inline]
     pub fn forget(&mut self) {
         self.port.forget();
     }
 
-    /// What the force that acts can give until the next one does.
+    /// Most energy that the present force can give before the next force acts, LSB of force times counts.
     fn committed(&self, plan: &Passivity, d: i64) -> i64 {
         let Passivity { changes: [change, _], latency, period, .. } = *plan;
         let wall = self.port.wall();

@@ -21,11 +21,11 @@ pub fn outputs_per_ms(period: u32) -> u32 {
 
 /// Core cycles from one sample to the next of the slowest board, 168 MHz.
 const SAMPLE: u32 = 16_800;
-/// Of a sample, but for the estimator: handler, guard, hand-over, at period 1, where every sample is due.
+/// Core cycles of a sample without the estimator: handler, guard, hand-over, at period 1, where every sample is due.
 pub const GUARD: u32 = 220;
-/// Of a `render` without an order, and of those of small ones: large ones are not given while the logger writes.
+/// Core cycles of a `render` with no order or a small one; large orders are not given while the logger writes.
 const RENDER: u32 = 3_600;
-/// For which the logger keeps `render` waiting at most, but for the sample within it.
+/// Most core cycles for which the logger delays `render`, without the sample that falls into them.
 const MASK: u32 = 8_600;
 
 /// Cycles that the longest update of an estimator may take: all that there is between two outputs, less a fifth of it

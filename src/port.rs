@@ -39,7 +39,7 @@ impl PortEnergy {
         Self { wall: 0, contact: false, at: position, energy: 0, given: 0 }
     }
 
-    /// As an output left it that said `energy`.
+    /// The account after an output that reported this `energy`.
     pub const fn resumed(wall: i64, contact: bool, position: Position, energy: i64) -> Self {
         Self { wall, contact, at: position, energy, given: 0 }
     }
@@ -64,7 +64,7 @@ impl PortEnergy {
         self.given = self.given.max(self.energy.saturating_neg());
     }
 
-    /// The place of the handle is called `position` from here on; what it has moved meanwhile is not booked.
+    /// From now on the handle's place has the number `position`; the energy of the move up to here is not booked.
     #[inline]
     pub const fn rename(&mut self, position: Position) {
         self.at = position;
@@ -82,25 +82,25 @@ impl PortEnergy {
         self.contact
     }
 
-    /// Both numbers that are told.
+    /// Both numbers as they are reported.
     #[inline]
     pub const fn exchanged(&self) -> Exchanged {
         Exchanged { energy: self.energy, given: self.given }
     }
 
-    /// What the wall has taken in this contact, or in the last one; below 0 it has given.
+    /// Energy that the wall has taken in this or the last contact; negative: it has given energy.
     #[inline]
     pub const fn energy(&self) -> i64 {
         self.energy
     }
 
-    /// The most that it had given beyond what it had taken, in any contact since [`forget`](Self::forget).
+    /// Largest net energy given at any time in any contact since [`forget`](Self::forget).
     #[inline]
     pub const fn given(&self) -> i64 {
         self.given
     }
 
-    /// Begins anew what [`given`](Self::given) says; out of contact the last account is closed.
+    /// Resets [`given`](Self::given), and out of contact also [`energy`](Self::energy).
     #[inline]
     pub fn forget(&mut self) {
         self.given = 0;
@@ -110,7 +110,7 @@ impl PortEnergy {
     }
 }
 
-/// What an account says, LSB of force times counts.
+/// Energies of an account, LSB of force times counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Exchanged {
     /// Energy taken, [`PortEnergy::energy`]; below 0 it was given.

@@ -48,7 +48,7 @@ impl Part {
         matches!(self, Self::Enable | Self::OutputWatchdog | Self::Output)
     }
 
-    /// As it is said.
+    /// Name in the reply.
     pub const fn text(self) -> &'static str {
         match self {
             Self::Chip => "chip",
@@ -69,11 +69,11 @@ impl Part {
 pub struct Delays {
     /// Samples that were looked at.
     pub samples: u32,
-    /// The first of them.
+    /// Earliest reading, ticks.
     pub least: u32,
-    /// The last of them.
+    /// Latest reading, ticks.
     pub most: u32,
-    /// How many came 0, 1, 2, .. times [`Self::BIN`] ticks after the first; the last takes the rest.
+    /// Histogram of readings by their distance from the earliest, [`Self::BIN`] ticks a bin; the last has the rest.
     pub bins: [u32; Self::BINS],
 }
 
@@ -104,14 +104,14 @@ impl Delays {
     }
 }
 
-/// What a board has found.
+/// Result of one part of the self-test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Found {
     /// Its chip, and the one that it should be.
     Chip {
         /// `DEV_ID` of the chip found.
         id: u32,
-        /// The same of the board's chip.
+        /// `DEV_ID` that the board's chip should have.
         expected: u32,
     },
     /// Levels of the brown-out reset (`BOR_LEV`): 3 is off.
@@ -127,7 +127,7 @@ pub enum Found {
         bad_vector: Option<u32>,
         /// CRC-32 of vectors, code and constants.
         crc: u32,
-        /// What it has to be.
+        /// Expected CRC-32, from the seal.
         sealed: u32,
     },
     /// Levels of the pin of enable.
@@ -188,7 +188,7 @@ const OSCILLATOR_HZ: core::ops::RangeInclusive<u32> = 17_000..=47_000;
 const FASTEST_HZ: f64 = 2.5e6;
 
 impl Found {
-    /// Of a device whose fastest believable motion has so many edges per second.
+    /// Sets the edges per second of the device's fastest believable motion, which the encoder has to follow.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,

@@ -67,7 +67,7 @@ impl Flags {
         self.0
     }
 
-    /// Of bits; those without a meaning are kept.
+    /// Flags from these bits; bits without a meaning are kept.
     pub const fn from_bits(bits: u16) -> Self {
         Self(bits)
     }
@@ -163,7 +163,7 @@ impl Frame {
         bytes
     }
 
-    /// What both layouts begin with.
+    /// Writes the head, which is the same in both layouts.
     #[inline]
     fn put_head(&self, rest: &mut &mut [u8], version: u8) {
         let record = &self.record;
@@ -198,7 +198,7 @@ impl Frame {
         writer
     }
 
-    /// The frame in those bytes, if they are one of layout 1.
+    /// The frame in these bytes; `None` if they are no frame of layout 1.
     pub fn decode(bytes: &[u8; Self::LEN]) -> Option<Self> {
         Self::read(bytes).filter(|_| bytes.get(2) == Some(&Self::VERSION))
     }
@@ -223,7 +223,7 @@ impl Frame {
 }
 
 impl Record {
-    /// What there is of every output.
+    /// Reads the fields that every output has.
     fn of(rest: &mut &[u8]) -> Option<Self> {
         Some(Self {
             position: Position::from_counts(i32::from_le_bytes(take(rest)?)),

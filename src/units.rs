@@ -205,7 +205,7 @@ impl Demand {
         self.bits
     }
 
-    /// What is left of `push` against this demand.
+    /// `push` less this demand: the net force that is asked of the actuator.
     #[inline]
     #[must_use]
     pub fn against(self, push: Force) -> Self {

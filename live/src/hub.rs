@@ -50,7 +50,7 @@ const FINGER: Finger =
 /// What people can do to the virtual board behind the link, if it is one.
 pub type Virtual = Option<Arc<Wires>>;
 
-/// The time since it began, by whatever clock there is.
+/// Clock: returns the time since it was started.
 pub type Clock = Box<dyn Fn() -> Duration + Send + Sync>;
 
 /// The board's side of the program.
@@ -58,7 +58,7 @@ pub struct Hub {
     history: Mutex<History>,
     known: Mutex<Known>,
     asked: Mutex<Asked>,
-    /// The owner is there: the board may be told so.
+    /// The owner's page is there, so the board may get the `alive` command.
     pub attended: AtomicBool,
     ended: AtomicBool,
     board: Virtual,
@@ -93,7 +93,7 @@ impl Hub {
         (hub, thread)
     }
 
-    /// The same without a thread: what is said and heard moves on with each [`Talk::turn`].
+    /// A hub without a thread of its own: each [`Talk::turn`] sends and receives.
     pub fn new(
         link: Box<dyn Link>,
         board: Virtual,

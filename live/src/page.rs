@@ -31,7 +31,7 @@ pub struct Shared {
     pub scene: NamedScene,
     /// Which board it is.
     pub board: Board,
-    /// Of the device record that it is to have; none: whatever record it has.
+    /// Device of the record that the board should have; `None`: whatever record it has.
     pub device: Option<Device<'static>>,
     /// From the control's integers to SI units.
     pub scale: Scale,

@@ -24,13 +24,13 @@ pub struct Predicted {
     pub points: Vec<[f64; 2]>,
     /// Area under the boundary, N^2 s/m^2.
     pub area: f64,
-    /// The same by quiet walls, whatever the scene's criterion: none where its grid has none.
+    /// Boundary of the quiet walls, whatever the scene's criterion; empty if the grid has no quiet wall.
     pub quiet: Vec<[f64; 2]>,
     /// Their area, N^2 s/m^2.
     pub quiet_area: f64,
     /// B, lowest and highest K of the envelope that the board has.
     pub envelope: Vec<[f64; 3]>,
-    /// By how much the velocity comes late while the speed rises evenly, s.
+    /// Delay of the estimated velocity at constant acceleration, s.
     pub delay_s: Option<f64>,
     /// RMS of its error at 20 mm/s, from whole counts alone, m/s.
     pub noise_m_per_s: Option<f64>,

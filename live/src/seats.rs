@@ -4,7 +4,7 @@ use std::time::Duration;
 
 /// A page that has not answered for so long is not there: the force goes off.
 pub const ABSENT: Duration = Duration::from_secs(1);
-/// After so long it has gone, control and place with it: whatever holds its socket open is no page.
+/// After this time without an answer the page is gone, and its control with it, even if its socket is still open.
 pub const GONE: Duration = Duration::from_secs(2);
 
 /// What becomes of a request for control.

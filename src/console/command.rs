@@ -93,7 +93,7 @@ pub enum Command {
     EncoderReversed(bool),
     /// Test the board, with the force off.
     SelfTest,
-    /// The host is there, and will say so again within that time, ms; 0: it promises nothing any more.
+    /// The host is there, and sends this again within this time, ms; 0: it ends this promise.
     Alive(f64),
 }
 

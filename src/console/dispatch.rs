@@ -253,7 +253,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// What goes before the parameters of another output period is in force: now these.
+    /// Second step of a new output period: its plan is in force, so now its parameters are ordered.
     #[inline(never)] // it is not needed below `answer`
     pub(super) fn propose_next(&mut self, stored: Stored, changed: ChangedSetting) {
         if let Ok(order) = self.device.order(&stored) {

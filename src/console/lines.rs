@@ -24,7 +24,7 @@ pub struct JudgedHit {
     pub counts: RunningVariance,
     /// What wall and hand have exchanged.
     pub port: Exchanged,
-    /// What else it was judged by.
+    /// Force and wall in the window, with the criterion `quiet`.
     pub quiet: Option<QuietWindow>,
 }
 
@@ -34,7 +34,7 @@ impl JudgedHit {
     }
 }
 
-/// A hit as it is said: verdict and what it was judged by.
+/// A hit for a reply: verdict, and the values that it was judged by.
 pub struct SaidHit {
     pub hit: JudgedHit,
     pub resolution_m: f64,

@@ -119,7 +119,7 @@ impl fmt::Display for Limit {
     }
 }
 
-/// What is shown is never below the value if `inwards` is 1, never above it if it is -1.
+/// Rounds the shown number: never below the value if `inwards` is 1, never above it if it is -1.
 fn write_decimal(f: &mut fmt::Formatter<'_>, value: f64, inwards: i8) -> fmt::Result {
     if value.is_nan() {
         return f.write_str("nan");

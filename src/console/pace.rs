@@ -1,6 +1,6 @@
 //! How much of the time the host may take: what it sends waits in its channel meanwhile, nothing is refused for it.
 
-/// Lines and answers take four parts in so many of the time. At output period 1 telemetry takes half as much again.
+/// Lines and answers take at most 4 / `PARTS` of the time; telemetry at output period 1 takes half as much again.
 const PARTS: u16 = 21;
 /// No line waits longer than this for those before it, ticks: should `rest` be damaged, the board hears all the same.
 const LONGEST: u16 = 1200;

@@ -30,7 +30,7 @@ pub trait Port {
     /// Passes an order to the output task. Only one is under way, so there is room; says whether there was.
     fn order(&mut self, order: Order) -> bool;
 
-    /// Whether the loop goes by these, which the order that was answered last has put in force.
+    /// Whether the loop runs with these parameters, as the order that was answered last asked for.
     fn is_in_force(&mut self, asked: &LoopParameters) -> bool;
 
     /// The newest settings in flash, or `defaults`.

@@ -56,7 +56,7 @@ pub struct RefusedLine<'a> {
 }
 
 impl<'a> Refused<'a> {
-    /// Of that board and of a program that was built from that commit, for that reason.
+    /// Console of this board and this commit's program, on which nothing runs for the reason `why`.
     pub fn new(board: &'a str, commit: &'a str, why: &'a Unusable) -> Self {
         Self { board, commit, why, reader: LineReader::new() }
     }

@@ -33,13 +33,13 @@ pub enum Reply<'a> {
     Value(&'static str, f64, &'static str),
     /// Done, and this is now in force: name, word.
     Word(&'static str, &'a str),
-    /// How things stand, with the newest output.
+    /// State of supervisor and experiment, with the newest output.
     Status(&'a Situation, &'a Record),
     /// The settings in force, of a device with those designs.
     Settings(&'a Stored, &'a Designs<'a>),
     /// What a device has.
     Designs(&'a Designs<'a>),
-    /// There is no such design, but those.
+    /// There is no such design; the device's designs are these.
     UnknownDesign(&'a Designs<'a>),
     /// Settings were loaded, from this source.
     Loaded(Source),
@@ -53,7 +53,7 @@ pub enum Reply<'a> {
     Range(&'a SettingsError),
     /// Not these settings: the board cannot run them.
     Unfit(Unfit),
-    /// Not this wall, says the envelope of this device of this key.
+    /// The device's envelope for this key does not allow this wall.
     Outside(Outside, &'a Device<'a>, Key),
     /// The hardware failed at this.
     Failed(&'a str),
@@ -147,7 +147,7 @@ impl Reply<'_> {
     }
 }
 
-/// What both `version`s begin with: of the package and of that commit.
+/// Start of both `version` replies: the package's version and this commit.
 pub(super) struct Built<'a>(pub &'a str);
 
 impl fmt::Display for Built<'_> {

@@ -16,7 +16,7 @@ pub struct ReplyChannel {
     line: Text<{ REPLY_MAX + 1 }>,
     /// Nobody has taken it yet.
     kept: bool,
-    /// What came after it: lines that are lost, and commands that were not obeyed.
+    /// Counts since this line: lines that were lost, and commands that were not obeyed.
     lost: u32,
     ignored: u32,
     /// Passes since the last try to tell it.

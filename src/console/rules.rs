@@ -9,9 +9,9 @@ use crate::{
 /// All that decides whether a command is met.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Situation {
-    /// What the supervisor says.
+    /// Status that the supervisor reports.
     pub status: Status,
-    /// What else goes on.
+    /// Experiment that is running, if any.
     pub activity: Activity,
 }
 
@@ -20,7 +20,7 @@ pub struct Situation {
 enum Need {
     /// The force is off: neither armed nor on the way there.
     Off,
-    /// What the supervisor asks for.
+    /// The supervisor allows `arm`.
     MayArm,
     /// The full force acts.
     Armed,

@@ -15,16 +15,16 @@ pub struct Spoken {
     radius_m: f64,
 }
 
-/// What a number is, in the words of both: in a usage, behind a number, at the end of a parameter's name.
+/// A quantity, linear and rotary: its word in a usage, its unit, and the end of its parameters' names.
 struct Kind {
     typed: [&'static str; 2],
     unit: [&'static str; 2],
     suffix: [&'static str; 2],
-    /// What is said about the axis is what there is at the handle, times the radius to this power.
+    /// The value about the axis is the value at the handle times the radius to this power.
     power: i8,
 }
 
-/// A suffix comes before those that it ends with.
+/// A longer suffix stands before a shorter one that is its end.
 const KINDS: [Kind; 5] = [
     Kind {
         typed: ["N_S_PER_M", "N_M_S_PER_RAD"],
@@ -64,7 +64,7 @@ impl Spoken {
     /// Metres and newtons at the handle.
     pub const AT_HANDLE: Self = Self { radius_m: 0.0 };
 
-    /// Those of that device.
+    /// Units of this device.
     pub const fn of(device: &Device<'_>) -> Self {
         Self { radius_m: device.radius_m }
     }
@@ -73,7 +73,7 @@ impl Spoken {
         self.radius_m > 0.0
     }
 
-    /// What a number at the handle has to be multiplied by.
+    /// Factor from the value at the handle to the value about the axis.
     fn factor(self, kind: &Kind) -> f64 {
         let r = self.radius_m;
         match kind.power {
@@ -88,7 +88,7 @@ impl Spoken {
         KINDS.iter().find(|kind| self.is_rotary() && is(kind))
     }
 
-    /// A number at the handle that was typed for what `usage` names last.
+    /// Converts a typed number to the handle; its quantity is the last word of `usage`.
     pub(super) fn at_handle(self, usage: &'static str, typed: f64) -> f64 {
         let kind = self.kind(|kind| kind.name(usage).is_some());
         kind.map_or(typed, |kind| number::rounded(typed / self.factor(kind)))
@@ -111,7 +111,7 @@ impl Spoken {
         }
     }
 
-    /// The same without the unit.
+    /// The number without its unit.
     pub(super) fn bare(self, value: f64, unit: &'static str) -> Decimal {
         Decimal(self.number(value, unit).0)
     }

@@ -102,7 +102,7 @@ impl<'a> Designs<'a> {
         (1..).zip(self.words).filter_map(|(number, words)| Some((number, read(words)?)))
     }
 
-    /// Number of the design that those settings are; 0: of none.
+    /// Number of the design that equals these settings; 0: none does.
     pub fn number_of(&self, velocity: &VelocitySettings) -> u8 {
         self.iter().find(|(_, design)| design.velocity == *velocity).map_or(0, |(number, _)| number)
     }

@@ -71,7 +71,7 @@ const KEPT: usize = 8;
 // One more is another layout.
 const _: () = assert!(PARAMETERS == KEPT);
 
-/// What a board is, whatever the device on it: a record has to go with it.
+/// Properties of a board that do not depend on the device; a record must match them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoardFacts {
     /// Name of the board.
@@ -108,7 +108,7 @@ pub enum BadRecord {
     Board(Name),
     /// A name is no text.
     Name,
-    /// Flags that this layout has not, or a number where the estimator has none.
+    /// Flags that this layout does not have, or a value for a parameter that the estimator does not have.
     Unknown,
     /// Another kind of output.
     Output,
@@ -133,7 +133,7 @@ impl From<SettingsError> for BadRecord {
 /// Length of the shortest record, words.
 pub const WORDS_MIN: usize = BEFORE_TABLES + 1;
 
-/// The words of a record, and those of them that every record has.
+/// Checks a record; returns its fixed words, the words of its tables, and its hash.
 fn whole(words: &[u32]) -> Result<(&[u32; FIXED], &[u32], u32), BadRecord> {
     let Some(([head, length, ..], _)) = words.split_first_chunk::<FIXED>() else {
         return Err(BadRecord::Foreign);

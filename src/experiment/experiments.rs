@@ -36,13 +36,13 @@ pub struct Experiments {
     pushed: Force,
     duty: Duty,
     duty_plan: Doubled<DutyPlan>,
-    /// What has ended by itself, or begun; kept until it is taken.
+    /// Event of an experiment that has begun or has ended by itself; kept until it is taken.
     news: Event,
     /// Codes of the outputs in the window of the last hit.
     codes: RunningVariance,
-    /// The hit is over, and its codes come next: in one event with it every report would be longer.
+    /// The hit is over; its codes follow in an event of their own, so that no report gets longer.
     tells_codes: bool,
-    /// They, once the end of the hit is told.
+    /// Event with the codes, sent after the end of the hit was reported.
     codes_news: Event,
 }
 

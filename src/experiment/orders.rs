@@ -44,12 +44,12 @@ impl Activity {
     }
 }
 
-/// What goes by the output period beside the loop's parameters, which come after it.
+/// Values that depend on the output period, without the loop's parameters, which are ordered after them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PeriodPlan {
-    /// What the motor stands.
+    /// Thermal limits of the motor.
     pub duty: DutyPlan,
-    /// Every so many outputs one goes into the black box.
+    /// One output in this many goes into the black box.
     pub keep: u32,
 }
 

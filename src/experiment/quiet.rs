@@ -48,7 +48,7 @@ pub struct QuietWindow {
     pub force_rms_n: f64,
     /// Mean force of the wall, N.
     pub wall_force_n: f64,
-    /// The force that K alone has at the mean penetration, over that: 1 for a wall that stands, `None` where it has none.
+    /// K times the mean penetration, over `wall_force_n`: 1 if K carries the load; `None` if that force is 0.
     pub penetration_ratio: Option<f64>,
     /// K times one count, N.
     pub count_n: f64,
@@ -60,7 +60,7 @@ pub fn penetration_ratio(spring_n: f64, wall_force_n: f64) -> Option<f64> {
 }
 
 impl QuietWindow {
-    /// Its penetration is that of its force, within a tenth or a count.
+    /// Whether the mean penetration is wall force / K, within a tenth or one count.
     pub fn stands(&self) -> bool {
         let off = STANDS.max(self.count_n / libm::fabs(self.wall_force_n));
         self.penetration_ratio.is_some_and(|ratio| libm::fabs(ratio - 1.0) <= off)

@@ -29,7 +29,7 @@ use crate::{
     units::{Force, Position},
 };
 
-/// Milliseconds over which the speed is measured; outputs where those are farther apart.
+/// Span of the speed measurement: milliseconds, or outputs if they are more than 1 ms apart.
 const SPAN: usize = 8;
 /// Outputs for which the handle has to stand at the start, s.
 const REST_S: f64 = 0.02;

@@ -232,7 +232,7 @@ impl Walk {
         Step { boundary: Some(boundary), ended: Some(self.end(boundary, Ended::DampingMax)) }
     }
 
-    /// `unstable` is unstable and so was what lay above it: try the K below, while it is positive.
+    /// `unstable` and the cell above it are unstable: tries the next lower K, as long as it is positive.
     fn go_down(&mut self, unstable: Cell) -> Step {
         let below = Cell { stiffness: unstable.stiffness.saturating_sub(1), ..unstable };
         if self.plan.has_stiffness(below) {

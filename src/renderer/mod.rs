@@ -49,7 +49,7 @@ pub struct Renderer<const N: usize> {
     /// It goes on recording once it has been read out.
     release: bool,
     host: Host,
-    /// What the next report says of the last order; kept until there is room for it.
+    /// Answer to the last order; kept until a report has room for it.
     answer: Event,
 }
 
@@ -98,7 +98,7 @@ impl<const N: usize> Renderer<N> {
         self.experiments.proposal()
     }
 
-    /// What the wall answers to the motion, and to that.
+    /// The wall's answer to this motion and this proposal.
     #[inline(always)]
     pub fn answer(&self, motion: Motion, proposal: Proposal) -> Drive {
         self.parameters.render(motion, proposal.push)

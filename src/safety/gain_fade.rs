@@ -35,11 +35,11 @@ pub(super) struct GainFade {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Kept {
     wall: Wall,
-    /// The push that acted: on its way to the one that is asked for.
+    /// Push of the last output, which steps towards the one that is asked for.
     push: Force,
-    /// It is not there yet.
+    /// The push has not reached the one that is asked for.
     pushing: bool,
-    /// What the wall gives beyond what it asks for, LSB of [`Force`].
+    /// Force of the last output beyond what wall and push asked for, LSB of [`Force`]; it fades to 0.
     correction: i64,
 }
 

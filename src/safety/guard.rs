@@ -23,14 +23,14 @@ use crate::{
     velocity::Senses,
 };
 
-/// From `render` to `sample`: what the guard has to know, with nothing left to work out.
+/// Message from `render` to `sample`: all that the guard needs, already computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GuardCommand {
     /// Low 32 bits of the sample that the last finished output answered.
     pub rendered: u32,
     /// [`Guard::events`] that `clear` has dealt with.
     pub acknowledged: u32,
-    /// Another one than the last: the count is to be zeroed.
+    /// If it differs from the last one, the count has to be zeroed.
     pub zeros: Token,
     /// The force last granted, none while off: it has acted since the last sample, but for the time
     /// that the output took.
@@ -69,7 +69,7 @@ impl GuardCommand {
 pub struct SampleReport {
     /// Number, position and velocity of the sample.
     pub motion: Motion,
-    /// What is there with this very sample, or was with one before it and is not in [`Guard`] yet.
+    /// Faults present at this sample, or at an earlier one and not in [`Guard`] yet.
     pub present: FaultSet,
 }
 
@@ -228,7 +228,7 @@ impl<W: Width> GuardedSampler<W> {
         self.with_motion(Judged { found, ..judged }, moved, down)
     }
 
-    /// With what the motion itself says, and whether something was asked for.
+    /// Adds the faults of this motion (count jump, over-speed), and whether the sample is quiet: nothing asked for.
     #[inline(always)]
     fn with_motion(&self, judged: Judged, moved: i32, down: &GuardCommand) -> Judged {
         let jumped = beyond(moved, down.jump);
@@ -257,7 +257,7 @@ impl<W: Width> GuardedSampler<W> {
         waiting
     }
 
-    /// Of every other sample: takes note of what was found, or zeroes.
+    /// For each sample that is not quiet: notes what was found, or zeroes the count.
     #[inline(always)]
     pub fn settle(&mut self, judged: &Judged, down: &GuardCommand, guard: &mut Guard) -> Step {
         read_anew();
@@ -292,7 +292,7 @@ impl<W: Width> GuardedSampler<W> {
     }
 }
 
-/// What the motion of a sample itself says.
+/// Faults that are judged by the motion of one sample.
 const OF_MOTION: FaultSet = FaultSet::EMPTY.with(Fault::CountJump).with(Fault::OverSpeed);
 
 /// What follows reads its numbers from memory, so that none of them takes up a register until then.

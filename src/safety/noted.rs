@@ -1,4 +1,4 @@
-//! What the guard has noted, and what of it the output task may see.
+//! The faults that the guard has noted, and the part of them that the output task may see.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -12,7 +12,7 @@ pub struct Guard {
     pub events: u32,
     /// How often the count was zeroed; wraps.
     pub zeros: u32,
-    /// What was found first; with what the one or two samples after it found, if it had to wait.
+    /// Faults found first, with those of the next one or two samples if noting them had to wait.
     pub first: FaultSet,
     /// The sample with which it was noted, low 32 bits: that at which it was found, or up to two later.
     pub first_sample: u32,
@@ -30,7 +30,7 @@ impl Guard {
         causes: FaultSet::EMPTY,
     };
 
-    /// Something was found once more: the first of it, if what was there is dealt with.
+    /// Notes found faults; they become the first ones if the earlier faults were dealt with.
     #[inline(always)]
     pub(super) fn note(&mut self, found: FaultSet, sample: u32, dealt_with: bool) {
         if dealt_with {
@@ -52,7 +52,7 @@ impl Guard {
 #[derive(Clone, Copy, Debug)]
 pub struct GuardView {
     newest: Guard,
-    /// The sample with which it was told, low 32 bits.
+    /// Sample with which the guard reported it, low 32 bits.
     told_at: u32,
     /// [`Guard::zeros`] up to the sample that was answered last.
     zeros: u32,
@@ -68,7 +68,7 @@ impl GuardView {
         (self.newest, self.told_at) = (newest, told_at);
     }
 
-    /// What holds for the sample of that number. A zero that was carried out after it is none yet.
+    /// The guard's findings as of this sample; a zero that was carried out later does not count yet.
     #[inline(always)]
     pub fn at(&mut self, sample: u32) -> Guard {
         let mut guard = self.newest;

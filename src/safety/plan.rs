@@ -222,7 +222,7 @@ pub struct SafetyPlan {
     pub(super) slew: i32,
     /// Outputs in a millisecond, at least one.
     pub(super) per_ms: u32,
-    /// Largest allowed move in so many outputs, counts; one is for quantisation.
+    /// Largest allowed move in `per_ms` outputs, counts; one count is for quantisation.
     pub(super) moved: u32,
     /// Lowest and highest place with force, counts.
     pub(super) travel: [i32; 2],
@@ -234,7 +234,7 @@ pub struct SafetyPlan {
     pub(super) sign_quarter: u32,
     /// Force of the sign test.
     pub(super) sign_force: Force,
-    /// What it has to see, counts.
+    /// Motion that the sign test has to see, counts.
     pub(super) sign_counts: i32,
     /// Outputs that a push without motion may last.
     pub(super) push_renders: u32,

@@ -8,7 +8,7 @@ use core::hint::cold_path;
 const BLOCK: u32 = 8;
 const BLOCKS: u32 = 8;
 
-/// What came and what was due.
+/// Ticks that have passed, and ticks that were due.
 #[derive(Clone, Copy, Debug, Default)]
 struct Ticks {
     passed: u32,
@@ -34,7 +34,7 @@ impl Ticks {
 /// Compares samples with a clock of `TICKS` ticks each, over the last [`RateWatch::OUTPUTS`] outputs, each 8 outputs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RateWatch<const TICKS: u32> {
-    /// Of the last blocks, one after the other, round and round, and of them together.
+    /// Ring buffer of the last blocks; next field, their sum.
     blocks: [Ticks; BLOCKS as usize],
     last: Ticks,
     /// Blocks that are full since it began anew.
@@ -49,7 +49,7 @@ impl<const TICKS: u32> RateWatch<TICKS> {
     /// Outputs that a comparison looks back over. A rate that is wrong from some instant on is found so much later, or
     /// up to a block more.
     pub const OUTPUTS: u32 = BLOCKS * BLOCK;
-    /// Of so many ticks one may be too many or too few: 2 %.
+    /// One tick in this many may be too many or too few: 2 %.
     const PART: u32 = 50;
 
     /// Takes the ticks and the samples since the last output. `anew`: time has passed without samples, or without the

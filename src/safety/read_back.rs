@@ -25,7 +25,7 @@ pub struct Written {
 }
 
 impl Written {
-    /// Codes away from zero force, as the hardware has them.
+    /// Code relative to zero force, with the sign that the hardware puts out.
     #[inline]
     fn codes(self, zero: i32) -> i32 {
         let codes = self.command.code() - zero;

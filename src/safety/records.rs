@@ -64,9 +64,9 @@ pub struct Sensed {
     pub stop_closed: bool,
     /// The supply is above the limit of the voltage detector.
     pub supply_good: bool,
-    /// The amplifier is enabled. To be read before what may drop it.
+    /// The amplifier is enabled. Read it before the inputs that may switch it off.
     pub enabled: bool,
-    /// What the board found wrong with itself; it has dropped enable then.
+    /// Faults that the board found in itself; enable is then already off.
     pub found: FaultSet,
 }
 
@@ -142,7 +142,7 @@ pub enum Refusal {
     WallThere,
     /// A zero is under way.
     Zeroing,
-    /// An experiment is running; `stop` comes first.
+    /// An experiment is running: send `stop` first.
     Busy,
     /// It needs `unlock envelope` first.
     Locked,

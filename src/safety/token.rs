@@ -57,7 +57,7 @@ impl Token {
         Self(self.0 ^ turn.0)
     }
 
-    /// By how much it was turned.
+    /// How far this token is turned.
     #[inline(always)]
     pub(super) const fn turn(self) -> Turn {
         if self.is_turned() { Turn::HALF } else { Turn::NONE }

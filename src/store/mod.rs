@@ -64,7 +64,7 @@ const BLANK: u32 = u32::MAX;
 pub enum Source {
     /// The newest that were saved.
     Newest,
-    /// Older ones: what was saved after them is damaged, or the save was cut short.
+    /// Older settings: a later save is damaged or was cut short.
     Older,
     /// The defaults, because nothing was ever saved; another program may have left something there.
     Empty,
@@ -172,10 +172,10 @@ fn slot<F: NorFlash>(flash: &mut F, sector: Sector, slot: usize) -> Slot {
 #[derive(Clone, Copy, Default)]
 struct Content {
     newest: Option<(u32, Stored)>,
-    /// Damaged slots, and those of them behind the newest record.
+    /// Number of damaged slots; next, of those behind the newest record.
     damaged: u32,
     damaged_behind: u32,
-    /// Damaged slots that hold what once was a record.
+    /// Number of damaged slots that once held a record.
     records: u32,
     /// First slot behind everything that was ever written.
     free: usize,

@@ -132,9 +132,9 @@ const NUMBERS: usize = 17;
 pub const LAYOUT: u8 = 5;
 /// First word of a record: "ZWS" and that version.
 const HEAD: u32 = u32::from_le_bytes([b'Z', b'W', b'S', LAYOUT]);
-/// The same of layout 4, which knew no criterion but the first.
+/// First word of layout 4, which had only the criterion `rms`.
 const HEAD_4: u32 = u32::from_le_bytes(*b"ZWS\x04");
-/// The same of layout 3, which had the flags in a word of their own where the device's hash is now.
+/// First word of layout 3, which had a word of flags where the device's hash is now.
 const HEAD_3: u32 = u32::from_le_bytes(*b"ZWS\x03");
 /// The same of layout 2, which was layout 3 with 0 where the output period is, and this period.
 const HEAD_2: u32 = u32::from_le_bytes(*b"ZWS\x02");
@@ -146,7 +146,7 @@ const FLAG_BITS: u32 = 8;
 const PUSH_ONLY: u32 = 1;
 const MOTOR_REVERSED: u32 = 2;
 const ENCODER_REVERSED: u32 = 4;
-/// Those of older layouts.
+/// Mask of the flags of older layouts.
 const FLAGS_4: u32 = 7;
 const QUIET: u32 = 8;
 const FORCE_LIMIT: u32 = 16;
@@ -199,13 +199,13 @@ pub(super) fn further_of_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Furt
 }
 
 impl Stored {
-    /// Whether there is more than a record has room for: then a record of that stands before it.
+    /// Whether some settings do not fit into one record: these stand in a further record before it.
     pub(super) fn has_further(&self) -> bool {
         let of_estimator = self.settings.velocity.name().parameters()[KEPT].is_some();
         of_estimator || self.force_rms_limit_n.is_some()
     }
 
-    /// The record of that, if there is any.
+    /// The further record, if one is needed.
     pub(super) fn further_to_words(&self, sequence: u32) -> Option<[u32; RECORD_WORDS]> {
         if !self.has_further() {
             return None;
@@ -216,7 +216,7 @@ impl Stored {
         Some(checked([HEAD_FURTHER, sequence].into_iter().chain(numbers)))
     }
 
-    /// The same with that.
+    /// These settings with the values of the further record.
     #[must_use]
     pub(super) fn with_further(mut self, further: &Further) -> Self {
         let [parameters @ .., limit] = further;

@@ -29,7 +29,7 @@ pub struct Seqlock<T> {
 // SAFETY: see the module; there is one end of each kind.
 unsafe impl<T: Send> Sync for Seqlock<T> {}
 
-/// The writing end, for a task of higher priority than the reader's, of the one that `P` names.
+/// Writing end of the seqlock that `P` names, for a task of higher priority than the reader's.
 pub struct SeqlockWriter<T: 'static, P>(PhantomData<(*const T, P)>);
 
 // SAFETY: it is moved to its task once, before the task first runs; `*const T` only keeps it from being shared.
@@ -59,7 +59,7 @@ impl<T: Copy> Seqlock<T> {
 }
 
 impl<T: Copy, P: Static<Seqlock<T>>> SeqlockWriter<T, P> {
-    /// Replaces what was there. `number` is not that of the last value.
+    /// Replaces the value. `number` must differ from the last value's.
     #[inline(always)]
     pub fn write(&mut self, value: T, number: u32) {
         *self.place() = value;
@@ -75,7 +75,7 @@ impl<T: Copy, P: Static<Seqlock<T>>> SeqlockWriter<T, P> {
         unsafe { (*P::place().value.get()).assume_init_mut() }
     }
 
-    /// What is in the place is the newest value. `number` is not that of the last one.
+    /// Makes the stored value the newest one. `number` must differ from the last value's.
     #[inline(always)]
     pub fn publish(&mut self, number: u32) {
         compiler_fence(Release);

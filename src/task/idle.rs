@@ -1,4 +1,4 @@
-//! `idle`: what is left of the time.
+//! `idle`: the task that runs when no other task does.
 
 use core::sync::atomic::Ordering::Relaxed;
 

@@ -95,14 +95,14 @@ pub struct Render {
     renderer: Renderer<HISTORY>,
     /// Number of the last order that was met.
     met: u32,
-    /// What was found wrong after the last output that was checked, and the sample of that one.
+    /// Faults found after the last checked output, and that output's sample.
     found: FaultSet,
     checked: u32,
     /// Whether it was the numbers' turn.
     numbers_next: bool,
-    /// What the last output has put out; none: it was off.
+    /// Code that the last output wrote; `None`: it was off.
     written: Option<Written>,
-    /// The checks of what acts, and what they keep from output to output.
+    /// Checks of the output voltage and of the motor's current, and their state.
     acts: Doubled<(Option<OutputWatch>, Option<CurrentWatch>)>,
     misses: u8,
     mean: i32,
@@ -165,7 +165,7 @@ impl Render {
         board::request_link();
     }
 
-    /// Has the registers of what acts read while the output is made, and says what they should tell.
+    /// Starts the read-back while the output is computed; returns the code that it should find.
     #[inline(always)]
     fn begin_read_back(&mut self) -> Option<Written> {
         self.outputs.read_back.begin();

@@ -67,7 +67,7 @@ pub struct Key {
 }
 
 impl Key {
-    /// Of that state, which `estimator` has left.
+    /// Key of this state, which `estimator` has left; `None` if its memory does not fit.
     pub fn of(
         (sample, zeros): (u64, u16),
         state: &State,
@@ -347,7 +347,7 @@ impl<'a> Parts<'a> {
             .map_or(Force::ZERO, |bits| Force::saturating_from_bits(i32::from_le_bytes(*bits)))
     }
 
-    /// Settings that it tells. None in place of those of an estimator that this build does not have.
+    /// Settings in the frame; `None` for each whose estimator this build does not have.
     pub fn settings(self) -> impl Iterator<Item = Option<InForce>> + use<'a> {
         self.all().filter(|(kind, _)| *kind == kind::SETTINGS).map(|(_, part)| settings(part))
     }

@@ -68,7 +68,7 @@ impl BiquadDesign {
         Self::section(frequency_hz, damping, lead_s, zero, rate_hz, 0.5)
     }
 
-    /// The same behind what is late by so many samples, which the lead makes good.
+    /// As [`new`](Self::new), behind a delay of `late` samples, which the lead also makes up for.
     fn section(
         frequency_hz: f64,
         damping: f64,

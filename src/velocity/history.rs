@@ -18,7 +18,7 @@ pub(super) type History = Ring<LENGTH>;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ring<const LENGTH: usize> {
     differences: [i16; LENGTH],
-    /// Of all of them.
+    /// Sum of all differences in `differences`, to find a flipped bit.
     sum: u32,
     /// Place of the newest one.
     newest: u8,

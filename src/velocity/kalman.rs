@@ -41,11 +41,11 @@ use crate::{
 /// Gains as real numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KalmanDesign {
-    /// Of the position, without a unit.
+    /// Gain of the position, without a unit.
     pub alpha: f64,
-    /// Of the velocity, per sample.
+    /// Gain of the velocity, per sample.
     pub beta: f64,
-    /// Of the acceleration, per sample^2; 0 with two states.
+    /// Gain of the acceleration, per sample^2; 0 with two states.
     pub gamma: f64,
 }
 
@@ -104,11 +104,11 @@ fn noise_m(design: &Design) -> f64 {
 
 /// Fractional bits of position and velocity.
 const FRACTION_BITS: u32 = 32;
-/// Of these, those that the output has not.
+/// Fractional bits that the output does not have.
 const DROPPED_BITS: u32 = FRACTION_BITS - Velocity::FRACTION_BITS;
 /// Further fractional bits of the acceleration, which small gains change little.
 const ACCELERATION_BITS: u32 = 12;
-/// The same as a factor.
+/// Factor of these further bits.
 const GAMMA: f64 = (1u32 << ACCELERATION_BITS) as f64;
 /// Largest distance from the count: more than the smallest gains leave of a stop from full speed.
 const DISTANCE_MAX: i64 = 1 << (28 + FRACTION_BITS);

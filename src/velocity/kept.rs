@@ -40,10 +40,10 @@ pub(super) trait Kept: Sized {
     /// The same from the first bytes of `rest`, which goes on behind them.
     fn take(rest: &mut &[u8]) -> Option<Self>;
 
-    /// Of its words, in a few cycles.
+    /// Sum of its words modulo 2^32, in a few cycles.
     fn sum(&self) -> u32;
 
-    /// Whether what the sum does not look at is as it was put.
+    /// Whether the part that the sum does not cover is unchanged.
     fn is_whole(&self) -> bool {
         true
     }

@@ -210,7 +210,7 @@ impl Estimator {
     }
 }
 
-/// An estimator's form, and a number that its next tuning does not share: one comparison finds both out.
+/// An estimator's form, and a number that changes with each tuning: one comparison finds a change of either.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Tuning(u16);
 
@@ -250,7 +250,7 @@ impl Tuned {
         Self { tuning, ..self }
     }
 
-    /// Another number than that of the tuning before.
+    /// Number of this tuning; differs from the number of the tuning before.
     pub const fn number(&self) -> u16 {
         self.tuning.0
     }
@@ -300,15 +300,15 @@ impl core::ops::Deref for Tuned {
     }
 }
 
-/// What the samples so far left behind, but for the position of the last one.
+/// The estimator's state after the samples so far, without the last position.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Running {
-    /// Of the estimator that has run.
+    /// Tuning of the estimator that has run.
     tuning: Tuning,
-    /// Of the last sample.
+    /// Velocity at the last sample.
     velocity: Velocity,
     memory: Memory,
-    /// What the sum of tuning and memory has to be.
+    /// Expected sum of tuning and memory.
     seal: u32,
 }
 

@@ -62,13 +62,13 @@ impl EstimatorName {
         RETIRED.iter().find(|(number, ..)| *number == id).map(|(.., other)| *other)
     }
 
-    /// The same of that name.
+    /// Name of the estimator that replaces the one with this name, if there once was one.
     pub fn replacing(text: &str) -> Option<&'static str> {
         let named = |(_, name, _): &&(u32, &str, &str)| text.eq_ignore_ascii_case(name);
         RETIRED.iter().find(named).map(|(.., other)| *other)
     }
 
-    /// What it needs that is not among those `senses`.
+    /// Sense that this estimator needs and that is not in `senses`.
     pub fn missing(self, senses: &[Sense]) -> Option<Sense> {
         self.sense().filter(|needed| !senses.contains(needed))
     }

@@ -31,7 +31,7 @@ impl Parameter {
 /// Most parameters of an estimator.
 pub const PARAMETERS: usize = 8;
 
-/// Those of one estimator by their places, 0 where there is none.
+/// Parameters of one estimator by place; 0 where there is none.
 pub type Numbers = [f64; PARAMETERS];
 
 /// Those numbers by their places.
@@ -56,7 +56,7 @@ impl Number for f64 {
 }
 
 impl Number for u32 {
-    /// What is no whole number, or beyond `u32`, becomes 0 and is refused as such.
+    /// A number that is not whole or is outside `u32` becomes 0, which the range check refuses.
     fn of(number: f64) -> Self {
         if number >= 0.0 && number <= f64::from(u32::MAX) && libm::trunc(number) == number {
             #[expect(

@@ -204,7 +204,7 @@ macro_rules! estimators {
                 Some(memory)
             }
 
-            /// Of what `estimator` remembers.
+            /// Sum of the memory of `estimator`.
             #[inline(always)]
             pub(super) fn sum(&self, estimator: &Estimator) -> u32 {
                 match estimator {
@@ -215,7 +215,7 @@ macro_rules! estimators {
                 }
             }
 
-            /// Whether what of it the sum does not look at is as it was put.
+            /// Whether the part of that memory that the sum does not cover is unchanged.
             #[inline(always)]
             pub(super) fn is_whole(&self, estimator: &Estimator) -> bool {
                 match estimator {

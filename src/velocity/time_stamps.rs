@@ -112,7 +112,7 @@ impl TimeStamps {
     }
 }
 
-/// Of no use without the times of the edges, which nobody is told: it cannot be had from bytes.
+/// Cannot be restored from bytes: it needs the times of the edges, and telemetry does not have them.
 impl Kept for TimeStampsState {
     fn put(&self, _: &mut Bytes<'_>) {}
 

@@ -55,7 +55,7 @@ pub struct TrackingLoop {
     pub kp: f64,
     /// Gain from error to velocity, per sample.
     pub ki: f64,
-    /// Samples by which the velocity is led, by its last change: 0 but for [`TrackingLoop::led`].
+    /// Samples by which the output leads, from its last change; 0 except with [`TrackingLoop::led`].
     pub lead: f64,
     bandwidth_per_rate: f64,
 }

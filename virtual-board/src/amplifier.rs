@@ -98,14 +98,14 @@ impl Amplifier {
         sum as f64 / (cycle - from) as f64 / self.full_scale()
     }
 
-    /// What it added up to, up to `cycle`: for [`go_on`](Self::go_on).
+    /// Sum up to `cycle`, to be given to [`go_on`](Self::go_on) later.
     pub(crate) fn pause(&self, cycle: u64) -> i64 {
         let mut state = self.state();
         state.accumulate(cycle);
         state.sum
     }
 
-    /// Goes on from that sum at `cycle`: what came in between has moved nothing.
+    /// Continues at `cycle` with this sum: input since [`pause`](Self::pause) does not count.
     pub(crate) fn go_on(&self, cycle: u64, sum: i64) {
         let mut state = self.state();
         state.accumulate(cycle);

@@ -23,7 +23,7 @@ pub struct Elf {
     pub sections: Vec<(String, u32, u32)>,
 }
 
-/// What the name of the static has in it where `sample` keeps what it has between two samples.
+/// Part of the symbol name of the static in which `sample` keeps its data between two samples.
 pub const SAMPLE_STATE: &str = "task6sample5PLACE";
 
 impl Elf {

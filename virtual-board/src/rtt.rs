@@ -155,7 +155,7 @@ impl Block {
 /// A channel's buffer at one moment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ring {
-    /// Of its part of the control block.
+    /// Address of its part of the control block.
     at: u32,
     /// Address of the buffer.
     buffer: u32,

@@ -56,7 +56,7 @@ impl From<String> for Failed {
 pub struct BoardHit {
     /// Line that the firmware said.
     pub line: String,
-    /// What it was judged to be.
+    /// Verdict on the hit.
     pub verdict: Verdict,
     /// RMS of the position about its mean, m.
     pub rms_m: f64,
@@ -98,7 +98,7 @@ pub struct BoardPush {
     /// Line that the firmware said.
     pub line: String,
     pub push_n: f64,
-    /// What the wall was judged to be at it.
+    /// Verdict on the wall at this push.
     pub verdict: Verdict,
     /// RMS of the position about its mean, m.
     pub rms_m: f64,
@@ -109,7 +109,7 @@ pub struct BoardPush {
 }
 
 impl BoardPush {
-    /// What begins the line of one.
+    /// Start of the line of a push.
     const HEAD: &'static str = "hit push ";
 
     fn read(line: &str, units: Units) -> Result<Self, Failed> {

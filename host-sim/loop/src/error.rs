@@ -86,7 +86,7 @@ impl std::error::Error for Error {
 
 /// Most characters of a message.
 const LONGEST: usize = 1000;
-/// Of a longer one, those that are kept at its end, where the allowed values stand.
+/// Characters that a cut message keeps at its end, where the allowed values stand.
 const TAIL: usize = 300;
 
 /// A text as one printable line of at most about a thousand characters: control characters escaped, the middle of a

@@ -85,10 +85,10 @@ const FILES: [&str; 10] = [
 #[derive(Serialize)]
 struct Json<'a> {
     scene: &'a str,
-    /// Of the wall at which force is compared.
+    /// Damping and stiffness of the wall at which the force is compared.
     damping_n_s_per_m: f64,
     stiffness_n_per_m: f64,
-    /// Those at which the impedance is.
+    /// Walls at which the impedance is compared.
     walls: [Wall; 3],
     /// Mean area of the true velocity.
     true_velocity_area_n2_s_per_m2: f64,

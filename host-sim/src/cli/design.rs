@@ -94,7 +94,7 @@ struct Json<'a> {
     scene: &'a str,
     filters: Vec<FilterRow>,
     conditions: Vec<ConditionRow>,
-    /// Of the wall at which roughness is measured.
+    /// Stiffness and damping of the wall at which roughness is measured.
     stiffness_n_per_m: f64,
     damping_n_s_per_m: f64,
     tried: usize,

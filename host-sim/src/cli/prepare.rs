@@ -78,7 +78,7 @@ struct Json {
     heaviest_damping_n_s_per_m: f64,
     /// The most that a contact gives with the passivity controller; null: there is none.
     passivity_reserve_j: Option<f64>,
-    /// What full force gives the free handle until a fault is off.
+    /// Speed and travel that full force gives the free handle before a fault switches the force off.
     fault_speed_m_per_s: f64,
     fault_travel_m: f64,
     /// At rest and at full command, parts of the analogue supply; null: not read.
@@ -216,7 +216,7 @@ struct Said<'a> {
 }
 
 impl Said<'_> {
-    /// What the free handle moves by in the sign test, counts.
+    /// Motion of the free handle in the sign test, counts.
     fn sign_test_counts(&self) -> f64 {
         let Device { safety, design, .. } = &self.device;
         self.scene.sign_test_m(safety.sign_test_force) / design.resolution_m

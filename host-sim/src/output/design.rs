@@ -33,7 +33,7 @@ pub struct VelocityKeys {
     second: Option<SecondKeys>,
 }
 
-/// Those of a second section.
+/// Keys of a second section.
 #[derive(Clone, Debug, Serialize)]
 struct SecondKeys {
     second_ratio: f64,
@@ -75,11 +75,11 @@ pub struct FilterRow {
     area_n2_s_per_m2: f64,
     area_low_n2_s_per_m2: f64,
     area_high_n2_s_per_m2: f64,
-    /// The same over that of a Butterworth low-pass at its best cutoff there.
+    /// Mean area over that of a Butterworth low-pass at its best cutoff there.
     times_butterworth: f64,
     worst_condition: String,
     gain_peak_db: f64,
-    /// Of a slow motion; negative: the velocity is ahead.
+    /// Delay of a slow motion's velocity; negative: the velocity is ahead.
     delay_s: f64,
     roughness_n: Option<f64>,
     mistuned_share: f64,

@@ -68,7 +68,7 @@ struct Folder {
     /// Every file that a result may have.
     possible: Vec<String>,
     manifest: Place,
-    /// What the manifest says, and the tables that say it too.
+    /// Text of the manifest, and the tables in which it stands too.
     told: String,
     tables: Vec<Place>,
 }

@@ -18,7 +18,7 @@ const HEADER_WITH_IMPEDANCE: &str =
     "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m,verdict,rms_m,impedance_error\n";
 const OUT_OF_RANGE: &str = "out_of_range";
 
-/// How many walls came to what.
+/// Number of walls with each result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
     pub stable: u64,

@@ -23,12 +23,12 @@ const AREA: &str = "area_n2_s_per_m2";
 pub struct Columns {
     /// First line of the table.
     pub header: String,
-    /// What the numbers of a column are multiplied by.
+    /// Factor of each column's numbers; `None`: unchanged.
     factors: Vec<Option<f64>>,
 }
 
 impl Columns {
-    /// Those of a table with that first line.
+    /// Columns of a table with this first line.
     pub fn new(units: Units, header: &str) -> Self {
         let column = |name: &str| match units.key(if AREAS.contains(&name) { AREA } else { name }) {
             Some((_, factor)) if AREAS.contains(&name) => (name.to_owned(), Some(factor)),
@@ -76,7 +76,7 @@ pub fn csv(units: Units, table: String) -> String {
     text
 }
 
-/// What is written as JSON in those units.
+/// A value that is written as JSON in these units.
 #[derive(Clone, Copy, Debug)]
 pub struct InUnits<T>(pub Units, pub T);
 

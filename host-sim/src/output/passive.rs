@@ -28,7 +28,7 @@ pub struct PassiveArea {
     capped_walks: usize,
     /// Hits at the boundary without the controller.
     at_boundary_without: Hits,
-    /// At that with it.
+    /// Hits at the boundary found with the controller; `None` if it is off.
     at_boundary_with: Option<Hits>,
 }
 

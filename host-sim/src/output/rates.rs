@@ -39,7 +39,7 @@ fn rates(scene: &Scene) -> [f64; 2] {
     [encoder_hz, encoder_hz / f64::from(scene.actuator.period)]
 }
 
-/// Those of all loops, ascending, each once.
+/// Rates of all loops, ascending, each once.
 fn axis(study: &LeverStudy, which: usize) -> Vec<f64> {
     let all: Vec<f64> =
         study.question.levers.iter().map(|lever| rates(&lever.scene)[which]).collect();

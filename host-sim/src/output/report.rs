@@ -45,7 +45,7 @@ pub struct Report {
     pub answer: Option<String>,
     /// Figures in the order in which they are shown.
     pub figures: Vec<ReportFigure>,
-    /// What its tables speak.
+    /// Units of its tables.
     pub units: Units,
     /// One row per cutoff.
     pub areas: Vec<AreaPoint>,

@@ -27,7 +27,7 @@ use crate::{
     },
 };
 
-/// What the study is of.
+/// File that describes the study.
 const HEAD: &str = "study.json";
 /// Which parts are whole.
 const MANIFEST: &str = "manifest.jsonl";

@@ -18,7 +18,7 @@ pub enum Cell {
     Number(f64),
     Whole(u64),
     Text(Cow<'static, str>),
-    /// A text in quotes whatever it has: a sentence, which has a comma here and none there.
+    /// A text that is always quoted, such as a sentence, which may have commas.
     Quoted(Cow<'static, str>),
     Flag(bool),
 }

@@ -46,7 +46,7 @@ impl Buffer {
         Self::word(self.channel, 4)
     }
 
-    /// Clears so many bytes from there on: what was read once is no command any more, should a bit of the block flip.
+    /// Clears these bytes: a command that was read must not be read again if a bit of the block flips.
     pub(in crate::board) fn clear(&self, from: u32, count: usize) {
         let Some(&size) = SIZES.get(self.channel) else { return };
         for at in (from..).take(count) {
@@ -57,7 +57,7 @@ impl Buffer {
         }
     }
 
-    /// The control block still says so.
+    /// Whether the control block still has this buffer's address and size.
     #[inline]
     pub(in crate::board) fn holds(&self) -> bool {
         let size = SIZES.get(self.channel).copied();

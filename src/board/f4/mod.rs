@@ -133,7 +133,7 @@ pub struct Chip {
     link: rtt::Channels,
 }
 
-/// What the board's own file made.
+/// Parts that the board's own file has set up.
 pub struct Wires<W: Wiring> {
     /// Force output, at zero force.
     pub force: W::Force,

@@ -54,7 +54,7 @@ const OVERFLOWN: u32 = 1;
 pub struct OutputWatchdog {
     timer: pac::TIM8,
     rate: RateWatch<{ TICK_HZ / RATE_HZ }>,
-    /// Of the last output.
+    /// Number of the last output's sample.
     sample: u32,
 }
 

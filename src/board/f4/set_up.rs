@@ -107,7 +107,7 @@ fn sum() -> u32 {
     sum
 }
 
-/// What they folded to when all was set up.
+/// Checksums of these registers right after set-up.
 pub struct SetUp {
     expected: Option<u32>,
     channels: Option<u32>,

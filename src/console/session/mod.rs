@@ -32,7 +32,7 @@ use stream::Stream;
 /// Bytes that one pass takes at most: the whole channel.
 const BYTES_A_PASS: usize = 256;
 
-/// What an answer is awaited for.
+/// Purpose of the order whose answer is awaited.
 #[allow(
     clippy::large_enum_variant,
     reason = "there is one, and no heap; large on a 64-bit host only"
@@ -41,7 +41,7 @@ const BYTES_A_PASS: usize = 256;
 pub(super) enum Awaited {
     /// A command whose reply is its name.
     Done(&'static str),
-    /// What comes before settings of another output period: these.
+    /// Plan of a new output period; these settings are ordered after it.
     Period(Stored, ChangedSetting),
     /// New settings: what to keep and how to reply.
     Settings(Stored, ChangedSetting),
@@ -72,15 +72,15 @@ pub(super) enum ChangedSetting {
 pub struct Console<P> {
     pub(super) port: P,
     pub(super) device: &'static Device<'static>,
-    /// As it was at the beginning: what decides a force is made of it with every order.
+    /// Copy from the start, to find a changed bit: every order is made from the device.
     device_then: Device<'static>,
     pub(super) replies: ReplyChannel,
     reader: LineReader<LINE_MAX>,
     pub(super) stored: Doubled<Stored>,
-    /// Number of the design that they are; 0: of none.
+    /// Number of the design that the stored settings equal; 0: none.
     pub(super) design: u8,
     awaited: Option<Awaited>,
-    /// The newest output, and how things stood at it; of a series the console alone knows.
+    /// Newest output and the state at it; a running series is not in it, only the console knows of that.
     pub(super) latest: Option<(Situation, Record)>,
     series: Option<HitSeries>,
     /// A hit that is over, and by `quiet` waits for its codes.
@@ -126,7 +126,7 @@ impl<P: Port> Console<P> {
         console
     }
 
-    /// What it has of the board.
+    /// The console's access to the board.
     pub fn port(&mut self) -> &mut P {
         &mut self.port
     }
@@ -241,7 +241,7 @@ impl<P: Port> Console<P> {
         })
     }
 
-    /// Says why not, and of a wall outside the envelope what is allowed.
+    /// Replies with the reason; for a wall outside the envelope also with the allowed range.
     #[inline(never)] // its texts and keys do not belong on the stack of a command that is obeyed
     pub(super) fn refuse(&mut self, refusal: Refusal) {
         let stored = *self.stored;
@@ -273,7 +273,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Whether what orders are made of is what was taken.
+    /// Whether settings and device, from which orders are made, are unchanged.
     fn is_whole(&self) -> bool {
         self.stored.is_whole() && self.device_then == *self.device
     }

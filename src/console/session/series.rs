@@ -35,7 +35,7 @@ pub struct HitSeries {
     next: Next,
     /// Place of the next push among [`PUSHES`].
     push: usize,
-    /// Of the pushes at this wall so far the one whose force moved most.
+    /// The push at this wall with the largest force RMS so far.
     loudest: Option<JudgedHit>,
 }
 
@@ -44,12 +44,12 @@ impl HitSeries {
         Self { walk, totals: WalkTotals::default(), next, push: 0, loudest: None }
     }
 
-    /// What goes on meanwhile.
+    /// Activity to report while the series runs.
     pub(super) const fn activity(&self) -> Activity {
         if self.walk.is_some() { Activity::Walk } else { Activity::Pushes }
     }
 
-    /// Those settings with the wall of the walk's cell, and the push that is next.
+    /// `stored` with the wall of the walk's present cell and the next push.
     #[inline(never)] // as `judged`
     fn settings(&self, mut stored: Stored) -> Stored {
         if let Some(walk) = &self.walk {

@@ -17,7 +17,7 @@ use crate::{
 /// Longest time between two keys, samples: 100 ms.
 const KEY_EVERY: u64 = 100 * SAMPLES_PER_MS as u64;
 
-/// What is streamed, and how far.
+/// State of the telemetry stream.
 #[derive(Clone)]
 pub(in crate::console) struct Stream {
     pub(in crate::console) on: bool,
@@ -29,16 +29,16 @@ pub(in crate::console) struct Stream {
     /// What wall and hand have exchanged up to the newest of them.
     port: Exchanged,
     count: usize,
-    /// The last sample whose count was told.
+    /// Last sample whose count was sent.
     told: Option<u64>,
-    /// The last key that was told.
+    /// Values at the last key that was sent.
     key: Option<Mark>,
     /// Settings that were accepted last, and those that an order is under way for.
     accepted: Option<Chosen>,
     proposed: Option<Chosen>,
 }
 
-/// What makes another key necessary when it changes.
+/// Values at a key; a change of one of them needs a new key.
 #[derive(Clone, Copy)]
 struct Mark {
     sample: u64,
@@ -75,7 +75,7 @@ impl Stream {
         }
     }
 
-    /// An order for those settings is under way: the output task will number them so, and put them in force so.
+    /// An order for these settings is under way: predicts their number and tuning in the output task.
     pub(super) fn propose(&mut self, design: Design, stored: &Stored, parameters: &LoopParameters) {
         self.proposed = self.accepted.map(|Chosen { in_force, tuned }| Chosen {
             in_force: InForce {
@@ -102,7 +102,7 @@ impl Stream {
 }
 
 impl<P: Port> Console<P> {
-    /// Telemetry, if it is on. A full channel drops it, and its number with it.
+    /// Sends telemetry, if it is on. A full channel drops the frame; its sequence number is then missing.
     pub(super) fn stream(&mut self, report: &Report) {
         let Report { streamed: mut record, push, port, .. } = *report;
         if !self.stream.on {

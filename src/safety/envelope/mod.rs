@@ -23,7 +23,7 @@ pub struct Point {
     pub stiffness_high_n_per_m: f64,
 }
 
-/// What a boundary holds for.
+/// Estimator, cutoff, period and design for which a boundary holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Key {
     /// Estimator that it holds for.
@@ -40,7 +40,7 @@ pub struct Key {
 /// The boundary for one key, to make a table of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Boundary<'a> {
-    /// What it holds for.
+    /// Key for which it holds.
     pub key: Key,
     /// Points by rising B.
     pub points: &'a [Point],
@@ -153,12 +153,12 @@ impl<'a> Envelope<'a> {
         }
     }
 
-    /// What is known, and where.
+    /// All boundaries: each key with its points.
     pub fn boundaries(&self) -> impl Iterator<Item = (Key, impl Iterator<Item = Point> + 'a)> {
         self.tables().map(|(key, rows)| (key, rows.points()))
     }
 
-    /// What is known beside `key`, of the same output period.
+    /// Keys of the boundaries with the output period of `key`.
     pub fn beside(&self, key: &Key) -> impl Iterator<Item = Key> {
         let period = key.period;
         self.tables().map(|(key, _)| key).filter(move |known| known.period == period)

@@ -22,7 +22,7 @@ use crate::{
     units::{Demand, Force, Position},
 };
 
-/// What an experiment asks for. What of it acts is for the [`Supervisor`] to say.
+/// Request of an experiment. The [`Supervisor`] decides which part of it acts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Proposal {
     /// Force into the wall.
@@ -155,7 +155,7 @@ impl Supervisor {
         Rendered { grant, record }
     }
 
-    /// Books what the wall gives from the last output on. To be called once that is out.
+    /// Books the wall's force from the last output on. Call it after that output is written.
     #[inline]
     pub fn book(&mut self) {
         let acts = matches!(*self.state, State::RampIn | State::Armed);
@@ -194,7 +194,7 @@ impl Supervisor {
         }
     }
 
-    /// Whether what decides a force is as it was put here. To be asked after each output.
+    /// Whether the values that decide about the force are unchanged in memory. Call it after each output.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.state.is_whole()
@@ -222,7 +222,7 @@ impl Supervisor {
         self.memory.take()
     }
 
-    /// The first fault is kept, later ones are noted. One that is there with the force on is none: a bit has become it.
+    /// Keeps the first fault, notes later ones. A kept one with the force on is no fault but a flipped bit: replaced.
     #[inline]
     fn trip(&mut self, record: Option<FaultRecord>) {
         let Some(record) = record else {
@@ -374,7 +374,7 @@ impl Supervisor {
         Demand::from_bits(force).saturate().0
     }
 
-    /// That force as far as the wall's passivity controller grants it, if there is one: between it and the push.
+    /// `force` as limited by the wall's passivity controller, if there is one: between `force` and `push`.
     #[inline]
     fn within_port(&mut self, force: Force, push: Force, at: (bool, Position)) -> Force {
         self.withheld = false;

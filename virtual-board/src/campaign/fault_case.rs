@@ -43,7 +43,7 @@ pub struct FaultCase {
     pub limit_us: f64,
     /// The program stands still for so long, and cannot write a code meanwhile.
     pub halted_us: f64,
-    /// What the handle does then.
+    /// State of board and handle when the fault begins.
     pub before: Before,
     /// Brings it about; returns the cycle at which it began.
     pub begin: Begin,
@@ -81,7 +81,7 @@ pub const WATCHDOG_US: f64 = 51_000.0;
 /// Without the processor: the output watchdog (contract.rs), and the world's grid.
 pub const OUTPUT_WATCHDOG_US: f64 = zwidth::period::OUTPUT_WATCHDOG_US as f64 + GRID_US;
 
-/// What most of them are.
+/// Default values, which most cases share.
 pub(super) const PLAIN: FaultCase = FaultCase {
     name: "",
     code: 0,

@@ -1,4 +1,4 @@
-//! What stands in RAM is another.
+//! Faults in which a value in RAM is changed.
 
 use super::{
     place::{flip_word, words_of},

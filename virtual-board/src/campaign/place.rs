@@ -10,11 +10,11 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Region {
-    /// What `sample` has between two samples.
+    /// Data that `sample` keeps between two samples.
     Sample,
-    /// The same of `render`, less what only telemetry and black box read.
+    /// Data that `render` keeps between two outputs, without those that only telemetry and black box read.
     Render,
-    /// What goes between the tasks.
+    /// Data that the tasks exchange.
     Between,
     /// Statics of console, logger and RTT.
     Link,
@@ -128,7 +128,7 @@ const IWDG_OPEN: u32 = 0x5555;
 const RAM_END: u32 = 0x2002_0000;
 const AIRCR: u32 = 0xE000_ED0C;
 const AIRCR_KEY: u32 = 0x05FA_0000;
-/// From a register that sets to the one that clears.
+/// Address offset from a set register of the NVIC to its clear register.
 const NVIC_CLEARS: u32 = 0x80;
 
 impl Places {

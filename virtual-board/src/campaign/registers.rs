@@ -34,7 +34,7 @@ pub struct RegisterRow {
     pub address: u32,
     /// What happens to it.
     pub change: Change,
-    /// The program lives to say 43.
+    /// The program still runs and reports fault 43, `registers`.
     pub says: bool,
 }
 

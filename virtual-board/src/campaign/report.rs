@@ -127,7 +127,7 @@ struct PartJson {
     wrong: [f64; 3],
     /// The longest time of a wrong force, s.
     wrong_s: f64,
-    /// What the handle gets by it, m/s.
+    /// Largest speed that the wrong force gives the handle, m/s.
     speed_m_per_s: f64,
     /// The longest time from a flip to off, s.
     off_s: f64,
@@ -357,7 +357,7 @@ impl RegionJson {
         Self { board: board.name, region, flips, counts, off_late, unnoticed }
     }
 
-    /// What there is too much of.
+    /// Describes which shares are above their limits; `None` if none is.
     fn wrong(&self) -> Option<String> {
         let much =
             |[share, low, _]: [f64; 3], most| (if self.flips < MANY { low } else { share }) > most;

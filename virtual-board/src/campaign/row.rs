@@ -23,9 +23,9 @@ pub struct Row {
     pub never: [Option<&'static str>; 2],
     /// The force is off before.
     pub from_off: bool,
-    /// What it is done to is there in free motion only.
+    /// The fault is injected in free motion only, since its target does not exist in contact.
     pub only_free: bool,
-    /// With the whole force there is none.
+    /// The fault is not injected at the full force.
     pub not_full: bool,
     /// In place of `begin`: damages what is kept, over and over, from off.
     pub keeps: Option<Keeps>,
@@ -56,12 +56,12 @@ impl Row {
         Self { from_off: true, keeps: Some(keeps), ..Self::of(name, SOON_S, begin) }
     }
 
-    /// There is none in contact.
+    /// Marks a row that is not run in contact.
     pub fn only_free(self) -> Self {
         Self { only_free: true, ..self }
     }
 
-    /// There is none with the whole force, to which it would add.
+    /// Marks a row that is not run at the full force, because its fault would add to it.
     pub fn not_full(self) -> Self {
         Self { not_full: true, ..self }
     }
@@ -83,7 +83,7 @@ impl Row {
         self.never[usize::from(!situation.is_free())]
     }
 
-    /// Whether it is done there: with the whole force what has to be off soon.
+    /// Whether the row is run in this situation; at the full force only rows that have to be off soon.
     pub fn is_in(&self, situation: Situation) -> bool {
         let soon = self.limit_s <= SOON_S + GRID_S && self.never[0].is_none();
         match situation {

@@ -100,7 +100,7 @@ pub struct Measure {
     /// s until it has to be off: since the fault if it is known when the force began to be wrong (a row), else since
     /// the force is wrong or old.
     pub allowed_s: f64,
-    /// All force since the fault counts.
+    /// All force since the fault counts as wrong, even where it is still right.
     pub from_fault: bool,
     /// Nobody holds the handle.
     pub free: bool,
@@ -108,11 +108,11 @@ pub struct Measure {
     pub full_m_per_s2: f64,
 }
 
-/// Differences of the force that are none: of the grid, part of full scale.
+/// Largest difference of the force that counts as none, because of the sample grid; part of full scale.
 const SAME: f64 = 0.01;
-/// Those that are small.
+/// Largest difference of the force that counts as small, part of full scale.
 const SMALL: f64 = 0.05;
-/// Longest time of a larger one that is bounded, s.
+/// Longest time with a larger difference that still counts as bounded, s.
 pub(super) const SHORT_S: f64 = 2e-3;
 /// A force is old after so many samples: an output period, a sample, and the time of `render`.
 const OLD: u64 = 12;
@@ -124,13 +124,13 @@ const SAMPLE_S: f64 = 1e-4;
 /// Most that the handle may gain, over its speed at the fault, if it is off within [`SOON_S`], m/s.
 const GAIN_MOST_M_PER_S: f64 = 0.1;
 
-/// Samples after off, for the board to say why, and at most so many until it does.
+/// Samples watched after off: at least, and at most while the board has not reported its fault.
 const AFTER: u64 = 60;
 const TOLD: u64 = 2_000;
 /// Those after off of a program that has become another: an output, and the output watchdog.
 const AFTER_FROM_MEMORY: u64 = 30;
 
-/// Whether the last 10 ms of the force are those.
+/// Whether the force of the last 10 ms equals `right`.
 fn is_right(world: &World<'_>, right: &[Seen]) -> bool {
     let seen = world.seen.as_deref().unwrap_or_default();
     let last = seen.iter().zip(right).skip(seen.len().saturating_sub(100));
@@ -138,7 +138,7 @@ fn is_right(world: &World<'_>, right: &[Seen]) -> bool {
         && last.into_iter().all(|(now, right)| (now.force - right.force).abs() <= SAME)
 }
 
-/// The fault in the backup RAM, but for what every reset would be.
+/// Fault code in the backup RAM; `None` for a reset while armed, which any reset would leave there.
 fn kept_code(world: &mut World<'_>) -> Option<u8> {
     let words = std::array::from_fn(|n| {
         world.powered.mcu.peek(BACKUP + 4 * u32::try_from(n).unwrap_or_default())

@@ -89,7 +89,7 @@ impl CoreBoard {
         Ok(board)
     }
 
-    /// Held at the scene's 0, zeroed there and let go; what it says meanwhile nobody hears.
+    /// Holds the handle at the scene's 0, zeroes the count, lets go; the board's output until then is discarded.
     fn zero(&mut self) {
         for n in 0..HELD_SAMPLES {
             self.sample();
@@ -102,7 +102,7 @@ impl CoreBoard {
         self.program.telemetry().clear();
     }
 
-    /// A millisecond on the board; `speed` for those who look: seconds there for each second here.
+    /// Runs the board for 1 ms; `speed`, only shown, is simulated seconds per real second.
     pub fn millisecond(&mut self, speed: f64) {
         self.finger = self.wires.finger();
         let wanted = self.wires.is_stop_open();

@@ -21,9 +21,9 @@ pub struct Bench {
     pub brown_out_reset: AtomicU32,
     /// The watchdog's oscillator, Hz; 0: it stands still.
     pub oscillator_hz: AtomicU64,
-    /// What the converter reads too much.
+    /// Error of the converter: its reading less the true value.
     pub converter_error: AtomicI32,
-    /// What the DAC gives too much, codes.
+    /// Error of the DAC: its output less the command, codes.
     pub dac_error: AtomicI32,
     /// The converters do not answer.
     pub converters_stand: AtomicBool,

@@ -88,7 +88,7 @@ impl Clock {
         (cycles * self.set_up_mhz.load(Relaxed)).div_ceil(self.mhz.load(Relaxed).max(1))
     }
 
-    /// What the chip's own clock has counted by then.
+    /// Cycles that the chip's own clock has counted up to `cycle`.
     fn own(&self, cycle: u64) -> u64 {
         if !self.changed.load(Relaxed) {
             return cycle;
@@ -163,7 +163,7 @@ pub(super) struct Lazy {
     apart: bool,
     /// Core cycles for which it stood still while the core was halted.
     pub(super) stood: Arc<AtomicU64>,
-    /// Where it is to be brought before anybody looks at it; 0: it is there.
+    /// Cycle up to which the device must be advanced before it is read; 0: it is up to date.
     owed: Arc<AtomicU64>,
 }
 

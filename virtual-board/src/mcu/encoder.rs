@@ -165,7 +165,7 @@ impl EncoderInput {
         lock(&self.readings).clone()
     }
 
-    /// The same, and forgets it.
+    /// The counter's readings, which it then forgets.
     pub(super) fn take_readings(&self) -> Vec<u32> {
         std::mem::take(&mut *lock(&self.readings))
     }

@@ -11,7 +11,7 @@ use crate::{
 pub struct Halted {
     chip: Halt,
     begun: u64,
-    /// What the amplifier had added up.
+    /// Sum of the amplifier at the halt.
     sum: i64,
 }
 

@@ -90,7 +90,7 @@ impl Swing {
     }
 }
 
-/// Of the filter between an amplifier's voltage for its current and the board, s: 1.6 kHz.
+/// Time constant of the filter between the amplifier's current signal and the board, s: 1.6 kHz.
 const SENSE_S: f64 = 1e-4;
 
 impl World<'_> {

@@ -50,11 +50,11 @@ pub trait LaneController<S: SimdOps, const R: usize> {
     /// Takes samples, counts moved since the last one. If an output is due with the last one, returns it, fraction of
     /// full scale; else something.
     fn take(&mut self, moved: &[Row<S, R>], due: Option<&Due<S, R>>) -> Row<S, R>;
-    /// The hit came where these lanes do not do what the controller does.
+    /// The hit has left the range in which these lanes compute the same as the controller.
     fn is_lost(&self, lane: usize) -> bool;
 }
 
-/// What an output answers.
+/// Inputs of an output: depth and true speed.
 pub struct Due<'a, S: SimdOps, const R: usize> {
     /// Counts behind the surface.
     pub depth: [S::f64s; R],
@@ -107,7 +107,7 @@ pub struct Shared<S: SimdOps, const P: usize> {
 #[repr(align(64))]
 pub struct Moving<S: SimdOps, const P: usize> {
     pub state: [S::f64s; P],
-    /// What the acting force and a hand's add to the state in a sample, and what the hand's alone adds.
+    /// Change of the state in a sample by acting force and hand together, and next, by the hand alone.
     pub pushed: [S::f64s; P],
     pub hand: [S::f64s; P],
     /// Force that acts, N.
@@ -178,7 +178,7 @@ fn plus<S: SimdOps, const P: usize>(
     state
 }
 
-/// What a force and the hand's add to a state.
+/// Change of the state in a sample by a force and by the hand.
 #[inline(always)]
 fn pushed<S: SimdOps, const P: usize>(
     simd: S,

@@ -48,7 +48,7 @@ struct Running<'a> {
     surface: i32,
     /// First count of the window.
     origin: i32,
-    /// Of the counts of the window.
+    /// Variance of the counts in the window.
     variance: RunningVariance,
     contact: bool,
 }

@@ -39,7 +39,7 @@ pub fn forward(signal: &[Complex<f64>]) -> Vec<Complex<f64>> {
 /// The spectrum of a real signal, padded with zeros to a power of two; quick, since its tables are made once.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RealSpectrum {
-    /// Of the complex samples that two real ones make.
+    /// Tables for the complex signal, each sample of which is made of two real ones.
     table: Table,
 }
 

@@ -16,7 +16,7 @@ pub struct Places<'a> {
     pub counts: &'a mut [i32; RUN],
 }
 
-/// What there is beside that, where somebody looks at it.
+/// True speeds and forces of a run, filled if they are asked for.
 #[derive(Clone, Copy, Debug)]
 pub struct Course {
     pub speeds_m_per_s: [f64; RUN],

@@ -55,7 +55,7 @@ pub struct Sensed<P> {
     glimpses: Option<Arc<[Glimpse]>>,
 }
 
-/// The plant's state, and what tells the hit from others.
+/// The plant's state, and the number that identifies the hit.
 #[derive(Clone, Copy, Debug)]
 pub struct SensedState<S> {
     plant: S,

@@ -146,7 +146,7 @@ impl Units {
         Some((renamed, self.factor(found.power)))
     }
 
-    /// A number of a result times the factor of [`key`](Self::key).
+    /// A result's number in the written units: `value` times the factor of [`key`](Self::key), rounded to 12 digits.
     pub fn told(value: f64, factor: f64) -> f64 {
         if factor == 1.0 { value } else { rounded(value * factor, DIGITS_OUT) }
     }

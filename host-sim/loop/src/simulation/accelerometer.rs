@@ -49,7 +49,7 @@ impl Sensor {
         Acceleration::saturating_from_bits(round(shown * Self::LSB))
     }
 
-    /// The same before it is made an LSB.
+    /// The reading in counts per sample^2, before it is converted to LSB.
     pub fn shown(&mut self, acceleration: f64) -> f64 {
         self.filtered += self.follows * (acceleration - self.filtered);
         let noise = self.noise();
@@ -87,7 +87,7 @@ pub(crate) struct Readings {
 }
 
 impl Readings {
-    /// Of a sensor at rest, in hits of so many samples.
+    /// Readings of a sensor at rest, for hits of `samples` samples.
     pub fn new(sensor: Sensor, speed: f64, samples: u32) -> Self {
         let mut drawing = sensor;
         let read = if sensor.noise > 0.0 { samples.saturating_sub(1) } else { 0 };

@@ -51,7 +51,7 @@ pub(super) struct Run {
 impl Run {
     pub const NONE: Self = Self { samples: 0, course: Course::NONE, senses: [Senses::NONE; RUN] };
 
-    /// The senses at its samples, of those positions.
+    /// Fills the senses at its samples, for these positions.
     #[inline]
     fn sense<S: Sensing>(&mut self, positions_m: &[f64; RUN], sensing: &mut S) {
         let speeds_m_per_s = &self.course.speeds_m_per_s;

@@ -21,11 +21,11 @@ pub struct ControllerOutput {
     pub saturated: bool,
     /// What the passivity controller took off the wall's force, fraction of full scale.
     pub withheld: f64,
-    /// What it was pushed with, fraction of full scale.
+    /// Push at this output, fraction of full scale.
     pub push: f64,
 }
 
-/// What the samples of a run read.
+/// Readings at the samples of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Readings<'a> {
     /// Encoder counts, one per sample.
@@ -70,7 +70,7 @@ pub trait Controller {
     fn velocity(&self) -> f64;
     /// The wall's surface, counts; contact is beyond it.
     fn surface(&self) -> i32;
-    /// Whether it is told the true speed.
+    /// Whether the controller gets the true speed.
     const IS_TOLD: bool = false;
     /// The true speed at the last sample, m/s.
     fn told(&mut self, _speed_m_per_s: f64) {}

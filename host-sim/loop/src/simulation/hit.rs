@@ -75,7 +75,7 @@ pub struct HitReport {
     pub penetration_ratio: Option<f64>,
     /// Samples with more counts since the last one than the core's velocity can say, as a fraction of the whole hit.
     pub velocity_clipped_fraction: f64,
-    /// What wall and hand have exchanged by force and counts; of the wall's force, without the push.
+    /// Energy exchanged by the wall's force over the counted motion; the push is left out.
     pub port: PortReport,
 }
 
@@ -111,7 +111,7 @@ impl HitReport {
     }
 }
 
-/// Of what two pushes showed the one whose force is less quiet, the first if they are alike.
+/// The result of the two pushes with the larger force RMS; `kept` if they are equal.
 pub(crate) fn louder<T>(kept: Option<T>, next: T, force_n: impl Fn(&T) -> Option<f64>) -> T {
     match kept {
         Some(kept) if force_n(&next) <= force_n(&kept) => kept,

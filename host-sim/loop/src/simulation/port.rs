@@ -4,7 +4,7 @@ use zwidth::{Design, port::PortEnergy, units::Position};
 
 use super::{Block, Output, Sample, controller::ControllerOutput, passive};
 
-/// The account, and what is on its way to the handle.
+/// Energy account of the port, and the wall forces that do not act yet.
 #[derive(Clone, Debug)]
 pub struct PortWatch {
     port: PortEnergy,
@@ -13,11 +13,11 @@ pub struct PortWatch {
     /// Whole samples from an output to its force.
     latency: u64,
     surface: i32,
-    /// Of an LSB of force times a count, J.
+    /// Energy of one LSB of force times one count, J.
     unit_j: f64,
     /// Outputs in contact, and those of them that the passivity controller has changed.
     outputs: [u32; 2],
-    /// Sums over them of the wall's force, without and with what was withheld.
+    /// Sums of magnitudes over these outputs: the wall force before withholding; the withheld force.
     forces: [f64; 2],
 }
 
@@ -26,7 +26,7 @@ pub struct PortWatch {
 pub struct PortReport {
     /// What the wall has taken in the last contact; below 0 it has given.
     pub taken_j: f64,
-    /// The most that it had given beyond what it had taken, in any contact.
+    /// Largest net energy given at any time in any contact.
     pub given_j: f64,
     /// Outputs in contact whose force the passivity controller has changed, as a fraction of those in contact.
     pub limited_fraction: f64,
@@ -35,7 +35,7 @@ pub struct PortReport {
 }
 
 impl PortWatch {
-    /// Of a handle at rest at `count`.
+    /// For a handle at rest at `count`.
     pub fn new(design: &Design, latency: u32, surface: i32, count: i32) -> Self {
         Self {
             port: PortEnergy::new(Position::from_counts(count)),

@@ -86,7 +86,7 @@ pub struct Full {
     senses: Senses,
 }
 
-/// Forces that were granted and are not told yet: a ring, a place for each sample.
+/// Ring of forces that were granted but not yet given to the estimator, a place for each sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Told {
     granted: Force,

@@ -34,7 +34,7 @@ pub struct Watch {
     pub origin_m: f64,
     /// Sum of the positions from there, m.
     pub sum_m: f64,
-    /// Sum of the squares of those.
+    /// Sum of the squares of these positions, m^2.
     pub squares: f64,
     /// Outputs at the actuator's limit.
     pub at_limit: f64,
@@ -81,7 +81,7 @@ impl Watch {
 pub struct Measures {
     /// Population RMS of the counts about their mean, m.
     pub rms_m: f64,
-    /// Of the true positions, m.
+    /// Population RMS of the true positions about their mean, m.
     pub rms_motion_m: f64,
     /// Outputs at the actuator's limit, as a share of the window's.
     pub at_limit_fraction: f64,
@@ -91,7 +91,7 @@ pub struct Measures {
     pub force_rms_n: f64,
     /// Mean force of the wall, N.
     pub wall_force_n: f64,
-    /// K times the mean penetration over that force; `None` where there is none.
+    /// K times the mean penetration, over `wall_force_n`; `None` if that is 0.
     pub penetration_ratio: Option<f64>,
 }
 
@@ -154,7 +154,7 @@ impl Judge {
         self
     }
 
-    /// With the measures of hits whose verdict needs none.
+    /// Judge that also measures hits whose verdict does not need it.
     pub fn with_measures(self) -> Self {
         Self { measures: true, ..self }
     }

@@ -50,7 +50,7 @@ impl PassiveQuestion {
     }
 }
 
-/// The walls of a boundary, hit for so long; means over the walls but where it says most.
+/// Hits of one length at the walls of a boundary: means over the walls, except where it says "most".
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Length {
     /// Nominal cutoff, Hz; nothing without one.
@@ -63,15 +63,15 @@ pub struct Length {
     /// Before the window, s.
     pub settle_s: f64,
     pub walls: usize,
-    /// The most that one has given in a contact, by the account of force and counts, J.
+    /// Most energy that a wall has given in a contact, by force and counts, J.
     pub given_j: f64,
-    /// The same by force and true motion, J.
+    /// Most energy that a wall has given in a contact, by force and true motion, J.
     pub given_by_motion_j: f64,
-    /// What the device's damping takes from the hum in the window, b <v^2>, W. What keeps the hum up gives as much.
+    /// Power that the device's damping takes from the hum in the window, b <v^2>, W; the hum's source gives as much.
     pub fed_w: f64,
     /// What the controller has withheld, as a fraction of the wall's force.
     pub withheld_fraction: f64,
-    /// At the wall where that is most.
+    /// The same fraction at the wall where it is largest.
     pub withheld_most_fraction: f64,
     /// Mean penetration in the window over push / K: above 1 the wall sags.
     pub sag: f64,
@@ -107,7 +107,7 @@ pub struct PassiveRow {
     /// The passivity controller is on.
     pub controller: bool,
     pub boundaries: Boundaries,
-    /// Hits at the boundary without the controller; and at that with it, where it is there.
+    /// Hits in this loop at the boundary found without the controller, and, with it on, at the one found with it.
     pub hits: [Hits; 2],
 }
 

@@ -34,17 +34,17 @@ pub struct Row {
     pub velocity: Option<Velocity>,
     /// Force that acts from the last output on; none before the first one.
     pub force: Option<Force>,
-    /// Velocity that the board says of an output.
+    /// Velocity that the board reports with an output.
     pub told: Option<Velocity>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
-    /// The first sample that does.
+    /// First sample that differs.
     pub sample: u64,
     /// Name of the quantity that differs.
     pub what: &'static str,
-    /// What the board says, and the core: bits.
+    /// Value of the board, then of the core, as bits.
     pub board: i64,
     pub core: i64,
 }
@@ -59,7 +59,7 @@ impl fmt::Display for Difference {
 /// A capture, computed again.
 #[derive(Clone, Debug, Default)]
 pub struct Recomputed {
-    /// Every sample whose count was told, in order.
+    /// Every sample whose count is in the capture, in order.
     pub rows: Vec<Row>,
     /// Stretches in which no sample is missing, as places in `rows`.
     pub stretches: Vec<Range<usize>>,
@@ -69,7 +69,7 @@ pub struct Recomputed {
     pub velocities: u64,
     /// Outputs whose force was compared.
     pub forces: u64,
-    /// Keys whose state was compared with the one that was computed up to there.
+    /// Number of keys whose state was compared with the computed state.
     pub states: u64,
     /// Keys whose energy at the port was compared with the one that was computed up to there.
     pub energies: u64,
@@ -89,7 +89,7 @@ struct Told {
     output: Option<(Record, Force)>,
 }
 
-/// What a reset ends.
+/// Data of a capture between two resets of the board.
 #[derive(Default)]
 struct Run {
     told: Vec<Told>,
@@ -358,7 +358,7 @@ impl Recomputed {
     }
 }
 
-/// What the core says to some samples.
+/// Result of the core for some samples: velocities, last state, estimator.
 struct Path {
     velocities: Vec<Velocity>,
     state: velocity::State,

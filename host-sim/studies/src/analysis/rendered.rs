@@ -214,13 +214,13 @@ struct Answer {
     position: Complex<f64>,
     /// Velocity by motion, 1/s.
     by_motion: Complex<f64>,
-    /// Velocity by the force it is told, m/s per N.
+    /// Velocity by the force that the estimator gets, m/s per N.
     by_force: Complex<f64>,
-    /// Of the hold and the amplifier, with the latency.
+    /// Response of hold and amplifier, with the latency.
     held: Complex<f64>,
 }
 
-/// What an estimator makes of the motion of a hand, 1 to 30 Hz.
+/// Response of an estimator to the motion of a hand, 1 to 30 Hz.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rendered {
     answers: Vec<Answer>,

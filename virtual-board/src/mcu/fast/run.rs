@@ -15,7 +15,7 @@ use super::{
     memory::Memory,
 };
 
-/// From here on an address is that of a return from an exception.
+/// Addresses from here on are returns from an exception.
 pub(super) const RETURNS: u32 = 0xF000_0000;
 
 /// The core, as far as it is here.

@@ -16,7 +16,7 @@ pub struct Mean<S: SimdOps> {
     newest: usize,
     /// From the older of the two that each lane looks at to the last.
     samples: Vec<usize>,
-    /// The factor of the core, without its last bits, and those.
+    /// The core's factor in two parts: without its last [`LAST`] bits, and these bits.
     factor: [S::u64s; 2],
 }
 

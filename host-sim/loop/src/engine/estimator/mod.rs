@@ -75,10 +75,10 @@ impl Form {
     }
 }
 
-/// What an estimator is told beside the counts, the same in all hits of a scene.
+/// Inputs of an estimator beside the counts, the same in all hits of a scene.
 #[derive(Clone, Copy)]
 pub struct Beside<'a> {
-    /// Samples after which it is told a force that is granted.
+    /// Samples from the grant of a force to when the estimator gets it.
     pub late: usize,
     /// The accelerometer, if it looks at one.
     pub readings: Option<&'a Readings>,
@@ -117,7 +117,7 @@ pub trait VectorForm<S: SimdOps>: Sized {
     /// The wall granted forces, LSB, with the last sample that was taken.
     #[inline(always)]
     fn granted(&mut self, _: S, _: &Self::Gains, _: S::u64s) {}
-    /// The hit came where these lanes do not do what the estimator does.
+    /// The hit has left the range in which these lanes compute the same as the estimator.
     fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool;
 }
 

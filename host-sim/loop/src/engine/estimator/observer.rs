@@ -37,11 +37,11 @@ struct Observed<S: SimdOps> {
     seen: S::u64s,
 }
 
-/// Observer that is told the force: what the force that was granted makes known of the acceleration.
+/// Observer with force input: the granted force gives the known part of the acceleration.
 pub struct Observer<S: SimdOps> {
     observed: Observed<S>,
     granted: S::u64s,
-    /// Granted and not told yet: a place for each sample, if the latency is known.
+    /// Forces granted but not yet given to the observer, one per sample; used if it knows the latency.
     ring: [S::u64s; LATENCY_KNOWN_MAX as usize],
     /// Places in use; 0: told at once.
     late: usize,
@@ -52,7 +52,7 @@ pub struct Observer<S: SimdOps> {
 pub struct Fusion<S: SimdOps> {
     observed: Observed<S>,
     accelerometer: Accelerometer<S>,
-    /// What is known at the samples that it takes next.
+    /// Known acceleration at the samples that it takes next.
     known: [S::u64s; ROWS],
 }
 

@@ -15,7 +15,7 @@ use crate::engine::{
 
 /// The last differences of a vector, counts, and what is made of them.
 pub struct Window<S: SimdOps, K> {
-    /// The newest one is before `end`; what it has after that is old.
+    /// Differences; the newest is right before `end`, entries from `end` on are old.
     past: Vec<S::f64s>,
     end: usize,
     kind: K,
@@ -27,7 +27,7 @@ const ROOM: usize = 4 * LENGTH;
 
 /// What is made of a window.
 pub trait Kind<S: SimdOps>: Sized {
-    /// Of no estimator in any lane.
+    /// State with no estimator in any lane.
     fn none(simd: S) -> Self;
     /// Takes an estimator into a lane.
     fn set(&mut self, simd: S, lane: usize, estimator: &Estimator);

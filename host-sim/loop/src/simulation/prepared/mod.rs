@@ -43,7 +43,7 @@ pub struct PreparedScene {
     judge: Judge,
     /// The wall's passivity controller, if it has one.
     passivity: Option<Passivity>,
-    /// The wall is told the true velocity.
+    /// The wall uses the true velocity.
     is_told: bool,
     /// The accelerometer's readings of a hit, once lanes ask for them.
     readings: Arc<OnceLock<Option<Readings>>>,
@@ -120,7 +120,7 @@ impl PreparedScene {
         if self.pushes.is_empty() { std::slice::from_ref(self) } else { &self.pushes }
     }
 
-    /// The same with something else at each push.
+    /// Applies `change` to this scene and to the scene at each of its pushes.
     fn each(mut self, change: impl Fn(Self) -> Self) -> Self {
         let pushes = std::mem::take(&mut self.pushes);
         Self { pushes: pushes.into_iter().map(&change).collect(), ..change(self) }
@@ -147,7 +147,7 @@ impl PreparedScene {
         Ok(prepared.each(|of| Self { is_told: true, ..of }))
     }
 
-    /// Whether the wall is told the true velocity.
+    /// Whether the wall uses the true velocity.
     pub fn is_told(&self) -> bool {
         self.is_told
     }

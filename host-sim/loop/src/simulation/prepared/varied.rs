@@ -30,7 +30,7 @@ use crate::{
 
 /// From where a tap begins to the wall, s.
 const TO_WALL_S: f64 = 0.05;
-/// Of a hand's push, Hz.
+/// Frequencies at which a hand's push sways, Hz.
 const SWAY_HZ: [f64; 3] = [0.7, 1.9, 4.3];
 /// Above this a hand's wall has to rest, Hz.
 const REST_HZ: f64 = 20.0;
@@ -211,7 +211,7 @@ impl PreparedScene {
         }
     }
 
-    /// Of two taps the one that was not held, or the less quiet by what the criterion looks at.
+    /// The worse of two taps: one that is not stable, else the one with the larger RMS of the criterion.
     fn worse(&self, kept: Option<HitReport>, next: HitReport) -> HitReport {
         let loud = |report: &HitReport| match self.scene.wall_hit.criterion {
             Criterion::Quiet => report.force_rms_n,

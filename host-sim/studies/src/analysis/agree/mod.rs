@@ -52,7 +52,7 @@ pub struct Row {
     pub measured: f64,
 }
 
-/// What a suspect can do.
+/// How much of the difference one suspect explains.
 #[derive(Clone, Debug)]
 pub struct Tried {
     /// The number that was changed.
@@ -63,7 +63,7 @@ pub struct Tried {
     pub range: [f64; 2],
     /// The range ends at the first or the last value that was tried.
     pub at_edge: bool,
-    /// Distance that it leaves, N/m.
+    /// Distance between the walks that remains with this value, N/m.
     pub left: f64,
     /// Mean predicted K with it, by row.
     pub predicted: Vec<f64>,
@@ -79,7 +79,7 @@ pub struct Agreement {
     pub distance: f64,
     /// Largest distance of the scene's own walks, N/m.
     pub scatter: f64,
-    /// The suspects, what leaves least first; none if the walks agree.
+    /// The suspects, smallest remaining distance first; empty if the walks agree.
     pub tried: Vec<Tried>,
 }
 
@@ -94,7 +94,7 @@ impl Agreement {
         tried.left <= self.scatter
     }
 
-    /// Those that explain all of it, or else the best one, if it explains any.
+    /// Suspects that explain the whole difference, else the best one, if it explains a part.
     pub fn best(&self) -> Vec<&Tried> {
         let all: Vec<&Tried> = self.tried.iter().filter(|tried| self.explains(tried)).collect();
         match self.tried.first() {

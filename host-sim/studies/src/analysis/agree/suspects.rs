@@ -17,7 +17,7 @@ pub struct Suspect {
     pub key: &'static str,
     /// Unit of its values at the handle.
     pub unit: &'static str,
-    /// What the scene has; `None` if it lacks the element.
+    /// The scene's value; `None` if it lacks the element.
     pub own: Option<f64>,
     /// Values that are tried first, ascending; all above 0.
     pub values: Vec<f64>,

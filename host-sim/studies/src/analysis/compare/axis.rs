@@ -19,7 +19,7 @@ use super::bandwidth::bandwidth_hz;
 const LOW: f64 = 2e-3;
 /// Numbers beyond every tuning that the core accepts.
 const TUNINGS: [f64; 2] = [1e-9, 1e12];
-/// Halvings, on a logarithmic scale, of what lies between those.
+/// Logarithmic halvings of the interval [`TUNINGS`].
 const HALVINGS: u32 = 60;
 
 /// Tunings of one estimator.
@@ -37,12 +37,12 @@ pub struct Axes {
     pub refused_beyond: [bool; 2],
     /// Lowest and highest second parameter.
     pub second: Option<[f64; 2]>,
-    /// The core accepts no second parameter beyond those.
+    /// The core accepts no second parameter outside `second`.
     pub second_refused_beyond: bool,
 }
 
 impl Axes {
-    /// Those of that estimator, which the core accepts as it is; `None` if there is nothing to tune.
+    /// Axes of this estimator, whose settings the core must accept; `None` if it has nothing to tune.
     pub fn new(start: &VelocitySettings, design: &Design, mass_kg: f64) -> Option<Self> {
         let (parameter, default) = start.tuning()?;
         let second = start.name().parameters()[1].and_then(|p| second_range(&p, mass_kg));

@@ -41,11 +41,11 @@ use crate::{
 pub struct Fidelity {
     /// The whole error: `|rendered - commanded|`.
     pub error: f64,
-    /// `|rendered - rendered with the true velocity|`: what the estimator adds.
+    /// `|rendered - rendered with the true velocity|`: error by the estimator.
     pub of_estimator: f64,
-    /// `|rendered with the true velocity - commanded|`: what every estimator meets in this loop.
+    /// `|rendered with the true velocity - commanded|`: error by the loop, the same for every estimator.
     pub of_loop: f64,
-    /// What they are the means of.
+    /// Errors at each wall and frequency, whose means the fields above are.
     pub points: Vec<Point>,
 }
 

@@ -64,7 +64,7 @@ use crate::{
 pub enum Entry {
     /// Tuned by the search.
     Tuned(EstimatorName),
-    /// The observer that knows the latency: it is told the force when it acts, and not when it is granted.
+    /// Observer that knows the latency: it gets a force when the force acts, not when it is granted.
     ObserverInTime,
     /// As it is often set without thinking: a first-order low-pass at 50 Hz.
     AdHoc,
@@ -233,12 +233,12 @@ pub struct Compared {
     pub settings: VelocitySettings,
     /// The search and the boundaries at its result.
     pub tuned: Tuned,
-    /// Boundaries of that tuning by the scene's own criterion; none where that is the one of the search.
+    /// Boundaries of this tuning by the scene's own criterion; `None` if the search used that criterion.
     pub beside: Option<Boundaries>,
     pub signal: Signal,
     /// In contact with each of the walls.
     pub contacts: [Contact; 3],
-    /// ControllerOutput against commanded impedance.
+    /// Rendered against commanded impedance.
     pub fidelity: Fidelity,
     /// On the Cortex-M4; `None` if it was not measured.
     pub cost: Option<Cost>,

@@ -73,9 +73,9 @@ pub const GAIN: f64 = 0.002;
 pub const LAST_STEP: f64 = 1.03;
 /// A step of that part of the range is the last one, whole number or not.
 const LEAST_STEP: f64 = 1e-4;
-/// How much the bandwidth is put wrong to see how much the tuning matters.
+/// Factor by which the bandwidth is detuned to see how much the tuning matters.
 pub const WRONG_BY: f64 = 1.2;
-/// How much the mass of a model is put wrong.
+/// Fraction by which the mass of a model is made wrong, both ways.
 pub const MASS_WRONG_BY: f64 = 0.2;
 
 pub struct Walker<'a, D> {
@@ -83,7 +83,7 @@ pub struct Walker<'a, D> {
     pub engine: Engine,
     /// The scene; its own estimator does not matter.
     pub scene: &'a Scene,
-    /// Says that it is to end.
+    /// Set to stop the search.
     pub stop: &'a AtomicBool,
     /// Called with the number of walks made.
     pub done: &'a D,
@@ -245,7 +245,7 @@ pub fn tune(
     Ok((best, tuned))
 }
 
-/// What is put wrong of a result, downwards (0) or upwards (1).
+/// Value of a result that is made wrong: down (`side` 0) or up (1).
 enum Wrong {
     /// The bandwidth; the loss counts by that share.
     Bandwidth { side: usize, share: f64 },

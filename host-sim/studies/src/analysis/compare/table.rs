@@ -180,12 +180,12 @@ pub const CRITERIA: [Criterion; 27] = criteria! {
         "RAM", "bytes", 1.0, 0, |c, _| Vec::from_iter(c.cost.map(|cost| cost.ram_bytes));
 };
 
-/// Of what the true velocity reaches.
+/// Mean area as a share of the true velocity's area.
 fn share(c: &Compared, place: &Place) -> Option<f64> {
     (place.told_area > 0.0).then(|| c.tuned.boundaries.area() / place.told_area)
 }
 
-/// Of each hit at the middle wall, if that is stable.
+/// Roughness of each hit at the middle wall; empty if that wall is unstable.
 fn roughness(c: &Compared) -> Vec<f64> {
     let [_, middle, _] = &c.contacts;
     if middle.stable { middle.roughness_n.clone() } else { vec![] }
@@ -276,7 +276,7 @@ pub fn table(compared: &[Compared], place: &Place) -> Table {
     table
 }
 
-/// At how many of the walls it is stable.
+/// Number of the compared walls at which the loop is stable.
 pub fn stable_at_walls(c: &Compared) -> usize {
     c.contacts.iter().filter(|contact| contact.stable).count()
 }

@@ -13,7 +13,7 @@ pub struct Tried {
     pub settings: VelocitySettings,
     /// Mean area of the walks of the search, N^2 s/m^2.
     pub area: f64,
-    /// How many they are: 1 where the first showed that it cannot win.
+    /// Number of these walks: 1 if the first one showed that this tuning cannot win.
     pub walks: u32,
 }
 
@@ -47,6 +47,6 @@ pub struct Tuned {
     pub left_when_mass_is_wrong: [Option<f64>; 2],
     /// Where the best tuning and the best second parameter lie at an end of what was searched.
     pub edges: [Option<Edge>; 2],
-    /// Hits that its walks took: those of the search, of the result and of the wrong tunings.
+    /// Hits of all its walks: search, result, and wrong tunings.
     pub hits: u64,
 }

@@ -34,11 +34,11 @@ const LOWEST: f64 = 1e-3;
 /// The numbers of `estimator = "biquad"`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Shape {
-    /// Of the poles, Hz.
+    /// Frequency of the poles, Hz.
     pub frequency_hz: f64,
     /// Damping ratio of the poles.
     pub damping: f64,
-    /// By which a slow motion is led, s.
+    /// Lead of the velocity in a slow motion, s.
     pub lead_s: f64,
     /// Place of the second zero.
     pub zero: f64,
@@ -102,7 +102,7 @@ impl Shape {
         *zero = ((h + 0.5) / (0.5 + SECOND / per_sample)).sqrt();
     }
 
-    /// As the core takes it.
+    /// Settings for the core.
     pub fn settings(&self) -> VelocitySettings {
         let Self { frequency_hz, damping, lead_s, zero, second } = *self;
         match second {
@@ -120,7 +120,7 @@ impl Shape {
         }
     }
 
-    /// By which a slow motion is led by all of it, s.
+    /// Lead of the velocity in a slow motion by both sections together, s.
     pub fn led_s(&self) -> f64 {
         self.lead_s + self.second.map_or(0.0, |second| second.lead_s)
     }

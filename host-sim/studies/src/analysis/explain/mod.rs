@@ -58,7 +58,7 @@ pub struct Explained {
     pub settings: VelocitySettings,
     /// Its boundaries, one per start.
     pub boundaries: Boundaries,
-    /// The same by the scene's own criterion; none where that is the one of the search.
+    /// Its boundaries by the scene's own criterion; `None` if the search used that criterion.
     pub beside: Option<Boundaries>,
     /// Noise of its velocity in motion, m/s RMS.
     pub noise_m_per_s: f64,
@@ -316,7 +316,7 @@ impl Explained {
         self.boundaries.repeats().is_below(same, &other.boundaries.repeats())
     }
 
-    /// Its scene: the one that is explained, changed.
+    /// The explained scene with this change.
     fn scene<'a>(&'a self, base: &'a Scene) -> &'a Scene {
         self.change.as_ref().map_or(base, |change| &change.scene)
     }

@@ -10,7 +10,7 @@ use crate::{
     table::{Cell, Kind, Table},
 };
 
-/// A share that a search missed, and that people are told.
+/// Smallest missed share of the area that is reported.
 const TOLD: f64 = 0.01;
 
 /// Three digits, of what is below 1 too.

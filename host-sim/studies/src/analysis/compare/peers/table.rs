@@ -27,7 +27,7 @@ pub struct PeerArea {
     pub area_n2_s_per_m2: f64,
     pub area_low_n2_s_per_m2: f64,
     pub area_high_n2_s_per_m2: f64,
-    /// Of the true velocity in this loop at this limit.
+    /// Area over that of the true velocity in this loop, at this limit.
     pub share_of_true_velocity: Option<f64>,
     /// Largest K of any walk.
     pub stiffness_peak_n_per_m: f64,
