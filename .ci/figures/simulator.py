@@ -29,6 +29,11 @@ def dial_in(result):
     return [f"**{found['cutoff_hz']:g} Hz**", f"{low_high} Hz", f"{found['stiffness_n_per_m'] / 1e3:g} kN/m"]
 
 
+def dial_in_with_area(result):
+    """These, and the area of the quiet walls, 10^6 N^2 s/m^2."""
+    return [*dial_in(result), significant(result["recommended"]["area_n2_s_per_m2"] / 1e6, 3)]
+
+
 @block
 def readme_study():
     body = []
@@ -105,8 +110,7 @@ def quiet_choices():
             scene = scene.replace("[wall_hit]\n", f"[wall_hit]\nforce_rms_limit_n = {share / 100 * push_n:.5f}\n", 1)
             scene += AMPLIFIER if amplifier else ""
             result = sim("sweep SCENE.toml --repeat 1", scene)["scenes"][0]
-            millions = result["recommended"]["area_n2_s_per_m2"] / 1e6
-            body.append([name, f"{share} %", "1 kHz" if amplifier else "none", *dial_in(result), significant(millions, 3)])
+            body.append([name, f"{share} %", "1 kHz" if amplifier else "none", *dial_in_with_area(result)])
     return table(["scene", "force below, of the push", "amplifier", "dial in", "as good", "stiffest wall",
                   "area, 10^6 N^2 s/m^2"], body)
 
@@ -118,8 +122,7 @@ def encoders():
     for microns in (0.5, 1, 2, 5, 10):
         scene = re.sub(r"(?m)^resolution_m = \S+", f"resolution_m = {microns}e-6", changed_scene("paper-1um"))
         result = sim("sweep SCENE.toml --repeat 1", scene)["scenes"][0]
-        millions = result["recommended"]["area_n2_s_per_m2"] / 1e6
-        body.append([f"{microns:g} um", *dial_in(result), significant(millions, 3)])
+        body.append([f"{microns:g} um", *dial_in_with_area(result)])
     return table(["encoder", "dial in", "as good", "stiffest wall", "area, 10^6 N^2 s/m^2"], body)
 
 

@@ -308,16 +308,13 @@ impl Study {
     fn quiet_area(&self) -> Result<Option<ReportFigure>, Error> {
         let Some((quiet, found)) = self.recommended() else { return Ok(None) };
         let walks = "Quiet walls: one walk per cutoff, each wall at four pushes.";
-        let figure = figure::area(&AreaPlot {
-            title: format!("Area of quiet walls over the cutoff, {}", self.scene.name),
-            subtitle: subtitle(self),
-            units: self.scene.scene.units,
-            points: quiet.cutoffs.iter().map(area_row).collect(),
-            ideal_cutoff_hz: Some(found.cutoff_hz),
-            ideal_range_hz: Some(found.range_hz),
-            names: AreaPlot::DIAL_IN,
-            convention: format!("{} {walks}", convention(self, Some(found.cutoff_hz))),
-        })?;
+        let figure = self.areas(
+            format!("Area of quiet walls over the cutoff, {}", self.scene.name),
+            AreaPlot::DIAL_IN,
+            quiet.cutoffs.iter(),
+            Some((found.cutoff_hz, found.range_hz)),
+            walks,
+        )?;
         let caption = "Walls whose motion and force rest at four pushes, and that are as stiff as commanded: the area of \
                        their boundary. The cutoffs beside the best one were added by the sweep.";
         Ok(Some(ReportFigure { figure, caption: caption.into() }))
@@ -387,20 +384,37 @@ impl Study {
             1 => "One walk per cutoff.".to_owned(),
             n => format!("Points are means of {n} walks, starts spread over one count."),
         };
-        let figure = figure::area(&AreaPlot {
-            title: format!("Z-width area over the cutoff, {}", self.scene.name),
+        let figure = self.areas(
+            format!("Z-width area over the cutoff, {}", self.scene.name),
+            AreaPlot::IDEAL,
+            self.result.cutoffs.iter(),
+            ideal.map(|ideal| (ideal.cutoff_hz, ideal.range_hz)),
+            &walks,
+        )?;
+        let caption = convention(self, ideal.map(|ideal| ideal.cutoff_hz));
+        Ok(ReportFigure { figure, caption: self.by_its_own(&caption) })
+    }
+
+    /// `best`: the cutoff that is marked, and its range.
+    fn areas<'a>(
+        &self,
+        title: String,
+        names: [&'static str; 2],
+        cutoffs: impl Iterator<Item = &'a CutoffResult>,
+        best: Option<(f64, [f64; 2])>,
+        walks: &str,
+    ) -> Result<Figure, Error> {
+        let ideal_cutoff_hz = best.map(|(cutoff_hz, _)| cutoff_hz);
+        Ok(figure::area(&AreaPlot {
+            title,
             subtitle: subtitle(self),
             units: self.scene.scene.units,
-            points: areas(&self.result).collect(),
-            ideal_cutoff_hz: ideal.map(|ideal| ideal.cutoff_hz),
-            ideal_range_hz: ideal.map(|ideal| ideal.range_hz),
-            names: AreaPlot::IDEAL,
-            convention: format!("{} {walks}", convention(self, ideal.map(|ideal| ideal.cutoff_hz))),
-        })?;
-        Ok(ReportFigure {
-            figure,
-            caption: self.by_its_own(&convention(self, ideal.map(|ideal| ideal.cutoff_hz))),
-        })
+            points: cutoffs.map(area_row).collect(),
+            ideal_cutoff_hz,
+            ideal_range_hz: best.map(|(_, range_hz)| range_hz),
+            names,
+            convention: format!("{} {walks}", convention(self, ideal_cutoff_hz)),
+        })?)
     }
 
     /// The hit on the stiffest wall of the boundary at the ideal cutoff.

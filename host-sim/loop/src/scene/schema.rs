@@ -103,11 +103,10 @@ pub fn schema() -> Value {
 
 /// The schema of a scene with `[rotary]`: keys of lengths, forces and masses have the rotary unit at their end.
 fn turned(mut scene: Value) -> Value {
-    let renamed = Units::rotary_key;
     rename(&mut scene, &|table, key| match (table, key) {
         ("encoder", "resolution_m") | ("actuator", "gain_n_per_v") | ("", "device") => None,
         _ if LINEAR_TABLES.contains(&table) || key.ends_with("phase_rad") => Some(key.into()),
-        _ => Some(renamed(key).unwrap_or_else(|| key.into())),
+        _ => Some(Units::rotary_key(key).unwrap_or_else(|| key.into())),
     });
     scene["properties"]["rotary"] = of::<Rotary>();
     if let Some(required) = scene["required"].as_array_mut() {
@@ -124,14 +123,10 @@ fn turned(mut scene: Value) -> Value {
 fn rename(scene: &mut Value, name: &dyn Fn(&str, &str) -> Option<String>) {
     rename_in(scene, "", name);
     for (table, schema) in scene["properties"].as_object_mut().into_iter().flatten() {
-        rename_below(schema, table, name);
-    }
-}
-
-fn rename_below(schema: &mut Value, table: &str, name: &dyn Fn(&str, &str) -> Option<String>) {
-    rename_in(schema, table, name);
-    for form in schema.get_mut("oneOf").and_then(Value::as_array_mut).into_iter().flatten() {
-        rename_in(form, table, name);
+        rename_in(schema, table, name);
+        for form in schema.get_mut("oneOf").and_then(Value::as_array_mut).into_iter().flatten() {
+            rename_in(form, table, name);
+        }
     }
 }
 
