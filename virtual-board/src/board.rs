@@ -107,7 +107,7 @@ impl Powered {
         let Wiring { force, enable, stop, .. } = board.wiring;
         let amplifier = Arc::new(Amplifier::new(board.wiring));
         let captured = board.wiring.captured.is_some();
-        let mut listeners = Listeners { captured, ..Listeners::default() };
+        let mut listeners = Listeners { captured, stop: Some(stop), ..Listeners::default() };
         let mut outputs = vec![("ch3", enable)];
         match force {
             Force::Dac { .. } => listeners.dac = Some(Arc::clone(&amplifier) as _),
@@ -118,7 +118,7 @@ impl Powered {
             listeners.pins.push((pin, Arc::clone(&amplifier) as _));
         }
         let mut mcu = Mcu::new(board.chip, &elf.flash, listeners);
-        mcu.set_break(stop, false);
+        mcu.set_break(false);
         mcu.set_supply_mv(board.supply_mv);
         Ok(Self { board, mcu, amplifier, rtt: Rtt::new(rtt) })
     }

@@ -14,7 +14,7 @@ use rsemu::core::{
     value::Width,
 };
 
-use super::DacListener;
+use super::{DacListener, gate::Block};
 
 /// The machine's time in core cycles, of the clock that the program has set up.
 #[derive(Debug, Default)]
@@ -174,14 +174,8 @@ impl fmt::Debug for Lazy {
 }
 
 impl Lazy {
-    /// # Panics
-    /// The device has no register block; all that are used here have one.
     pub(super) fn new(device: Arc<dyn Device>, divider: u64, clock: &Arc<Clock>) -> Self {
-        let region = device.region("").expect("a device with registers");
-        let RegionKind::Io(operations) = region.kind() else {
-            panic!("registers are an I/O region")
-        };
-        let operations = Arc::clone(operations);
+        let operations = registers_of(&*device);
         let clock = Arc::clone(clock);
         let [stood, owed] = [Arc::default(), Arc::default()];
         Self { device, operations, clock, divider, apart: false, stood, owed }
@@ -269,6 +263,16 @@ impl Lazy {
         self.pay();
         let _ = self.operations.write(offset, &value.to_le_bytes(), MemAttrs::default());
     }
+}
+
+/// A device's register block.
+///
+/// # Panics
+/// It has none.
+pub(super) fn registers_of(device: &dyn Device) -> Arc<dyn MemOps> {
+    let region = device.region("").expect("a device with registers");
+    let RegionKind::Io(operations) = region.kind() else { panic!("registers are an I/O region") };
+    Arc::clone(operations)
 }
 
 /// A device's registers on the bus, behind a [`Port`].
@@ -410,10 +414,10 @@ impl MemOps for Storage {
 
 /// The DAC: channel 1's holding register is its output, as long as the channel is enabled.
 pub(super) struct Dac {
-    registers: Arc<Storage>,
-    clock: Arc<Clock>,
-    written_at: Arc<AtomicU64>,
-    listener: Option<Arc<dyn DacListener>>,
+    pub(super) registers: Arc<Storage>,
+    pub(super) clock: Arc<Clock>,
+    pub(super) written_at: Arc<AtomicU64>,
+    pub(super) listener: Option<Arc<dyn DacListener>>,
 }
 
 impl fmt::Debug for Dac {
@@ -426,15 +430,20 @@ impl Dac {
     const CR: u64 = 0x00;
     const DHR12R1: u64 = 0x08;
 
-    pub(super) fn region(
-        registers: &Arc<Storage>,
-        clock: &Arc<Clock>,
-        written_at: &Arc<AtomicU64>,
-        listener: Option<Arc<dyn DacListener>>,
-    ) -> Region {
-        let (registers, clock) = (Arc::clone(registers), Arc::clone(clock));
-        let dac = Self { registers, clock, written_at: Arc::clone(written_at), listener };
-        Region::io("dac", 0x400, Arc::new(dac))
+    fn tell(&self) {
+        self.written_at.store(self.clock.now(), Relaxed);
+        if let Some(listener) = &self.listener {
+            let on = self.registers.get(Self::CR) & 1 != 0;
+            let code = self.registers.get(Self::DHR12R1) & 0xFFF;
+            listener.code(self.clock.now(), on.then_some(code));
+        }
+    }
+}
+
+impl Block for Dac {
+    fn reset(&self) {
+        self.registers.restore(&[0; 256]);
+        self.tell();
     }
 }
 
@@ -445,12 +454,7 @@ impl MemOps for Dac {
 
     fn write(&self, offset: u64, from: &[u8], attributes: MemAttrs) -> MemResult {
         self.registers.write(offset, from, attributes)?;
-        self.written_at.store(self.clock.now(), Relaxed);
-        if let Some(listener) = &self.listener {
-            let on = self.registers.get(Self::CR) & 1 != 0;
-            let code = self.registers.get(Self::DHR12R1) & 0xFFF;
-            listener.code(self.clock.now(), on.then_some(code));
-        }
+        self.tell();
         Ok(())
     }
 }

@@ -9,11 +9,12 @@ use std::sync::{
     atomic::{AtomicU64, Ordering::Relaxed},
 };
 
-use rsemu::core::space::{MemAttrs, MemOps, MemResult, Region};
+use rsemu::core::space::{MemAttrs, MemOps, MemResult};
 
 use super::{
     bench::Bench,
     bus::{Clock, Storage},
+    gate::Block,
 };
 
 /// Both converters, and what they share.
@@ -49,10 +50,6 @@ const SAMPLING: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
 const CONVERSION: u64 = 12;
 
 impl Converters {
-    pub(super) fn region(self) -> Region {
-        Region::io("adc", 0x400, Arc::new(self))
-    }
-
     /// Core cycles of one of the converter's: APB2 has half the core's clock, of which it takes a part.
     fn divider(&self) -> u64 {
         2 * [2, 4, 6, 8][(self.registers.get(CCR) >> 16 & 3) as usize]
@@ -118,6 +115,12 @@ impl Converters {
         self.registers.set(base + DR, code);
         self.registers.set(base + SR, self.registers.get(base + SR) | DONE);
         self.registers.set(base + GOES_ON, 0);
+    }
+}
+
+impl Block for Converters {
+    fn reset(&self) {
+        self.registers.restore(&[0; 256]);
     }
 }
 

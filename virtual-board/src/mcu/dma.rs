@@ -12,11 +12,11 @@ use std::sync::{
 };
 
 use rsemu::core::{
-    space::{AccessConstraints, AddressSpace, MemAttrs, MemOps, MemResult, Region},
+    space::{AccessConstraints, AddressSpace, MemAttrs, MemOps, MemResult},
     value::Width,
 };
 
-use super::{bus::Storage, flag::Flag};
+use super::{bus::Storage, flag::Flag, gate::Block};
 
 /// Offsets in a stream, and its distance from the next.
 const FIRST: u64 = 0x10;
@@ -36,8 +36,10 @@ const SIZES: u32 = 0b1111 << 11;
 const WORDS: u32 = 0b1010 << 11;
 /// Bits of CR that a stream which is on lets through: EN, and the interrupt enables.
 const OPEN: u32 = 0b1_1111;
-/// FCR out of reset: direct mode.
+/// FCR out of reset: direct mode, the FIFO empty; its level, and that of one word in it (FS).
 const FCR_RESET: u32 = 0x21;
+const FIFO_LEVEL: u32 = 0b111 << 3;
+const FIFO_HOLDS_ONE: u32 = 0b001 << 3;
 
 /// The stream and channel of TIM8's update (RM0090 table 43, RM0390 9.3.3).
 const STREAM: u64 = 1;
@@ -55,8 +57,6 @@ pub(super) struct Dma {
     pub(super) count: AtomicU32,
     /// Enabled, and nothing fetched yet.
     pub(super) begins: AtomicBool,
-    /// RCC gives it a clock.
-    pub(super) clocked: Arc<Flag>,
 }
 
 const fn at(register: u64) -> u64 {
@@ -64,34 +64,29 @@ const fn at(register: u64) -> u64 {
 }
 
 impl Dma {
-    pub(super) fn new(clocked: Arc<Flag>) -> Arc<Self> {
-        let registers = Storage::new();
-        for stream in 0..8 {
-            registers.set(FIRST + STRIDE * stream + FCR, FCR_RESET);
-        }
-        Arc::new(Self {
-            registers,
+    pub(super) fn new() -> Arc<Self> {
+        let dma = Arc::new(Self {
+            registers: Storage::new(),
             request: Arc::default(),
             fetched: AtomicU32::new(0),
             count: AtomicU32::new(0),
             begins: AtomicBool::new(false),
-            clocked,
-        })
+        });
+        dma.reset();
+        dma
     }
 
-    pub(super) fn region(self: &Arc<Self>) -> Region {
-        Region::io("dma2", 0x400, Arc::clone(self) as Arc<dyn MemOps>)
-    }
-
-    /// Does what is asked for; true if something was stored.
-    pub(super) fn serve(&self, space: &AddressSpace) -> bool {
+    /// Does what is asked for, with or without a clock; true if something was stored.
+    pub(super) fn serve(&self, space: &AddressSpace, clocked: bool) -> bool {
         let control = self.registers.get(at(CR));
-        let on = control & ENABLE != 0 && self.clocked.get();
+        let on = control & ENABLE != 0 && clocked;
         let fetch = || {
             let from = u64::from(self.registers.get(at(M0AR)));
             // An address that is not there would be a transfer error.
             let word = space.read(from, Width::U32, MemAttrs::default()).unwrap_or_default();
             self.fetched.store(u32::try_from(word).unwrap_or_default(), Relaxed);
+            let fifo = self.registers.get(at(FCR));
+            self.registers.set(at(FCR), fifo & !FIFO_LEVEL | FIFO_HOLDS_ONE);
         };
         if on && self.begins.swap(false, Relaxed) {
             fetch();
@@ -118,19 +113,22 @@ impl Dma {
     }
 }
 
+impl Block for Dma {
+    fn reset(&self) {
+        self.registers.restore(&[0; 256]);
+        for stream in 0..8 {
+            self.registers.set(FIRST + STRIDE * stream + FCR, FCR_RESET);
+        }
+        self.begins.store(false, Relaxed);
+    }
+}
+
 impl MemOps for Dma {
     fn read(&self, offset: u64, into: &mut [u8], attributes: MemAttrs) -> MemResult {
-        if !self.clocked.get() {
-            into.fill(0); // RM0090 7.2.9: without a clock a register reads as 0
-            return Ok(());
-        }
         self.registers.read(offset, into, attributes)
     }
 
     fn write(&self, offset: u64, from: &[u8], attributes: MemAttrs) -> MemResult {
-        if !self.clocked.get() {
-            return Ok(());
-        }
         let stream = offset.checked_sub(FIRST).map(|after| (after / STRIDE, (after % STRIDE) & !3));
         let Some((stream, register)) = stream.filter(|(stream, _)| *stream < 8) else {
             return self.registers.write(offset, from, attributes);

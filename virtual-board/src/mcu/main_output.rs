@@ -5,8 +5,14 @@ use std::sync::{
     atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
 };
 
+use rsemu::core::{
+    device::Device,
+    space::{MemAttrs, MemOps},
+    wire::{Level, WireId, WireSink},
+};
+
 use super::{
-    bus::{Clock, Lazy, Port},
+    bus::{Clock, Lazy, Port, registers_of},
     crystal::Crystal,
 };
 
@@ -19,6 +25,11 @@ pub(super) const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
 const AUTOMATIC_OUTPUT_ENABLE: u32 = 1 << 14;
 pub(super) const BREAK_ENABLE: u32 = 1 << 12;
 const LOCK_LEVEL: u32 = 0b11 << 8;
+/// Of a port: mode and function of its pins; the mode of an alternate function, and that of TIM1.
+const MODER: u64 = 0x00;
+const AFRL: u64 = 0x20;
+const ALTERNATE: u32 = 0b10;
+const TIM1: u32 = 1;
 /// What each lock level adds, register by register (RM0090 17.4.18, RM0390 16.4.18, LOCK): dead time, break bits and
 /// idle levels; polarities and off states; modes and preloads. Channels are outputs here.
 const LOCKED: [&[(u64, u32)]; 3] = [
@@ -37,14 +48,57 @@ pub(super) struct Break {
     /// The break flag of TIM1.
     pub(super) broken: Arc<AtomicBool>,
     pub(super) locked: Arc<AtomicBool>,
+    pub(super) input: Option<BreakInput>,
     pub(super) clock: Arc<Clock>,
     pub(super) written_at: Arc<AtomicU64>,
+}
+
+/// The pin of the break input. The timer sees it only while its port gives it to TIM1 (RM0390 7.3.2, RM0090 8.3.2:
+/// alternate function 1); else it sees a low level, at which an input that is active high does not break.
+#[derive(Clone, Debug)]
+pub(super) struct BreakInput {
+    port: Arc<dyn MemOps>,
+    number: u8,
+}
+
+impl BreakInput {
+    pub(super) fn new(port: &dyn Device, number: u8) -> Self {
+        Self { port: registers_of(port), number }
+    }
+
+    pub(super) fn is_connected(&self) -> bool {
+        let bits = |offset: u64, width: u8, index: u8| {
+            let mut word = [0; 4];
+            let _ = self.port.read(offset, &mut word, MemAttrs::DEBUG); // a port has these registers
+            u32::from_le_bytes(word) >> (width * index) & ((1 << width) - 1)
+        };
+        let half = self.number / 8;
+        bits(MODER, 2, self.number) == ALTERNATE
+            && bits(AFRL + 4 * u64::from(half), 4, self.number % 8) == TIM1
+    }
+}
+
+/// One reset of TIM1 opens the lock and clears the flag.
+#[derive(Debug)]
+pub(super) struct Unlock {
+    pub(super) locked: Arc<AtomicBool>,
+    pub(super) broken: Arc<AtomicBool>,
+}
+
+impl WireSink for Unlock {
+    fn set_level(&self, _: WireId, _: u32, level: Level) {
+        if level.is_high() {
+            self.locked.store(false, Relaxed);
+            self.broken.store(false, Relaxed);
+        }
+    }
 }
 
 impl Break {
     /// The input is active, or the clock security system's flag, which breaks as well (RM0090 17.4.18, BKE).
     fn is_active(&self) -> bool {
-        self.open.load(Relaxed) || self.crystal.flag.load(Relaxed)
+        let connected = || self.input.as_ref().is_some_and(BreakInput::is_connected);
+        self.open.load(Relaxed) && connected() || self.crystal.flag.load(Relaxed)
     }
 
     /// What a store changes: all but what is locked.

@@ -15,6 +15,7 @@ mod dma;
 mod encoder;
 mod fast;
 mod flag;
+mod gate;
 mod inject;
 mod main_output;
 mod outside;
@@ -111,6 +112,8 @@ pub struct Listeners {
     pub dac: Option<Arc<dyn DacListener>>,
     /// The encoder's A and B are wired to TIM3's channels 1 and 2 as well.
     pub captured: bool,
+    /// The pin of TIM1's break input.
+    pub stop: Option<Pin>,
     /// What a self-test looks at.
     pub bench: Arc<Bench>,
     /// Notes of the words of RAM that were read, if those are wanted.
@@ -142,6 +145,8 @@ pub struct Mcu {
     now: u64,
     /// Cycle of the next event of a device.
     next: u64,
+    /// Cycle up to which the flash is erased or programmed, and the core stalls.
+    stalled: u64,
     asleep: u64,
     instructions: u64,
     resets: u64,
@@ -191,6 +196,7 @@ impl Mcu {
             soc,
             now: 0,
             next: 0,
+            stalled: 0,
             asleep: 0,
             instructions: 0,
             resets: 0,
@@ -233,9 +239,10 @@ impl Mcu {
             || self.soc.crystal.flag.load(Relaxed);
         let sleeps = self.stands && self.soc.cpu.is_asleep() && !called;
         let stays = sleeps || self.outlives && self.stands && self.soc.cpu.is_locked_up();
-        if stays || self.clock.stands() {
+        let stalls = self.now < self.stalled;
+        if stays || stalls || self.clock.stands() {
             let to = self.next.min(cycle);
-            self.asleep += to - self.now;
+            self.asleep += if stalls { 0 } else { to - self.now };
             self.now = to;
             return Ok(false);
         }
@@ -260,12 +267,16 @@ impl Mcu {
         for device in &self.soc.others {
             device.bring_to(self.now);
         }
-        if self.soc.dma.serve(&self.soc.space) {
+        if self.soc.dma.serve(&self.soc.space, self.soc.dma_gate.clocked.get()) {
             self.stored_by_dma += 1;
         }
         if self.soc.flash_registers.next_event() <= self.now {
             self.soc.flash_registers.advance_to(self.now);
         }
+        // RM0390 3.5, RM0090 3.6: a fetch waits until the flash is no longer busy. With the caches a loop in them goes on;
+        // here the core waits always.
+        let written = self.soc.flash_registers.next_event();
+        self.stalled = if written == u64::MAX { 0 } else { written };
         let before = self.soc.cpu.irq_asserted(PACE_IRQ);
         let line = self.soc.pace_line.get();
         if line && !before && due <= self.now {
@@ -400,6 +411,7 @@ impl Mcu {
         self.registers = self.soc.cpu.regs();
         self.stands = false;
         self.next = self.now;
+        self.stalled = 0;
         self.event = (0, false);
         self.resets += 1;
         self.watch.restart();

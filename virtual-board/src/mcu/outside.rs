@@ -19,11 +19,13 @@ impl Mcu {
         }
     }
 
-    /// Drives TIM1's break input, which is active high, and the pin that it is on.
-    pub fn set_break(&mut self, pin: Pin, open: bool) {
+    /// Drives the pin of TIM1's break input, which is active high.
+    pub fn set_break(&mut self, open: bool) {
         self.clock.set(self.now);
-        // The emulator's port reads an alternate-function pin as what drives it from inside.
-        self.outside.insert(pin, (open, Some(open)));
+        if let Some(pin) = self.listeners.stop {
+            // The emulator's port reads an alternate-function pin as what drives it from inside.
+            self.outside.insert(pin, (open, Some(open)));
+        }
         self.drive_pins();
         self.soc.set_break(open);
     }

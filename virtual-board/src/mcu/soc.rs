@@ -25,7 +25,8 @@ use super::{
     dma::Dma,
     encoder::{CapturePort, CounterPort, EncoderInput},
     flag::{Flag, Latch},
-    main_output::{BDTR, BREAK_ENABLE, Break, MAIN_OUTPUT_ENABLE},
+    gate::Gate,
+    main_output::{BDTR, BREAK_ENABLE, Break, BreakInput, MAIN_OUTPUT_ENABLE, Unlock},
     reads::Noted,
     supply::{PowerPort, Supply},
 };
@@ -62,6 +63,8 @@ pub(super) struct Soc {
     pub(super) stop: Arc<AtomicBool>,
     /// The break flag of TIM1.
     pub(super) broken: Arc<AtomicBool>,
+    /// Where the stop comes in.
+    input: Option<BreakInput>,
     /// BDTR was written since the reset: its lock level is frozen.
     locked: Arc<AtomicBool>,
     pub(super) supply: Arc<Supply>,
@@ -71,6 +74,7 @@ pub(super) struct Soc {
     output_timer: Lazy,
     pub(super) crystal: Arc<Crystal>,
     pub(super) dma: Arc<Dma>,
+    pub(super) dma_gate: Arc<Gate>,
     pub(super) space: Arc<AddressSpace>,
     watchdog: Lazy,
     pub(super) dac: Arc<Storage>,
@@ -81,7 +85,12 @@ pub(super) struct Soc {
 }
 
 /// How many [`Soc::flags`] there are.
-pub(super) const FLAGS: usize = 11;
+pub(super) const FLAGS: usize = 10;
+
+/// The longest that programming a word and erasing 16 KiB take, 32 bits at a time (data sheets of STM32F446 and STM32F407,
+/// 6.3.12 and 5.3.12: flash memory programming).
+const PROGRAM_US: u64 = 100;
+const ERASE_MS: u64 = 500;
 
 #[derive(Debug)]
 struct WatchdogPort {
@@ -133,7 +142,7 @@ impl Soc {
     /// The break input: while open, an enabled break holds MOE clear.
     pub(super) fn set_break(&self, open: bool) {
         self.stop.store(open, Relaxed);
-        if open {
+        if open && self.input.as_ref().is_some_and(BreakInput::is_connected) {
             self.break_output();
         }
     }
@@ -183,7 +192,11 @@ impl Soc {
         );
         let flash = Arc::new(
             Flash::new(
-                &Props::new().with("variant", "f4").with("size", memories.flash.len() as u64),
+                &Props::new()
+                    .with("variant", "f4")
+                    .with("size", memories.flash.len() as u64)
+                    .with("program-time", chip.core_hz / 1_000_000 * PROGRAM_US)
+                    .with("erase-time", chip.core_hz / 1000 * ERASE_MS),
             )
             .expect(WIRED),
         );
@@ -196,28 +209,61 @@ impl Soc {
             })
             .collect();
 
-        // Clock gates: RCC's enable bit of each timer.
-        for (bit, timer) in [
-            ("apb1en0", &encoder_timer),
-            ("apb1en1", &capture_timer),
-            ("apb1en3", &pace_timer),
-            ("apb1en4", &halt_timer),
-            ("apb2en0", &pwm_timer),
-            ("apb2en1", &output_timer),
-        ] {
-            let id = ids.alloc();
-            let gate = timer.sink("enable", &[id]).expect(WIRED);
-            let wire = WireBuilder::new().source(id).sink(gate.sink, gate.line).build_shared();
+        let dac = Storage::new();
+        let adc = Storage::new();
+        let commanded_at = Arc::new(AtomicU64::new(0));
+        let dma = Dma::new();
+        let dma_gate = Gate::of(Arc::clone(&dma) as _);
+        let converters = Gate::of(Arc::new(Converters {
+            registers: Arc::clone(&adc),
+            dac: Arc::clone(&dac),
+            written_at: Arc::clone(&commanded_at),
+            clock: Arc::clone(clock),
+            bench: Arc::clone(&listeners.bench),
+        }));
+        let dac_gate = Gate::of(Arc::new(Dac {
+            registers: Arc::clone(&dac),
+            clock: Arc::clone(clock),
+            written_at: Arc::clone(&commanded_at),
+            listener: listeners.dac.clone(),
+        }));
+        let locked = Arc::new(AtomicBool::new(false));
+        let broken = Arc::new(AtomicBool::new(false));
+        // RCC's bits of each block: its clock, and its reset.
+        let from_rcc = |bit: &str, id: WireId, sink: Arc<dyn WireSink>, line: u32| {
+            let wire = WireBuilder::new().source(id).sink(sink, line).build_shared();
             rcc.connect(bit, WireSource::new(wire, id)).expect(WIRED);
             rcc.announce(bit);
+        };
+        let gated: [(&str, u32, &dyn Device); 12] = [
+            ("ahb1", 0, &*gpio[0]),
+            ("ahb1", 1, &*gpio[1]),
+            ("ahb1", 2, &*gpio[2]),
+            ("ahb1", 3, &*gpio[3]),
+            ("ahb1", 4, &*gpio[4]),
+            ("apb1", 0, &*encoder_timer),
+            ("apb1", 1, &*capture_timer),
+            ("apb1", 3, &*pace_timer),
+            ("apb1", 4, &*halt_timer),
+            ("apb1", 28, &*pwr),
+            ("apb2", 0, &*pwm_timer),
+            ("apb2", 1, &*output_timer),
+        ];
+        for (bus, bit, device) in gated {
+            for (register, pin) in [("en", "enable"), ("rst", "reset")] {
+                let id = ids.alloc();
+                let sink = device.sink(pin, &[id]).expect(WIRED);
+                from_rcc(&format!("{bus}{register}{bit}"), id, sink.sink, sink.line);
+            }
         }
-        let clocked = Arc::new(Flag::default());
-        let id = ids.alloc();
-        let sink = Arc::clone(&clocked) as Arc<dyn WireSink>;
-        let gate = WireBuilder::new().source(id).sink(sink, 0).build_shared();
-        rcc.connect("ahb1en22", WireSource::new(gate, id)).expect(WIRED);
-        rcc.announce("ahb1en22");
-        let dma = Dma::new(clocked);
+        for (bus, bit, gate) in
+            [("ahb1", 22, &dma_gate), ("apb1", 29, &dac_gate), ("apb2", 8, &converters)]
+        {
+            from_rcc(&format!("{bus}en{bit}"), ids.alloc(), Arc::clone(&gate.clocked) as _, 0);
+            from_rcc(&format!("{bus}rst{bit}"), ids.alloc(), Arc::clone(gate) as _, 0);
+        }
+        let unlock = Unlock { locked: Arc::clone(&locked), broken: Arc::clone(&broken) };
+        from_rcc("apb2rst0", ids.alloc(), Arc::new(unlock), 0);
         wire(&*output_timer, "dma-up", Arc::new(Latch(Arc::clone(&dma.request))));
         let pace_line = Arc::new(Flag::default());
         wire(&*pace_timer, "irq", Arc::clone(&pace_line) as _);
@@ -314,7 +360,7 @@ impl Soc {
         map(Registers::region(&pace, port), 0x4000_0C00);
         map(Registers::region(&halt_timer, Plain(halt_timer.clone())), 0x4000_1000);
         map(Registers::region(&output_timer, Plain(output_timer.clone())), 0x4001_0400);
-        map(dma.region(), 0x4002_6400);
+        map(dma_gate.region(), 0x4002_6400);
         let fed = Arc::new(Flag::default());
         let port = WatchdogPort {
             lazy: watchdog.clone(),
@@ -334,23 +380,11 @@ impl Soc {
             0x4000_7000,
         );
         map(Registers::region(&exti, Plain(exti.clone())), 0x4001_3C00);
-        let dac = Storage::new();
-        let adc = Storage::new();
-        let commanded_at = Arc::new(AtomicU64::new(0));
-        let converters = Converters {
-            registers: Arc::clone(&adc),
-            dac: Arc::clone(&dac),
-            written_at: Arc::clone(&commanded_at),
-            clock: Arc::clone(clock),
-            bench: Arc::clone(bench),
-        };
         map(converters.region(), 0x4001_2000);
-        let written_at = Arc::clone(&commanded_at);
-        map(Dac::region(&dac, clock, &written_at, listeners.dac.clone()), 0x4000_7400);
+        map(dac_gate.region(), 0x4000_7400);
         let open = Arc::clone(&stop);
         let clock = Arc::clone(clock);
-        let broken = Arc::new(AtomicBool::new(false));
-        let locked = Arc::new(AtomicBool::new(false));
+        let input = listeners.stop.map(|pin| BreakInput::new(&*gpio[pin.port_index()], pin.number));
         let crystal = Arc::<Crystal>::default();
         let port = Break {
             lazy: pwm.clone(),
@@ -358,8 +392,9 @@ impl Soc {
             crystal: Arc::clone(&crystal),
             broken: Arc::clone(&broken),
             locked: Arc::clone(&locked),
+            input: input.clone(),
             clock: Arc::clone(&clock),
-            written_at,
+            written_at: Arc::clone(&commanded_at),
         };
         map(Registers::region(&pwm, port), 0x4001_0000);
         for (index, port) in gpio.iter().enumerate() {
@@ -405,6 +440,7 @@ impl Soc {
             output_timer,
             crystal,
             dma,
+            dma_gate,
             space,
             watchdog,
             pace_line,
@@ -413,6 +449,7 @@ impl Soc {
             fed,
             stop,
             broken,
+            input,
             locked,
             supply,
             dbgmcu,
@@ -487,17 +524,12 @@ impl Soc {
     /// Interrupt lines, the watchdog's reset, TIM8's request, the stop, the break flag, what BDTR and DMA2 wait for, the
     /// crystal's state.
     pub(super) fn flags(&self) -> [&AtomicBool; FLAGS] {
-        let [pace, supply, bites, asks, clocked] = [
-            &self.pace_line,
-            &self.supply_line,
-            &self.watchdog_bites,
-            &self.dma.request,
-            &self.dma.clocked,
-        ]
-        .map(|flag| &flag.0);
+        let [pace, supply, bites, asks] =
+            [&self.pace_line, &self.supply_line, &self.watchdog_bites, &self.dma.request]
+                .map(|flag| &flag.0);
         let Crystal { dead, switched, flag } = &*self.crystal;
         let [stop, broken, locked] = [&*self.stop, &self.broken, &self.locked];
-        [pace, supply, bites, asks, clocked, stop, broken, locked, dead, switched, flag]
+        [pace, supply, bites, asks, stop, broken, locked, dead, switched, flag]
     }
 
     pub(super) fn set_pin(&self, pin: Pin, high: bool) {

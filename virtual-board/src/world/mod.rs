@@ -310,7 +310,7 @@ impl<'a> World<'a> {
 
     /// The switch of the emergency stop opens, or closes again.
     pub fn emergency_stop(&mut self, open: bool) {
-        self.powered.mcu.set_break(self.powered.board.wiring.stop, open);
+        self.powered.mcu.set_break(open);
     }
 
     /// The reset pin is pulled.
