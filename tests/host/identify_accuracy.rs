@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use crate::figure::figure;
 use host_sim::{
-    analysis::identify::{Estimate, Gain, Identification, Options, Record, identify},
+    analysis::identify::{Drive, Estimate, Gain, Identification, Options, Record, identify},
     plant::{Plant as _, PlantStep},
     scene::{Device, NamedScene, Rounding},
 };
@@ -87,12 +87,12 @@ pub fn made(made: &Made) -> Record {
     let force = |row: i64| {
         if row < 0 { 0.0 } else { GAIN_N_PER_V * voltage(pulses, row as usize) }
     };
-    let (mut voltage_v, mut position_m) = (vec![], vec![]);
+    let (mut command, mut position_m) = (vec![], vec![]);
     for row in 0..rows {
         let counts = plant.position_m(&state) / RESOLUTION_M + noise_counts * normal(&mut random);
         let half = if rounding == Rounding::Round { 0.5 } else { 0.0 };
         position_m.push((counts + half).floor() * RESOLUTION_M);
-        voltage_v.push(voltage(pulses, row));
+        command.push(voltage(pulses, row));
         let late = row as i64 - latency as i64;
         state = if latency.fract() > 0.0 {
             plant.advance_split(&state, force(late - 1), force(late))
@@ -104,8 +104,9 @@ pub fn made(made: &Made) -> Record {
         name: "made".into(),
         start_s: 0.0,
         step_s: 1.0 / RATE_HZ,
-        voltage_v,
+        command,
         position_m,
+        drive: Drive::default(),
         may_clip: true,
     }
 }
@@ -237,7 +238,7 @@ fn intervals_hold_the_truth_in_every_kind_of_record() {
 fn cut(record: &Record, seconds: f64) -> Record {
     let rows = (seconds * RATE_HZ) as usize;
     Record {
-        voltage_v: record.voltage_v[..rows].to_vec(),
+        command: record.command[..rows].to_vec(),
         position_m: record.position_m[..rows].to_vec(),
         ..record.clone()
     }
@@ -250,7 +251,7 @@ fn a_hopeless_record_is_refused_with_the_reason() {
     let with = |change: &dyn Fn(usize, &mut f64, &mut f64)| {
         let mut record = good.clone();
         for row in 0..record.len() {
-            let (volts, position_m) = (&mut record.voltage_v[row], &mut record.position_m[row]);
+            let (volts, position_m) = (&mut record.command[row], &mut record.position_m[row]);
             change(row, volts, position_m);
         }
         record
@@ -305,7 +306,7 @@ fn a_hopeless_record_is_refused_with_the_reason() {
         ),
         (
             "another handle",
-            Record { voltage_v: noise.voltage_v.iter().rev().copied().collect(), ..good.clone() },
+            Record { command: noise.command.iter().rev().copied().collect(), ..good.clone() },
             opts,
             "of the motion",
         ),

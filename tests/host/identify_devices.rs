@@ -276,7 +276,7 @@ impl Exact {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed ^ 0x5EED);
         let mut normal = || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
         let (mut speed, mut before, mut sum) = (0.0, None, 0.0);
-        let (mut voltage_v, mut position_m, mut true_m) = (vec![], vec![], vec![]);
+        let (mut command, mut position_m, mut true_m) = (vec![], vec![], vec![]);
         let origin = state[0];
         for row in 0..rows {
             let read = state[0] / self.count + self.noise_counts * normal();
@@ -306,7 +306,7 @@ impl Exact {
                 }
             };
             let volts = volts.clamp(-limit_v, limit_v);
-            voltage_v.push(volts);
+            command.push(volts);
             position_m.push(read_m);
             true_m.push(state[0]);
             state = self.row(state, volts, step_s);
@@ -315,8 +315,9 @@ impl Exact {
             name: "made".into(),
             start_s: 0.0,
             step_s,
-            voltage_v,
+            command,
             position_m,
+            drive: Default::default(),
             may_clip: true,
         };
         (record, true_m)

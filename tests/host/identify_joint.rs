@@ -1,6 +1,9 @@
 //! How the numbers err together that `identify` finds.
 
-use host_sim::{analysis::identify::identify, scene::NamedScene};
+use host_sim::{
+    analysis::identify::{Drive, identify},
+    scene::NamedScene,
+};
 use rayon::prelude::*;
 
 use crate::{
@@ -72,7 +75,7 @@ fn the_numbers_of_a_device_err_together_as_stated() {
     }
     // what is written into a scene draws devices that err so, and can be read
     let scene = NamedScene::load("paper-1um").unwrap();
-    let uncertainty = joint.uncertainty(None, &scene.scene);
+    let uncertainty = joint.uncertainty(None, &scene.scene, Drive::default());
     assert!((uncertainty.latency / (joint.deviations[5] * RATE_HZ) - 1.0).abs() < 1e-12);
     let mut drawn = scene.scene;
     drawn.uncertainty = Some(uncertainty);

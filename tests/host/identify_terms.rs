@@ -11,7 +11,9 @@ use crate::{
     },
 };
 use host_sim::{
-    analysis::identify::{Estimate, Gain, Identification, Options, Record, Term, Terms, identify},
+    analysis::identify::{
+        Drive, Estimate, Gain, Identification, Options, Record, Term, Terms, identify,
+    },
     numerics::integrator::Integrator,
     plant::{AnyPlant, Plant as _},
     scene::{
@@ -71,20 +73,28 @@ impl Truth {
         let start_m = self.device.start_position_m + random.random::<f64>() * RESOLUTION_M;
         let mut state = plant.at_rest(start_m);
         let rows = (SECONDS * RATE_HZ) as usize;
-        let (mut voltage_v, mut position_m) = (vec![], vec![]);
+        let (mut command, mut position_m) = (vec![], vec![]);
         for row in 0..rows {
             let x = plant.position_m(&state);
             let read_m = x + self.error.map_or(0.0, |error| error.error_m(x));
             let counts = read_m / RESOLUTION_M + noise_counts * normal(&mut random);
             position_m.push(counts.floor() * RESOLUTION_M);
-            voltage_v.push(voltage(Pulses::Two, row));
+            command.push(voltage(Pulses::Two, row));
             let force_n = row
                 .checked_sub(LATENCY)
                 .map_or(0.0, |row| GAIN_N_PER_V * voltage(Pulses::Two, row));
             state = plant.advance(&state, force_n);
         }
         let (name, start_s, step_s) = ("made".into(), 0.0, 1.0 / RATE_HZ);
-        Record { name, start_s, step_s, voltage_v, position_m, may_clip: true }
+        Record {
+            name,
+            start_s,
+            step_s,
+            command,
+            position_m,
+            drive: Drive::default(),
+            may_clip: true,
+        }
     }
 
     fn options(&self) -> Options {

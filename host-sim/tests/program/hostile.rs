@@ -103,8 +103,9 @@ fn log(rows: usize) -> String {
         name: "log".into(),
         start_s: 0.0,
         step_s: 1e-4,
-        voltage_v: (0..rows).map(|n| wave(n, 3.0)).collect(),
+        command: (0..rows).map(|n| wave(n, 3.0)).collect(),
         position_m: (0..rows).map(|n| (wave(n, 1e4) - 5e3).floor() * 1e-6).collect(),
+        drive: Default::default(),
         may_clip: true,
     }
     .csv()

@@ -55,7 +55,7 @@ pub fn log_of(added_kg: f64, rows: usize) -> String {
     let plant = PlantStep::new(&device, 1e-4, 0.0);
     let mut state = plant.at_rest(0.3e-6);
     let mut random = Xoshiro256PlusPlus::seed_from_u64(5);
-    let voltage_v: Vec<f64> = (0..rows)
+    let command: Vec<f64> = (0..rows)
         .map(|row| match row {
             1000..3000 => 4.0,
             3000..5000 => -4.0,
@@ -65,13 +65,14 @@ pub fn log_of(added_kg: f64, rows: usize) -> String {
     let positions = (0..rows).map(|row| {
         let normal = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
         let count = (plant.position_m(&state) / 1e-6 + 0.5 * normal).floor();
-        let late = row.checked_sub(10).map_or(0.0, |row| voltage_v[row]);
+        let late = row.checked_sub(10).map_or(0.0, |row| command[row]);
         state = plant.advance(&state, 0.5906 * late);
         count * 1e-6
     });
     let position_m = positions.collect();
     let (name, start_s, step_s) = ("log".into(), 0.0, 1e-4);
-    Record { name, start_s, step_s, voltage_v, position_m, may_clip: true }.csv()
+    Record { name, start_s, step_s, command, position_m, drive: Default::default(), may_clip: true }
+        .csv()
 }
 
 fn folder() -> TempDir {
@@ -109,6 +110,67 @@ fn positions_in_mm_are_named_as_the_likely_cause() {
     in_mm(600.0, "small.csv");
     let args = ["identify", "small.csv", "--gain", "0.0005906", "--resolution", "0"];
     refused(folder, &args, "are these mm?");
+}
+
+/// The log with the command times a factor and under other headers and units.
+fn with_header(folder: &Path, header: &str, [time, command, position]: [f64; 3]) {
+    let text = fs::read_to_string(folder.join("log.csv")).unwrap();
+    let rows = text.lines().skip(1).map(|line| {
+        let cells: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
+        format!("{},{},{:.4}", cells[0] * time, cells[1] * command, cells[2] * position)
+    });
+    let lines: Vec<String> = [header.to_owned()].into_iter().chain(rows).collect();
+    fs::write(folder.join("other.csv"), lines.join("\n")).unwrap();
+}
+
+#[test]
+fn a_force_or_a_current_identifies_as_the_voltage_does() {
+    let folder = folder();
+    let folder = folder.path();
+    let found = |args: &[&str]| -> serde_json::Value {
+        let args = [args, &["--json", "--latency", "0"]].concat();
+        serde_json::from_str(&done(folder, &args)).unwrap()
+    };
+    let voltage = found(&["identify", "log.csv", "--gain", "0.5906"]);
+    let gain = NamedScene::load("paper-1um").unwrap().scene.actuator.gain_n_per_v;
+    let same = |json: &serde_json::Value| {
+        for key in ["mass_kg", "damping_n_s_per_m", "stiffness_n_per_m", "rest_position_m"] {
+            let [is, wanted] = [json, &voltage].map(|json| json[key]["value"].as_f64().unwrap());
+            assert!((is / wanted - 1.0).abs() < 1e-6, "{key}: {is}, with a voltage {wanted}");
+        }
+        assert_eq!(json["scene"]["actuator"]["gain_n_per_v"], gain, "the base scene's");
+    };
+    with_header(folder, "Time (ms);Force (mN);Position (mm)", [1e3, 590.6, 1e3]);
+    let text = fs::read_to_string(folder.join("other.csv")).unwrap();
+    fs::write(folder.join("other.csv"), text.replace(',', ";")).unwrap();
+    let force = found(&["identify", "other.csv"]);
+    same(&force);
+    assert_eq!((&force["drive"], &force["gain_source"]), (&"force".into(), &"force".into()));
+    assert!(force["gain_n_per_v"].is_null() && force.get("gain_n_per_a").is_none());
+    refused(folder, &["identify", "other.csv", "--gain", "1"], "the log has the force itself");
+    with_header(folder, "t/s,current_mA,encoder_ticks", [1.0, 1e3, 1e6]);
+    let current = found(&["identify", "other.csv", "--gain", "0.5906"]);
+    same(&current);
+    assert_eq!(current["gain_n_per_a"]["value"], 0.5906);
+    let by_motor = ["--torque-constant", "0.01", "--drum-radius", "0.02"];
+    let by_motor = found(&[&["identify", "other.csv"], &by_motor[..]].concat());
+    assert_eq!(by_motor["gain_n_per_a"]["value"], 0.5);
+    refused(folder, &["identify", "other.csv"], "the force per ampere is not given");
+    let both = ["identify", "log.csv", "other.csv", "--gain", "1"];
+    refused(folder, &both, "log.csv has a voltage and other.csv a current");
+}
+
+#[test]
+fn a_latency_is_in_rows_of_the_log() {
+    let folder = folder();
+    let folder = folder.path();
+    let text = fs::read_to_string(folder.join("log.csv")).unwrap();
+    let tenth = text.lines().enumerate().filter(|(row, _)| *row == 0 || row % 10 == 1);
+    let tenth: Vec<&str> = tenth.map(|(_, line)| line).collect();
+    fs::write(folder.join("tenth.csv"), tenth.join("\n")).unwrap();
+    let args = ["identify", "tenth.csv", "--gain", "0.5906", "--latency", "1", "--json"];
+    let json: serde_json::Value = serde_json::from_str(&done(folder, &args)).unwrap();
+    assert_eq!(json["latency_s"]["value"], json["step_s"]);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Symmetries of `identify`: the same device from records in other units, turned around, moved or made twice.
 
 use host_sim::{
-    analysis::identify::{Estimate, Gain, Identification, Options, Record, Terms, identify},
+    analysis::identify::{Drive, Estimate, Gain, Identification, Options, Record, Terms, identify},
     plant::{Plant as _, PlantStep},
     scene::{Device, Rounding},
 };
@@ -22,7 +22,7 @@ fn record(dice: &mut Dice) -> (Record, Options) {
     let gain = 0.5;
     let plant = PlantStep::new(&device, 1.0 / RATE_HZ, 0.0);
     let mut state = plant.at_rest(device.start_position_m);
-    let (mut voltage_v, mut position_m) = (vec![], vec![]);
+    let (mut command, mut position_m) = (vec![], vec![]);
     for row in 0..4000 {
         let volt = match row / 400 {
             1 | 4 => 4.0,
@@ -31,15 +31,16 @@ fn record(dice: &mut Dice) -> (Record, Options) {
         };
         let counts = plant.position_m(&state) / RESOLUTION_M + 0.5 * dice.normal();
         position_m.push(counts.round() * RESOLUTION_M);
-        voltage_v.push(volt);
+        command.push(volt);
         state = plant.advance(&state, gain * volt);
     }
     let record = Record {
         name: "made".into(),
         start_s: 0.0,
         step_s: 1.0 / RATE_HZ,
-        voltage_v,
+        command,
         position_m,
+        drive: Drive::default(),
         may_clip: true,
     };
     let options = Options {
@@ -100,7 +101,7 @@ fn other_units_signs_and_places_are_the_same_device() {
             |values: &mut Vec<f64>, times: f64| values.iter_mut().for_each(|value| *value *= times);
         // an amplifier of twice the gain takes half the voltage
         let other = with(&|record, options| {
-            each(&mut record.voltage_v, 0.5);
+            each(&mut record.command, 0.5);
             options.gain = Gain::Given(1.0);
             options.limit_v = 5.0;
         });
@@ -109,7 +110,7 @@ fn other_units_signs_and_places_are_the_same_device() {
         let other = with(&|_, options| options.gain = Gain::Given(1.0));
         same(&name("gain"), &found, &other, [2.0, 2.0, 2.0, 1.0], none, 1.0);
         let other = with(&|record, _| {
-            each(&mut record.voltage_v, -1.0);
+            each(&mut record.command, -1.0);
             each(&mut record.position_m, -1.0);
         });
         same(&name("mirror"), &found, &other, [1.0, 1.0, 1.0, -1.0], none, 1.0);

@@ -35,6 +35,7 @@ const SUFFIXES: &[Suffix] = &[
     suffix("n_s_per_m", "n_m_s_per_rad", 2),
     suffix("n_per_m", "n_m_per_rad", 2),
     suffix("n_per_v", "n_m_per_v", 1),
+    suffix("n_per_a", "n_m_per_a", 1),
     suffix("m_per_s2", "rad_per_s2", -1),
     suffix("m_per_s", "rad_per_s", -1),
     suffix("n", "n_m", 1),
@@ -64,6 +65,7 @@ const WRITTEN: &[Written] = &[
     ("mm", "deg", -1, 1e-3 * DEGREES),
     ("m", "deg", -1, DEGREES),
     ("N/V", "N m/V", 1, 1.0),
+    ("N/A", "N m/A", 1, 1.0),
     ("mN", "mN m", 1, 1.0),
     ("N", "N m", 1, 1.0),
 ];

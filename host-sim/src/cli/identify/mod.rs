@@ -25,8 +25,9 @@ use crate::{
 /// --added-mass. A record that cannot tell is refused with the reason. docs/identification.md says how to record.
 #[derive(Debug, Args)]
 pub struct IdentifyArgs {
-    /// Records: CSV with the columns time_s,voltage_v,position_m (of a rotary base scene position_rad), a telemetry capture, or the CSV that `telemetry`
-    /// makes of one. Several records of one device are fitted at once.
+    /// Records: CSV with time, command and position, a telemetry capture, or the CSV that `telemetry` makes of one. A column is
+    /// a quantity with its unit, as time_s or `Time (ms)`; the command is a voltage, a force, a torque or a current.
+    /// Several records of one device are fitted at once.
     #[arg(required_unless_present = "plan", value_name = "LOG")]
     logs: Vec<PathBuf>,
     /// Scene that gives encoder, voltage limit, latency and sample rate, and all else that a scene needs.
@@ -34,8 +35,8 @@ pub struct IdentifyArgs {
     base: String,
     #[command(flatten)]
     gain: GainArgs,
-    /// From a row's time to its voltage's effect, in samples of the base scene [default: the base scene's].
-    #[arg(long, value_name = "SAMPLES", allow_negative_numbers = true)]
+    /// From a row's time to its command's effect, in rows of the log [default: the base scene's time].
+    #[arg(long, value_name = "ROWS", allow_negative_numbers = true)]
     latency: Option<f64>,
     /// Fit the latency too, beginning with --latency.
     #[arg(long)]
@@ -115,13 +116,14 @@ impl TermArgs {
 /// The ways to the force per volt; exactly one of them.
 #[derive(Debug, Args)]
 struct GainArgs {
-    /// Force per volt, N/V, of a rotary base scene N m/V [default there: that of its [rotary]].
+    /// Force per volt, N/V, of a rotary base scene N m/V [default there: that of its [rotary]]; of a log with a current per
+    /// ampere, of one with a force none.
     #[arg(long, value_name = "N_PER_V", allow_negative_numbers = true, conflicts_with_all = ["torque_constant", "amplifier_gain", "drum_radius", "calibration_mass", "calibration_voltage", "added_mass"])]
     gain: Option<f64>,
     /// k_t of gain = k_t k_amp / r_c, N m/A.
-    #[arg(long, value_name = "N_M_PER_A", allow_negative_numbers = true, requires_all = ["amplifier_gain", "drum_radius"], conflicts_with_all = ["calibration_mass", "calibration_voltage", "added_mass"])]
+    #[arg(long, value_name = "N_M_PER_A", allow_negative_numbers = true, requires = "drum_radius", conflicts_with_all = ["calibration_mass", "calibration_voltage", "added_mass"])]
     torque_constant: Option<f64>,
-    /// k_amp of this gain, A/V.
+    /// k_amp of this gain, A/V; none of a log with a current.
     #[arg(
         long,
         value_name = "A_PER_V",
@@ -186,7 +188,6 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     }
     let base = NamedScene::load(&args.base)?;
     let units = base.scene.units;
-    let gain = args.gain.asked().source(&base.scene, units)?;
     let inputs = [&args.logs[..], &base.files].concat();
     let moments = Kind::Moments { rate_hz: base.scene.control.rate_hz };
     let mut outputs = common.outputs(&inputs)?;
@@ -194,10 +195,9 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     let file = outputs.table(args.csv.as_ref(), moments, Some(&base))?;
     let plot = outputs.figure(args.plot.as_ref())?;
     let asked = args.asked();
-    let options = asked.options(&base.scene, gain, units)?;
     let of_base = (&base, args.base.as_str());
-    let read = |log: &PathBuf| identify::read(log, of_base, &options, asked.span);
-    let records: Vec<Record> = args.logs.iter().map(read).collect::<Result<_, Error>>()?;
+    let (records, options) =
+        identify::read_all(&args.logs, of_base, (&asked, &args.gain.asked()), units)?;
     let found = identify::identify_in(units, &records, &options, interrupt::flag())?;
     let made = Made::new(&base, &found, &options)?;
     if let Some(out) = out {

@@ -4,7 +4,7 @@ use std::{fmt::Write as _, path::Path};
 
 use super::of_records;
 use crate::{
-    analysis::identify::{CONFIDENCE, Estimate, Identification, Options, Record, Tested},
+    analysis::identify::{CONFIDENCE, Drive, Estimate, Identification, Options, Record, Tested},
     error::Error,
     output::{
         figure::{self, ResponsePlot},
@@ -54,7 +54,11 @@ pub(super) fn rows(found: &Identification, options: &Options, units: Units) -> V
         rows.push(row("stiffness", "N/m", spring.stiffness_n_per_m));
         rows.push(row(rest, "m", spring.rest_position_m));
     }
-    rows.push(row("gain", "N/V", found.gain_n_per_v));
+    match found.drive {
+        Drive::Voltage => rows.push(row("gain", "N/V", found.gain_n_per_v)),
+        Drive::Current => rows.push(row("gain", "N/A", found.gain_n_per_v)),
+        Drive::Force => {}
+    }
     if options.fit_latency {
         rows.push(row("latency", "s", found.latency_s));
     }
@@ -73,9 +77,10 @@ pub(super) fn rows(found: &Identification, options: &Options, units: Units) -> V
 
 /// Voltage, measured and modelled position of a record.
 pub(super) fn csv(record: &Record, found: &Identification, units: Units) -> String {
-    let mut text = String::from("time_s,voltage_v,position_m,model_m,residual_m\n");
-    for [time_s, volts, position_m, model_m, residual_m] in found.fits[0].rows(record) {
-        let _ = writeln!(text, "{time_s:.7},{volts},{position_m},{model_m:.9},{residual_m:.3e}");
+    let column = record.command_column();
+    let mut text = format!("time_s,{column},position_m,model_m,residual_m\n");
+    for [time_s, command, position_m, model_m, residual_m] in found.fits[0].rows(record) {
+        let _ = writeln!(text, "{time_s:.7},{command},{position_m},{model_m:.9},{residual_m:.3e}");
     }
     in_units::csv(units, text)
 }
@@ -91,6 +96,12 @@ pub(super) fn draw(
         format!("k = {k:.4} N/m, x0 = {x0:.4} m")
     });
     let stem = Path::new(&record.name).file_stem().unwrap_or_default().to_string_lossy();
+    let (command_title, told) = match (record.drive, units) {
+        (Drive::Voltage, _) => ("u [V]", 1.0),
+        (Drive::Current, _) => ("i [A]", 1.0),
+        (Drive::Force, Units::Linear) => ("F [N]", 1.0),
+        (Drive::Force, Units::Rotary { .. }) => ("Torque [N m]", units.written("N").1),
+    };
     Ok(figure::pulse_response(&ResponsePlot {
         title: format!("Measured response and identified model, {stem}"),
         subtitle: units.text(&format!(
@@ -101,7 +112,8 @@ pub(super) fn draw(
         )),
         start_s: record.start_s,
         step_s: record.step_s,
-        voltage_v: record.voltage_v.clone(),
+        command: record.command.iter().map(|command| command * told).collect(),
+        command_title,
         measured_m: record.position_m.clone(),
         first: fit.first,
         model_m: fit.model_m.clone(),

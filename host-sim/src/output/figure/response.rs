@@ -48,8 +48,9 @@ pub struct ResponsePlot {
     pub start_s: f64,
     /// Time between rows, s.
     pub step_s: f64,
-    /// Command at each row, V.
-    pub voltage_v: Vec<f64>,
+    /// Command at each row, and its axis.
+    pub command: Vec<f64>,
+    pub command_title: &'static str,
     /// Measured position at each row, m.
     pub measured_m: Vec<f64>,
     /// First row that was fitted.
@@ -62,7 +63,7 @@ pub struct ResponsePlot {
     pub units: Units,
 }
 
-/// Draws the response to a voltage, measured and modelled.
+/// Draws the response to a command, measured and modelled.
 ///
 /// # Errors
 /// [`FigureError`] if a number is NaN or infinite, the step is not greater than 0, or there are no samples.
@@ -73,7 +74,7 @@ pub fn pulse_response(plot: &ResponsePlot) -> Result<Figure, FigureError> {
         return Err(FigureError::NoSamples);
     }
     for (quantity, values) in [
-        ("voltage_v", &plot.voltage_v),
+        ("command", &plot.command),
         ("measured_m", &plot.measured_m),
         ("model_m", &plot.model_m),
         ("residual_m", &plot.residual_m),
@@ -90,14 +91,14 @@ fn draw(plot: &ResponsePlot, page: &Page) -> Result<(), FigureError> {
     let times = || Ticks::within(plot.start_s, end_s, MOST_X_TICKS);
     let time = |row: usize| plot.start_s + row as f64 * plot.step_s;
 
-    let held = plot.voltage_v.iter().enumerate();
-    let voltage = held.flat_map(|(row, volts)| [(time(row), *volts), (time(row + 1), *volts)]);
-    let [low, high] = range(plot.voltage_v.iter().copied());
+    let held = plot.command.iter().enumerate();
+    let command = held.flat_map(|(row, is)| [(time(row), *is), (time(row + 1), *is)]);
+    let [low, high] = range(plot.command.iter().copied());
     let pad = VOLTAGE_PAD * (high - low);
     let y = Ticks::within(low - pad, high + pad, FEW_Y_TICKS);
     let mut chart = VOLTAGE.chart(page, times().bare(), y, NO_TITLE_DROP)?;
-    panel::axes(&mut chart, Grid::Horizontal, ["", "u [V]"])?;
-    draw_trace(page, &chart, voltage, TEXT.mix(1.0), MODEL_WIDTH)?;
+    panel::axes(&mut chart, Grid::Horizontal, ["", plot.command_title])?;
+    draw_trace(page, &chart, command, TEXT.mix(1.0), MODEL_WIDTH)?;
     VOLTAGE.frame(page)?;
 
     let told = MM_PER_M * plot.units.written("mm").1;
@@ -151,7 +152,8 @@ mod tests {
             subtitle: "m = 0.416 kg".to_owned(),
             start_s: 0.0,
             step_s: 1e-4,
-            voltage_v: (0..rows).map(|n| if n < 2000 { 4.0 } else { 0.0 }).collect(),
+            command_title: "u [V]",
+            command: (0..rows).map(|n| if n < 2000 { 4.0 } else { 0.0 }).collect(),
             first: 10,
             model_m: measured_m[10..].iter().map(|x| x + 1e-6).collect(),
             residual_m: vec![-1e-6; 19_990],

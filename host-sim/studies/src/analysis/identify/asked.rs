@@ -1,9 +1,13 @@
 //! What a person asks of records, checked before the first one is read; the command line and Python ask the same.
 
-use std::{ops::RangeInclusive, path::Path, sync::atomic::AtomicBool};
+use std::{
+    ops::RangeInclusive,
+    path::{Path, PathBuf},
+    sync::atomic::AtomicBool,
+};
 
 use super::{
-    Gain, Identification, Options, OutputScale, Record, Span, Terms, from_capture,
+    Drive, Gain, Identification, Options, OutputScale, Record, Span, Terms, from_capture,
     from_capture_csv, identified, telemetry::is_capture_csv,
 };
 use crate::{
@@ -38,44 +42,63 @@ pub struct GainAsked {
 }
 
 impl GainAsked {
-    /// The one that is given; of a rotary base scene its own where none is.
+    /// The one that is given; of a rotary base scene its own where none is, and none for a log with the force.
     ///
     /// # Errors
-    /// None is, or more than one, or a part of one.
-    pub fn source(&self, base: &Scene, said_in: Units) -> Result<Gain, Error> {
+    /// None is, or more than one, or a part of one, or one that does not fit the log.
+    pub fn source(&self, base: &Scene, said_in: Units, drive: Drive) -> Result<Gain, Error> {
         let Self { gain, torque_constant, amplifier_gain, drum_radius, .. } = *self;
         let Self { calibration_mass, calibration_voltage, added_mass, .. } = *self;
         let motor = [torque_constant, amplifier_gain, drum_radius];
         let weight = [calibration_mass, calibration_voltage];
         let is_given = |parts: &[Option<f64>]| parts.iter().any(Option::is_some);
         let ways = [&[gain][..], &motor, &weight, &[added_mass]];
-        if ways.iter().filter(|parts| is_given(parts)).count() > 1 {
-            return Err(Error::input(
-                "the force per volt is given in more than one way, allowed one",
-            ));
+        let given = ways.iter().filter(|parts| is_given(parts)).count();
+        if drive == Drive::Force {
+            return match given {
+                0 => Ok(Gain::Force),
+                _ => Err(Error::input(
+                    "the log has the force itself, so that no gain is looked for: leave out --gain and what it can be had from",
+                )),
+            };
+        }
+        if given > 1 {
+            return Err(Error::Input(format!(
+                "the force per {} is given in more than one way, allowed one",
+                drive.per()
+            )));
         }
         if let Some(gain) = gain {
             return Ok(Gain::Given(gain / said_in.written("N/V").1));
         }
-        if let [Some(torque_constant_n_m_per_a), Some(amplifier_a_per_v), Some(drum_radius_m)] =
-            motor
+        let in_part = is_given(&motor) || is_given(&weight);
+        let (amplifier, ways) = match drive {
+            Drive::Current => (
+                amplifier_gain.is_none().then_some(1.0),
+                "--torque-constant and --drum-radius, without --amplifier-gain",
+            ),
+            _ => (
+                amplifier_gain,
+                "--torque-constant, --amplifier-gain and --drum-radius, or --calibration-mass and --calibration-voltage",
+            ),
+        };
+        if let (Some(torque_constant_n_m_per_a), Some(amplifier_a_per_v), Some(drum_radius_m)) =
+            (torque_constant, amplifier, drum_radius)
         {
             return Ok(Gain::Motor { torque_constant_n_m_per_a, amplifier_a_per_v, drum_radius_m });
         }
-        if let [Some(mass_kg), Some(voltage_v)] = weight {
+        if let ([Some(mass_kg), Some(voltage_v)], Drive::Voltage) = (weight, drive) {
             return Ok(Gain::Weight { mass_kg, voltage_v });
         }
         let added = added_mass.map(|mass_kg| Gain::AddedMass { mass_kg });
-        let in_part = is_given(&motor) || is_given(&weight);
-        let own = base.units.is_rotary() && !in_part;
+        let own = drive == Drive::Voltage && base.units.is_rotary() && !in_part;
         let own = own.then_some(Gain::Given(base.actuator.gain_n_per_v));
         added.or(own).ok_or_else(|| {
-            Error::Input(
-                "the force per volt is not given, and one record shows mass, damping and stiffness only in terms of it: \
-                 give --gain, or --torque-constant, --amplifier-gain and --drum-radius, or --calibration-mass and \
-                 --calibration-voltage, or a second record with --added-mass"
-                    .into(),
-            )
+            Error::Input(format!(
+                "the force per {} is not given, and one record shows mass, damping and stiffness only in terms of it: \
+                 give --gain, or {ways}, or a second record with --added-mass",
+                drive.per()
+            ))
         })
     }
 }
@@ -83,7 +106,7 @@ impl GainAsked {
 /// What is asked, beside the force per volt.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Asked {
-    /// From a row's time to its voltage's effect, samples of the base scene; that scene's if it is not said.
+    /// From a row's time to its command's effect, rows of the log; the base scene's if it is not said.
     pub latency: Option<f64>,
     /// Fit the latency too.
     pub fit_latency: bool,
@@ -102,12 +125,13 @@ pub struct Asked {
 }
 
 impl Asked {
-    /// With what the base scene knows. `said_in` is what lengths are said in.
+    /// With what the base scene knows, but for the gain and a latency in rows, which the logs decide. `said_in` is what lengths
+    /// are said in.
     ///
     /// # Errors
     /// Something is out of range.
-    pub fn options(&self, base: &Scene, gain: Gain, said_in: Units) -> Result<Options, Error> {
-        let mut options = Options::of_scene(base, gain);
+    pub(super) fn options(&self, base: &Scene, said_in: Units) -> Result<Options, Error> {
+        let mut options = Options::of_scene(base, Gain::Force);
         options.fit_latency = self.fit_latency;
         options.spring = self.spring;
         options.terms = self.terms;
@@ -127,8 +151,7 @@ impl Asked {
             options.cycle_m = Some(length("--encoder-cycle", cycle, CYCLE_M)?);
         }
         if let Some(latency) = self.latency {
-            in_range("--latency", latency, ranges::LATENCY, "samples")?;
-            options.latency_s = latency / base.control.rate_hz;
+            in_range("--latency", latency, ranges::LATENCY, "rows")?;
         }
         if let Some(resolution) = self.resolution {
             options.resolution_m = match resolution {
@@ -143,11 +166,49 @@ impl Asked {
                 )));
             }
         }
-        // Refuses it before any record is read.
-        let gain = options.gain.known_n_per_v();
-        gain.map_err(|error| Error::Input(base.units.text(&error)))?;
         Ok(options)
     }
+}
+
+/// The records of those files, and all that is asked of them. `said_in` is what lengths and the gain are said in.
+///
+/// # Errors
+/// A file is no record, the records have different commands, or what is asked does not fit them.
+pub fn read_all(
+    logs: &[PathBuf],
+    (base, base_name): (&NamedScene, &str),
+    (asked, gain): (&Asked, &GainAsked),
+    said_in: Units,
+) -> Result<(Vec<Record>, Options), Error> {
+    let options = asked.options(&base.scene, said_in)?;
+    let read = |log: &PathBuf| read(log, (base, base_name), &options, asked.span);
+    let records: Vec<Record> = logs.iter().map(read).collect::<Result<_, Error>>()?;
+    let options = of_records(options, (asked, gain), &base.scene, said_in, &records)?;
+    Ok((records, options))
+}
+
+/// The options with what the records decide.
+pub(super) fn of_records(
+    mut options: Options,
+    (asked, gain): (&Asked, &GainAsked),
+    base: &Scene,
+    said_in: Units,
+    records: &[Record],
+) -> Result<Options, Error> {
+    let first = records.first().ok_or_else(|| Error::input("no record"))?;
+    if let Some(other) = records.iter().find(|record| record.drive != first.drive) {
+        return Err(Error::Input(format!(
+            "{} has a {} and {} a {}, allowed one kind of command",
+            first.name, first.drive, other.name, other.drive
+        )));
+    }
+    options.gain = gain.source(base, said_in, first.drive)?;
+    if let Some(rows) = asked.latency {
+        options.latency_s = rows * first.step_s;
+    }
+    let known = options.gain.known_n_per_v();
+    known.map_err(|error| Error::Input(base.units.text(&error)))?;
+    Ok(options)
 }
 
 /// A record from a file of any of the accepted forms. `base_name` is what messages call the base scene.

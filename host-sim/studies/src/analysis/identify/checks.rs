@@ -1,7 +1,7 @@
 //! What a record must show before and after the fit. Each refusal names its reason.
 
 use super::{
-    Options,
+    Drive, Options,
     confidence::{Estimate, Estimates},
     record::{IN_MM, Record, range},
     terms::{FAMILY_P, Term, Tested, said},
@@ -24,21 +24,23 @@ const NEGLIGIBLE: f64 = 0.1;
 pub(super) fn before(record: &Record, first: usize, options: &Options) -> Result<(), String> {
     record.check()?;
     let limit_v = options.limit_v;
-    let voltages = &record.voltage_v;
+    let commands = &record.command;
     if record.may_clip
-        && let Some(row) = voltages.iter().position(|v| v.abs() >= limit_v * (1.0 - 1e-9))
+        && let Some(row) = commands.iter().position(|v| v.abs() >= limit_v * (1.0 - 1e-9))
     {
         return Err(format!(
             "the voltage is {} V at {:.4} s, at or beyond actuator.limit_v of {limit_v} V: what acted there is not \
              known; use a smaller pulse, or a scene with the true limit",
-            voltages[row],
+            commands[row],
             record.time_s(row)
         ));
     }
-    let (low, high) = range(&voltages[..voltages.len() - first]);
-    if high - low < EXCITATION_MIN * limit_v {
+    let (low, high) = range(&commands[..commands.len() - first]);
+    let (drive, unit) = (record.drive, record.drive.unit());
+    let least = if drive == Drive::Voltage { EXCITATION_MIN * limit_v } else { 0.0 };
+    if high - low <= least {
         return Err(format!(
-            "no excitation: the voltage stays at {low} V; mass, damping and stiffness show only where it changes"
+            "no excitation: the {drive} stays at {low} {unit}; mass, damping and stiffness show only where it changes"
         ));
     }
     let (low, high) = range(&record.position_m);
@@ -54,17 +56,20 @@ pub(super) fn before(record: &Record, first: usize, options: &Options) -> Result
 
 /// Refuses positions that are not the counts of an encoder of that resolution.
 fn on_grid(record: &Record, resolution_m: f64) -> Result<(), String> {
+    // A zero that was set in software need not be a count.
+    let first = record.position_m[0] / resolution_m;
     let counts = record.position_m.iter().map(|x| x / resolution_m);
+    let off = |count: &f64| (count - first - (count - first).round()).abs();
     if let Some((row, count)) =
-        counts.clone().enumerate().find(|(_, count)| (count - count.round()).abs() > OFF_GRID_MAX)
+        counts.clone().enumerate().find(|(_, count)| off(count) > OFF_GRID_MAX)
     {
+        let from_first = count - first;
         return Err(format!(
-            "the position at {:.4} s is {count:.3} counts of {resolution_m} m; give the encoder's --resolution in m, or \
-             0 for a sensor without counts",
+            "the position at {:.4} s is {from_first:.3} counts of {resolution_m} m from the first; give the encoder's \
+             --resolution in m, or 0 for a sensor without counts",
             record.time_s(row)
         ));
     }
-    let first = record.position_m[0] / resolution_m;
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
     let moved = counts.map(|count| (count - first).round().abs() as u64);
     let step = moved.fold(0, gcd);
@@ -124,7 +129,7 @@ pub(super) fn questions(mass_kg: f64, force_n: f64, speed_m_per_s: f64) -> Vec<S
         ));
     }
     if force_n > USUAL_FORCE_N {
-        questions.push(format!("a force of {force_n:.0} N: is --gain in N/V and voltage_v in V?"));
+        questions.push(format!("a force of {force_n:.0} N: is the gain in N/V, the voltage in V?"));
     }
     if speed_m_per_s > USUAL_SPEED_M_PER_S {
         questions.push(format!(
@@ -218,7 +223,8 @@ pub(super) fn after(
     if let Some([stiffness, rest]) = spring {
         if stiffness.high() < 0.0 {
             return Err(format!(
-                "the stiffness comes out negative, {}: something pushes the handle away from rest",
+                "the stiffness comes out negative, {}: give --no-spring if the device has none; else something pushes the \
+                 handle away from rest",
                 with(stiffness, "N/m")
             ));
         }

@@ -200,7 +200,7 @@ impl Problem<'_> {
                 .map(|fitted| largest(fitted.record))
                 .fold(f64::MIN_POSITIVE, f64::max)
         };
-        let force_n = (gain * all(|record| &record.voltage_v)).abs();
+        let force_n = (gain * all(|record| &record.command)).abs();
         let travel_m = self.records.iter().flat_map(|fitted| &fitted.positions_m);
         let travel_m = travel_m.fold(f64::MIN_POSITIVE, |most, x| most.max(x.abs()));
         let step_s = self.records[0].record.step_s;

@@ -13,6 +13,8 @@ const GRAVITY_M_PER_S2: f64 = 9.806_65;
 pub enum Gain {
     /// As it was given, N/V.
     Given(f64),
+    /// The log has the force itself.
+    Force,
     /// Paper, section 2.2.2: `k_t k_amp / r_c`.
     Motor {
         /// Torque constant k_t, N m/A.
@@ -37,13 +39,14 @@ pub enum Gain {
 }
 
 impl Gain {
-    /// Force per volt if it is known without a fit, N/V.
+    /// Force per volt if it is known without a fit, N/V; per ampere, N/A, of a log with a current; 1 of one with a force.
     ///
     /// # Errors
     /// One line: the gain is out of range.
     pub fn known_n_per_v(&self) -> Result<Option<f64>, String> {
         let (value, what) = match *self {
             Self::Given(value) => (value, "--gain"),
+            Self::Force => return Ok(Some(1.0)),
             Self::Motor { torque_constant_n_m_per_a, amplifier_a_per_v, drum_radius_m } => (
                 torque_constant_n_m_per_a * amplifier_a_per_v / drum_radius_m,
                 "the gain of --torque-constant, --amplifier-gain and --drum-radius",
@@ -71,6 +74,7 @@ impl Gain {
     pub fn source(&self) -> &'static str {
         match self {
             Self::Given(_) => "given",
+            Self::Force => "force",
             Self::Motor { .. } => "motor",
             Self::Weight { .. } => "weight",
             Self::AddedMass { .. } => "added_mass",

@@ -3,7 +3,10 @@
 
 use std::f64::consts::{PI, TAU};
 
-use super::residual::{HARMONICS, Piece, Residual};
+use super::{
+    Drive,
+    residual::{HARMONICS, Piece, Residual},
+};
 use crate::scene::{Scene, Uncertainty};
 
 /// The numbers of a device, in the order of [`Uncertainty::NAMES`]; the latency in seconds.
@@ -25,8 +28,13 @@ const LATENCY: usize = 5;
 
 impl Joint {
     /// In place of what `base` says of the numbers that were fitted, the latency in samples of the scene that was `made`.
-    /// Of a gain that was given, mass, damping and stiffness have their share of what `base` says of it.
-    pub fn uncertainty(&self, base: Option<&Uncertainty>, made: &Scene) -> Uncertainty {
+    /// Of a gain that was given and by which a voltage became a force, mass, damping and stiffness have their share of what `base` says of it.
+    pub fn uncertainty(
+        &self,
+        base: Option<&Uncertainty>,
+        made: &Scene,
+        drive: Drive,
+    ) -> Uncertainty {
         let base = base.cloned().unwrap_or_default();
         let was = [
             base.mass_kg,
@@ -55,8 +63,9 @@ impl Joint {
                 0.0,
             ];
             let part = was[GAIN] / made.actuator.gain_n_per_v;
-            for a in BY_GAIN.into_iter().chain([GAIN]) {
-                for b in BY_GAIN.into_iter().chain([GAIN]) {
+            let found_by_it = if drive == Drive::Voltage { &BY_GAIN[..] } else { &[] };
+            for &a in found_by_it.iter().chain(&[GAIN]) {
+                for &b in found_by_it.iter().chain(&[GAIN]) {
                     covariance[a][b] += numbers[a] * numbers[b] * part * part;
                 }
             }
@@ -170,7 +179,7 @@ mod tests {
             gain_n_per_v: 0.02 * made.actuator.gain_n_per_v,
             ..Uncertainty::default()
         };
-        let found = joint.uncertainty(Some(&base), &made);
+        let found = joint.uncertainty(Some(&base), &made, Drive::Voltage);
         assert!((found.mass_kg / made.device.mass_kg / 0.02 - 1.0).abs() < 1e-9);
         assert_eq!(found.latency, 1e-7 * made.control.rate_hz);
         assert_eq!(found.rest_position_m, 1e-8);
@@ -194,10 +203,10 @@ mod tests {
             ],
             ..base
         };
-        let renewed = joint.uncertainty(Some(&again), &made);
+        let renewed = joint.uncertainty(Some(&again), &made, Drive::Voltage);
         assert!(renewed.correlations.iter().all(|(_, _, value)| *value != 0.9));
         // without it nothing is known of the gain
-        let found = joint.uncertainty(None, &made);
+        let found = joint.uncertainty(None, &made, Drive::Voltage);
         assert_eq!((found.mass_kg, found.gain_n_per_v), (1e-7, 0.0));
         assert!(found.correlations.is_empty());
     }

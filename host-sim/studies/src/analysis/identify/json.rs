@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{CONFIDENCE, Estimate, Found, Identification, Options, Record, Tested};
+use super::{CONFIDENCE, Drive, Estimate, Found, Identification, Options, Record, Tested};
 
 /// All of it; docs/files.md has the keys.
 #[derive(Serialize)]
@@ -16,7 +16,10 @@ pub struct Json<'a> {
     damping_n_s_per_m: Interval,
     stiffness_n_per_m: Option<Interval>,
     rest_position_m: Option<Interval>,
-    gain_n_per_v: Interval,
+    drive: String,
+    gain_n_per_v: Option<Interval>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gain_n_per_a: Option<Interval>,
     latency_s: Interval,
     #[serde(skip_serializing_if = "Option::is_none")]
     terms: Option<TermsJson>,
@@ -115,6 +118,7 @@ struct ResidualJson {
 impl<'a> Json<'a> {
     pub fn new(records: &'a [Record], found: &'a Identification, options: &Options) -> Self {
         let residual = &found.residual;
+        let gain = |drive| (found.drive == drive).then(|| found.gain_n_per_v.into());
         let initial = records.iter().zip(&found.fits).map(|(record, fit)| Initial {
             time_s: record.time_s(fit.first),
             position_m: fit.position_m,
@@ -130,7 +134,9 @@ impl<'a> Json<'a> {
             damping_n_s_per_m: found.damping_n_s_per_m.into(),
             stiffness_n_per_m: found.spring.map(|spring| spring.stiffness_n_per_m.into()),
             rest_position_m: found.spring.map(|spring| spring.rest_position_m.into()),
-            gain_n_per_v: found.gain_n_per_v.into(),
+            drive: found.drive.to_string(),
+            gain_n_per_v: gain(Drive::Voltage),
+            gain_n_per_a: gain(Drive::Current),
             latency_s: found.latency_s.into(),
             terms: TermsJson::new(&found.terms),
             initial: initial.collect(),

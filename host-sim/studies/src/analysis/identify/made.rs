@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use serde::{Serialize, Serializer};
 use toml::Table;
 
-use super::{Found, Identification, Options, rotary};
+use super::{Drive, Found, Identification, Options, rotary};
 use crate::{
     error::Error,
     numerics::integrator::Integrator,
@@ -77,7 +77,9 @@ fn scene(base: &Scene, found: &Identification, options: &Options) -> Scene {
         scene.device.stiffness_n_per_m = spring.stiffness_n_per_m.value;
         scene.device.rest_position_m = spring.rest_position_m.value;
     }
-    scene.actuator.gain_n_per_v = found.gain_n_per_v.value;
+    if found.drive == Drive::Voltage {
+        scene.actuator.gain_n_per_v = found.gain_n_per_v.value;
+    }
     // A latency that was said belongs to the log (0 for a voltage measured at the motor); the loop's
     // is another, and a shorter one would promise walls that the device cannot render.
     if options.fit_latency {
@@ -87,7 +89,7 @@ fn scene(base: &Scene, found: &Identification, options: &Options) -> Scene {
         scene.encoder.resolution_m = options.resolution_m;
     }
     let was = base.uncertainty.as_ref();
-    scene.uncertainty = Some(found.joint.uncertainty(was, &scene));
+    scene.uncertainty = Some(found.joint.uncertainty(was, &scene, found.drive));
     with_terms(scene, &found.terms)
 }
 

@@ -11,6 +11,7 @@
 
 mod asked;
 mod checks;
+mod columns;
 mod confidence;
 mod cycle;
 mod fit;
@@ -36,7 +37,8 @@ mod terms;
 mod tests;
 mod weighting;
 
-pub use asked::{Asked, GainAsked, identify_in, read};
+pub use asked::{Asked, GainAsked, identify_in, read, read_all};
+pub use columns::Drive;
 pub use confidence::{CONFIDENCE, Estimate};
 pub use gain::Gain;
 pub use joint::Joint;
@@ -126,7 +128,7 @@ impl Fit {
     pub fn rows(&self, record: &Record) -> impl Iterator<Item = [f64; 5]> {
         let both = self.model_m.iter().zip(&self.residual_m);
         (self.first..).zip(both).map(|(row, (model_m, residual_m))| {
-            let (volts, position_m) = (record.voltage_v[row], record.position_m[row]);
+            let (volts, position_m) = (record.command[row], record.position_m[row]);
             [record.time_s(row), volts, position_m, *model_m, *residual_m]
         })
     }
@@ -134,11 +136,13 @@ impl Fit {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Identification {
+    /// What the command of the records is.
+    pub drive: Drive,
     pub mass_kg: Estimate,
     pub damping_n_s_per_m: Estimate,
     /// k, N/m, and x0, m; `None` for a device without a spring.
     pub spring: Option<Spring>,
-    /// Force per volt, N/V: without width if it was known.
+    /// Force per unit of the command, N/V, N/A or 1: without width if it was known.
     pub gain_n_per_v: Estimate,
     /// Latency, s: without width if it was known.
     pub latency_s: Estimate,
@@ -372,7 +376,7 @@ fn conclude(
             ));
         }
     }
-    let volts = fitted.iter().flat_map(|fitted| &fitted.record.voltage_v);
+    let volts = fitted.iter().flat_map(|fitted| &fitted.record.command);
     let largest_v = volts.fold(0.0, |most: f64, volt| most.max(volt.abs()));
     warnings.extend(checks::questions(
         found.mass.value,
@@ -406,6 +410,7 @@ fn conclude(
     }
     warnings.extend(of_residual(&residual, found.widening, search, model));
     Ok(Identification {
+        drive: fitted[0].record.drive,
         mass_kg: found.mass,
         damping_n_s_per_m: found.damping,
         spring: found.spring.map(|[stiffness_n_per_m, rest]| Spring {

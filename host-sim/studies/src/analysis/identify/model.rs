@@ -167,7 +167,7 @@ pub(super) fn response(record: &Record, first: usize, reduced: &Reduced) -> Vec<
 
 /// A record's voltage as it acts, late by the latency.
 pub(super) struct Held<'a> {
-    voltage_v: &'a [f64],
+    command: &'a [f64],
     /// Whole rows of latency.
     rows: i64,
     /// Part of a row until the newer voltage acts, 0 to below 1.
@@ -178,14 +178,14 @@ impl<'a> Held<'a> {
     pub(super) fn new(record: &'a Record, latency: f64) -> Self {
         #[expect(clippy::cast_possible_truncation, reason = "the cast saturates")]
         let rows = latency.floor() as i64;
-        Self { voltage_v: &record.voltage_v, rows, fraction: latency - latency.floor() }
+        Self { command: &record.command, rows, fraction: latency - latency.floor() }
     }
 
     /// Voltage at the beginning of this row's step, and from the fraction on. Outside the record the nearest.
     pub(super) fn at(&self, row: usize) -> (f64, f64) {
         let value = |row: i64| {
-            let last = self.voltage_v.len() - 1;
-            self.voltage_v[usize::try_from(row).unwrap_or(0).min(last)]
+            let last = self.command.len() - 1;
+            self.command[usize::try_from(row).unwrap_or(0).min(last)]
         };
         let row = row.cast_signed() as i64 - self.rows;
         (value(row - 1), value(row))
@@ -205,14 +205,15 @@ mod tests {
     };
 
     fn record() -> Record {
-        let voltage_v =
+        let command =
             (0..4000).map(|n| if (500..1500).contains(&n) { 4.0 } else { -1.0 }).collect();
         Record {
             name: "test".into(),
             start_s: 0.0,
             step_s: 1e-4,
-            voltage_v,
+            command,
             position_m: vec![0.0; 4000],
+            drive: Default::default(),
             may_clip: true,
         }
     }
@@ -235,7 +236,7 @@ mod tests {
         let mut state = plant.at_rest(REDUCED.x);
         for (n, point) in points.iter().enumerate() {
             assert!((point.x - plant.position_m(&state)).abs() < 1e-13, "row {n}");
-            let force = |row: usize| REDUCED.gain * record.voltage_v[row] + REDUCED.offset;
+            let force = |row: usize| REDUCED.gain * record.command[row] + REDUCED.offset;
             let row = n + first;
             state = plant.advance_split(&state, force(row - 4), force(row - 3));
         }

@@ -1,7 +1,8 @@
-//! A record: the voltage that was commanded and the position that followed, in even steps of time.
+//! A record: the voltage, force or current that was commanded and the position that followed, in even steps of time.
 
 use std::{fmt::Write as _, ops::RangeInclusive};
 
+use super::columns::{Columns, Drive};
 use crate::{
     input::table::{FINITE, Table},
     scene::Units,
@@ -21,10 +22,7 @@ pub(super) const IN_MM: &str = "; position_m is in m: are these mm?";
 const TRAVEL_MAX_M: f64 = 5.0;
 /// Counts that a counter of 16 bits loses or gains when it wraps.
 const WRAP: f64 = 65_536.0;
-/// Columns of a log.
-pub const COLUMNS: [&str; 3] = ["time_s", "voltage_v", "position_m"];
-
-/// Voltage and position on an even grid of time.
+/// Command and position on an even grid of time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Record {
     /// What errors call it.
@@ -33,11 +31,13 @@ pub struct Record {
     pub start_s: f64,
     /// Time between rows, s.
     pub step_s: f64,
-    /// Command of each row, V; it is held until the next one.
-    pub voltage_v: Vec<f64>,
+    /// What the command is.
+    pub drive: Drive,
+    /// Command of each row, V, N or A; it is held until the next one.
+    pub command: Vec<f64>,
     /// Position at each row as the sensor gave it, m.
     pub position_m: Vec<f64>,
-    /// The voltage is what was asked for, so that the amplifier may have clipped it. Telemetry says what acted.
+    /// A voltage that was asked for: the amplifier may have clipped it. Telemetry says what acted.
     pub may_clip: bool,
 }
 
@@ -47,7 +47,7 @@ pub(super) struct Row {
     /// Line of the file.
     pub line: usize,
     pub time_s: f64,
-    pub voltage_v: f64,
+    pub command: f64,
     pub position_m: f64,
 }
 
@@ -86,8 +86,8 @@ impl Span {
 }
 
 impl Record {
-    /// Reads a log with the columns `time_s,voltage_v,position_m`, of a rotary device `position_rad`, in any order;
-    /// further columns are ignored. A resolution of 0 is that of a sensor without counts.
+    /// Reads a log with columns for time, command and position, in any order; further columns are ignored. A resolution of
+    /// 0 is that of a sensor without counts.
     ///
     /// # Errors
     /// One line: what is wrong, and where.
@@ -98,20 +98,20 @@ impl Record {
         units: Units,
         resolution_m: f64,
     ) -> Result<Self, String> {
-        let (position, metres) = match units {
-            Units::Linear => (COLUMNS[2], 1.0),
-            Units::Rotary { radius_m } => ("position_rad", radius_m),
-        };
-        let columns = [COLUMNS[0], COLUMNS[1], position].map(|column| (column, FINITE));
-        let rows = Table::new(text)?.numbers(&columns)?;
-        let rows = rows.into_iter().map(|(line, [time_s, voltage_v, position])| Row {
+        let table = Table::new(text)?;
+        let Columns { of, drive } = Columns::find(table.header(), units, resolution_m)
+            .map_err(|error| format!("line {}: {error}", table.line()))?;
+        let rows = table.numbers(&of.map(|(column, _)| (column, FINITE)))?;
+        let [seconds, units_of_command, metres] = of.map(|(_, factor)| factor);
+        let rows = rows.into_iter().map(|(line, [time, command, position])| Row {
             line,
-            time_s,
-            voltage_v,
+            time_s: time * seconds,
+            command: command * units_of_command,
             position_m: position * metres,
         });
         let rows = span.of(rows.collect(), |row: &Row| row.time_s)?;
-        let record = Self::even(name, &rows, resolution_m, "line")?;
+        let mut record = Self::even(name, &rows, resolution_m, "line")?;
+        (record.drive, record.may_clip) = (drive, drive == Drive::Voltage);
         let (low, high) = range(&record.position_m);
         if units == Units::Linear && high - low > TRAVEL_MAX_M {
             let travel_m = high - low;
@@ -184,7 +184,8 @@ impl Record {
             name: name.into(),
             start_s: first.time_s,
             step_s,
-            voltage_v: rows.iter().map(|row| row.voltage_v).collect(),
+            drive: Drive::Voltage,
+            command: rows.iter().map(|row| row.command).collect(),
             position_m: rows.iter().map(|row| row.position_m).collect(),
             may_clip: true,
         })
@@ -193,12 +194,11 @@ impl Record {
     /// Refuses columns that no file is read into.
     pub(super) fn check(&self) -> Result<(), String> {
         let is_finite = |column: &[f64]| column.iter().all(|value| value.is_finite());
-        if self.voltage_v.len() != self.len() {
-            return Err(format!("{} voltages and {} positions", self.voltage_v.len(), self.len()));
+        if self.command.len() != self.len() {
+            return Err(format!("{} commands and {} positions", self.command.len(), self.len()));
         }
-        if !(self.start_s.is_finite() && is_finite(&self.voltage_v) && is_finite(&self.position_m))
-        {
-            return Err("a time, voltage or position is not finite".into());
+        if !(self.start_s.is_finite() && is_finite(&self.command) && is_finite(&self.position_m)) {
+            return Err("a time, command or position is not finite".into());
         }
         in_range(self.step_s)
     }
@@ -206,12 +206,20 @@ impl Record {
     /// The log of this record, as [`from_csv`](Self::from_csv) reads it. The numbers come back to the bit but for
     /// the time stamps.
     pub fn csv(&self) -> String {
-        let mut text = COLUMNS.join(",") + "\n";
-        for (n, (voltage_v, position_m)) in self.voltage_v.iter().zip(&self.position_m).enumerate()
-        {
-            let _ = writeln!(text, "{:.7},{voltage_v},{position_m}", self.time_s(n));
+        let mut text = format!("time_s,{},position_m\n", self.command_column());
+        for (n, (command, position_m)) in self.command.iter().zip(&self.position_m).enumerate() {
+            let _ = writeln!(text, "{:.7},{command},{position_m}", self.time_s(n));
         }
         text
+    }
+
+    /// What the command's column is called.
+    pub fn command_column(&self) -> &'static str {
+        match self.drive {
+            Drive::Voltage => "voltage_v",
+            Drive::Force => "force_n",
+            Drive::Current => "current_a",
+        }
     }
 
     /// Time of row n, s.
@@ -283,10 +291,10 @@ mod tests {
     #[test]
     fn a_log_comes_back() {
         let record = read(&log(200, |n, fields| fields[1] = format!("{}", n % 3))).unwrap();
-        assert_eq!((record.len(), record.voltage_v[5], record.position_m[6]), (200, 2.0, 6e-6));
+        assert_eq!((record.len(), record.command[5], record.position_m[6]), (200, 2.0, 6e-6));
         assert!((record.step_s - 1e-4).abs() < 1e-12);
         let again = read(&record.csv()).unwrap();
-        assert_eq!((&again.voltage_v, &again.position_m), (&record.voltage_v, &record.position_m));
+        assert_eq!((&again.command, &again.position_m), (&record.command, &record.position_m));
         let part = Span { from_s: Some(0.005), to_s: Some(0.0151) };
         let part = Record::from_csv("log", &record.csv(), part, Units::Linear, 1e-6).unwrap();
         assert_eq!((part.len(), part.start_s), (102, 0.005));

@@ -606,7 +606,7 @@ impl Search<'_> {
 
     /// Largest force of the records, N.
     fn force_n(&self, values: &Values) -> f64 {
-        let volts = self.records.iter().flat_map(|fitted| &fitted.record.voltage_v);
+        let volts = self.records.iter().flat_map(|fitted| &fitted.record.command);
         let most_v = volts.fold(0.0, |most: f64, volt| most.max(volt.abs()));
         values.of(Parameter::Gain).abs() * most_v
     }

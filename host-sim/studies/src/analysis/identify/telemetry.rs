@@ -6,7 +6,10 @@ use zwidth::{
     units::{Force, Position},
 };
 
-use super::record::{Record, Row, Span};
+use super::{
+    columns::is_time,
+    record::{Record, Row, Span},
+};
 use crate::{
     analysis::telemetry::Capture,
     input::{
@@ -72,7 +75,7 @@ impl OutputScale {
         Row {
             line: sent.line,
             time_s: sent.sample / self.rate_hz,
-            voltage_v: share * self.limit_v,
+            command: share * self.limit_v,
             position_m: sent.counts * self.resolution_m,
         }
     }
@@ -111,9 +114,12 @@ pub fn from_capture(
     record(name, sent.collect(), scale, span, "frame")
 }
 
-/// Whether a text is what `telemetry --csv` writes.
+/// Whether a text is what `telemetry --csv` writes: it has counts and no time.
 pub(super) fn is_capture_csv(text: &str) -> bool {
-    Table::new(text).is_ok_and(|table| table.header().iter().any(|column| column == COLUMNS[1]))
+    Table::new(text).is_ok_and(|table| {
+        let header = table.header();
+        header.iter().any(|column| column == COLUMNS[1]) && !header.iter().any(|it| is_time(it))
+    })
 }
 
 /// The record in the CSV that `telemetry --csv` writes.
@@ -218,12 +224,12 @@ mod tests {
     fn force_and_codes_become_volts() {
         let bytes = capture(|_, _| ());
         let record = read(&bytes, Span::default()).unwrap();
-        assert_eq!((record.len(), record.start_s, record.voltage_v[3]), (200, 1.0, -2.5));
+        assert_eq!((record.len(), record.start_s, record.command[3]), (200, 1.0, -2.5));
         assert!((record.step_s - 1e-3).abs() < 1e-12 && !record.may_clip);
         assert!((record.position_m[0] + 50e-6).abs() < 1e-18);
         let dac = scale(Some(Quantisation::Dac { bits: 12 }));
         let coded = from_capture("capture", &bytes, &dac, Span::default()).unwrap();
-        assert!((coded.voltage_v[3] + 10.0 * 512.0 / 2047.0).abs() < 1e-12);
+        assert!((coded.command[3] + 10.0 * 512.0 / 2047.0).abs() < 1e-12);
         let csv = Capture::decode(&bytes).csv();
         assert_eq!(from_capture_csv("capture", &csv, &dac, Span::default()).unwrap(), coded);
         for other in [Quantisation::Dac { bits: 10 }, Quantisation::Pwm { steps: 4200 }] {

@@ -6,8 +6,8 @@ use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
 use zwidth::telemetry::Flags;
 
 use super::{
-    Asked, Gain, GainAsked, Identification, Json, Made, Options, OutputScale, Record, Span, Terms,
-    from_capture_csv, identify,
+    Asked, Drive, Gain, GainAsked, Identification, Json, Made, Options, OutputScale, Record, Span,
+    Terms, asked::of_records, from_capture_csv, identify,
 };
 use crate::{
     error::Error,
@@ -221,7 +221,7 @@ fn of_telemetry(
 fn record(dice: &mut Dice, base: &Scene, resolution_m: f64) -> Result<Record, String> {
     let units = base.units;
     let (radius_m, is_odd) = (units.radius_m(), dice.chance(0.3));
-    let [times, mut voltage_v, position_m] = columns(dice, resolution_m, radius_m, is_odd);
+    let [times, mut command, position_m] = columns(dice, resolution_m, radius_m, is_odd);
     if is_odd && dice.chance(0.4) {
         // As another program may make one.
         let step_s =
@@ -229,24 +229,25 @@ fn record(dice: &mut Dice, base: &Scene, resolution_m: f64) -> Result<Record, St
         let may_clip = dice.chance(0.5);
         let start_s = times.first().copied().unwrap_or_default();
         if dice.chance(0.1) {
-            voltage_v.truncate(dice.below(200));
+            command.truncate(dice.below(200));
         }
         return Ok(Record {
             name: "made".into(),
             start_s,
             step_s,
-            voltage_v,
+            drive: Drive::Voltage,
+            command,
             position_m,
             may_clip,
         });
     }
     if is_odd && dice.chance(0.2) {
         let scale = OutputScale::of_scene(base, resolution_m.max(1e-6))?;
-        return of_telemetry(dice, &scale, [&voltage_v, &position_m]);
+        return of_telemetry(dice, &scale, [&command, &position_m]);
     }
     let position = if units.is_rotary() { "position_rad" } else { "position_m" };
     let mut text = format!("time_s,voltage_v,{position}\n");
-    for ((time_s, volts), x) in times.iter().zip(&voltage_v).zip(&position_m) {
+    for ((time_s, volts), x) in times.iter().zip(&command).zip(&position_m) {
         let position = if units.is_rotary() { x / radius_m } else { *x };
         text += &format!("{time_s},{volts},{position}\n");
     }
@@ -316,7 +317,8 @@ fn answer(case: u64) -> Result<Identification, Error> {
     let gain = gain(dice);
     let count =
         if gain.added_mass.is_some() { 2 } else { dice.one(&[1, 1, 1, 1, 1, 1, 1, 1, 2, 3]) };
-    let mut options = asked(dice).options(&base.scene, gain.source(&base.scene, units)?, units)?;
+    let asked = asked(dice);
+    let mut options = asked.options(&base.scene, units)?;
     let resolution_m = dice.one(&[0.0, 1e-6, 1e-5, 3.927e-4]) * units.radius_m();
     if dice.chance(0.95) {
         options.resolution_m = resolution_m;
@@ -324,7 +326,12 @@ fn answer(case: u64) -> Result<Identification, Error> {
     let records = if dice.chance(0.01) { 0 } else { count };
     let records: Result<Vec<_>, _> =
         (0..records).map(|_| record(dice, &base.scene, resolution_m)).collect();
-    let records = records.map_err(Error::Input)?;
+    let mut records = records.map_err(Error::Input)?;
+    // Another die, so that the cases stay what they were.
+    let drive =
+        Dice::new(!case).one(&[Drive::Voltage, Drive::Voltage, Drive::Force, Drive::Current]);
+    records.iter_mut().for_each(|record| record.drive = drive);
+    let options = of_records(options, (&asked, &gain), &base.scene, units, &records)?;
     let found = identify(&records, &options).map_err(Error::Input)?;
     let _ = toml::to_string(&Json::new(&records, &found, &options));
     let _ = Made::new(&base, &found, &options)?.named(&base.name);
@@ -354,7 +361,7 @@ fn any_record_with_any_options_is_answered_or_refused() {
 fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
     const RADIUS_M: f64 = AXIS_M;
     let (mut x, mut v, mut before, mut speed, mut sum) = (0.0_f64, 0.0_f64, 0.0, 0.0, 0.0);
-    let (mut voltage_v, mut position_m) = (vec![], vec![]);
+    let (mut command, mut position_m) = (vec![], vec![]);
     for row in 0..401 {
         let count = (x / COUNT_RAD).floor() * COUNT_RAD;
         speed += 0.3 * ((count - before) * 100.0 - speed);
@@ -362,7 +369,7 @@ fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
         let error = if row >= 50 { 6.0 } else { 0.0 } - speed;
         sum += 0.01 * error;
         let volts = 0.4 * error + sum;
-        voltage_v.push(volts);
+        command.push(volts);
         position_m.push(count * RADIUS_M);
         for _ in 0..100 {
             let friction = 0.05 * (1.0 + 0.1 * x.sin());
@@ -375,7 +382,15 @@ fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
         }
     }
     let (name, start_s, step_s) = ("made".into(), 0.0, 0.01);
-    let record = Record { name, start_s, step_s, voltage_v, position_m, may_clip: true };
+    let record = Record {
+        name,
+        start_s,
+        step_s,
+        command,
+        position_m,
+        drive: Drive::Voltage,
+        may_clip: true,
+    };
     let scene = NamedScene::load("paper-1um").unwrap().scene;
     let options = Options {
         latency_s: 0.0,
@@ -401,9 +416,9 @@ fn pulses(seed: u64, late_rows: usize) -> Record {
     let dice = &mut Dice::new(seed);
     let voltage = |row: usize| if (200..500).contains(&row) { 4.0 } else { 0.0 };
     let mut state = plant.at_rest(scene.device.rest_position_m);
-    let (mut voltage_v, mut position_m) = (vec![], vec![]);
+    let (mut command, mut position_m) = (vec![], vec![]);
     for row in 0..ROWS {
-        voltage_v.push(voltage(row.saturating_sub(late_rows)));
+        command.push(voltage(row.saturating_sub(late_rows)));
         position_m.push(plant.position_m(&state) + 1e-7 * dice.between(-1.0, 1.0));
         state = plant.advance(&state, voltage(row));
     }
@@ -411,7 +426,8 @@ fn pulses(seed: u64, late_rows: usize) -> Record {
         name: "made".into(),
         start_s: 0.0,
         step_s: 1e-3,
-        voltage_v,
+        drive: Drive::Voltage,
+        command,
         position_m,
         may_clip: true,
     }
@@ -442,7 +458,7 @@ fn a_latency_that_is_0_to_its_interval_is_held_there_with_all_else() {
             let first = found.fits[0].first;
             let rest = Record {
                 start_s: record.time_s(first),
-                voltage_v: record.voltage_v[first..].to_vec(),
+                command: record.command[first..].to_vec(),
                 position_m: record.position_m[first..].to_vec(),
                 ..record
             };
@@ -484,19 +500,19 @@ fn axis([inertia, damping, friction]: [f64; 3], gain: f64, rows: usize, stop: us
         advance([j, b, f], [x + end * turn_s + v * j / b, 0.0], torque, left_s - turn_s)
     }
     let (mut state, mut before, mut speed) = ([0.0; 2], 0.0, 0.0);
-    let (mut voltage_v, mut position_m) = (vec![], vec![]);
+    let (mut command, mut position_m) = (vec![], vec![]);
     for row in 0..rows {
         let angle = (state[0] / COUNT_RAD).floor() * COUNT_RAD;
         speed += 0.3 * ((angle - before) * 100.0 - speed);
         before = angle;
         let wanted = if row >= 50 { 6.0 } else { 0.0 };
         let volts = if row < stop { gain * (wanted - speed) } else { 0.0 };
-        voltage_v.push(volts);
+        command.push(volts);
         position_m.push(angle * AXIS_M);
         state = advance([inertia, damping, friction], state, GAIN_N_M_PER_V * volts, 0.01);
     }
     let (name, start_s, step_s) = ("made".into(), 0.0, 0.01);
-    Record { name, start_s, step_s, voltage_v, position_m, may_clip: true }
+    Record { name, start_s, step_s, command, position_m, drive: Drive::Voltage, may_clip: true }
 }
 
 fn of_axis(record: &Record) -> Result<Identification, String> {

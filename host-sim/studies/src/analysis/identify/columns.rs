@@ -1,0 +1,292 @@
+//! Which columns of a log are time, command and position, by their names and units.
+//!
+//! A header is a quantity and its unit, as `voltage_v`, `Voltage (V)` or `time [ms]`: capital letters, blanks, brackets and
+//! signs between the two do not count. docs/identification.md has the table.
+
+use std::fmt;
+
+use crate::scene::Units;
+
+/// What the command of a log is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Drive {
+    /// Of the amplifier's input, V; the gain is N/V.
+    #[default]
+    Voltage,
+    /// At the handle, N; of a log in N m at its axis. There is no gain.
+    Force,
+    /// Of the motor, A; the gain is N/A.
+    Current,
+}
+
+impl Drive {
+    /// What the force is looked for per.
+    pub fn per(self) -> &'static str {
+        match self {
+            Self::Voltage => "volt",
+            Self::Force => "newton",
+            Self::Current => "ampere",
+        }
+    }
+
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Voltage => "V",
+            Self::Force => "N",
+            Self::Current => "A",
+        }
+    }
+}
+
+impl fmt::Display for Drive {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Voltage => "voltage",
+            Self::Force => "force",
+            Self::Current => "current",
+        })
+    }
+}
+
+/// What a column holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Quantity {
+    Time,
+    Command(Drive),
+    Torque,
+    Length,
+    Angle,
+    Counts,
+}
+use Quantity::{Angle, Command, Counts, Length, Time, Torque};
+
+/// What a quantity may be called.
+const NAMES: [(&str, &[Quantity]); 13] = [
+    ("time", &[Time]),
+    ("t", &[Time]),
+    ("timestamp", &[Time]),
+    ("voltage", &[Command(Drive::Voltage)]),
+    ("force", &[Command(Drive::Force)]),
+    ("torque", &[Torque]),
+    ("current", &[Command(Drive::Current)]),
+    ("position", &[Length, Angle, Counts]),
+    ("x", &[Length]),
+    ("angle", &[Angle]),
+    ("theta", &[Angle]),
+    ("q", &[Angle]),
+    ("encoder", &[Counts]),
+];
+
+/// Units, and what makes them SI units.
+const UNITS: [(&str, Quantity, f64); 26] = [
+    ("s", Time, 1.0),
+    ("sec", Time, 1.0),
+    ("ms", Time, 1e-3),
+    ("us", Time, 1e-6),
+    ("v", Command(Drive::Voltage), 1.0),
+    ("mv", Command(Drive::Voltage), 1e-3),
+    ("n", Command(Drive::Force), 1.0),
+    ("mn", Command(Drive::Force), 1e-3),
+    ("n_m", Torque, 1.0),
+    ("nm", Torque, 1.0),
+    ("mn_m", Torque, 1e-3),
+    ("mnm", Torque, 1e-3),
+    ("a", Command(Drive::Current), 1.0),
+    ("ma", Command(Drive::Current), 1e-3),
+    ("m", Length, 1.0),
+    ("cm", Length, 1e-2),
+    ("mm", Length, 1e-3),
+    ("um", Length, 1e-6),
+    ("rad", Angle, 1.0),
+    ("mrad", Angle, 1e-3),
+    ("deg", Angle, std::f64::consts::PI / 180.0),
+    ("°", Angle, std::f64::consts::PI / 180.0),
+    ("counts", Counts, 1.0),
+    ("count", Counts, 1.0),
+    ("ticks", Counts, 1.0),
+    ("cts", Counts, 1.0),
+];
+
+/// Quantity and factor of a header: none where it has another name, an error where its unit is missing or another one's.
+fn meant(header: &str) -> Option<Result<(Quantity, f64), String>> {
+    let lower = header.to_lowercase().replace(['µ', 'μ'], "u");
+    let words: Vec<&str> = lower
+        .split(|c: char| !(c.is_alphanumeric() || c == '°'))
+        .filter(|w| !w.is_empty())
+        .collect();
+    let (name, unit) = words.split_first()?;
+    let (_, quantities) = NAMES.iter().find(|(known, _)| known == name)?;
+    let unit = unit.join("_");
+    let known = UNITS.iter().filter(|(_, quantity, _)| quantities.contains(quantity));
+    let found = known.clone().find(|(known, ..)| *known == unit);
+    Some(found.map(|(_, quantity, factor)| (*quantity, *factor)).ok_or_else(|| {
+        let allowed: Vec<&str> = known.map(|(known, ..)| *known).collect();
+        format!("`{header}` has no unit that is known, allowed {name} with {}", allowed.join(", "))
+    }))
+}
+
+/// Whether that header is a log's time.
+pub(super) fn is_time(header: &str) -> bool {
+    matches!(meant(header), Some(Ok((Time, _))))
+}
+
+/// The three columns of a log.
+#[derive(Debug, PartialEq)]
+pub(super) struct Columns<'a> {
+    /// Of time, command and position: the header's own name, and what makes it s, the drive's unit and m.
+    pub of: [(&'a str, f64); 3],
+    pub drive: Drive,
+}
+
+impl<'a> Columns<'a> {
+    /// Those of a header. A count is `resolution_m`, if the sensor has counts.
+    ///
+    /// # Errors
+    /// One line: which one is not there, stands twice or has no unit.
+    pub(super) fn find(
+        header: &'a [String],
+        units: Units,
+        resolution_m: f64,
+    ) -> Result<Self, String> {
+        let (rotary, radius_m) = match units {
+            Units::Linear => (false, 1.0),
+            Units::Rotary { radius_m } => (true, radius_m),
+        };
+        let mut found = [None; 3];
+        let mut drive = Drive::Voltage;
+        let mut wrong = None;
+        for name in header {
+            let (role, factor) = match meant(name) {
+                None => continue,
+                Some(Err(error)) => {
+                    wrong.get_or_insert(error);
+                    continue;
+                }
+                Some(Ok((Time, factor))) => (0, factor),
+                Some(Ok((Command(which), factor))) => {
+                    drive = which;
+                    (1, factor)
+                }
+                Some(Ok((Torque, factor))) if rotary => {
+                    drive = Drive::Force;
+                    (1, factor / radius_m)
+                }
+                Some(Ok((Angle, factor))) if rotary => (2, factor * radius_m),
+                Some(Ok((Length, factor))) if !rotary => (2, factor),
+                Some(Ok((Counts, factor))) => {
+                    if resolution_m == 0.0 {
+                        return Err(format!(
+                            "`{name}` needs the size of a count, not --resolution 0"
+                        ));
+                    }
+                    (2, factor * resolution_m)
+                }
+                Some(Ok(_)) => {
+                    let device = if rotary { "rotary" } else { "linear" };
+                    wrong.get_or_insert(format!(
+                        "`{name}` does not fit the base scene, which is {device}"
+                    ));
+                    continue;
+                }
+            };
+            if let Some((before, _)) = found[role].replace((name.as_str(), factor)) {
+                return Err(match before == name {
+                    true => format!("several columns {name}, allowed one"),
+                    false => format!("the columns {before} and {name} say the same, allowed one"),
+                });
+            }
+        }
+        let needed = ["time_s", "voltage_v", if rotary { "position_rad" } else { "position_m" }];
+        let missing = found.iter().zip(needed).find(|(found, _)| found.is_none());
+        if let Some((_, column)) = missing {
+            let why = wrong.map_or_else(String::new, |wrong| format!("; {wrong}"));
+            let (has, needed) = (header.join(","), needed.join(","));
+            return Err(format!("no column {column} in `{has}`, needed {needed}{why}"));
+        }
+        Ok(Self { of: found.map(Option::unwrap_or_default), drive })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ROTARY: Units = Units::Rotary { radius_m: 0.1 };
+
+    fn find(header: &str, units: Units) -> Result<([f64; 3], Drive), String> {
+        let header: Vec<String> = header.split(',').map(str::to_owned).collect();
+        let found = Columns::find(&header, units, 1e-6)?;
+        Ok((found.of.map(|(_, factor)| factor), found.drive))
+    }
+
+    #[test]
+    fn a_column_is_a_quantity_and_its_unit() {
+        for (header, units, factors, drive) in [
+            ("time_s,voltage_v,position_m", Units::Linear, [1.0, 1.0, 1.0], Drive::Voltage),
+            ("Time (ms),Force [N],Position (mm)", Units::Linear, [1e-3, 1.0, 1e-3], Drive::Force),
+            ("t/us,current_mA,x (µm)", Units::Linear, [1e-6, 1e-3, 1e-6], Drive::Current),
+            (
+                "Timestamp s,Voltage/mV,encoder ticks",
+                Units::Linear,
+                [1.0, 1e-3, 1e-6],
+                Drive::Voltage,
+            ),
+            ("time_s,torque_n_m,position_rad", ROTARY, [1.0, 10.0, 0.1], Drive::Force),
+            (
+                "t (s),Torque (N·m),theta (rad),velocity (m/s)",
+                ROTARY,
+                [1.0, 10.0, 0.1],
+                Drive::Force,
+            ),
+            ("time_s,torque_mNm,position_counts", ROTARY, [1.0, 0.01, 1e-6], Drive::Force),
+        ] {
+            let (found, which) = find(header, units).unwrap_or_else(|e| panic!("{header}: {e}"));
+            assert_eq!(which, drive, "{header}");
+            for (found, wanted) in found.into_iter().zip(factors) {
+                assert!((found / wanted - 1.0).abs() < 1e-12, "{header}: {found} not {wanted}");
+            }
+        }
+        let degrees = find("time_s,torque_n_m,angle (deg)", ROTARY).unwrap().0[2];
+        assert!((degrees - 0.1 * std::f64::consts::PI / 180.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn what_is_missing_is_named_with_its_cause() {
+        for (header, units, wanted) in [
+            (
+                "time_s,voltage_v,position",
+                Units::Linear,
+                "`position` has no unit that is known, allowed position with m, cm",
+            ),
+            ("time (h),voltage_v,position_m", Units::Linear, "allowed time with s, sec, ms, us"),
+            (
+                "time_s,voltage_v,position_rad",
+                Units::Linear,
+                "no column position_m in `time_s,voltage_v,position_rad`, needed time_s,voltage_v,position_m; `position_rad` does not fit the base scene, which is linear",
+            ),
+            ("time_s,voltage_v,position_m", ROTARY, "no column position_rad"),
+            ("time_s,torque_n_m,position_m", Units::Linear, "`torque_n_m` does not fit"),
+            (
+                "time_s,voltage_v,force_n,position_m",
+                Units::Linear,
+                "the columns voltage_v and force_n say the same, allowed one",
+            ),
+            (
+                "time_s,time_s,voltage_v,position_m",
+                Units::Linear,
+                "several columns time_s, allowed one",
+            ),
+            (
+                "a,b,c",
+                Units::Linear,
+                "no column time_s in `a,b,c`, needed time_s,voltage_v,position_m",
+            ),
+        ] {
+            let error = find(header, units).unwrap_err();
+            assert!(error.contains(wanted), "{header}: {error}");
+        }
+        let header = ["time_s", "voltage_v", "position_counts"].map(str::to_owned);
+        let error = Columns::find(&header, Units::Linear, 0.0).unwrap_err();
+        assert!(error.contains("needs the size of a count"), "{error}");
+    }
+}
