@@ -111,7 +111,6 @@ impl Hit {
         Self { plan, samples: plan.settle, contact_samples, scatter }
     }
 
-    /// The plan of this hit.
     #[inline(always)]
     pub(super) fn plan(&self) -> &HitPlan {
         &self.plan

@@ -73,7 +73,6 @@ impl Token {
 
 #[cfg(test)]
 impl Token {
-    /// With that bit flipped.
     pub(super) const fn flipped(self, bit: u32) -> Self {
         Self(self.0 ^ 1 << bit)
     }

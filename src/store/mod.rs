@@ -53,7 +53,6 @@ impl Sector {
     }
 }
 
-/// Bytes of a record.
 const RECORD_BYTES: usize = size_of::<[u32; RECORD_WORDS]>();
 
 /// A word of erased flash.

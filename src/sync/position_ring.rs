@@ -22,7 +22,6 @@ fn place(sample: u64) -> &'static AtomicI32 {
     &COUNTS[sample as usize & (LENGTH - 1)]
 }
 
-/// Notes the position at a sample.
 #[inline(always)]
 pub fn note(sample: u64, position: Position) {
     place(sample).store(position.counts(), Relaxed);

@@ -17,7 +17,6 @@ unsafe extern "C" {
     safe static __edata: u32;
 }
 
-/// The image.
 pub fn image() -> Image<'static> {
     let variables = (&raw const __edata).addr() - (&raw const __sdata).addr();
     let from = (&raw const __sidata).addr();

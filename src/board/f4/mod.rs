@@ -48,22 +48,19 @@ pub trait Wiring: Sized {
     /// Level of the supply detector (PLS, three bits): the flash has to work down to it.
     const SUPPLY_LEVEL: u8;
     const OUTPUT: Output;
-    /// The pin of enable.
     const ENABLE: pin::BoardPin;
-    /// The pin of the emergency stop.
     const STOP: pin::BoardPin;
     /// What distinguishes the chip from others (`DEV_ID` of DBGMCU_IDCODE).
     const CHIP: u32;
     /// Level of the brown-out reset for the board's supply (`BOR_LEV` of the option bytes).
     const BROWN_OUT_RESET: u32;
-    /// The force output's converter, see [`ReadBack::SWING`](zwidth::contract::ReadBack::SWING).
+    /// Codes that the force output surely reaches, see [`ReadBack::SWING`](zwidth::contract::ReadBack::SWING).
     const SWING: Option<[i32; 2]>;
     const SENSES: &'static [Sense];
     const LATENCY_SAMPLES: f64;
     type Force: ForceOutput;
     /// The encoder, with edge times or without.
     type Encoder: Encoder;
-    /// The emergency stop's pin.
     type StopInput: InputPin;
 
     /// Sets the force output to values and reads them back, with enable off.

@@ -282,7 +282,6 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// A hit as it is said.
     fn said(&self, hit: &JudgedHit) -> lines::SaidHit {
         lines::SaidHit {
             hit: *hit,
