@@ -77,8 +77,8 @@ impl Settings {
 
 /// `value * lsb` as a gain.
 ///
+/// # Errors
 /// The product does not fit; the error has the range that fits.
-/// The product does not fit; the range is what does.
 fn gain(parameter: &'static str, value: f64, lsb: f64) -> Result<Gain, SettingsError> {
     let smallest = libm::scalbn(1.0, -32) / lsb;
     let largest = libm::scalbn(1.0, 53) / lsb;
