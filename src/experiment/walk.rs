@@ -39,7 +39,7 @@ pub struct Cell {
 impl WalkSettings {
     /// Most points that a walk may have along either axis.
     const STEPS_MAX: f64 = 1e6;
-    /// Lowest value where one above 0 is needed: far below any wall, but long enough to be typed.
+    /// Lowest value where one above 0 is needed: far below any wall, and easy to type.
     const SMALLEST: f64 = 1e-9;
 
     /// Checks every field. A walk begins at a K above 0.
