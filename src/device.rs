@@ -113,7 +113,7 @@ impl Device<'_> {
     pub const LATENCY_MAX_SAMPLES: f64 = 5000.0;
     /// Farthest end of the travel from zero, m: a handle may turn several times.
     pub const TRAVEL_MAX_M: f64 = 10.0;
-    /// Highest speed that a record may believe, m/s.
+    /// Highest speed that a record may call believable, m/s.
     pub const SPEED_MAX_M_PER_S: f64 = 100.0;
     /// Allowed masses of the heaviest handle, kg. The upper end stands for an unknown mass.
     pub const HEAVIEST_MASS_KG: RangeInclusive<f64> = 1e-4..=1e6;

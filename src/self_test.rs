@@ -67,7 +67,7 @@ impl Part {
 /// When samples read the counter, in ticks of the sample timer after its update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Delays {
-    /// Samples that were looked at.
+    /// Samples that were measured.
     pub samples: u32,
     /// Earliest reading, ticks.
     pub least: u32,
@@ -85,7 +85,7 @@ impl Delays {
     /// Largest spread of the samples' delays, ticks: half a microsecond. Instructions that cannot be interrupted, and
     /// the entry into the interrupt, cause a smaller spread.
     const SPREAD: u32 = 45;
-    /// Samples that are looked at.
+    /// Samples that are measured.
     pub const SAMPLES: usize = 100;
 
     /// Histogram of these times, in ticks.

@@ -128,7 +128,7 @@ impl Frame {
     pub const LEN_MAX: usize = 1024;
     /// Most outputs of a frame.
     pub const OUTPUTS: usize = 10;
-    /// Most samples whose counts a frame tells.
+    /// Most samples whose counts a frame has.
     pub const SAMPLES: usize = 20;
     /// Bytes before the length field, which begin with the newest output; and bytes of each output before it.
     const HEAD: usize = 36;

@@ -6,7 +6,7 @@
 //! | encoder B       | PA1  | P1           | TIM2_CH2                            |
 //! | force magnitude | PE9  | P1           | TIM1_CH1, 40 kHz PWM                |
 //! | force sign      | PE11 | P1           | TIM1_CH2, high: away from the wall  |
-//! | motor's current | PB0  | P1           | ADC2_IN8, if the amplifier says it  |
+//! | motor's current | PB0  | P1           | ADC2_IN8, if the amplifier has it   |
 //! | enable          | PE13 | P1           | TIM1_CH3, active high, low in off   |
 //! | emergency stop  | PE15 | P1           | TIM1_BKIN, closed to ground         |
 //!

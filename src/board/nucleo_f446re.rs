@@ -7,7 +7,7 @@
 //! | encoder A again | PA6  | D12, CN5-5        | TIM3_CH1, with `time-stamps` only |
 //! | encoder B again | PA7  | D11, CN5-4        | TIM3_CH2, with `time-stamps` only |
 //! | force           | PA4  | A2, CN8-3         | DAC_OUT1: 0.2 .. 3.1 V, zero 1.65 V; ADC1 reads it |
-//! | motor's current | PB0  | A3, CN8-4         | ADC2_IN8, if the amplifier says it |
+//! | motor's current | PB0  | A3, CN8-4         | ADC2_IN8, if the amplifier has it |
 //! | enable          | PA10 | D2, CN9-3         | TIM1_CH3, active high, low in off |
 //! | emergency stop  | PB12 | CN10-16           | TIM1_BKIN, closed to ground       |
 //!

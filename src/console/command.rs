@@ -194,7 +194,7 @@ impl ParseError {
     }
 }
 
-/// What stands behind the name of a command.
+/// What follows the name of a command.
 enum Form {
     Plain(Command),
     Number(fn(f64) -> Command),

@@ -5,7 +5,7 @@
 //!                                                           └─────────────── Reply -> Text <────────────┘
 //! ```
 //!
-//! [`Console`] is all of it; what it needs of a board is a [`Port`].
+//! [`Console`] contains all of this; a [`Port`] is what it needs of a board.
 //!
 //! It runs at low priority, whenever bytes have come. Any bytes may come: garbage is refused with a reply, and never
 //! stops the board.

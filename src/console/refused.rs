@@ -47,7 +47,7 @@ pub struct Refused<'a> {
     reader: LineReader<LINE_MAX>,
 }
 
-/// A line of it.
+/// A reply of such a board.
 pub struct RefusedLine<'a> {
     board: &'a str,
     commit: &'a str,

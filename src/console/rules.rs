@@ -38,7 +38,7 @@ enum Need {
     NoFault,
     /// A fault is latched.
     Fault,
-    /// Every cause of it is gone.
+    /// All causes of the fault are gone.
     CauseGone,
     /// The supply is high enough.
     Supply,

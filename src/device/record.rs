@@ -120,7 +120,7 @@ pub enum BadRecord {
     Envelope,
     /// The board cannot run its estimator with its output period.
     Unfit,
-    /// A number of it.
+    /// A number is out of range.
     Range(SettingsError),
 }
 

@@ -29,7 +29,7 @@ const FRACTION: u32 = 2 * Force::FRACTION_BITS;
 /// Fractional bits of a difference of heats, as it is multiplied: +-1 is within 32 bits.
 const DIFFERENCE: u32 = 30;
 
-/// What the motor stands, SI units.
+/// Thermal limits of the motor, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DutySettings {
     /// Force that it can give for ever, N; the limit is its square over that of full scale.
@@ -59,7 +59,7 @@ impl DutyPlan {
 }
 
 impl DutySettings {
-    /// Longest hit at full force that a cold motor stands, s: 0 if none, infinite if it stands full scale for ever.
+    /// Longest hit at full force that a cold motor can take, s: 0 if none, infinite if it can give full scale for ever.
     #[expect(clippy::float_arithmetic, reason = "design time")]
     pub fn longest_hit_s(&self, design: &Design) -> f64 {
         let period_s = design.period_s();
@@ -279,7 +279,7 @@ mod tests {
         ) {
             let plan = SETTINGS.build(&DESIGN, SAMPLES).unwrap();
             let mut duty = Duty::default();
-            // the same in floats, not by recursion but as the sum that it stands for
+            // the same in floats, not by recursion but as a sum
             let (mut mean, decay) = (0.0, (-1e-3f64 / 30.0).exp());
             let limit = (4.1f64 / 5.906).powi(2);
             for (part, outputs, hold) in hits {

@@ -19,7 +19,7 @@ pub struct HitSequencePlan {
     pub hit: HitPlan,
     /// The return move before it.
     pub back: ReturnPlan,
-    /// What the motor stands.
+    /// Thermal limits of the motor.
     pub duty: DutyPlan,
     /// Outputs between two checks whether the verdict is already certain, so that it is given at once;
     /// [`NEVER`](Self::NEVER): there are no such checks.

@@ -44,7 +44,7 @@ pub struct PulseTrainPlan {
     pub rest: u32,
     /// The return move before each.
     pub back: ReturnPlan,
-    /// What the motor stands.
+    /// Thermal limits of the motor.
     pub duty: DutyPlan,
 }
 

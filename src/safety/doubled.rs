@@ -39,7 +39,7 @@ impl<T> Deref for Doubled<T> {
 
 #[cfg(test)]
 impl<T: Copy + PartialEq> Doubled<T> {
-    /// A part of it is another from now on.
+    /// Changes a part of the value.
     pub(crate) fn edit(&mut self, change: impl FnOnce(&mut T)) {
         let mut value = self.value;
         change(&mut value);

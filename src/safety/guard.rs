@@ -84,7 +84,7 @@ impl SampleReport {
 /// One sample under guard.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
-    /// What `render` is told, if an output is due.
+    /// The report for `render`, if an output is due.
     pub report: SampleReport,
     /// An output is due with this very sample.
     pub due: bool,

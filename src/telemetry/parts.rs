@@ -275,7 +275,7 @@ impl<'a> FrameWriter<'a> {
     }
 }
 
-/// The parts of a frame of layout 2; of other frames there are none.
+/// The parts of a frame of layout 2; other frames have none.
 #[derive(Clone, Copy, Debug)]
 pub struct Parts<'a>(&'a [u8]);
 

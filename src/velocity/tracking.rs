@@ -42,7 +42,7 @@ use crate::range::{SettingsError, within};
 pub const BANDWIDTH_MIN: f64 = 3.5e-5;
 /// Highest accepted bandwidth, as a fraction of the sample rate.
 pub const BANDWIDTH_MAX: f64 = 0.25;
-/// Accepted ratios of the second pole's frequency of smoothing to the first's. A second pole of 1e-8 and less is none.
+/// Accepted ratios of the second pole's frequency of smoothing to the first's. A second pole of 1e-8 or less is none.
 pub const RATIO: RangeInclusive<f64> = 1.0..=1e6;
 /// Above it the first order of error feedback is the quieter one: both leave 0.35 LSB RMS there,
 /// by the squared impulse responses of `(1 - z^-1)^k / (1 - p z^-1)^2`.

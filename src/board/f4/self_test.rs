@@ -184,7 +184,7 @@ const CAPTURE_ON: u32 = 1 << 12;
 const CAPTURED: u32 = 1 << 4;
 /// That input is LSI: `TI4_RMP` in OR.
 const FROM_LSI: u32 = 0b01 << 6;
-/// Edges that are looked at.
+/// Edges that are measured.
 const PERIODS: u32 = 32;
 
 /// By the timer of the samples. A late capture makes a distance longer, never shorter, so the shortest one counts.

@@ -1,4 +1,4 @@
-//! The stack's end: memory between the statics and the stack that the memory protection unit lets nobody touch.
+//! The stack's end: memory between the statics and the stack, where the memory protection unit allows no access.
 //!
 //! The stack grows down towards the statics. A task that overruns it causes a hard fault here, before it writes into
 //! the statics. The fault's frame cannot be stacked either, but the handler does not need it, because it never returns.

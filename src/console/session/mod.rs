@@ -85,7 +85,7 @@ pub struct Console<P> {
     series: Option<HitSeries>,
     /// A hit that is over, and with the criterion `quiet` waits for its codes.
     over: Option<JudgedHit>,
-    /// A series that ended because nobody reads; not yet said.
+    /// A series that ended because nobody reads; not reported yet.
     unread: Option<HitSeries>,
     /// Another wall than the stored one is in force: a walk has just ended.
     restore_wall: bool,

@@ -61,7 +61,7 @@ pub struct Supervisor {
     fault: Option<FaultRecord>,
     causes: FaultSet,
     present: FaultSet,
-    /// [`Guard::events`] that were looked at.
+    /// [`Guard::events`] at the last output.
     seen: u32,
     /// Number of zeros carried out, as the last output knows it.
     zeros: u32,
