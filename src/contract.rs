@@ -1,4 +1,4 @@
-//! What a board gives to the tasks: the one list of it, which `src/board` of the firmware implements once per board.
+//! What a board gives to the tasks, in one list; `src/board` of the firmware implements it once per board.
 //!
 //! | part | asked by | what for |
 //! |---|---|---|
@@ -17,19 +17,19 @@
 //! | [`Watchdog`] | `idle` | reset when the tasks stop |
 //!
 //! `sample` has the highest priority (15), then `render` and the supply's interrupt (14), `link` (1), `idle` (0). What
-//! `sample` and `render` ask for is inlined, takes a bounded number of cycles (no waiting, no lock, no panic), and is a
-//! concrete type everywhere, so it costs what the registers cost. [`off`] works from every priority, from the
-//! panic handler and the fault handlers.
+//! `sample` and `render` call is inlined, takes a bounded number of cycles (no waiting, no lock, no panic), and has a
+//! concrete type, so it costs no more than the register accesses. [`off`] works at every priority, and in the panic and
+//! fault handlers.
 //!
-//! **Signs.** Into the wall is positive, everywhere in the core: the count rises into the wall, and a positive
-//! [`OutputCode`] pushes into it. A board's own polarity (which channel leads, which way a motor is wound) is met by
-//! [`Encoder::turn`] and `mirrored`, from the settings `encoder` and `motor`, and nowhere else; the sign test of `arm`
-//! finds out whether both together are right.
+//! **Signs.** In the whole core, into the wall is positive: the count rises into the wall, and a positive
+//! [`OutputCode`] pushes into it. Only [`Encoder::turn`] and `mirrored` adapt a board's own polarity (which channel
+//! leads, which way a motor is wound), from the settings `encoder` and `motor`. The sign test of `arm` finds out
+//! whether both together are right.
 //!
-//! Traits of others are used where they fit: [`InputPin`] for the switch, [`NorFlash`] for the settings. They do not fit
-//! elsewhere: `OutputPin` has an owner, enable is dropped by whoever comes first, and on our boards it is a timer's main
-//! output, which hardware drops too; `SetDutyCycle` sets one channel, magnitude and sign have to change together;
-//! embedded-hal 1.0 has no quadrature counter, converter, timer or watchdog; `embedded_io` waits for room or for data.
+//! Traits of other crates are used where they fit: [`InputPin`] for the switch, [`NorFlash`] for the settings. Others
+//! do not fit. `OutputPin` has an owner, but any task may drop enable, and on our boards hardware drops it too.
+//! `SetDutyCycle` sets one channel, but magnitude and sign change together. embedded-hal 1.0 has no quadrature counter,
+//! converter, timer or watchdog. `embedded_io` waits for room or for data.
 
 use embedded_hal::digital::InputPin;
 use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
@@ -48,13 +48,13 @@ pub const RATE_HZ: u32 = 1000 * SAMPLES_PER_MS;
 
 /// A board: its constants and the types of its parts.
 pub trait Board: Sized {
-    /// Name, also the feature that selects it, its scene and `--board`.
+    /// Name of the board. The feature that selects it, its scene and `--board` have the same name.
     const NAME: &'static str;
-    /// How the force output turns a force into an output code.
+    /// Kind of force output, with its codes.
     const OUTPUT: Output;
     /// What an estimator can look at beside the count.
     const SENSES: &'static [Sense];
-    /// From the counter's reading to the force, samples: measured, and the same in the board's scene.
+    /// From the counter's reading to the force, samples. The board's scene has the same number.
     const LATENCY_SAMPLES: f64;
 
     /// All peripherals of the chip.
@@ -94,8 +94,8 @@ pub trait Board: Sized {
     /// Channel of commands from the host.
     type Commands: CommandChannel;
 
-    /// Sets the board up, with force and enable off before anything else that may take time. No timer that the control
-    /// needs runs yet.
+    /// Sets the board up. Force and enable are off before anything that may take time. The timers of the control do not
+    /// run yet.
     fn take(device: Self::Device, core: Self::Core) -> Parts<Self>;
 
     /// Pends the interrupt of `render`; by `sample`.
@@ -104,35 +104,35 @@ pub trait Board: Sized {
     /// Pends the interrupt of `link`; by `render`.
     fn request_link();
 
-    /// Off for good, with that fault in the memory that outlives the reset that follows; from any task. Nothing else runs
-    /// any more.
+    /// Switches off for good, and writes this fault to the memory that outlives the coming reset. Any task may call it;
+    /// nothing runs after it.
     fn end(fault: Fault) -> !;
 
     /// Lines of the log that found no room, ever; wraps.
     fn log_dropped() -> u32;
 }
 
-/// Starts the encoder, the output's clock and, right after that, the sampling: the distance of the two sets the phase of a
-/// PWM. Once, with all interrupts on.
+/// Starts the encoder, the output's clock and, right after that, the sampling: the time between the two sets the phase
+/// of a PWM. Call it once, with all interrupts on.
 pub fn start<E: Encoder, F: ForceOutput, T: SampleTimer>() {
     E::start();
     F::start();
     T::start();
 }
 
-/// Off: enable inactive first, then zero force. From any task and handler; a handful of stores.
+/// Off: enable inactive first, then zero force. For any task and handler; a few stores.
 #[inline(always)]
 pub fn off<F: ForceOutput, E: Enable>() {
     E::off();
     F::zero();
 }
 
-/// What a board says at an output: `switched_on` if the output task has switched the amplifier on, what it `found` after
-/// the last output, number of the sample and samples from output to output.
+/// What a board reports at an output. `switched_on`: the output task has switched the amplifier on; `found`: faults
+/// found after the last output; then the number of the sample, and the samples from output to output.
 ///
-/// Effects are read before their causes: enable before what drops it, the note that the stop was open before its level.
-/// So whatever happens between two of these reads, an effect that is seen has its cause, and no stop passes for a halt.
-/// The guard's findings, the other cause, are to be read after this.
+/// Effects are read before their causes: enable before what drops it, the note that the stop was open before the stop's
+/// level. So an effect that is read always has its cause, whatever happens between two reads, and no stop is taken for
+/// a halt. Read the guard's findings, the other cause, after this.
 #[inline(always)]
 pub fn sense<F: ForceOutput, E: Enable, P: InputPin>(
     (switched_on, found): (bool, FaultSet),
@@ -196,37 +196,39 @@ pub struct Link<B: Board> {
 
 /// Counts the encoder's edges, four per line, in 32 bits that wrap. Edges closer than 0.1 us may be lost.
 pub trait Encoder {
-    /// Counts from now on: 0 until then. A handle that moves during the boot has not jumped by the first sample.
+    /// Counts from now on; the count was 0 until then. So a handle that moves during the boot has not jumped by the
+    /// first sample.
     fn start();
 
     /// The count now, in 32 bits that wrap.
     fn count(&self) -> u32;
 
-    /// The count now, read first of all, and what else the board senses. Once per sample, by `sample`.
+    /// The count now, read first, and what else the board senses. Once per sample, by `sample`.
     fn sense(&mut self) -> (u32, Senses);
 
-    /// Turns the direction round, or back. The count goes on from where it is. By `render`, with the force off.
+    /// Reverses the direction, or restores it. The count goes on from its value. By `render`, with the force off.
     fn turn(reversed: bool);
 }
 
-/// The clock of the control: an interrupt at [`RATE_HZ`], at exactly equal distances, which stands still while a debugger
-/// has the core halted.
+/// The clock of the control: an interrupt at [`RATE_HZ`], at equal distances. It stands still while a debugger has the
+/// core halted.
 pub trait SampleTimer {
     /// Runs from now on; the first sample comes one period later.
     fn start();
 
-    /// More than two fifths of the present sample are over: an output of every sample has no time left but for what it
+    /// More than two fifths of the present sample are over: an output of every sample now has time only for what it
     /// must do. By `render`.
     fn is_late() -> bool;
 
-    /// Takes the request of the present sample back; by `sample`.
+    /// Clears the request of the present sample; by `sample`.
     fn acknowledge(&mut self);
 }
 
 /// The force output: a command becomes a force, as a whole.
 pub trait ForceOutput {
-    /// Puts a command out, which the core has clamped to what [`Board::OUTPUT`] has; mirrored about zero force if the
-    /// motor is mounted the other way round. Moves nothing while enable is inactive. Once per output, by `render`.
+    /// Sets the output to a command that the core has clamped to the range of [`Board::OUTPUT`]; mirrored about zero
+    /// force if the motor is mounted the other way round. Without effect while enable is inactive. Once per output, by
+    /// `render`.
     fn write(&mut self, command: OutputCode, mirrored: bool);
 
     /// Zero force at once, or with the output's next period. From any task and handler.
@@ -236,23 +238,23 @@ pub trait ForceOutput {
     fn start();
 }
 
-/// The amplifier's enable line. Inactive in reset, when the emergency stop opens (in hardware, without any code), while a
-/// debugger has the core halted, when the core's clock fails, and when outputs stop ([`OutputWatchdog`]).
+/// The amplifier's enable line. It is inactive in reset, when the emergency stop opens (in hardware alone), while a
+/// debugger has the core halted, when the crystal or clock input fails, and when outputs stop ([`OutputWatchdog`]).
 pub trait Enable {
-    /// Active, unless the emergency stop is open; forgets that it was.
+    /// Active, unless the emergency stop is open. Clears the note of [`was_stopped`](Self::was_stopped).
     fn on(&mut self);
 
     /// Inactive, now. From any task and handler.
     fn off();
 
-    /// Whether it is active: read back, so false as soon as hardware has dropped it.
+    /// Whether it is active: read back, so false as soon as hardware has switched it off.
     fn is_on(&self) -> bool;
 
     /// Whether the emergency stop was open at any time since [`on`](Self::on), however short.
     fn was_stopped(&self) -> bool;
 }
 
-/// The supply supervisor. It has an interrupt of `render`'s priority, so that the force is off at once.
+/// The supply supervisor. Its interrupt has the priority of `render`, so that the force is off at once.
 pub trait Supply {
     /// The interrupt's handler: switches the force off and remembers that the supply was low.
     fn has_dropped();
@@ -261,10 +263,10 @@ pub trait Supply {
     fn is_low(&mut self) -> bool;
 }
 
-/// Finds halts by a debugger: time that passed on a timer that runs on, without samples.
+/// Finds halts by a debugger: a timer that runs on shows time without samples.
 pub trait DebugHalts {
-    /// Whether the core was halted since the last output; asked at each, with the number of its sample and the samples
-    /// between two. By `render`.
+    /// Whether the core was halted since the last output. Called at each output, with the number of its sample and the
+    /// samples from output to output. By `render`.
     fn since_the_last(&mut self, sample: u64, period: u32) -> bool;
 
     /// That clock, [`HaltWatch::TICKS_PER_SAMPLE`](crate::safety::HaltWatch::TICKS_PER_SAMPLE) to a sample; it wraps. By
@@ -278,56 +280,58 @@ pub trait DebugHalts {
 
 /// The registers that decide whether, when and which force acts.
 pub trait SetUp {
-    /// Whether the channels to and from the host are still where they were set up. A `disarm` would not be heard.
+    /// Whether the channels to and from the host are still where they were set up. Otherwise a `disarm` would not
+    /// arrive.
     fn channels_hold(&mut self) -> bool;
 
     /// Whether all of them are still as they were at the first call. By `render`, with each output, once it is out.
     fn holds(&mut self) -> bool;
-    /// They are not: drives the pin of enable low by its port, whatever the timer and its pin's mode have become. Until
-    /// the next reset.
+    /// Called if not: drives enable's pin low by its port until the next reset, whatever the timer and the pin's mode
+    /// have become.
     fn hold_enable_low(&mut self);
 }
 
 /// Reads the force output and the motor's current back, with A/D converters.
 pub trait ReadBack {
-    /// Lowest and highest code up to which the output surely follows its command; `None`: it cannot be read back.
+    /// Lowest and highest code between which the output surely follows its command; `None`: it cannot be read back.
     const SWING: Option<[i32; 2]>;
 
-    /// Begins to read what the last output has put out. By `render`, at the beginning of each: what is written some
-    /// microseconds later is not read.
+    /// Begins to read what the last output has put out. By `render`, at the beginning of each output, so a code that is
+    /// written some microseconds later is not read.
     fn begin(&mut self);
 
     /// The converters' readings. Called by `render`, in the same output, after the force is written.
     fn finish(&mut self) -> Readings;
 }
 
-/// Enable goes inactive, by hardware alone, when no output has come for
-/// [`OUTPUT_WATCHDOG_US`](crate::period::OUTPUT_WATCHDOG_US): the core may stand still,
-/// be locked up, mask its interrupts or do anything else.
+/// When no output has come for [`OUTPUT_WATCHDOG_US`](crate::period::OUTPUT_WATCHDOG_US), hardware
+/// alone makes enable inactive, also if the core stands still, is locked up or has masked its
+/// interrupts.
 pub trait OutputWatchdog {
-    /// An output is out. By `render`, with each, whether force is on or off: so the hardware never acts while
-    /// [`Enable::on`] does. `sample` is the number of its sample, `halted` whether a debugger has had the core halted since
-    /// the last one.
+    /// An output is out. By `render`, with each, whether force is on or off, so that the hardware never acts while
+    /// [`Enable::on`] does. `sample` is the number of its sample, `halted` whether a debugger has had the core halted
+    /// since the last output.
     fn renew(&mut self, sample: u32, halted: bool);
 
     /// Whether its clock and the samples have drifted apart, see [`RateWatch`](crate::safety::RateWatch).
     fn rate_is_wrong(&self) -> bool;
 }
 
-/// Tests the parts of a board that the board can test by itself.
+/// Tests that a board can make by itself.
 pub trait SelfTest {
-    /// Tests that part, with the force off, and leaves everything as it was. By `link`, which is kept for 15 ms at most;
-    /// `render` waits for 4 ms at most. Enable is active for as long at most, at zero force.
+    /// Tests this part, with the force off, and leaves everything as it was. By `link`, which it keeps for at most 15
+    /// ms; `render` waits for at most 4 ms. Enable is active for at most as long, at zero force.
     fn test(&mut self, part: Part) -> Found;
 }
 
-/// Reset, hence everything off, when it is not fed. It has an oscillator of its own, and nothing but a reset stops it.
+/// Resets the chip, which switches everything off, if it is not fed. It has its own oscillator, and only a reset stops
+/// it.
 pub trait Watchdog {
     /// All tasks are alive. By `idle`, at least each 20 ms; the reset comes after 30 to 100 ms.
     fn feed(&mut self);
 }
 
-/// Memory that a reset leaves as it is; a loss of power need not.
+/// Memory that keeps its content over a reset, but perhaps not over a loss of power.
 pub trait FaultMemory {
     /// What it holds: a record, zeros, or anything after power-on.
     fn read(&self) -> [u32; FaultRecord::WORDS];
@@ -353,11 +357,11 @@ pub trait CommandChannel {
     fn read(&mut self, bytes: &mut [u8]) -> usize;
 }
 
-/// What the flash controller did not like, as the bits of its status register; 0 if it was not asked, because place or
-/// length is not allowed.
+/// The error bits of the flash controller's status register; 0 if it was not asked, because place or length is not
+/// allowed.
 ///
-/// Erase and write stall the core for up to a second on some boards: `link` asks for them with the force off only, and the
-/// board gives the watchdog more time meanwhile.
+/// Erase and write stall the core, on some boards for up to a second. `link` calls them only with the force off, and
+/// the board gives the watchdog more time meanwhile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FlashError(pub u32);
 
@@ -391,7 +395,7 @@ impl<F: ForceOutput, E: Enable> Drive<F, E> {
         self.force.write(command, mirrored);
     }
 
-    /// Enables the amplifier at zero force. The emergency stop's hardware has the last word.
+    /// Enables the amplifier at zero force. The emergency stop's hardware can still prevent it.
     pub fn on(&mut self) {
         F::zero();
         self.enable.on();
@@ -419,7 +423,7 @@ impl<P: InputPin> EmergencyStop<P> {
         Self(pin)
     }
 
-    /// The switch is closed: no stop. A pin that cannot be read is one.
+    /// Whether the switch is closed. A pin that cannot be read counts as a stop.
     #[inline(always)]
     pub fn is_closed(&mut self) -> bool {
         self.0.is_low().unwrap_or(false)

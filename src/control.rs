@@ -13,8 +13,8 @@ use crate::{
     wall::Wall,
 };
 
-/// Everything that a sample needs to know, in integers. Immutable: a change is a new `LoopParameters`,
-/// swapped whole between two samples. Made by [`Settings::build`](crate::Settings::build).
+/// Everything that a sample needs to know, in integers. Immutable: a change is a new `LoopParameters`, which replaces
+/// the old one as a whole between two samples. Made by [`Settings::build`](crate::Settings::build).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopParameters {
     /// Velocity estimator with its coefficients.
@@ -60,7 +60,7 @@ impl Motion {
 pub struct Drive {
     /// What the wall gives back.
     pub wall: Demand,
-    /// What the actuator is asked for: push minus wall, saturated. [`Actuator::command`] makes a code of it.
+    /// The force that the actuator gets: push minus wall, saturated. [`Actuator::command`] turns it into a code.
     pub force: Force,
     /// The handle is inside the wall.
     pub contact: bool,
@@ -101,13 +101,14 @@ impl<W: Width> Sampler<W> {
         self.encoder.position()
     }
 
-    /// Whether position 0 is where it was put.
+    /// Whether position 0 is where it was set.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.encoder.is_whole()
     }
 
-    /// Whether the estimator's memory is unchanged since the last sample; `true` if that had another tuning.
+    /// Whether the estimator's memory is unchanged since the last sample; also `true` if that sample had another
+    /// tuning.
     #[inline(always)]
     pub fn remembers(&self, control: &LoopParameters) -> bool {
         self.velocity.number() != control.estimator.number()
@@ -128,7 +129,7 @@ impl<W: Width> Sampler<W> {
         } else {
             ((self.high as u64) << 32 | self.due as u64).wrapping_add(since as u64)
         };
-        // Its low half is `number`: who needs no other half is spared the sums.
+        // Its low half is `number`, so a caller that needs no other half saves the sums.
         near & !(u32::MAX as u64) | number as u64
     }
 
@@ -137,7 +138,7 @@ impl<W: Width> Sampler<W> {
         velocity::State::behind(self.encoder.position(), self.velocity)
     }
 
-    /// Makes the place of the last sample position 0. The velocity goes on as if nothing happened.
+    /// Makes the place of the last sample position 0. The velocity does not change.
     pub fn zero(&mut self) {
         self.encoder.zero();
     }
@@ -148,7 +149,7 @@ impl<W: Width> Sampler<W> {
         self.sense(control, counter, &Senses::NONE)
     }
 
-    /// [`sample`](Self::sample) for estimators that look at more than the count.
+    /// [`sample`](Self::sample) for estimators that use more than the count.
     #[inline(always)] // as Estimator::update
     pub fn sense(&mut self, control: &LoopParameters, counter: u32, senses: &Senses) -> Sampled {
         let before = self.encoder.position();
@@ -158,9 +159,9 @@ impl<W: Width> Sampler<W> {
         self.say(control, self.sample, position, velocity)
     }
 
-    /// [`sense`](Self::sense) for the first [`RUN`] readings, as signed, of which at most the last has an output: for
-    /// simulators, which have several at once. The estimator is told apart once, not for each of them. `senses` is empty
-    /// where there are none. Says the velocities, and what `sense` says to the last reading; none without one.
+    /// [`sense`](Self::sense) for the first [`RUN`] readings, as signed, of which at most the last has an output. For
+    /// simulators, which have several readings at once: the estimator is looked up once for all. `senses` is empty if
+    /// there are none. Returns the velocities, and what `sense` returns for the last reading; none without a reading.
     #[inline]
     pub fn sense_all(
         &mut self,
@@ -182,7 +183,7 @@ impl<W: Width> Sampler<W> {
         Some(self.say(control, self.sample.wrapping_add(before), self.encoder.position(), velocity))
     }
 
-    /// The result for the sample with this number; also counts it.
+    /// The result for the sample with this number, which is counted too.
     #[inline(always)]
     fn say(
         &mut self,
@@ -220,14 +221,14 @@ impl<W> Sampler<W> {
 }
 
 impl LoopParameters {
-    /// These, to be put in force where `running` are. Another estimator or tuning then starts anew with its first
-    /// sample, see [`Tuned`].
+    /// These parameters, to replace `running`. If the estimator or its tuning is another one, it starts anew with its
+    /// first sample, see [`Tuned`].
     #[must_use]
     pub fn after(self, running: &Self) -> Self {
         Self { estimator: self.estimator.after(&running.estimator), ..self }
     }
 
-    /// Whether these do the same as `other`, whenever either came into force.
+    /// Whether these do the same as `other`, whenever either was put in force.
     pub fn does_as(&self, other: &Self) -> bool {
         let Self { estimator, wall, actuator, period } = self;
         **estimator == *other.estimator

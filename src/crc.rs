@@ -1,6 +1,6 @@
 //! The checksum of everything that is stored or sent: CRC-32/ISO-HDLC (that of zlib and Ethernet).
 //!
-//! One table of 1 KiB for all; about 8 cycles a byte on a Cortex-M4, 5 where they are many ([`Sum`]). It detects every
+//! One table of 1 KiB for all uses; about 8 cycles a byte on a Cortex-M4, 5 for long data ([`Sum`]). It detects every
 //! error burst of up to 32 bits, so every change of a single byte.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
@@ -28,8 +28,8 @@ pub(crate) fn of_pieces<'a>(pieces: impl IntoIterator<Item = &'a [u32]>) -> u32 
     digest.finalize()
 }
 
-/// One that goes on, of many words. Not for the others: its loop is unrolled, and a call in the code of `render` costs
-/// registers there.
+/// A CRC that is computed piece by piece, for many words. For few words use the functions above: this loop is unrolled,
+/// and a call in the code of `render` costs registers there.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sum(u32);
 

@@ -1,7 +1,7 @@
-//! The device that a board controls: what is built and cannot be tuned while it runs, and what follows from it.
+//! The device that a board controls: what does not change while it runs, and what is computed from that.
 //!
-//! A [`Device`] is what a [device record](record) says, beside what its board is. Here its numbers are checked and turned
-//! into what the loop, the experiments and the supervisor take, together with the settings that a person may change.
+//! A [`Device`] has what a [device record](record) says, and what its board is. Here its numbers are checked. Together
+//! with the settings that a person may change, they become the input of loop, experiments and supervisor.
 
 pub mod designs;
 pub mod record;
@@ -31,7 +31,7 @@ use crate::{
 pub struct Device<'a> {
     /// The board that the device is on.
     pub board: Name,
-    /// Name and record: what saved settings belong to.
+    /// Name and record: saved settings belong to these.
     pub key: DeviceKey,
     /// Hash of the scene.
     pub scene_hash: u32,
@@ -53,9 +53,10 @@ pub struct Device<'a> {
     pub current: CurrentSettings,
     /// Distance of the handle from the axis of a rotary device, m; 0: it moves straight.
     pub radius_m: f64,
-    /// The return move to the start of a hit; `start_m` is only the default, the stored settings hold the one in use.
+    /// The return move to the start of a hit. Its `start_m` is only the default; the stored settings have the one in
+    /// use.
     pub back: ReturnSettings,
-    /// A calibration; its force is given by the command that starts it.
+    /// A calibration; the command that starts it gives its force.
     pub calibration: CalibrationSettings,
     /// Directions of motor and encoder on a board to which nothing was ever saved.
     pub signs: Signs,
@@ -101,7 +102,7 @@ pub struct Start {
     pub period: PeriodPlan,
     /// Check of the motor's current, if the amplifier reports it.
     pub current: Option<CurrentWatch>,
-    /// Fault of the last run, the fault of unusable saved settings, or both.
+    /// Fault of the last run, or the fault of saved settings that cannot be used, or both.
     pub fault: Option<FaultRecord>,
 }
 
@@ -110,9 +111,9 @@ impl Device<'_> {
     pub const RADIUS_M: RangeInclusive<f64> = 1e-3..=10.0;
     /// Longest latency that a record may state, samples: half a second on the boards there are.
     pub const LATENCY_MAX_SAMPLES: f64 = 5000.0;
-    /// Furthest end of the travel from zero, m: a handle that turns several times is on a circle's way.
+    /// Farthest end of the travel from zero, m: a handle may turn several times.
     pub const TRAVEL_MAX_M: f64 = 10.0;
-    /// Highest speed that a record may believe, m/s.
+    /// Highest speed that a record may call believable, m/s.
     pub const SPEED_MAX_M_PER_S: f64 = 100.0;
     /// Allowed masses of the heaviest handle, kg. The upper end stands for an unknown mass.
     pub const HEAVIEST_MASS_KG: RangeInclusive<f64> = 1e-4..=1e6;
@@ -133,7 +134,7 @@ impl Device<'_> {
         Ok(Design { period: stored.period, ..self.calibrated(stored.full_scale_n)? })
     }
 
-    /// What goes by the output period of those settings.
+    /// What depends on the output period of these settings.
     ///
     /// # Errors
     /// Names what is out of range.
@@ -143,10 +144,10 @@ impl Device<'_> {
         Ok(PeriodPlan { duty: self.duty.build(&design, 0)?, keep })
     }
 
-    /// What a board starts with that found `loaded` in its flash, and the fault `boot` of its last run.
+    /// What a board starts with: `loaded` was in its flash, `boot` is the fault of its last run.
     ///
-    /// Settings that cannot be built, or whose estimator needs a sense that the board has not, leave the defaults in
-    /// force, with the fault `settings`.
+    /// If settings cannot be built, or their estimator needs a sense that the board lacks, the defaults are in force,
+    /// with the fault `settings`.
     ///
     /// # Errors
     /// Names the first number of the device itself that is out of range.
@@ -199,8 +200,8 @@ impl Device<'_> {
         Ok(HitSequencePlan { look, ..plan })
     }
 
-    /// The same as far as the settings of experiments say it, so that each of them can be set whatever the wall is: where
-    /// the wall has to be follows when one begins, see [`hit_sequence`](Self::hit_sequence).
+    /// The same without the wall, so that each setting of an experiment can be changed whatever the wall is.
+    /// [`hit_sequence`](Self::hit_sequence) checks the wall when an experiment begins.
     ///
     /// # Errors
     /// Names what is out of range.
@@ -220,7 +221,7 @@ impl Device<'_> {
         }
         let hit = HitSettings { push_n, settle_s, window_s, rms_limit_m }.build(&design)?;
         let start_m = stored.start_m;
-        // A motor weaker than it was taken for brings the handle back with what it has.
+        // If the motor is weaker than assumed, the return move uses what it has.
         let force_n = self.back.force_n.min(design.full_scale_n / 2.0);
         let SafetySettings { travel_low_m, travel_high_m, .. } = self.safety;
         within("start_m", start_m, travel_low_m..=travel_high_m)?;
@@ -231,7 +232,7 @@ impl Device<'_> {
         let same = libm::fabs(together_s - longest_s) < 0.5 / design.rate_hz;
         let value = if same { longest_s } else { together_s };
         within("settle_s and window_s together", value, 0.0..=longest_s)?;
-        // Each is rounded to samples, both together by up to one: the model has outputs to spare for that.
+        // Each is rounded to samples, both together by up to one sample. The model has spare outputs for that.
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturating")]
         let longest = libm::round(longest_s * design.rate_hz) as u32;
         let duty = duty.build(&design, hit.settle.saturating_add(hit.window).min(longest))?;
@@ -239,7 +240,8 @@ impl Device<'_> {
         Ok(HitSequencePlan { hit, back, duty, look })
     }
 
-    /// Current heats the motor: continuous over full-scale force is a ratio of currents, so a calibration keeps it.
+    /// Current heats the motor. Continuous over full-scale force is a ratio of currents, so a calibration does not
+    /// change it.
     fn duty_at(&self, design: &Design) -> DutySettings {
         let part = design.full_scale_n / self.design.full_scale_n;
         let continuous_force_n = self.duty.continuous_force_n * part;
@@ -289,7 +291,7 @@ impl Device<'_> {
     /// Settings of a board to which nothing was ever saved.
     pub fn defaults(&self) -> Stored {
         let HitSettings { push_n, settle_s, window_s, rms_limit_m } = self.hit;
-        // As much of the hit as the motor stands, less 1 % for rounding.
+        // As much of the hit as the motor can stand, less 1 % for rounding.
         let longest_s = 0.99 * self.duty.longest_hit_s(&self.design);
         let part = f64::min(1.0, longest_s / (settle_s + window_s));
         Stored {
@@ -309,8 +311,8 @@ impl Device<'_> {
         }
     }
 
-    /// Why the board cannot take those settings, whatever their ranges, if so: a sense that the estimator needs, or the
-    /// output period.
+    /// Why the board cannot take these settings, whatever their ranges: a sense that the estimator needs, or the output
+    /// period.
     pub fn unfit(&self, stored: &Stored) -> Option<Unfit> {
         let (estimator, period) = (stored.settings.velocity.name(), stored.period);
         if !PERIODS.contains(&period) {
@@ -334,7 +336,8 @@ impl Device<'_> {
         let design = self.designs.number_of(velocity);
         Key {
             estimator: velocity.name(),
-            // A table holds for a design, or for the defaults of the further parameters; of others nothing is known.
+            // A table holds for a design, or for the defaults of the further parameters. Of other values nothing is
+            // known.
             cutoff_hz: match design > 0 || velocity.differs_by_tuning_only() {
                 false => f64::NAN,
                 true => velocity.tuning().map_or(0.0, |(_, value)| value),

@@ -15,7 +15,7 @@ pub enum CounterWidth {
     Bits32,
 }
 
-/// The width of a counter, as a value or as a type: code that knows the type does not look it up with every sample.
+/// The width of a counter, as a value or as a type. Code that knows the type does not look it up with every sample.
 pub trait Width: Copy {
     /// The width as a value.
     fn value(self) -> CounterWidth;
@@ -41,7 +41,7 @@ impl Width for Bits32 {
 
 /// Unwraps a counter that wraps around into positions whose differences are exact.
 ///
-/// Where position 0 is follows from the last count and the last position, and is kept beside them: see
+/// The place of position 0 follows from the last count and the last position. It is kept beside them too: see
 /// [`is_whole`](Self::is_whole).
 #[derive(Clone, Copy, Debug)]
 pub struct Encoder<W = CounterWidth> {
@@ -60,7 +60,7 @@ impl<W: Width> Encoder<W> {
         Self { width, count: position.counts().cast_unsigned(), position, origin: 0 }
     }
 
-    /// This encoder with the counter's width as a value in place of a type.
+    /// This encoder with the counter's width as a value instead of a type.
     pub(crate) fn of_any_width(self) -> Encoder {
         let Self { width, count, position, origin } = self;
         Encoder { width: width.value(), count, position, origin }
@@ -75,8 +75,8 @@ impl<W: Width> Encoder<W> {
         self.position
     }
 
-    /// Where several readings begin, each of which then says by how many counts it moved. [`moved`](Self::moved) has to
-    /// follow.
+    /// The start of several readings, each of which then returns by how many counts it moved. Call
+    /// [`moved`](Self::moved) after them.
     #[inline]
     pub(crate) fn moves(&self) -> Moves<W> {
         Moves { width: self.width, count: self.count }
@@ -101,8 +101,8 @@ impl<W: Width> Encoder<W> {
         self.position
     }
 
-    /// Whether position 0 is where it was put. It is not if a bit of count, position or origin has flipped: every wall
-    /// would stand elsewhere.
+    /// Whether position 0 is where it was set. It is not if a bit of count, position or origin has flipped: then every
+    /// wall would be somewhere else.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.count.wrapping_add_signed(self.position.counts().wrapping_neg()) == self.origin
@@ -134,7 +134,7 @@ impl<W> Encoder<W> {
     }
 }
 
-/// A reading as signed, of its lower half only if the counter is narrow.
+/// A reading as signed; of a narrow counter only its lower half counts.
 #[inline]
 fn signed(value: u32, width: impl Width) -> i32 {
     if width.value() == CounterWidth::Bits16 {

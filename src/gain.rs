@@ -1,10 +1,10 @@
-//! A positive factor with a mantissa and a shift: precise over the whole range of wall gains.
+//! A positive factor with a mantissa and a shift: equally precise over the whole range of wall gains.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
-/// A factor >= 0, `mantissa * 2^-shift`, normalised when it is made: 2^30 <= mantissa < 2^31,
-/// or 0. A negative shift is a left shift: a coarse encoder and a weak motor make one count of
-/// penetration worth many full scales.
+/// A factor >= 0, `mantissa * 2^-shift`, normalised when it is made: 2^30 <= mantissa < 2^31, or 0. A negative
+/// shift is a left shift: with a coarse encoder and a weak motor one count of penetration is worth many full
+/// scales.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Gain {
     mantissa: i32,

@@ -1,11 +1,11 @@
-//! The program in flash against a checksum that the build puts into it.
+//! Compares the program in flash with a checksum that the build puts into it.
 //!
-//! A linker makes no checksums: it leaves a word behind the vectors, the seal (`_seal` of memory.x), with all bits set.
-//! The package `seal` puts the checksum there when everything is linked. Covered are vectors, code, constants and what is
-//! copied to RAM at boot, each from its first word to its last by the linker's names: what lies between them is never
-//! read, and may be anything. Not covered are the sectors that are written later: settings, which have checksums of their
-//! own and are read at `load` only, and the device record, which has its own too and is looked at with each pass, because
-//! envelope and designs are read from it all the time.
+//! A linker makes no checksums. It leaves a word behind the vectors, the seal (`_seal` of memory.x), with all bits set.
+//! When all is linked, the package `seal` puts the checksum there. It covers vectors, code, constants and what is
+//! copied to RAM at boot, each from its first word to its last by the linker's names. The gaps between them are never
+//! read. Sectors that are written later are not covered. The settings have checksums of their own and are read only at
+//! `load`. The device record has one too, and each pass checks it, because envelope and designs are read from it all
+//! the time.
 //!
 //! | when | by | wrong |
 //! |------|----|-------|
@@ -13,9 +13,9 @@
 //! | always, a [slice](SLICE) each time that `idle` wakes | [`Pass`] | off, [`Fault::Image`](crate::safety::Fault::Image), reset |
 //! | with each pass of `link` | [`PassWatch`] | the same, if no pass has ended for [`LONGEST`], or one that was wrong |
 //!
-//! The two that find a wrong image while the force may be on do not rely on each other: `idle` adds the checksums of each
-//! pass to a number, and `link` takes nothing but steps of [`RIGHT`]. So a bit that
-//! flips in the code of the one, and makes it silent, is found by the other; and any flip in either is in the image.
+//! Two checks find a wrong image while the force may be on, and do not rely on each other. `idle` adds the checksums of
+//! each pass to a sum. `link` accepts only steps of [`RIGHT`] in this sum. If a flipped bit stops one of the two, the
+//! other one finds it.
 
 use core::fmt;
 
@@ -24,15 +24,15 @@ use crate::{
     period::SAMPLES_PER_MS,
 };
 
-/// The seal of an image that nobody has sealed.
+/// The seal of an image that is not sealed.
 pub const UNSEALED: u32 = u32::MAX;
 
-/// Words that `idle` looks at each time that it wakes, 0.1 ms after the last time or sooner: an image of 256 KiB in
-/// a tenth of a second. A flip just behind the pass is found by the end of the next one.
+/// Words that `idle` reads each time that it wakes, which is 0.1 ms after the last time or sooner: 256 KiB in a tenth
+/// of a second. A flip just behind the pass is found by the end of the next pass.
 pub const SLICE: usize = 64;
 
-/// Longest time from the end of a pass to that of the next, samples: 0.5 s. A pass takes a fifth of it, also while a host
-/// floods the board.
+/// Longest time from the end of one pass to the end of the next, samples: 0.5 s. A pass takes a fifth of this, also
+/// while a host floods the board.
 pub const LONGEST: u32 = 500 * SAMPLES_PER_MS;
 
 /// Sum of the two CRCs of an intact pass: over image and record, each followed by its stored checksum.
@@ -101,7 +101,7 @@ impl core::error::Error for BadImage {}
 pub struct Pass<'a> {
     /// Parts to check: those of the image, its seal, the record.
     parts: [&'a [u32]; PARTS + 2],
-    /// The part that is under way, and what is left of it.
+    /// The part that is being read, and the rest of it.
     part: usize,
     rest: &'a [u32],
     sum: Sum,
@@ -110,15 +110,15 @@ pub struct Pass<'a> {
 }
 
 impl<'a> Pass<'a> {
-    /// From the beginning, of that image and that record, the last word of which is its checksum.
+    /// From the beginning, with this image and this record; the record's last word is its checksum.
     pub const fn new(image: &Image<'a>, record: &'a [u32]) -> Self {
         let [vectors, code, constants, variables] = image.parts;
         let parts = [vectors, code, constants, variables, image.seal.as_slice(), record];
         Self { parts, part: 0, rest: vectors, sum: Sum::new(), found: 0 }
     }
 
-    /// Goes on by a slice, or to the end of a part. At the end of the pass the sum of its checksums,
-    /// [`RIGHT`] if nothing is wrong.
+    /// Goes on by a slice, or to the end of a part. At the end of the pass it returns the sum of the checksums, which
+    /// is [`RIGHT`] if nothing is wrong.
     #[inline]
     pub fn go_on(&mut self) -> Option<u32> {
         let (slice, rest) = self.rest.split_at_checked(SLICE).unwrap_or((self.rest, &[]));
@@ -144,17 +144,17 @@ impl<'a> Pass<'a> {
     }
 }
 
-/// Checks by the sum over all passes that passes go on and that none was wrong.
+/// Checks in the sum over all passes that the passes go on, and that none was wrong.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PassWatch {
     sum: u32,
-    /// Sample by which the last pass had ended, low 32 bits.
+    /// Sample at which the last pass was over, low 32 bits.
     ended: u32,
 }
 
 impl PassWatch {
-    /// Whether something is wrong by that sample, with that sum over all passes: the last one was, or none has ended for
-    /// too long.
+    /// Whether something is wrong at this sample, with this sum over all passes: the last pass was wrong, or none has
+    /// ended for too long.
     pub fn is_wrong(&mut self, sample: u32, sum: u32) -> bool {
         if sum == self.sum.wrapping_add(RIGHT) {
             *self = Self { sum, ended: sample };

@@ -2,14 +2,14 @@
 //! command of a spring-damper wall, in fixed point, without heap, floats or panics.
 //!
 //! ```text
-//! count -> Position -> Velocity -> Force -> Command      (SI settings enter from the side, once)
+//! count -> Position -> Velocity -> Force -> OutputCode    (SI settings become integers once, before)
 //! ```
 //!
-//! The firmware and the simulator compile this very code. Both call two functions:
-//! [`Sampler::sense`] for every encoder sample (10 kHz) and [`LoopParameters::render`] for every output
-//! (1 kHz); the firmware through [`safety`]'s guard and supervisor. What a person sets is [`Settings`] in SI units; [`Settings::build`] checks it and folds
-//! all units into the integer coefficients of a [`LoopParameters`]; what samples change is the
-//! [`Sampler`]'s state. The formats stand in one table, in [`units`].
+//! Firmware and simulator compile this code. Both call [`Sampler::sense`] for every encoder sample (10 kHz) and
+//! [`LoopParameters::render`] for every output (1 kHz), the firmware through the guard and the supervisor of
+//! [`safety`]. A person sets [`Settings`] in SI units. [`Settings::build`] checks them and folds all units into the
+//! integer coefficients of a [`LoopParameters`]. What samples change is the state of the [`Sampler`]. [`units`] has all
+//! formats in one table.
 //!
 //! ```
 //! use zwidth::{CounterWidth, Design, Output, Sampler, Settings, VelocitySettings, WallSettings};

@@ -1,5 +1,5 @@
-//! The firmware: which task runs when, and what each one owns. No arithmetic here; the control core
-//! is the library of this package, the hardware is [`board`], the tasks' work is in [`task`].
+//! The firmware: which task runs when, and what each one owns. There is no arithmetic here. The control core is the
+//! library of this package, the hardware is [`board`], the tasks' work is in [`task`].
 //!
 //! | task        | rate                   | priority | does                                           |
 //! |-------------|------------------------|----------|------------------------------------------------|
@@ -9,8 +9,8 @@
 //! | `link`      | after each `render`    | 1        | commands in, replies and telemetry out         |
 //! | `idle`      |                        | 0        | watchdog, image in flash; sleeps               |
 //!
-//! Nothing delays `sample`: it shares no resource, takes no lock, spawns and logs nothing, and
-//! nothing below masks it (docs/firmware.md).
+//! Nothing delays `sample`: it shares no resource, takes no lock, spawns no task and does not log, and nothing below
+//! masks it (docs/firmware.md).
 #![cfg_attr(target_os = "none", no_std, no_main)]
 #![deny(unsafe_code)]
 
@@ -44,8 +44,8 @@ mod app {
         idle: task::Idle,
     }
 
-    /// Outputs are off by reset and stay off. The samples start with `idle`, when the tasks are in their places
-    /// and interrupts on.
+    /// Outputs are off by reset and stay off. The samples start with `idle`, when all tasks exist and interrupts are
+    /// on.
     #[init(local = [queues: task::Queues = task::Queues::new()])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let board = board::take(cx.device, cx.core);

@@ -1,7 +1,7 @@
 //! A wall that cannot give more than a reserve: a time-domain passivity controller.
 //!
-//! At each output it asks what the wall's force can give at worst until the next one takes its place, and gives no more
-//! than half of what the contact's account ([`PortEnergy`]) and the reserve can pay:
+//! At each output it computes what the wall's force can give at worst until the next force replaces it. It allows at
+//! most half of what the account of the contact ([`PortEnergy`]) and the reserve can pay:
 //!
 //! ```text
 //! d      counts since the last output
@@ -11,20 +11,21 @@
 //! wall   within +-left / (2 r2)             for a wall that pulls: d with the other sign
 //! ```
 //!
-//! `change_1` and `change_2` say by how many counts motion can differ from that of the last output: with an acceleration
-//! a of at most that of the settings, `a (P l + l^2) / 2` and `a P (P + l)` for a period P and a latency l, and two counts
-//! of the quantisation.
+//! `change_1` and `change_2` are the counts by which motion can differ from that of the last output. With an
+//! acceleration of at most a (from the settings) they are `a (P l + l^2) / 2` and `a P (P + l)` for a period P and a
+//! latency l, and two counts of the quantisation.
 //!
-//! **What holds.** As long as the handle accelerates no more than that, the wall gives at most the reserve in each
-//! contact, and 2^-21 of it for each output at which the account was spent, whatever is at the port and however the
-//! estimator errs: what the old force may give is set aside before the new one is granted, and the new one gives at most
-//! half of the rest. A motion that accelerates more costs the force times what it exceeds, and that is forgiven. The least that is granted
-//! lets a spent account recover: a handle that is pushed in finds a wall again. The reserve is `2 change_2` counts at full
-//! scale, and with a latency `change_1 + 1` more, so that a contact that has taken as much as it has given has the whole
-//! force when it stands still.
+//! **What holds.** As long as the handle accelerates no more than a, the wall gives in each contact at most the
+//! reserve, and 2^-21 of it for each output at which the account was spent. This holds whatever is at the port, and
+//! however the estimator errs: what the old force may give is set aside before the new force is granted, and the new
+//! one gives at most half of the rest. If a motion accelerates more, the wall may give its force times the excess, and
+//! this is forgiven. A spent account still allows a least force, so that it recovers: a handle that is pushed in finds
+//! a wall again. The reserve is `2 change_2` counts at full scale, and with a latency `change_1 + 1` more. So when a
+//! contact has taken as much as it has given, the whole force is allowed at standstill.
 //!
-//! Why not the variable damper of Hannaford and Ryu: it divides the deficit by the velocity, which is one count or none at
-//! a period of 1 ms and pays only if the motion goes on as it was; its bound would be this one at each reversal.
+//! Why not the variable damper of Hannaford and Ryu: it divides the deficit by the velocity, which is one count or none
+//! at a period of 1 ms, and it pays only if the motion goes on as before. At each reversal its bound would be the same
+//! as this one.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -132,7 +133,7 @@ pub struct PassiveWall {
     last: Position,
     /// What the contact has given beyond the reserve.
     forgiven: i64,
-    /// Wall force that does not act yet, and its output's contact; it acts when `wait` reaches 0.
+    /// Wall force that does not act yet, and the contact of its output; it acts when `wait` reaches 0.
     pending: (i64, bool),
     wait: u32,
 }
@@ -174,7 +175,8 @@ impl PassiveWall {
         given
     }
 
-    /// Allowed force of the wall where it `wants` this force, LSB, positive out of it; at most two full scales.
+    /// Largest force of the wall that is allowed if it `wants` this one, LSB, positive out of the wall; at most two
+    /// full scales.
     #[inline]
     pub fn limit(
         &mut self,
@@ -188,7 +190,8 @@ impl PassiveWall {
         let d = i64::from(position.wrapping_since(self.last));
         let fresh = contact && !port.contact();
         let reserve = plan.reserve();
-        // A blow may take more than there is: it is forgiven, or the wall would be none for the rest of the contact.
+        // A blow may take more than there is. The excess is forgiven, or there would be no wall for the rest of the
+        // contact.
         self.forgiven = match port.energy() {
             _ if fresh => 0,
             energy => self.forgiven.max(reserve.saturating_add(energy).saturating_neg()),
@@ -214,7 +217,7 @@ impl PassiveWall {
         }
     }
 
-    /// The place of the handle is called `position` from here on.
+    /// From here on the place of the handle is called `position`.
     #[inline]
     pub fn rename(&mut self, position: Position) {
         self.last = position;
@@ -241,8 +244,8 @@ impl PassiveWall {
     }
 }
 
-/// An account with less than that part of the reserve is spent, and has that much: half of it is the most that an output
-/// then gives. Without it a wall whose account is exactly spent would give nothing for the rest of the contact.
+/// An account with less than this part of the reserve is spent, and counts as this part: an output then gives at most
+/// half of it. Without this, a wall with an exactly spent account would give nothing for the rest of the contact.
 pub const SPENT: u32 = 20;
 
 /// No motion is more, counts: products with two full scales stay below 2^62.
@@ -326,7 +329,8 @@ mod tests {
         assert_eq!(wall.port().wall(), FULL);
     }
 
-    /// Whatever has spent it, a blow that accelerates more than was told: pushed in it becomes a wall again.
+    /// Whatever has spent the account, such as a blow that accelerates more than stated: a handle that is pushed in
+    /// finds a wall again.
     #[test]
     fn a_spent_account_recovers_with_the_way_in() {
         let (plan, mut wall) = (plan(28.0, 0, 10), PassiveWall::new(at(0)));
@@ -381,7 +385,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever the wall wants and however the handle moves, within the acceleration that was told.
+        /// Whatever the wall wants and however the handle moves, within the stated acceleration.
         #[test]
         fn no_contact_gives_more_than_the_reserve(
             acceleration in 1.0..200.0f64,

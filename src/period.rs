@@ -4,8 +4,8 @@ use core::fmt;
 
 use crate::velocity::EstimatorName;
 
-/// Longest time from output to output with force on, us: longer than two of the longest output periods, less than the
-/// 3 ms within which force has to be off.
+/// Longest time from output to output with force on, us: longer than two of the longest output periods, shorter than
+/// the 3 ms within which force has to be off.
 pub const OUTPUT_WATCHDOG_US: u32 = 2500;
 
 /// Samples per output that a board can be set to.
@@ -21,15 +21,15 @@ pub fn outputs_per_ms(period: u32) -> u32 {
 
 /// Core cycles from one sample to the next of the slowest board, 168 MHz.
 const SAMPLE: u32 = 16_800;
-/// Core cycles of a sample without the estimator: handler, guard, hand-over, at period 1, where every sample is due.
+/// Core cycles of a sample without the estimator (handler, guard, hand-over) at period 1, where every sample is due.
 pub const GUARD: u32 = 220;
 /// Core cycles of a `render` with no order or a small one; large orders are not given while the logger writes.
 const RENDER: u32 = 3_600;
 /// Most core cycles for which the logger delays `render`, without the sample that falls into them.
 const MASK: u32 = 8_600;
 
-/// Cycles that the longest update of an estimator may take: all that there is between two outputs, less a fifth of it
-/// for wait states, less a `render` that the logger has kept waiting.
+/// Cycles that the longest update of an estimator may take: the time between two outputs, less a fifth for wait states,
+/// less a `render` that the logger has delayed; per sample.
 pub const fn cycles_allowed(period: u32) -> u32 {
     let between = period.saturating_mul(SAMPLE / 5 * 4).saturating_sub(MASK + RENDER);
     match between.checked_div(period) {

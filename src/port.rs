@@ -2,17 +2,17 @@
 //! and Ryu, "Time-domain passivity control of haptic interfaces", IEEE Trans. Robotics and Automation 18(1), 2002).
 //!
 //! ```text
-//! energy += wall (position - at)        wall: what it gives out of it, from the output on that it acts
+//! energy += wall (position - at)        wall: its force out of the wall, from the output on with which it acts
 //! ```
 //!
-//! The force is held between two changes, so the sum is exact for every motion of the counts between them. Energy counts
-//! from the begin of each contact, the first output behind the surface: positive is what the wall has taken from the
-//! hand, negative what it has given beyond that, which no spring and no damper would.
+//! The force is constant between two changes, so the sum is exact for every motion of the counts. Energy counts from
+//! the beginning of each contact, the first output behind the surface. Positive is what the wall has taken from the
+//! hand. Negative is what it has given beyond that, which no spring and no damper could give.
 //!
 //! The unit is an LSB of [`Force`](crate::units::Force) times a count: `full scale / 2^30 * resolution` is J.
 //!
-//! What it cannot see: motion within a count, at most a change of force times a count at each output; what amplifier and
-//! motor make of the force; and, with a delay to the force that nobody tells, the motion during it.
+//! The account does not contain motion within a count (at each output at most a change of force times a count), what
+//! amplifier and motor make of the force, and the motion during a latency that is not stated.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -25,7 +25,7 @@ pub struct PortEnergy {
     wall: i64,
     /// The output that gave it was in contact.
     contact: bool,
-    /// Where the handle was when that was booked.
+    /// Position up to which the motion is booked.
     at: Position,
     /// Energy of this contact, LSB of force times counts.
     energy: i64,
@@ -44,8 +44,8 @@ impl PortEnergy {
         Self { wall, contact, at: position, energy, given: 0 }
     }
 
-    /// From this position on the wall gives `wall`, LSB of force, out of it positive, at most two full scales: what an
-    /// output said that was in `contact` or not.
+    /// From this position on the wall gives `wall`, LSB of force, positive out of the wall, at most two full scales:
+    /// the answer of an output that was in `contact` or not.
     #[inline]
     pub fn acts(&mut self, wall: i64, contact: bool, position: Position) {
         self.moved(position);
@@ -64,7 +64,7 @@ impl PortEnergy {
         self.given = self.given.max(self.energy.saturating_neg());
     }
 
-    /// From now on the handle's place has the number `position`; the energy of the move up to here is not booked.
+    /// From now on the place of the handle has the number `position`. This move is not booked.
     #[inline]
     pub const fn rename(&mut self, position: Position) {
         self.at = position;

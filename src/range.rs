@@ -42,7 +42,7 @@ impl fmt::Display for SettingsError {
     }
 }
 
-/// The ends of a range as people read them: shortened, but never outwards, so that they are accepted when typed.
+/// The ends of a range for people: shortened, but never outwards, so that both ends are accepted when typed.
 pub fn ends(range: &RangeInclusive<f64>) -> [f64; 2] {
     [(*range.start(), 1.0), (*range.end(), -1.0)].map(|(end, inwards)| {
         let short = [0.0, inwards].map(|digits| shortened(end, digits));

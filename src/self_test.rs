@@ -1,6 +1,6 @@
-//! What a board finds out about itself with the force off, and what it must be.
+//! What a board finds out about itself with the force off, and what is right.
 //!
-//! A board measures ([`SelfTest`](crate::contract::SelfTest)), part by part; here the numbers are judged and said.
+//! A board measures part by part ([`SelfTest`](crate::contract::SelfTest)). Here the numbers are judged and printed.
 
 use core::fmt;
 
@@ -19,11 +19,11 @@ pub enum Part {
     Enable,
     /// What drops enable without outputs.
     OutputWatchdog,
-    /// The force output, read back.
+    /// The force output, compared with its codes.
     Output,
     /// The encoder's counter, fed by the board itself.
     Encoder,
-    /// When the samples read it.
+    /// When the samples read the counter.
     Delay,
     /// The clock, against the watchdog's oscillator.
     Clock,
@@ -67,7 +67,7 @@ impl Part {
 /// When samples read the counter, in ticks of the sample timer after its update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Delays {
-    /// Samples that were looked at.
+    /// Samples that were measured.
     pub samples: u32,
     /// Earliest reading, ticks.
     pub least: u32,
@@ -82,10 +82,10 @@ impl Delays {
     pub const BINS: usize = 8;
     /// Ticks of each bin.
     pub const BIN: u32 = 4;
-    /// Most that the samples may differ by, ticks: half a microsecond. Instructions that cannot be interrupted, and the
-    /// way into the interrupt, differ by less.
+    /// Largest spread of the samples' delays, ticks: half a microsecond. Instructions that cannot be interrupted, and
+    /// the entry into the interrupt, cause a smaller spread.
     const SPREAD: u32 = 45;
-    /// Samples that are looked at.
+    /// Samples that are measured.
     pub const SAMPLES: usize = 100;
 
     /// Histogram of these times, in ticks.
@@ -125,7 +125,7 @@ pub enum Found {
     Image {
         /// The first vector that leads nowhere, if there is one.
         bad_vector: Option<u32>,
-        /// CRC-32 of vectors, code and constants.
+        /// CRC-32 of everything that is sealed.
         crc: u32,
         /// Expected CRC-32, from the seal.
         sealed: u32,
@@ -152,7 +152,7 @@ pub enum Found {
     Output {
         /// The code with the largest difference, and what was read.
         worst: [u32; 2],
-        /// Largest difference that is right.
+        /// Largest difference that passes.
         allowed: u32,
     },
     /// Edges that the board gave to its counter by two wires, there and back.
@@ -165,7 +165,7 @@ pub enum Found {
         back: i32,
         /// Edges that were given per second.
         rate_hz: u32,
-        /// Fewer are too slow.
+        /// Smallest rate that passes.
         least_hz: u32,
     },
     /// When samples read the counter.
@@ -184,11 +184,12 @@ const WATCHDOG_US: core::ops::RangeInclusive<u32> =
 /// The watchdog's oscillator, Hz: what the data sheets allow.
 const OSCILLATOR_HZ: core::ops::RangeInclusive<u32> = 17_000..=47_000;
 
-/// The processor makes no more edges than that, per second, where the flash's wait states cost half of its time.
+/// Largest rate of edges that the processor surely makes, per second, if wait states of the flash cost half of its
+/// time.
 const FASTEST_HZ: f64 = 2.5e6;
 
 impl Found {
-    /// Sets the edges per second of the device's fastest believable motion, which the encoder has to follow.
+    /// Sets the least rate: the edges per second of the device's fastest believable motion.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -201,7 +202,7 @@ impl Found {
         self
     }
 
-    /// Whether it is as it should be.
+    /// Whether it passes.
     pub fn is_right(&self) -> bool {
         match *self {
             Self::Chip { id, expected } => id == expected,

@@ -1,8 +1,8 @@
-//! What a person sets, in SI units, and its way into integers.
+//! What a person sets, in SI units, and how it becomes integers.
 //!
-//! Three forms, three types: [`Settings`] (floats, for people), [`LoopParameters`] (integers, immutable),
-//! state (what samples change). [`Settings::build`] is the only place that refuses; a refused
-//! change leaves the old [`LoopParameters`] running.
+//! Three types for three forms: [`Settings`] (floats, for people), [`LoopParameters`] (integers, immutable), and the
+//! state (what samples change). Only [`Settings::build`] refuses settings. Then the old [`LoopParameters`] stay in
+//! force.
 
 use core::num::NonZeroU32;
 
@@ -31,7 +31,7 @@ pub struct WallSettings {
     pub position_m: f64,
     /// Stiffness K of the wall, N/m.
     pub stiffness_n_per_m: f64,
-    /// Damping B, N s/m, at work inside the wall only.
+    /// Damping B, N s/m, inside the wall only.
     pub damping_n_s_per_m: f64,
     /// The wall never pulls.
     pub push_only: bool,
@@ -40,7 +40,7 @@ pub struct WallSettings {
 impl Settings {
     /// Validates, and folds every unit into integer gains and coefficients.
     ///
-    /// The same `f64` operations and `libm` functions on host and target, so both get the same bits.
+    /// Host and target use the same `f64` operations and `libm` functions, so both get the same bits.
     ///
     /// # Errors
     /// Names the first parameter that is out of range, and the range.
@@ -78,7 +78,7 @@ impl Settings {
 /// `value * lsb` as a gain.
 ///
 /// # Errors
-/// The product does not fit; the range is what does.
+/// The product does not fit; the error has the range that fits.
 fn gain(parameter: &'static str, value: f64, lsb: f64) -> Result<Gain, SettingsError> {
     let smallest = libm::scalbn(1.0, -32) / lsb;
     let largest = libm::scalbn(1.0, 53) / lsb;

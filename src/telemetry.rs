@@ -1,11 +1,11 @@
-//! What the board tells: one record per output, and its form on the wire.
+//! What the board sends: one record per output, and its form in bytes.
 //!
-//! A frame has the outputs of a millisecond and the counts of all its samples, layout 2; every 100 ms it is a key frame,
-//! from which on a reader computes every sample itself. A record of the black box at 1 kHz has layout 1, 40 bytes. Least
-//! significant byte first; `docs/telemetry.md` has the tables. The
-//! sample index is sent whole: its low 32 bits would wrap within a day at 50 kHz and leave every reader to
-//! guess, for 4 bytes less. The CRC covers everything before it, magic included, so that a false
-//! frame in garbage passes once in 2^32 times where the magic happens to stand.
+//! A frame of layout 2 has the outputs of a millisecond and the counts of all its samples. Every 100 ms it is a key
+//! frame; from there on a reader can compute every sample. A record of the black box has layout 1, 40 bytes, at 1 kHz.
+//! Least significant byte first; `docs/telemetry.md` has the tables. The sample index is sent whole. Its low 32 bits
+//! would wrap within a day at 50 kHz, and every reader would have to guess, for 4 bytes less. The CRC covers
+//! everything before it with the magic: where the magic stands by chance in garbage, a false frame passes once in 2^32
+//! times.
 
 mod decoder;
 mod parts;
@@ -35,11 +35,11 @@ impl Flags {
     pub const ON: Self = Self(8);
     /// Force is complete: sign test and ramp are over.
     pub const ARMED: Self = Self(16);
-    /// A change of settings is fading in, or the wall's passivity controller withholds force.
+    /// A change fades in, or the wall's passivity controller withholds force.
     pub const CHANGING: Self = Self(32);
     /// A fault is latched.
     pub const FAULT: Self = Self(64);
-    /// The count was zeroed since the reset.
+    /// The count was zeroed, and the zero was not lost since.
     pub const ZEROED: Self = Self(128);
     /// The emergency stop is closed: force is possible.
     pub const STOP_CLOSED: Self = Self(256);
@@ -48,7 +48,7 @@ impl Flags {
     /// Not live: a record from before the fault, read out of the black box.
     pub const REPLAY: Self = Self(1024);
 
-    /// Where the number of the design in force begins: 1 to 31 in the order of the device record, 0 for none.
+    /// Where the number of the design in force begins: 1 to 31 in the order of the device record; 0: none.
     pub const DESIGN: u32 = 11;
 
     /// With that design in force.
@@ -109,7 +109,7 @@ pub struct Record {
 /// A record with its place in the stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Frame {
-    /// Counts up by 1 with every frame that was made, sent or not; wraps. A gap is a drop.
+    /// Counts all frames that were made, sent or not; wraps. A gap means dropped frames.
     pub sequence: u32,
     /// Record of the newest output.
     pub record: Record,
@@ -120,23 +120,23 @@ impl Frame {
     pub const MAGIC: [u8; 2] = *b"ZW";
     /// Version of the layout of one output, the third byte.
     pub const VERSION: u8 = 1;
-    /// Length of that on the wire, bytes.
+    /// Length of such a frame, bytes.
     pub const LEN: usize = 40;
-    /// Version of the layout of several.
+    /// Version of the layout of several outputs.
     pub const VERSION_2: u8 = 2;
-    /// Longest frame on the wire, bytes.
+    /// Longest frame, bytes.
     pub const LEN_MAX: usize = 1024;
     /// Most outputs of a frame.
     pub const OUTPUTS: usize = 10;
-    /// Most samples whose counts a frame tells.
+    /// Most samples whose counts a frame has.
     pub const SAMPLES: usize = 20;
-    /// Bytes in front of the newest output's length, and of each output before it.
+    /// Bytes before the length field, which begin with the newest output; and bytes of each output before it.
     const HEAD: usize = 36;
     const EARLIER: usize = 18;
 }
 
 impl Record {
-    /// At rest at zero, with nothing to say.
+    /// At rest at zero, without flags.
     pub const EMPTY: Self = Self {
         sample: 0,
         position: Position::from_counts(0),
@@ -179,8 +179,8 @@ impl Frame {
         put(rest, &record.settings.to_le_bytes());
     }
 
-    /// Begins the bytes of outputs that follow each other by `period` samples, layout 2: `earlier`, oldest first, at most
-    /// [`OUTPUTS`](Self::OUTPUTS) less one, then this one. Settings and fault are this one's.
+    /// Begins a frame of layout 2 with outputs that are `period` samples apart: `earlier`, oldest first, at most
+    /// [`OUTPUTS`](Self::OUTPUTS) less one, then this one. All have this one's settings and fault.
     pub fn encode_after<'a>(
         &self,
         earlier: &[Record],
@@ -198,12 +198,12 @@ impl Frame {
         writer
     }
 
-    /// The frame in these bytes; `None` if they are no frame of layout 1.
+    /// The frame in these bytes; `None` if they are not a frame of layout 1.
     pub fn decode(bytes: &[u8; Self::LEN]) -> Option<Self> {
         Self::read(bytes).filter(|_| bytes.get(2) == Some(&Self::VERSION))
     }
 
-    /// The newest output of a frame, whose bytes these are as a whole.
+    /// The newest output of a frame, from all bytes of the frame.
     fn read(bytes: &[u8]) -> Option<Self> {
         let mut rest = bytes;
         if take(&mut rest)? != Self::MAGIC {
@@ -236,7 +236,7 @@ impl Record {
     }
 }
 
-/// Writes `bytes` at the start of `rest`, which goes on behind them.
+/// Writes `bytes` at the start of `rest`, and moves `rest` behind them.
 fn put<const N: usize>(rest: &mut &mut [u8], bytes: &[u8; N]) {
     if let Some((place, behind)) = core::mem::take(rest).split_first_chunk_mut::<N>() {
         *place = *bytes;
@@ -244,7 +244,7 @@ fn put<const N: usize>(rest: &mut &mut [u8], bytes: &[u8; N]) {
     }
 }
 
-/// The first bytes of `rest`, which goes on behind them.
+/// Takes the first bytes of `rest`, and moves `rest` behind them.
 fn take<const N: usize>(rest: &mut &[u8]) -> Option<[u8; N]> {
     let (bytes, behind) = rest.split_first_chunk::<N>()?;
     *rest = behind;

@@ -1,4 +1,4 @@
-//! The quantities between encoder and command, each with its format in its type.
+//! The quantities between encoder and command. Each has its format in its type.
 //!
 //! | quantity     | unit                     | format  | LSB          | range                 | made by |
 //! |--------------|--------------------------|---------|--------------|-----------------------|---------|
@@ -11,10 +11,10 @@
 //! | [`Gain`](crate::Gain) | force LSB per input LSB | 31 bits x 2^-shift | relative 2^-31 | 0, 2^-32 .. 2^54 | [`Settings::build`](crate::Settings::build) |
 //! | filter coefficient | 1                  | `Q30`   | 2^-30        | -2 .. 2               | [`Settings::build`](crate::Settings::build) |
 //!
-//! A format is changed here or nowhere; the test below holds the table against the types.
+//! If a format changes, change it here; the test below compares the table with the types.
 //!
-//! The quantum is coarse: one count per sample at 1 um and 10 kHz is already 10 mm/s. The 16
-//! fractional bits are there for what the filter makes of it.
+//! One count per sample at 1 um and 10 kHz is already 10 mm/s. The 16 fractional bits are for the output of the
+//! filter.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -22,12 +22,12 @@ use core::hint::cold_path;
 
 use dsp_fixedpoint::Q32;
 
-/// Position in encoder counts, unwrapped from the hardware counter. Into the wall is positive.
+/// Position in encoder counts, unwrapped from the hardware counter. Positive is into the wall.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Position(i32);
 
 impl Position {
-    /// Largest magnitude that the control accepts, in counts; beyond it is a fault.
+    /// Largest magnitude, in counts; a position beyond it is a fault.
     pub const LIMIT: i32 = 1 << 30;
 
     /// A position of that many counts.
@@ -84,7 +84,7 @@ impl Velocity {
     /// The nearest velocity to that many counts per sample.
     #[inline]
     pub fn saturating_from_counts(counts: i32) -> Self {
-        // In range it nearly always is: one comparison instead of two.
+        // It nearly always is in range: one comparison instead of two.
         let inside =
             counts.wrapping_add(Self::LIMIT).cast_unsigned() <= 2 * Self::LIMIT.cast_unsigned();
         if inside {
@@ -121,8 +121,8 @@ impl Velocity {
 
 /// Acceleration in counts per sample^2, 24 fractional bits, saturating at +-127.
 ///
-/// Finer than [`Velocity`], because it is summed up: at 1 um and 10 kHz the LSB is 6e-6 m/s^2 and
-/// the range 12,700 m/s^2.
+/// It is finer than [`Velocity`], because it is summed up: at 1 um and 10 kHz the LSB is 6e-6 m/s^2 and the range
+/// 12,700 m/s^2.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd)]
 pub struct Acceleration(Q32<24>);
 
@@ -157,7 +157,7 @@ impl Force {
     pub const FRACTION_BITS: u32 = 30;
     /// No force at all.
     pub const ZERO: Self = Self(Q32::from_bits(0));
-    /// All that the actuator can give.
+    /// The largest force of the actuator.
     pub const FULL_SCALE: Self = Self(Q32::from_bits(1 << Self::FRACTION_BITS));
 
     /// The nearest force to that many LSB of 2^-30 of full scale: within +-1 full scale.
@@ -174,7 +174,7 @@ impl Force {
     }
 }
 
-/// A force that is asked for, in the unit of [`Force`] but far beyond full scale.
+/// A requested force, in the unit of [`Force`], but possibly far beyond full scale.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Demand {
     bits: i64,
@@ -183,7 +183,7 @@ pub struct Demand {
 }
 
 impl Demand {
-    /// Nothing is asked for.
+    /// No force is requested.
     pub const ZERO: Self = Self::from_bits(0);
 
     /// A demand of that many LSB of 2^-30 of full scale.
@@ -192,7 +192,7 @@ impl Demand {
         Self { bits, clipped: false }
     }
 
-    /// The same demand, marked as less than was asked for if `clipped`.
+    /// The same demand, marked as less than was requested if `clipped`.
     #[inline]
     #[must_use]
     pub const fn clipped_if(self, clipped: bool) -> Self {
@@ -205,14 +205,14 @@ impl Demand {
         self.bits
     }
 
-    /// `push` less this demand: the net force that is asked of the actuator.
+    /// `push` less this demand: the net force for the actuator.
     #[inline]
     #[must_use]
     pub fn against(self, push: Force) -> Self {
         Self { bits: i64::from(push.bits()).saturating_sub(self.bits), ..self }
     }
 
-    /// The nearest force that the actuator can give, and whether that is less than was asked for.
+    /// The nearest force that the actuator can give, and whether that is less than was requested.
     #[inline]
     pub fn saturate(self) -> (Force, bool) {
         let limit = 1i64 << Force::FRACTION_BITS;

@@ -105,14 +105,14 @@ mod tests {
         let fast = Velocity::saturating_from_bits(i32::MIN);
         let viscous = Wall { damping: Gain::from_f64(2f64.powi(50)).unwrap(), ..wall(false) };
         assert_eq!(viscous.demand(at(101), fast).bits(), 1000 - Gain::PRODUCT_LIMIT);
-        // one of them alone is clipped, and the other takes nearly all of it off again: the sum is not known
+        // one term is clipped, and the other cancels nearly all of it: the sum is not known
         let slow = Velocity::saturating_from_bits(-32_767 << 16);
         let back = Gain::from_f64(1_073_774_593.0).unwrap(); // (2^61 - 2^16) / (32 767 x 2^16)
         let one = Wall { damping: back, ..strong };
         assert_eq!(one.demand(at(i32::MAX), slow).bits(), 1 << 16);
         assert!(one.demand(at(i32::MAX), slow).saturate().1);
         assert_eq!((one.stiffness(), one.damping()), (strong.stiffness, back));
-        // both beyond the range, in opposite directions: the sum is not known, and said so
+        // both beyond the range, in opposite directions: the sum is not known, and marked so
         let both = Wall { damping: viscous.damping, ..strong };
         assert!(both.demand(at(i32::MAX), fast).saturate().1);
     }

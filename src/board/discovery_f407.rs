@@ -6,16 +6,16 @@
 //! | encoder B       | PA1  | P1           | TIM2_CH2                            |
 //! | force magnitude | PE9  | P1           | TIM1_CH1, 40 kHz PWM                |
 //! | force sign      | PE11 | P1           | TIM1_CH2, high: away from the wall  |
-//! | motor's current | PB0  | P1           | ADC2_IN8, if the amplifier says it  |
+//! | motor's current | PB0  | P1           | ADC2_IN8, if the amplifier has it   |
 //! | enable          | PE13 | P1           | TIM1_CH3, active high, low in off   |
 //! | emergency stop  | PE15 | P1           | TIM1_BKIN, closed to ground         |
 //!
-//! In reset all pins are inputs: 4.7 kOhm at the amplifier pull enable down. Zero code 0, +-4200 codes to full
-//! scale.
+//! In reset all pins are inputs; 4.7 kOhm at the amplifier pull enable down. The code of zero force is 0, full scale is
+//! +-4200 codes.
 //!
-//! Conflicts: the user button B1 pulls PA0 about, the usual TIM2_CH1, hence PA15 (free, as only SWD
-//! is used); the audio codec hangs on PA4, the DAC's pin, hence PWM; the accelerometer keeps PE0,
-//! PE1, PE3 and PA5 to PA7, which stay free. The clock is the board's 8 MHz crystal X2.
+//! Conflicts: the user button B1 is on PA0, the usual TIM2_CH1, hence PA15 (free, because only SWD is used). The audio
+//! codec is on PA4, the DAC's pin, hence PWM. The accelerometer uses PE0, PE1, PE3 and PA5 to PA7; the firmware leaves
+//! these alone. The clock is the board's 8 MHz crystal X2.
 
 #[path = "f4/mod.rs"]
 mod f4;
@@ -47,14 +47,14 @@ impl DiscoveryF407 {
     const STEPS: u16 = (Self::CORE_HZ / RATE_HZ / pwm::PER_SAMPLE) as u16;
 }
 
-// The output's timer starts ahead of the sampling timer by the rest of a period.
+// The output's timer starts ahead by the rest of a PWM period.
 const _: () = assert!(DiscoveryF407::STEPS as u32 > pwm::LEAD_CYCLES, "a PWM period is too short");
 
 impl Wiring for DiscoveryF407 {
     const NAME: &'static str = "discovery-f407";
     const CORE_HZ: u32 = 168_000_000;
-    /// Found low below 2.59 to 2.71 V, good again above 2.69 to 2.82 V (data sheet). The board gives 3.0 V, a
-    /// regulator of 3.3 V behind a diode: the highest levels never call that good.
+    /// Low below 2.59 to 2.71 V, good again above 2.69 to 2.82 V (data sheet). The board gives 3.0 V (a regulator of
+    /// 3.3 V behind a diode), which the highest levels would always call low.
     const SUPPLY_LEVEL: u8 = 0b100;
     const OUTPUT: Output = Output::Pwm { steps: Self::STEPS as u32 };
     /// No edge times: PA6 and PA7, where TIM3 would capture them, are the accelerometer's.
@@ -65,8 +65,8 @@ impl Wiring for DiscoveryF407 {
     const BROWN_OUT_RESET: u32 = 1;
     const SWING: Option<[i32; 2]> = None;
     const SENSES: &'static [Sense] = &[Sense::Force];
-    /// To the PWM period that takes the command over. A pulse stands at the beginning of its period, so a small
-    /// force acts up to half a period (0.125) sooner; docs/firmware.md has the measurement.
+    /// Until the PWM period that takes the command over. A pulse begins with its period, so a small force acts up to
+    /// half a period (0.125) sooner; docs/firmware.md has the measurement.
     const LATENCY_SAMPLES: f64 = pwm::LEAD_CYCLES as f64 / (Self::CORE_HZ / RATE_HZ) as f64;
     type Force = pwm::Output;
     type Encoder = encoder::Encoder;

@@ -1,7 +1,8 @@
-//! The hardware. All unsafe code of the firmware is here, but for the hand-over between tasks in `src/sync`.
+//! The hardware. All unsafe code of the firmware is here, except the hand-over between tasks in `src/sync`.
 //!
-//! What a board gives is stated in [`zwidth::contract`]. A board is one file, which names its pins as the schematic does
-//! and takes in its family's peripherals (`f4/`) and what every family shares (`common/`); it exports `Selected`. See docs/lab/adding-a-board.md.
+//! [`zwidth::contract`] states what a board gives. A board is one file. It names its pins as the schematic does, and
+//! includes the peripherals of its family (`f4/`) and what every family shares (`common/`). It exports `Selected`. See
+//! docs/lab/adding-a-board.md.
 #![allow(unsafe_code)]
 
 // One board each; build.rs refuses two.
@@ -46,7 +47,7 @@ pub type SettingsFlash = <Selected as contract::Board>::Flash;
 pub type UpLink = <Selected as contract::Board>::Up;
 pub type Commands = <Selected as contract::Board>::Commands;
 
-/// What a device record has to go with.
+/// What a device record must match.
 pub const FACTS: BoardFacts = BoardFacts {
     name: <Selected as contract::Board>::NAME,
     rate_hz: RATE_HZ as f64,
@@ -75,8 +76,8 @@ pub fn start() {
     contract::start::<Encoder, Force, SampleTimer>();
 }
 
-/// Sleeps until an interrupt; not deeper than that, whatever has set the bit for it (SLEEPDEEP in SCR, PM0214 4.4.6): in
-/// the stop mode (RM0390 and RM0090, 5.3) no clock runs, and nothing could switch off but the independent watchdog.
+/// Sleeps until an interrupt, and never deeper, whatever has set the bit for that (SLEEPDEEP in SCR, PM0214 4.4.6). In
+/// stop mode (RM0390 and RM0090, 5.3) no clock runs, and only the independent watchdog could switch off.
 #[inline(always)]
 pub fn sleep() {
     // SAFETY: the register's reset value; nothing else in this program writes it.
@@ -85,8 +86,8 @@ pub fn sleep() {
     cortex_m::asm::wfi();
 }
 
-/// Ends the floating-point context that `init` has begun. `idle` has none of its own: else the first floating-point
-/// instruction of `link` would save the whole of it, some 35 cycles that keep a sample waiting.
+/// Ends the floating-point context that `init` has begun. `idle` has no such context. Otherwise the first float
+/// instruction of `link` would save all of it, for some 35 cycles in which a sample waits.
 fn forget_floats() {
     let mut control = control::read();
     control.set_fpca(control::Fpca::NotActive);

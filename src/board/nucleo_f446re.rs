@@ -7,17 +7,17 @@
 //! | encoder A again | PA6  | D12, CN5-5        | TIM3_CH1, with `time-stamps` only |
 //! | encoder B again | PA7  | D11, CN5-4        | TIM3_CH2, with `time-stamps` only |
 //! | force           | PA4  | A2, CN8-3         | DAC_OUT1: 0.2 .. 3.1 V, zero 1.65 V; ADC1 reads it |
-//! | motor's current | PB0  | A3, CN8-4         | ADC2_IN8, if the amplifier says it |
+//! | motor's current | PB0  | A3, CN8-4         | ADC2_IN8, if the amplifier has it |
 //! | enable          | PA10 | D2, CN9-3         | TIM1_CH3, active high, low in off |
 //! | emergency stop  | PB12 | CN10-16           | TIM1_BKIN, closed to ground       |
 //!
-//! In reset all pins are inputs: 4.7 kOhm at the amplifier pull enable down. Zero code 2048, 2047 codes to full
-//! scale; a higher voltage pushes into the wall.
+//! In reset all pins are inputs; 4.7 kOhm at the amplifier pull enable down. The code of zero force is 2048, full scale
+//! is 2047 codes away; a higher voltage pushes into the wall.
 //!
-//! Conflicts: LD2 and the shield pin D13 sit on PA5, which stays free; USART2 to the ST-LINK on
-//! PA2, PA3 stays free. The clock is the ST-LINK's 8 MHz on MCO, with solder bridges SB16 and SB50 on
-//! (UM1724, 6.7.1; a board marked C-01 is delivered without that clock): without it the
-//! board says so on RTT and stays off.
+//! Conflicts: LD2 and the shield pin D13 are on PA5, which stays free. USART2 to the ST-LINK is on PA2 and PA3,
+//! which stay free. The clock is the ST-LINK's 8 MHz on MCO, with solder bridges SB16 and SB50 on (UM1724, 6.7.1;
+//! a board marked C-01 is delivered without that clock). Without the clock the board says so on RTT and stays
+//! off.
 
 #[path = "f4/dac.rs"]
 mod dac;
@@ -40,7 +40,7 @@ use zwidth::{Output, contract::Parts, self_test::Found, velocity::Sense};
 
 pub type Selected = F4<NucleoF446re>;
 
-/// What it has of its own.
+/// What differs from the other boards.
 pub struct NucleoF446re;
 
 /// Edge times, if they are wanted.

@@ -10,7 +10,7 @@ use crate::{
     velocity::{EstimatorName, UnknownEstimator},
 };
 
-/// What a person asks for.
+/// What a person can ask for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
     /// List all commands with their usage.
@@ -37,7 +37,7 @@ pub enum Command {
     Cutoff(f64),
     /// The estimator's tuning, in its own unit: see [`EstimatorName::parameters`].
     Tuning(f64),
-    /// A further parameter of the estimator by its place, 1 for the second one, in its own unit.
+    /// A further parameter of the estimator by its place (1 is the second parameter), in its own unit.
     Further(usize, f64),
     /// Velocity estimator by its name.
     Estimator(EstimatorName),
@@ -93,7 +93,7 @@ pub enum Command {
     EncoderReversed(bool),
     /// Test the board, with the force off.
     SelfTest,
-    /// The host is there, and sends this again within this time, ms; 0: it ends this promise.
+    /// The host is there, and will send this again within this time, ms; 0: it promises nothing.
     Alive(f64),
 }
 
@@ -148,22 +148,22 @@ impl GridValue {
     }
 }
 
-/// Why a line is no command.
+/// Why a line is not a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ParseError {
     /// No command has that name.
     Unknown,
-    /// This command needs something behind it.
+    /// This command needs a value.
     Missing(&'static str),
-    /// This command takes nothing more.
+    /// This command takes no further value.
     Extra(&'static str),
-    /// This is no number.
+    /// This is not a number.
     Number(&'static str),
     /// This command takes one of a few words.
     Word(&'static str),
     /// No estimator of this build has that name.
     Estimator(UnknownEstimator),
-    /// That is no name of a design.
+    /// A design cannot have this name.
     Design,
     /// The line is longer than [`LINE_MAX`](super::LINE_MAX).
     TooLong,
@@ -194,7 +194,7 @@ impl ParseError {
     }
 }
 
-/// What stands behind the name of a command.
+/// What follows the name of a command.
 enum Form {
     Plain(Command),
     Number(fn(f64) -> Command),
@@ -292,9 +292,9 @@ pub fn usages() -> impl Iterator<Item = &'static str> {
     TABLE.iter().map(|(_, usage, _)| *usage)
 }
 
-/// Reads one line: a name and at most one word or number, with blanks around them. Upper case is as
-/// good as lower case. Any bytes are fine as input; numbers are checked for form here, and for range
-/// where the settings are built.
+/// Reads one line: a name and at most one word or number, with blanks around them, in upper or lower case.
+/// The input may be any bytes. The form of a number is checked here, its range where the settings are
+/// built.
 ///
 /// # Errors
 /// Says what is allowed.
@@ -302,7 +302,7 @@ pub fn parse(line: &[u8]) -> Result<Command, ParseError> {
     parse_in(line, Spoken::AT_HANDLE)
 }
 
-/// The same with numbers in those units; a command's are at the handle.
+/// The same with numbers in these units; a command's numbers are at the handle.
 ///
 /// # Errors
 /// Says what is allowed.

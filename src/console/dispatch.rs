@@ -117,7 +117,7 @@ impl<P: Port> Console<P> {
                 stored.full_scale_n = full_scale_n;
                 self.adapt(stored, ("fullscale", full_scale_n, "N"));
             }
-            // In force at once, and the zero is lost.
+            // In force at once; the zero is lost.
             Command::MotorReversed(reversed) => {
                 stored.signs.motor_reversed = reversed;
                 let changed = ChangedSetting::Signs("motor", reversed);
@@ -148,7 +148,7 @@ impl<P: Port> Console<P> {
                 Err(error) => self.reply(Reply::Range(&error)),
             },
             Command::Save => self.order(Order::Request(Request::Stall(true)), Awaited::Save),
-            // What is zero is lost: the counter is fed by other wires.
+            // The zero is lost, because other wires move the counter.
             Command::SelfTest => {
                 self.order(Order::Request(Request::Turn), Awaited::SelfTest(SelfTestStep::BEGIN));
             }
@@ -156,7 +156,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Settings out of flash. Signs, full scale, design and period are taken over only with the force off.
+    /// Settings from flash. Signs, full scale, design and period are changed only with the force off.
     #[inline(never)] // two records and what reads them do not belong on the stack of every command
     fn load(&mut self, situation: &Situation) {
         let Loaded { stored, source, .. } = self.port.load(self.device.defaults());
@@ -197,7 +197,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Changes a setting of loop and experiments alike: name, value, unit.
+    /// Changes a setting that loop and experiments both use: name, value, unit.
     fn adapt(&mut self, stored: Stored, (name, value, unit): (&'static str, f64, &'static str)) {
         match self.device.experiment(&stored) {
             Ok(_) => self.propose(stored, ChangedSetting::Value(name, value, unit)),
@@ -205,7 +205,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Keeps a setting that only the next experiment looks at: name, value, unit.
+    /// Keeps a setting that only the next experiment uses: name, value, unit.
     fn keep(&mut self, stored: Stored, (name, value, unit): (&'static str, f64, &'static str)) {
         self.keep_as(stored, Reply::Value(name, value, unit));
     }
@@ -261,8 +261,8 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Force acts, and the envelope was not unlocked for it. With the force off a wall outside is
-    /// taken, and `arm` refused.
+    /// The force is on and the envelope is locked. With the force off a wall outside the envelope is accepted, and
+    /// `arm` refused.
     fn is_locked(&self) -> bool {
         self.latest.is_some_and(|(now, _)| now.status.state.is_on() && !now.status.unlocked)
     }

@@ -2,8 +2,8 @@
 
 use core::fmt;
 
-/// Collects bytes until a line is complete. CR, LF and both together end a line; blank lines are
-/// passed over; a line of more than `N` bytes is refused as a whole when it ends.
+/// Collects bytes until a line is complete. CR, LF and both together end a line. Blank lines are skipped. A line of
+/// more than `N` bytes is refused as a whole at its end.
 #[derive(Clone, Copy, Debug)]
 pub struct LineReader<const N: usize> {
     bytes: [u8; N],

@@ -61,7 +61,7 @@ impl SaidHit {
     }
 }
 
-/// The line that ends a hit: what it was judged by, what wall and hand have exchanged; newtons at full scale.
+/// The line that ends a hit: its values, and the energy that wall and hand have exchanged; then full scale in N.
 pub struct HitOver(pub SaidHit, pub f64);
 
 impl fmt::Display for HitOver {

@@ -5,10 +5,10 @@
 //!                                                           └─────────────── Reply -> Text <────────────┘
 //! ```
 //!
-//! [`Console`] is all of it; what it needs of a board is a [`Port`].
+//! [`Console`] contains all of this; a [`Port`] is what it needs of a board.
 //!
-//! Runs at low priority, whenever bytes have come. Any bytes may come: garbage is refused with a
-//! reply, never believed and never a reason to stop.
+//! It runs at low priority, whenever bytes have come. Any bytes may come: garbage is refused with a reply, and never
+//! stops the board.
 
 mod command;
 mod dispatch;
@@ -38,7 +38,7 @@ pub use spoken::Spoken;
 #[cfg(test)]
 mod tests;
 
-/// Longest line, bytes: the longest command has 31, and a human types no more than this.
+/// Longest line, bytes; the longest command has 31.
 pub const LINE_MAX: usize = 64;
 
 /// Longest reply, bytes; `help` is the longest.

@@ -11,9 +11,9 @@ const POWERS: [f64; 23] = [
     1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
 ];
 
-/// Reads `2000`, `-0.07`, `1.5e3`: up to 15 significant digits, and a power of ten within +-22
-/// when they are taken as an integer. The result is the nearest `f64`, since both are exact in it
-/// and one operation rounds once.
+/// Reads `2000`, `-0.07`, `1.5e3`: up to 15 significant digits. Taken as an integer with a power of ten, this power
+/// must be within +-22. The result is the nearest `f64`, because `f64` has both exactly and one operation rounds
+/// once.
 pub(super) fn parse(text: &[u8]) -> Option<f64> {
     let (negative, text) = match text {
         [b'-', rest @ ..] => (true, rest),
@@ -61,7 +61,7 @@ fn decimal(digits: u64, exponent: i32) -> Option<f64> {
     Some(if exponent < 0 { value / power } else { value * power })
 }
 
-/// `value` to the digits that are read, as the simulator converts a scene; as it is beyond [`POWERS`].
+/// `value` rounded to the digits that are read, as the simulator converts a scene; beyond [`POWERS`] unchanged.
 pub(super) fn rounded(value: f64) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;
@@ -101,7 +101,8 @@ impl fmt::Display for Decimal {
     }
 }
 
-/// An end of what is allowed, for a reply: as [`Decimal`], but never outside, so that it is accepted when it is typed.
+/// An end of an allowed range, for a reply: as [`Decimal`], but rounded inwards, so that the board accepts it when
+/// typed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Limit {
     /// The lowest value that is allowed.
@@ -146,14 +147,14 @@ fn write_decimal(f: &mut fmt::Formatter<'_>, value: f64, inwards: i8) -> fmt::Re
     }
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1e11 to 1e12")]
     let mut digits = libm::round(scaled) as u64;
-    // of the magnitude, which is the larger the lower a number below zero is
+    // of the magnitude, which rises where a number below zero falls
     let up = (inwards > 0) == (value > 0.0);
     if inwards != 0 {
         match decimal(digits, exponent) {
             Some(shown) if up && shown < value.abs() => digits += 1,
             Some(shown) if !up && shown > value.abs() => digits -= 1,
             Some(_) => {}
-            // beyond the exact powers of ten `scaled` itself has been rounded: a digit more than is needed
+            // beyond the exact powers of ten `scaled` itself has been rounded; it has one digit more than needed
             None if up => digits += 1,
             None => digits -= 1,
         }

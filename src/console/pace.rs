@@ -1,11 +1,12 @@
-//! How much of the time the host may take: what it sends waits in its channel meanwhile, nothing is refused for it.
+//! How much of the time the host may take. What it sends beyond that waits in its channel; nothing is refused for it.
 
 /// Lines and answers take at most 4 / `PARTS` of the time; telemetry at output period 1 takes half as much again.
 const PARTS: u16 = 21;
-/// No line waits longer than this for those before it, ticks: should `rest` be damaged, the board hears all the same.
+/// Longest wait of a line for those before it, ticks, so that the board still listens if `rest` is damaged.
 const LONGEST: u16 = 1200;
 
-/// The clock of [`HaltWatch`](crate::safety::HaltWatch) when the last pass began, and for how many of its ticks no byte is taken from then on.
+/// The clock of [`HaltWatch`](crate::safety::HaltWatch) when the last pass began, and for how many ticks after that the
+/// board takes no byte.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pace {
     begun: u16,
@@ -17,7 +18,8 @@ impl Pace {
     pub fn begin(&mut self, clock: u16) -> bool {
         let passed = clock.wrapping_sub(self.begun);
         self.begun = clock;
-        // At least one: a clock that stands, for which the force is off by a fault, leaves the board its ears.
+        // At least one, so that the board still listens when the clock stands (a fault has then switched the force
+        // off).
         self.rest = self.rest.min(LONGEST).saturating_sub(passed.max(1));
         self.rest == 0
     }
@@ -33,7 +35,7 @@ impl Pace {
 mod tests {
     use super::*;
 
-    /// Ticks from a line to the next, of passes each so many ticks apart in which a line takes so long.
+    /// Ticks from one line to the next, with a pass each `each` ticks, in which a line takes `line` ticks.
     fn between(each: u16, line: u16) -> u16 {
         let (mut pace, mut clock) = (Pace::default(), u16::MAX - 100);
         let mut at = [0; 2];

@@ -9,7 +9,7 @@ use crate::{
     units::Position,
 };
 
-/// Bytes in; lines, frames and orders out; settings in flash. Nothing here waits, but for flash.
+/// Bytes in; lines, frames and orders out; settings in flash. Nothing here waits, except for flash.
 pub trait Port {
     /// The commit that the program was built from, see [`Reply::Version`](super::Reply::Version).
     const COMMIT: &'static str;
@@ -17,20 +17,20 @@ pub trait Port {
     /// The next byte that was typed, if there is one.
     fn read(&mut self) -> Option<u8>;
 
-    /// Puts out one line, its end included; says whether anybody has taken it whole.
+    /// Writes one line, with its end; returns whether somebody has taken it whole.
     fn write_line(&mut self, line: &str) -> bool;
 
     /// Puts out a frame of telemetry, or drops it; says which.
     fn write_frame(&mut self, frame: &[u8]) -> bool;
 
-    /// The positions of the samples up to `newest`, which is over, oldest first, and the sampler as a sample has left it,
-    /// that one or a later one. None if they are not known any more.
+    /// The positions of the samples up to `newest`, which is over, oldest first; and the sampler as that sample or a
+    /// later one has left it. None if the positions are no longer known.
     fn samples(&mut self, newest: u64, places: &mut [Position]) -> Option<GuardedSampler>;
 
-    /// Passes an order to the output task. Only one is under way, so there is room; says whether there was.
+    /// Passes an order to the output task. There is room, because only one is under way; returns whether there was.
     fn order(&mut self, order: Order) -> bool;
 
-    /// Whether the loop runs with these parameters, as the order that was answered last asked for.
+    /// Whether the loop runs with these parameters, as the last answered order asked.
     fn is_in_force(&mut self, asked: &LoopParameters) -> bool;
 
     /// The newest settings in flash, or `defaults`.
@@ -39,6 +39,6 @@ pub trait Port {
     /// Tests a part of the board, with the force off.
     fn test(&mut self, part: Part) -> Found;
 
-    /// Writes settings to flash, which stalls the processor; says whether they are there now.
+    /// Writes settings to flash, which stalls the processor; returns whether they are there now.
     fn save(&mut self, stored: &Stored) -> bool;
 }

@@ -1,4 +1,4 @@
-//! The console of a board on which nothing runs: its image is not what was built, or its device record is not taken.
+//! The console of a board on which nothing runs: its image is not what was built, or its device record is refused.
 
 use core::fmt;
 
@@ -39,7 +39,7 @@ impl fmt::Display for Unusable {
     }
 }
 
-/// What such a board says, and to which commands.
+/// What such a board replies.
 pub struct Refused<'a> {
     board: &'a str,
     commit: &'a str,
@@ -47,7 +47,7 @@ pub struct Refused<'a> {
     reader: LineReader<LINE_MAX>,
 }
 
-/// A line of it.
+/// A reply of such a board.
 pub struct RefusedLine<'a> {
     board: &'a str,
     commit: &'a str,

@@ -37,9 +37,9 @@ pub enum Reply<'a> {
     Status(&'a Situation, &'a Record),
     /// The settings in force, of a device with those designs.
     Settings(&'a Stored, &'a Designs<'a>),
-    /// What a device has.
+    /// The designs of a device.
     Designs(&'a Designs<'a>),
-    /// There is no such design; the device's designs are these.
+    /// There is no such design; the device has these.
     UnknownDesign(&'a Designs<'a>),
     /// Settings were loaded, from this source.
     Loaded(Source),
@@ -49,13 +49,13 @@ pub enum Reply<'a> {
     Parse(ParseError),
     /// Not now, for this reason.
     Refused(Refusal),
-    /// Not this value: the parameter and its range.
+    /// This value is out of range: the parameter and its range.
     Range(&'a SettingsError),
     /// Not these settings: the board cannot run them.
     Unfit(Unfit),
     /// The device's envelope for this key does not allow this wall.
     Outside(Outside, &'a Device<'a>, Key),
-    /// The hardware failed at this.
+    /// The hardware failed while it did this.
     Failed(&'a str),
 }
 

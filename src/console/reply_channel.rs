@@ -1,13 +1,13 @@
-//! What the console says to people.
+//! The console's lines for people.
 //!
-//! A line that nobody takes, because nobody reads, is kept until somebody does. Until then no command is obeyed
-//! but those that end something: nothing changes without an acknowledgement.
+//! If nobody reads, the last line is kept until somebody does. Until then only commands that end something are obeyed,
+//! so that nothing changes without an acknowledgement.
 
 use core::fmt::{self, Write as _};
 
 use super::{Port, REPLY_MAX, Text};
 
-/// Passes between two tries: putting a line on the log holds the output task up a little.
+/// Passes between two tries, because a line on the log delays the output task a little.
 const PASSES: u8 = 32;
 
 /// The last line, and whether it is out.
@@ -19,7 +19,7 @@ pub struct ReplyChannel {
     /// Counts since this line: lines that were lost, and commands that were not obeyed.
     lost: u32,
     ignored: u32,
-    /// Passes since the last try to tell it.
+    /// Passes since the last try to send it.
     passes: u8,
 }
 
@@ -28,7 +28,7 @@ impl ReplyChannel {
         Self { line: Text::new(), kept: false, lost: 0, ignored: 0, passes: 0 }
     }
 
-    /// Says a line; it is lost while another one waits.
+    /// Sends a line; it is lost while another one waits.
     pub fn say(&mut self, port: &mut impl Port, line: &dyn fmt::Display) {
         if self.is_mute(port) {
             self.lost = self.lost.saturating_add(1);
@@ -37,7 +37,7 @@ impl ReplyChannel {
         }
     }
 
-    /// Whether a line waits still, for which there was no room. Tries it again now and then.
+    /// Whether a line still waits for room. Tries to send it again now and then.
     pub fn is_mute(&mut self, port: &mut impl Port) -> bool {
         if self.kept {
             self.passes = self.passes.wrapping_add(1);
@@ -48,7 +48,7 @@ impl ReplyChannel {
         self.kept
     }
 
-    /// A command came that is not obeyed for want of an acknowledgement.
+    /// A command came that is not obeyed, because nobody would read the acknowledgement.
     pub fn ignore(&mut self) {
         self.ignored = self.ignored.saturating_add(1);
     }
@@ -69,7 +69,7 @@ impl ReplyChannel {
 
     fn tell(&mut self, port: &mut impl Port, line: &dyn fmt::Display) {
         self.line = Text::new();
-        // What is too long is cut; no reply is, see its tests.
+        // A line that is too long is cut. No reply is: see the tests.
         let _ = writeln!(self.line, "{line}");
         self.send(port);
     }

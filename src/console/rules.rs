@@ -1,4 +1,4 @@
-//! Which command is met when: one table.
+//! Which commands are allowed when: one table.
 
 use super::Command;
 use crate::{
@@ -6,7 +6,7 @@ use crate::{
     safety::{Fault, Refusal, State, Status},
 };
 
-/// All that decides whether a command is met.
+/// Everything that decides whether a command is allowed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Situation {
     /// Status that the supervisor reports.
@@ -26,19 +26,19 @@ enum Need {
     Armed,
     /// Neither sign test nor ramp is going on.
     NotArming,
-    /// Out of the wall, as long as force is on. With the force off a wall does nothing.
+    /// Out of the wall, or force off: with the force off a wall does nothing.
     NoContact,
     /// No experiment is going on.
     Idle,
-    /// No experiment but a calibration, which goes on with another force.
+    /// No experiment except a calibration, which goes on with another force.
     IdleOrCalibration,
-    /// Neither a walk nor a pulse train nor a quiet hit, which go by K, B and push.
+    /// No walk, pulse train or quiet hit, because these use K, B and push.
     NoWalk,
     /// No fault is latched.
     NoFault,
     /// A fault is latched.
     Fault,
-    /// Every cause of it is gone.
+    /// All causes of the fault are gone.
     CauseGone,
     /// The supply is high enough.
     Supply,
@@ -73,8 +73,8 @@ const fn needs(command: &Command) -> &'static [Need] {
         | Command::RmsLimit(_)
         | Command::Criterion(_)
         | Command::ForceRmsLimit(_) => &[N::Idle],
-        // A turned sign makes every wall pull, another full scale moves every force; what is counted in outputs begins
-        // anew with another period; another design is another device to the hand.
+        // With a wrong sign every wall pulls; another full scale changes every force; after another period, counts of
+        // outputs start again; another design makes another device for the hand.
         Command::MotorReversed(_)
         | Command::EncoderReversed(_)
         | Command::FullScale(_)
@@ -86,8 +86,8 @@ const fn needs(command: &Command) -> &'static [Need] {
         | Command::Further(..)
         | Command::Estimator(_)
         | Command::Load => &[N::NotArming, N::NoWalk, N::NoContact],
-        // Flash is programmed 32 bits at a time, for which the chip wants 2.7 V: a detector may call somewhat less
-        // good, and then a record may be lost, which its CRC tells.
+        // Flash is programmed 32 bits at a time, for which the chip needs 2.7 V. A detector may accept a little less.
+        // Then a record may be lost, which its CRC shows.
         Command::Save | Command::SelfTest => &[N::Off, N::Supply],
         Command::Hit | Command::Pulses(_) => &[N::NoFault, N::Armed, N::Idle],
         Command::Calibrate(_) => &[N::NoFault, N::Armed, N::IdleOrCalibration, N::NoContact],
@@ -96,7 +96,7 @@ const fn needs(command: &Command) -> &'static [Need] {
 }
 
 impl Need {
-    /// Why it is not met, if so.
+    /// The refusal if the need is not met.
     fn refusal(self, now: &Situation) -> Option<Refusal> {
         let status = &now.status;
         let (state, inputs) = (status.state, status.inputs);
@@ -137,8 +137,8 @@ impl Need {
 
 /// Whether `command` is met now. Ranges and the envelope are checked where the settings are built.
 ///
-/// The supervisor checks again what is dangerous, with its own, newer state: what is allowed here
-/// may still be refused there.
+/// The supervisor checks again what is dangerous, with its own, newer state. It may refuse what is allowed
+/// here.
 ///
 /// # Errors
 /// The first thing that is in the way.
@@ -149,8 +149,8 @@ pub fn allowed(command: &Command, now: &Situation) -> Result<(), Refusal> {
     }
 }
 
-/// Whether [`Command::Load`] may now change what takes the force off: the directions of motor or encoder, the full scale,
-/// the design, the output period.
+/// Whether [`Command::Load`] may now change what needs the force off: the directions of motor or encoder, the full
+/// scale, the design, the output period.
 ///
 /// # Errors
 /// The force is on.

@@ -1,7 +1,7 @@
-//! What the console speaks: m and N at the handle, or rad and N m about the axis of a rotary device.
+//! The console's units: m and N at the handle, or rad and N m about the axis of a rotary device.
 //!
-//! Inside everything is m and N. A number is converted where it is typed and where it is said, and nowhere else. An
-//! estimator's own parameters stay as they are: they are in m and N in every scene.
+//! Inside, everything is in m and N. A number is converted only where it is typed and where it is printed. An
+//! estimator's own parameters are not converted: they are in m and N in every scene.
 
 use core::fmt;
 
@@ -11,11 +11,11 @@ use crate::{SettingsError, device::Device};
 /// Units of one device.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spoken {
-    /// Distance of the handle from the axis, m; 0: it moves straight.
+    /// Distance of the handle from the axis, m; 0: a linear device.
     radius_m: f64,
 }
 
-/// A quantity, linear and rotary: its word in a usage, its unit, and the end of its parameters' names.
+/// A quantity, linear and rotary: its word in a usage, its unit, and the suffix of its parameters' names.
 struct Kind {
     typed: [&'static str; 2],
     unit: [&'static str; 2],
@@ -24,7 +24,7 @@ struct Kind {
     power: i8,
 }
 
-/// A longer suffix stands before a shorter one that is its end.
+/// If a suffix ends in another one, it stands before that one.
 const KINDS: [Kind; 5] = [
     Kind {
         typed: ["N_S_PER_M", "N_M_S_PER_RAD"],
@@ -54,7 +54,7 @@ const KINDS: [Kind; 5] = [
 ];
 
 impl Kind {
-    /// The command's name in front of this kind of number. Without the searchers of `str`, which can panic.
+    /// The command's name before this kind of number. Without the search functions of `str`, which can panic.
     fn name(&self, usage: &'static str) -> Option<&'static str> {
         usage.strip_suffix(self.typed[0])?.strip_suffix(" ")
     }

@@ -124,13 +124,13 @@ fn only_a_low_pin_is_no_stop() {
     }
 }
 
-/// Reads of a board until something happens to it, and what does: the hardware drops enable with each.
+/// Reads of a board until an event, and the event: hardware drops enable with each.
 #[derive(Clone, Copy, Debug)]
 enum Event {
     /// The stop opens, and closes again after so many reads.
     Stop(u32),
     Supply,
-    /// A debugger halts the core, which may set the stop's flag.
+    /// A debugger halts the core, which may set the flag of the stop.
     Halt(bool),
 }
 
@@ -138,7 +138,7 @@ std::thread_local! {
     static BOARD: RefCell<(u32, u32, Option<Event>)> = const { RefCell::new((0, 0, None)) };
 }
 
-/// The event, if it has come by this read, and reads since.
+/// The event, if it has happened by this read; and the reads since.
 fn come() -> Option<(Event, u32)> {
     BOARD.with_borrow_mut(|(reads, at, event)| {
         *reads += 1;
@@ -192,7 +192,7 @@ impl DebugHalts for Events {
     }
 }
 
-/// Before, between and after any of the reads: the output at which an event is first seen gives it its own name.
+/// Before, between and after any of the reads: the output that first sees an event gives it the right name.
 #[test]
 fn whatever_happens_between_two_reads_is_named_after_its_cause() {
     use crate::safety::{FaultSet, Inputs};

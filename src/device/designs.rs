@@ -1,9 +1,9 @@
 //! The designs of a device: velocity filters with a name, each with rows of its own in the envelope.
 //!
-//! Words in the device record, for each: name (16 bytes of text, then zeros), number of the estimator, eight parameters as
-//! IEEE 754 doubles, low word first. A design's number is its place from 1; a design of an estimator that this build has
-//! not is passed over. Settings are those of a design when estimator and every parameter are its own, to the last bit:
-//! so saved settings say which design they are without another field.
+//! Words in the device record, for each: name (16 bytes of text, then zeros), number of the estimator, eight parameters
+//! as IEEE 754 doubles, low word first. A design's number is its place from 1. A design is skipped if this build lacks
+//! its estimator. Settings are a design if estimator and every parameter are equal, to the last bit. So saved settings
+//! need no further field for their design.
 
 use crate::{
     VelocitySettings,
@@ -61,8 +61,8 @@ impl<'a> Designs<'a> {
     /// No designs at all.
     pub const NONE: Self = Self { words: &[] };
 
-    /// So many designs at the front of those words, and the words behind them; none if they are not whole, or a name is
-    /// none or there twice.
+    /// The first `count` designs in these words, and the words behind them; none if they are not whole, or a name is
+    /// not allowed or occurs twice.
     pub(crate) fn split(count: usize, words: &'a [u32]) -> Option<(Self, &'a [u32])> {
         if count > DESIGNS_MAX {
             return None;
@@ -92,7 +92,7 @@ impl<'a> Designs<'a> {
         Some(designs.len() * WORDS)
     }
 
-    /// How many there are, of whatever estimator.
+    /// How many there are, with any estimator.
     pub const fn count(&self) -> usize {
         self.words.len()
     }

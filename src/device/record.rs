@@ -1,5 +1,5 @@
-//! The device record: what makes an image the firmware of a device. `cargo sim prepare` writes it, the board keeps it in a
-//! flash sector of its own.
+//! The device record, which makes an image the firmware of one device. `cargo sim prepare` writes it; the board keeps
+//! it in its own flash sector.
 //!
 //! Words of 32 bits, least significant byte first; a number is an IEEE 754 double, low word first.
 //!
@@ -68,7 +68,7 @@ const DESIGNS: u32 = 8;
 const NUMBERS: usize = 39 + KEPT;
 /// Parameters of the estimator among them.
 const KEPT: usize = 8;
-// One more is another layout.
+// If this number changes, the layout is another one.
 const _: () = assert!(PARAMETERS == KEPT);
 
 /// Properties of a board that do not depend on the device; a record must match them.
@@ -91,7 +91,7 @@ pub fn hash_of(text: &[u8]) -> u32 {
     crc::of_bytes(text)
 }
 
-/// Why a board does not take a record; the console says it.
+/// Why a board refuses a record, for the console.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BadRecord {
     /// The sector is erased.
@@ -120,7 +120,7 @@ pub enum BadRecord {
     Envelope,
     /// The board cannot run its estimator with its output period.
     Unfit,
-    /// A number of it.
+    /// A number is out of range.
     Range(SettingsError),
 }
 
@@ -160,8 +160,8 @@ fn whole(words: &[u32]) -> Result<(&[u32; FIXED], &[u32], u32), BadRecord> {
     Ok((fixed, rest, *check))
 }
 
-/// The record at the front of those words, without what is behind it: its last word is the checksum of all before it.
-/// All of them, if its length is none.
+/// The record at the front of these words, without what follows: its last word is the checksum of all before it. If its
+/// length is not possible, all words.
 pub fn record_in(words: &[u32]) -> &[u32] {
     stated(words).unwrap_or(words)
 }
@@ -202,7 +202,7 @@ impl<'a> Device<'a> {
             return Err(BadRecord::Output);
         }
         within("rate_hz", device.design.rate_hz, board.rate_hz..=board.rate_hz)?;
-        // An envelope for a faster board would hold walls that this one does not.
+        // An envelope for a faster board may contain walls that are not stable on this one.
         let latency = board.latency_samples..=Self::LATENCY_MAX_SAMPLES;
         within("latency_samples", device.latency_samples, latency)?;
         device.check()?;
@@ -344,7 +344,7 @@ impl<'a> Device<'a> {
                 damping_max_n_s_per_m: next(),
             },
         };
-        // Where the estimator has no number there is none.
+        // Without a parameter of the estimator at this place, the number must be 0.
         let same = device.numbers().into_iter().flat_map(halves).eq(stated.iter().copied());
         if same { Ok(device) } else { Err(BadRecord::Unknown) }
     }
@@ -404,8 +404,8 @@ impl<'a> Device<'a> {
         ]
     }
 
-    /// Writes the record of this device with those designs and boundaries, in place of its own, to the front of `words`.
-    /// A record has no wall and no push: K, B and push of the device are left out, and so is its hash.
+    /// Writes the record of this device to the front of `words`, with these designs and boundaries instead of its own.
+    /// A record has no wall and no push, so K, B and push are left out, and so is its hash.
     ///
     /// None if there is no room.
     pub fn to_record<'b>(

@@ -1,4 +1,4 @@
-//! What follows from a device, and what of it is refused.
+//! What follows from a device, and what is refused.
 
 use std::{sync::LazyLock, vec::Vec};
 
@@ -26,7 +26,7 @@ static ENVELOPE: LazyLock<Vec<u32>> = LazyLock::new(|| {
     Envelope::put(&[BOUNDARY], &mut words).unwrap().to_vec()
 });
 
-/// The paper's device, without a sense beside the force.
+/// The paper's device, which senses only the force.
 pub(crate) static DEVICE: LazyLock<Device<'static>> = LazyLock::new(|| Device {
     board: Name::of("a-board"),
     key: DeviceKey { name: Name::of("bench"), hash: 0x0123_4567 },
@@ -104,7 +104,7 @@ fn defaults_are_the_devices_and_can_be_run() {
     let plan = DEVICE.hit_sequence(&stored, true).unwrap();
     let late = DEVICE.hit_sequence(&stored, false).unwrap();
     assert_eq!((plan.look, late.look), (32, HitSequencePlan::NEVER));
-    // a motor that stands less gets a shorter hit of the same proportions
+    // with a weaker motor the hit is shorter, with the same proportions
     let weak = Device { duty: DutySettings { time_constant_s: 3.0, ..DEVICE.duty }, ..*DEVICE };
     let short = weak.defaults();
     assert!(short.settle_s < 2.0 && (short.settle_s - 2.0 * short.window_s).abs() < 1e-12);
@@ -126,7 +126,7 @@ fn a_hit_starts_inside_the_travel_and_before_the_wall() {
     assert!(with(0.1099, 0.2).is_ok());
 }
 
-/// Whatever the wall is, the settings of experiments can be set one by one; what is printed is then accepted.
+/// The settings of experiments can be set one by one, whatever the wall is. A range that is printed is then accepted.
 #[test]
 fn settings_of_experiments_do_not_wait_for_a_wall_and_their_printed_ends_are_accepted() {
     for position_m in [-1.0, -0.04, 0.0, 0.07, 1.0] {
@@ -194,7 +194,7 @@ fn a_board_starts_with_what_was_saved_or_with_the_defaults_and_a_fault() {
     assert_eq!(start.control, DEVICE.control(&saved).unwrap());
     let boot = FaultRecord { sample: 7, ..FaultRecord::bare(Fault::WatchdogReset) };
     assert_eq!(DEVICE.start(&loaded(saved), Some(boot)).unwrap().fault, Some(boot));
-    // settings that cannot be built, and an estimator that needs what the board has not
+    // settings that cannot be built, and an estimator that needs a sense that the board lacks
     let mut wrong = saved;
     wrong.settings.wall.stiffness_n_per_m = 1e9;
     let blind = blind_estimator().map(|name| {
@@ -241,7 +241,7 @@ fn a_board_starts_with_the_period_that_was_saved_if_there_is_one_and_time_for_it
     }
 }
 
-/// An estimator that needs more than the board has, if this build knows one.
+/// An estimator that needs a sense that the board lacks, if this build has one.
 pub(crate) fn blind_estimator() -> Option<EstimatorName> {
     let names = EstimatorName::ALL.iter().copied();
     names.into_iter().find(|name| name.missing(DEVICE.senses).is_some())

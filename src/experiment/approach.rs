@@ -31,18 +31,18 @@ impl AbortReason {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Approach {
     back: Return,
-    /// Or the motor cools down.
+    /// Whether the return move is under way; otherwise the motor cools down.
     moves: bool,
     /// Outputs spent cooling down.
     cooled: u32,
 }
 
 impl Approach {
-    /// The push for this output; none: the handle stands at the start, and the motor has its reserve. `contact`: the
+    /// The push for this output; none: the handle stands at the start, and the motor is cool enough. `contact`: the
     /// handle is inside the wall.
     ///
     /// # Errors
-    /// It does not get there.
+    /// It does not get to the start.
     #[inline(always)]
     pub fn output(
         &mut self,
@@ -66,7 +66,7 @@ impl Approach {
         match moved {
             ReturnStep::Push(force) => Ok(Some(force)),
             ReturnStep::TooLong => Err(AbortReason::NotBack),
-            // Whatever warmed the motor on the way, what follows has its reserve.
+            // Whatever has warmed the motor on the way: what follows needs a cool one.
             ReturnStep::Arrived if !duty.is_ready(stands) => {
                 self.moves = false;
                 Ok(Some(Force::ZERO))

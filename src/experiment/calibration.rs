@@ -1,8 +1,8 @@
-//! Force calibration: a constant force outside the wall that comes up slowly and is held, so that a
-//! weight or a force gauge can be set against it. It ends by itself as soon as the handle moves.
+//! Force calibration: a constant force outside the wall that rises slowly and is then held, so that a weight or a force
+//! gauge can be compared with it. It ends by itself when the handle moves.
 //!
-//! Two ways to use it, both in docs/tuning.md: a gauge holds the handle and is read while the force
-//! is held; or a weight rests on the handle, and the force at which it lifts is reported.
+//! docs/tuning.md has two ways to use it. A gauge holds the handle, and is read while the force is held. Or a weight
+//! rests on the handle, and the force that lifts it is reported.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -22,7 +22,7 @@ pub struct CalibrationSettings {
     pub rise_percent_per_s: f64,
     /// How long it is held, s.
     pub hold_s: f64,
-    /// A handle that is further from where it was than this has moved, m.
+    /// Distance from the place at the beginning beyond which the handle has moved, m.
     pub travel_m: f64,
 }
 
@@ -133,8 +133,8 @@ impl Calibration {
         self.plan.is_whole()
     }
 
-    /// Goes on from the present force to another one. The time in all goes on as well: meanwhile nobody
-    /// looks for a push without motion.
+    /// Goes on from the present force to another one. The total time is not started again, because no push without
+    /// motion is looked for meanwhile.
     pub fn retarget(&mut self, plan: CalibrationPlan) {
         self.plan.set(plan);
         self.held = 0;
@@ -273,9 +273,9 @@ mod tests {
         assert!(next < last && last - next <= (1 << 30) / 50_000 + 1);
     }
 
-    /// A weight hangs on a handle with dry friction. The force at which it has moved by 1 mm, percent: lifted
-    /// off a block by 15 %; or let down from 15 % to 5 % and from a block above it, the one below taken away
-    /// in between.
+    /// A weight hangs on a handle with dry friction. The force at which it has moved by 1 mm, percent: lifted off a
+    /// block by 15 %; or let down from 15 % to 5 %, with a block above it, while the one below is taken away in
+    /// between.
     fn weighed(weight_percent: f64, friction_n: f64, lifted: bool) -> f64 {
         let plan = |percent| CalibrationSettings { percent, ..SETTINGS }.build(&DESIGN).unwrap();
         let weight_n = weight_percent / 100.0 * DESIGN.full_scale_n;
@@ -308,8 +308,8 @@ mod tests {
         panic!("it never moves");
     }
 
-    /// By how much more than the weight and the friction the force has come while the handle moves by 1 mm, and how far
-    /// the mean of both ways may be off, percent of full scale: docs/tuning.md says so.
+    /// By how much the force exceeds weight and friction while the handle moves by 1 mm, and how far the mean of both
+    /// ways may be off, percent of full scale: docs/tuning.md states both.
     const LIFTING: f64 = 0.8;
     const MEAN_OFF: f64 = 0.005;
 

@@ -1,20 +1,20 @@
 //! Duty limit: an I^2 t model of the motor's winding, so that experiments pause before they overheat
 //! it.
 //!
-//! A motor's loss grows with the square of its current, and with a current-mode amplifier the force
-//! is proportional to the current. The winding is one thermal mass (IEC 60034-11 calls the
-//! protection "thermal model"; drives call it I^2 t):
+//! A motor's loss rises with the square of its current, and with a current-mode amplifier the force is proportional to
+//! the current. The winding is one thermal mass (IEC 60034-11 calls the protection "thermal model"; drives call it I^2
+//! t):
 //!
 //! ```text
 //! heat' = (u^2 - heat) / tau          u = force / full scale
 //! ```
 //!
-//! `heat` is the mean of u^2, weighted by exp(-age / tau): per output of length T it moves by
-//! `1 - exp(-T / tau)` of what u^2 is beyond it, the exact step while u is constant, for every T and tau
-//! that are accepted. Heat and u^2 lie within 0..=1 at 60 fractional bits, so that nothing can overflow: not by
-//! a range that somebody has to keep, but by the format. [`Duty::is_ready`] lets a hit begin only
-//! if `heat` stays at or below its limit even when the hit takes full force from its first output to
-//! its last. So no sequence of hits exceeds the limit, and none is broken off: they wait.
+//! `heat` is the mean of u^2, weighted by exp(-age / tau). With each output of length T it moves by `1 -
+//! exp(-T / tau)` of its distance from u^2: the exact step while u is constant, for every accepted T and tau.
+//! Heat and u^2 lie within 0..=1 at 60 fractional bits, so the format itself excludes an overflow.
+//! [`Duty::is_ready`] lets a hit begin only if `heat` stays within its limit even at full force from the first
+//! output of the hit to its last. So no sequence of hits exceeds the limit, and none is broken off: hits wait
+//! instead.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -29,7 +29,7 @@ const FRACTION: u32 = 2 * Force::FRACTION_BITS;
 /// Fractional bits of a difference of heats, as it is multiplied: +-1 is within 32 bits.
 const DIFFERENCE: u32 = 30;
 
-/// What the motor stands, SI units.
+/// Thermal limits of the motor, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DutySettings {
     /// Force that it can give for ever, N; the limit is its square over that of full scale.
@@ -47,19 +47,19 @@ pub struct DutyPlan {
     limit: i64,
     /// Heat at which a hit may begin.
     ready: i64,
-    /// Outputs in which a motor without force is ready for certain.
+    /// Outputs after which a motor without force is certainly ready.
     patience: u32,
 }
 
 impl DutyPlan {
-    /// Outputs in which a motor without force is ready for certain, however warm it was.
+    /// Outputs after which a motor without force is certainly ready, however warm it was.
     pub fn patience(&self) -> u32 {
         self.patience
     }
 }
 
 impl DutySettings {
-    /// Longest hit at full force that a cold motor stands, s: 0 if none, infinite if it stands full scale for ever.
+    /// Longest hit at full force that a cold motor can take, s: 0 if none, infinite if it can give full scale for ever.
     #[expect(clippy::float_arithmetic, reason = "design time")]
     pub fn longest_hit_s(&self, design: &Design) -> f64 {
         let period_s = design.period_s();
@@ -67,7 +67,7 @@ impl DutySettings {
         if part >= 1.0 {
             return f64::INFINITY;
         }
-        // What `build` asks for, the other way round.
+        // The inverse of the condition in `build`.
         let kept = (1.0 - part * part) / (1.0 - RESERVE);
         let outputs = -libm::log(kept) * self.time_constant_s / period_s;
         f64::max(0.0, libm::floor(outputs - spare_outputs(design)) * period_s)
@@ -95,7 +95,7 @@ impl DutySettings {
         let force = self.continuous_force_n;
         within("duty_continuous_force_n", force, least..=design.full_scale_n)?;
         let limit = (force / design.full_scale_n) * (force / design.full_scale_n);
-        // At least what the range above leaves, however little of it a small `kept` does.
+        // At least what the range above leaves, although a small `kept` makes that inexact.
         let ready = f64::max(1.0 - (1.0 - limit) / kept, RESERVE) - 1e-4;
         let bits = |value: f64| libm::floor(libm::scalbn(value, FRACTION.cast_signed())) as i64;
         Ok(DutyPlan {
@@ -115,12 +115,12 @@ impl DutySettings {
 /// Heat for rounding, and for a return before the hit that warms a cold motor.
 const RESERVE: f64 = 1e-3;
 
-/// Outputs beyond a hit's own in which its force comes and goes: those of 50 ms, at least 50.
+/// Outputs beyond a hit's own while its force rises and falls: those of 50 ms, at least 50.
 fn spare_outputs(design: &Design) -> f64 {
     f64::from(50 * design.samples_per_ms().div_ceil(design.period.max(1)))
 }
 
-/// Time constants after which nothing of the heat is left: exp(-9.3) is 1e-4, the smallest `ready`.
+/// Time constants after which no heat is left: exp(-9.3) is 1e-4, the smallest `ready`.
 const PATIENCE: f64 = 9.3;
 
 /// How warm the motor is, by the model; cold at reset.
@@ -271,15 +271,15 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(CASES))]
 
-        /// Whatever force the hits take, for whatever time, and however soon the next is asked for:
-        /// the weighted mean square never exceeds the limit, and every hit gets its turn.
+        /// With any force of the hits, for any time, and however soon the next hit is asked for: the weighted mean
+        /// square never exceeds the limit, and each hit comes in time.
         #[test]
         fn no_sequence_of_hits_exceeds_the_limit(
             hits in prop::collection::vec((0.0..=1.0f64, 1u32..=OUTPUTS, 0.0..0.25f64), 1..HITS)
         ) {
             let plan = SETTINGS.build(&DESIGN, SAMPLES).unwrap();
             let mut duty = Duty::default();
-            // the same in floats, not by recursion but as the sum that it stands for
+            // the same in floats, not by recursion but as a sum
             let (mut mean, decay) = (0.0, (-1e-3f64 / 30.0).exp());
             let limit = (4.1f64 / 5.906).powi(2);
             for (part, outputs, hold) in hits {

@@ -1,5 +1,5 @@
-//! Which experiment is going on, and what it proposes: a push for the next output. What of it acts is for
-//! [`safety`](crate::safety) to say.
+//! Which experiment is going on, and which push it proposes for the next output. [`safety`](crate::safety) decides how
+//! much of it acts.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -28,7 +28,7 @@ pub(crate) enum Experiment {
 #[derive(Clone)]
 pub struct Experiments {
     experiment: Experiment,
-    /// Which of them it is: a flipped bit begins none.
+    /// Which experiment it is, so that a flipped bit begins none.
     activity: Activity,
     /// At the next output.
     push: Force,
@@ -40,7 +40,7 @@ pub struct Experiments {
     news: Event,
     /// Codes of the outputs in the window of the last hit.
     codes: RunningVariance,
-    /// The hit is over; its codes follow in an event of their own, so that no report gets longer.
+    /// The hit is over. Its codes follow in a separate event, so that no report gets longer.
     tells_codes: bool,
     /// Event with the codes, sent after the end of the hit was reported.
     codes_news: Event,
@@ -69,13 +69,13 @@ impl Experiments {
         self.activity
     }
 
-    /// What is asked for at the next output.
+    /// The push for the next output.
     #[inline(always)]
     pub fn proposal(&self) -> Proposal {
         Proposal { push: self.push, still: matches!(self.activity, Activity::Calibration) }
     }
 
-    /// What was asked for at the last output that was [followed](Self::follow).
+    /// The push of the last output that was [followed](Self::follow).
     #[inline(always)]
     pub fn pushed(&self) -> Force {
         self.pushed
@@ -87,13 +87,13 @@ impl Experiments {
         matches!(&self.experiment, Experiment::Hit(hit) if hit.is_fresh())
     }
 
-    /// What has happened, for its reader to take: `Event::None` if nothing has.
+    /// What has happened, for the caller to take: `Event::None` if nothing has.
     #[inline(always)]
     pub fn news(&mut self) -> &mut Event {
         if matches!(self.news, Event::None) { &mut self.codes_news } else { &mut self.news }
     }
 
-    /// Whether what it pushes with is as it was given. To be asked after each output.
+    /// Whether the push is as it was given. Ask this after each output.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         let (activity, whole) = match &self.experiment {
@@ -105,7 +105,7 @@ impl Experiments {
         activity == self.activity && whole && self.duty_plan.is_whole()
     }
 
-    /// What the motor stands with another output period. To be called with the force off.
+    /// The motor's thermal limits at another output period. Call it with the force off.
     pub fn set_duty(&mut self, duty: DutyPlan) {
         self.duty_plan.set(duty);
     }
@@ -124,7 +124,7 @@ impl Experiments {
     /// Runs a pulse train.
     ///
     /// # Errors
-    /// Something is going on, or there is a wall in the way: what the console takes for the wall is not what acts.
+    /// An experiment is going on, or the wall in force has a force, whatever the console assumes.
     #[inline(always)]
     pub fn pulses(&mut self, plan: PulseTrainPlan, wall: &Wall) -> Result<(), Refusal> {
         self.free()?;
@@ -154,7 +154,7 @@ impl Experiments {
         if matches!(self.experiment, Experiment::None) { Ok(()) } else { Err(Refusal::Busy) }
     }
 
-    /// No experiment any more, without a word; what it pushed with fades.
+    /// Ends the experiment without an event; its push fades.
     #[inline(always)]
     pub fn stop(&mut self) {
         // Not by `set`, which would copy as much as the largest of them.
@@ -173,9 +173,9 @@ impl Experiments {
         self.news = news;
     }
 
-    /// After an output: what was granted, `positions` of the samples since the last output, and that of the output's.
-    /// What is pushed with next is found out here, where it costs no latency: a return move does not mind a
-    /// millisecond, and a hit begins with the output of its push.
+    /// After an output: the granted force, `positions` of the samples since the last output, and the output's position.
+    /// The next push is decided here, where it costs no latency: a return move tolerates a millisecond, and a hit
+    /// begins with the output of its push.
     #[inline(always)]
     pub fn follow(
         &mut self,
@@ -216,7 +216,7 @@ impl Experiments {
         };
         let mut verdict = None;
         if hit.is_fresh() {
-            // Of the samples up to the output that began it only the last one is the hit's.
+            // Of the samples up to the output that began the hit, only the last one belongs to it.
             if let Some(position) = positions.last() {
                 verdict = hit.sample(position, wall.penetration(position) > 0);
             }
@@ -269,7 +269,7 @@ impl Experiments {
     }
 }
 
-/// For tests that look inside, and spoil what they see.
+/// For tests that look inside and change what they see.
 #[cfg(test)]
 pub(crate) struct Parts<'a> {
     pub(crate) experiment: &'a mut Experiment,
@@ -298,7 +298,7 @@ mod tests {
 
     const ON: OutputCommand = OutputCommand::On(GrantedForce::ZERO);
 
-    /// On the surface is no contact yet, for a hit's first sample, for its others, and for a calibration.
+    /// A handle on the surface is not in contact: for a hit's first sample, for its others, and for a calibration.
     #[test]
     fn contact_begins_one_count_behind_the_surface() {
         let stored = DEVICE.defaults();

@@ -111,7 +111,6 @@ impl Hit {
         Self { plan, samples: plan.settle, contact_samples, scatter }
     }
 
-    /// What it goes by.
     #[inline(always)]
     pub(super) fn plan(&self) -> &HitPlan {
         &self.plan
@@ -138,7 +137,7 @@ impl Hit {
         self.is_over().then(|| self.verdict())
     }
 
-    /// A verdict before the end, if it is certain to equal the one at the end.
+    /// A verdict before the end, if it is certain to be the one at the end.
     pub fn certain_verdict(&self) -> Option<Verdict> {
         let unstable =
             self.contact_samples > 0 && self.scatter.must_reach(self.plan.limit, self.plan.window);

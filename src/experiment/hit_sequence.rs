@@ -1,5 +1,5 @@
-//! One hit on the device, with all that comes before it: cooling down if the motor is warm, the way
-//! back to the start, the hit.
+//! One hit on the device, with all that comes before it: cooling down if the motor is warm, then the return
+//! move.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -19,17 +19,17 @@ pub struct HitSequencePlan {
     pub hit: HitPlan,
     /// The return move before it.
     pub back: ReturnPlan,
-    /// What the motor stands.
+    /// Thermal limits of the motor.
     pub duty: DutyPlan,
-    /// Outputs between two looks whether the verdict is certain to equal the one at the end of the window, so that it
-    /// is given at once; [`NEVER`](Self::NEVER): no such look.
+    /// Outputs between two checks whether the verdict is already certain, so that it is given at once;
+    /// [`NEVER`](Self::NEVER): there are no such checks.
     pub look: u32,
 }
 
 impl HitSequencePlan {
     /// The verdict comes at the end of the window.
     pub const NEVER: u32 = u32::MAX;
-    /// Milliseconds between two looks.
+    /// Milliseconds between two of these checks.
     pub(crate) const LOOK_MS: u32 = 32;
 }
 
@@ -47,9 +47,9 @@ pub struct HitSequence {
     stands: DutyPlan,
     look: u32,
     phase: Phase,
-    /// Which phase it is: a flipped bit begins none.
+    /// Which phase it is, so that a flipped bit begins none.
     hits: bool,
-    /// Outputs since the last look for an early verdict.
+    /// Outputs since the last check for an early verdict.
     looked: u32,
     /// The hit began with the last output.
     fresh: bool,
@@ -64,7 +64,7 @@ impl HitSequence {
         Self { hit, back, stands, look, phase, hits: false, looked: 0, fresh: false }
     }
 
-    /// One without the way to the start.
+    /// A sequence without the way to the start.
     #[cfg(test)]
     pub fn at_its_push(plan: HitSequencePlan) -> Self {
         Self { phase: Phase::Hit(Hit::new(plan.hit)), hits: true, ..Self::new(plan) }
@@ -77,7 +77,7 @@ impl HitSequence {
         self.hit.spoil(HitPlan { push, ..*self.hit });
     }
 
-    /// Whether its hit is what was ordered, and its phase the one that was begun.
+    /// Whether its hit is the ordered one, and its phase the one that was begun.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         let begun = match &self.phase {
@@ -110,7 +110,7 @@ impl HitSequence {
         Ok(self.hit.push)
     }
 
-    /// The hit began with the last output: of the samples up to it only the last one is the hit's.
+    /// The hit began with the last output: of the samples up to it, only the last one belongs to the hit.
     pub fn is_fresh(&self) -> bool {
         self.fresh
     }
@@ -124,7 +124,7 @@ impl HitSequence {
         }
     }
 
-    /// The verdict before the end of the window, if the plan allows it and it is certain.
+    /// The verdict before the end of the window, if the plan allows an early one and it is certain.
     pub fn early_verdict(&mut self) -> Option<Verdict> {
         let Phase::Hit(hit) = &self.phase else { return None };
         if self.looked < self.look {

@@ -1,4 +1,4 @@
-//! What the console asks of the output task, and what that one reports.
+//! What the console asks of the output task, and what the output task reports.
 
 use super::{
     AbortReason, CalibrationEnd, CalibrationPlan, DutyPlan, HitSequencePlan, Promise,
@@ -44,7 +44,7 @@ impl Activity {
     }
 }
 
-/// Values that depend on the output period, without the loop's parameters, which are ordered after them.
+/// Values that depend on the output period, except the loop's parameters, which are ordered after them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PeriodPlan {
     /// Thermal limits of the motor.
@@ -64,7 +64,7 @@ pub enum Order {
     Request(Request),
     /// New settings, and whether their gains are inside the envelope or need it unlocked.
     LoopParameters(LoopParameters, Gains),
-    /// Force off: what goes with the output period of the parameters that come next.
+    /// Only with the force off: values for the output period of the parameters that come next.
     Period(PeriodPlan),
     /// Run a wall hit.
     Hit(HitSequencePlan),
@@ -78,7 +78,7 @@ pub enum Order {
     Stop,
     /// Send what the black box holds.
     Replay,
-    /// The host is there, and promises to say so again.
+    /// The host is there, and promises to send this again.
     Alive(Promise),
 }
 
@@ -98,9 +98,9 @@ pub enum Event {
     None,
     /// An order was met or refused.
     Answer(Result<(), Refusal>),
-    /// A hit is over: its verdict, and the counts in the window that it was judged by.
+    /// A hit is over: its verdict, and the counts of its window.
     HitOver(Verdict, RunningVariance),
-    /// The codes of the outputs in that window; comes after it.
+    /// The codes of the outputs in that window; comes after the end of the hit.
     HitCodes(RunningVariance),
     /// A hit ended without a verdict.
     HitAborted(AbortReason),
@@ -117,13 +117,13 @@ pub enum Event {
 pub struct Report {
     /// Record of this very output.
     pub record: Record,
-    /// For telemetry: the same, or one of the black box while that is read out.
+    /// For telemetry: the same record, or one of the black box while that is read out.
     pub streamed: Record,
     /// What an experiment pushed with at this output.
     pub push: Force,
     /// What wall and hand have exchanged up to this output.
     pub port: Exchanged,
-    /// What the supervisor thinks.
+    /// The supervisor's state.
     pub status: Status,
     /// What else goes on.
     pub activity: Activity,

@@ -1,4 +1,4 @@
-//! A host that promises to say a word every so often: one that dies with the force on is found by its silence.
+//! A host promises to send `alive` within a time. If it dies with the force on, its silence is found.
 
 use crate::{
     period::SAMPLES_PER_MS,
@@ -6,7 +6,7 @@ use crate::{
     safety::Doubled,
 };
 
-/// Longest time from word to word. None unless the host has promised one.
+/// Longest time from one `alive` to the next. 0 unless the host has promised one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Promise {
     /// 0: there is none.
@@ -14,12 +14,12 @@ pub struct Promise {
 }
 
 impl Promise {
-    /// Shortest promise, ms: more than the longest time that `link` may need for a line.
+    /// Shortest promise, ms: longer than `link` may need for a line.
     const LEAST_MS: f64 = 20.0;
     /// Longest time of a promise, ms.
     const MOST_MS: f64 = 10_000.0;
 
-    /// A word every `ms`; 0: no promise.
+    /// An `alive` within each `ms`; 0: no promise.
     ///
     /// # Errors
     /// The time is too short or too long.
@@ -37,7 +37,7 @@ impl Promise {
 #[derive(Clone, Copy, Debug)]
 pub struct Host {
     promise: Doubled<Promise>,
-    /// Numbers of the last output's sample, and of the one when a word last came.
+    /// Sample of the last output, and sample of the last `alive`.
     now: u32,
     heard: u32,
 }
@@ -49,21 +49,21 @@ impl Default for Host {
 }
 
 impl Host {
-    /// Whether the promise is the one that was given. A time of which a bit flips is found by its silence, or by the next
-    /// word.
+    /// Whether the promise is as it was given. A flipped bit in one of the times is found as silence, or is gone with
+    /// the next `alive`.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.promise.is_whole()
     }
 
-    /// A word, and the promise of the next one.
+    /// An `alive`, with the promise of the next one.
     pub fn hear(&mut self, promise: Promise) {
         self.promise.set(promise);
         self.heard = self.now;
     }
 
-    /// Whether it has broken its promise with the output at `sample`, or will have with the next one, `period` samples
-    /// later; once. Only silence with the force on counts.
+    /// Whether the promise is broken with the output at `sample`, or will be with the next one, `period` samples later.
+    /// It is true once. Only silence with the force on counts.
     #[inline]
     pub fn falls_silent(&mut self, sample: u64, period: u32, on: bool) -> bool {
         #[expect(clippy::cast_possible_truncation, reason = "modulo 2^32, five days")]
@@ -95,7 +95,7 @@ mod tests {
         }
     }
 
-    /// Any bit: one that is set makes it so long that the host may be silent for ever.
+    /// Any bit: some make the time so long that a silent host would not be found.
     #[test]
     fn a_promise_of_which_a_bit_flips_is_found() {
         let mut host = Host::default();

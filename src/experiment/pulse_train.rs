@@ -1,13 +1,13 @@
-//! A pulse train: four pushes of a handle that no wall touches, from which `identify` finds the device.
+//! A pulse train: four pushes of a handle outside any wall, from which `identify` finds the device.
 //!
 //! | pulse | push | for |
 //! |---|---|---|
 //! | 1, 2 | the force, and its negative | [`SHORT_S`] |
 //! | 3, 4 | a [`WEAKER`]th of it, and its negative | [`LONG_S`] |
 //!
-//! Each begins at rest at the start, after a return move, and ends with [`REST_S`] without a force, in which the handle
-//! swings freely. Short strong pulses change the force often, which shows the mass and the amplifier's lag; long weak ones
-//! move as fast and farther, which shows damping, spring and friction.
+//! Each pulse begins at rest at the start, after a return move. It ends with [`REST_S`] without a force, in which the
+//! handle swings freely. Short strong pulses change the force often, which shows the mass and the amplifier's lag. Long
+//! weak pulses reach the same speed over a longer way, which shows damping, spring and friction.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -44,7 +44,7 @@ pub struct PulseTrainPlan {
     pub rest: u32,
     /// The return move before each.
     pub back: ReturnPlan,
-    /// What the motor stands.
+    /// Thermal limits of the motor.
     pub duty: DutyPlan,
 }
 
@@ -86,7 +86,7 @@ pub struct PulseTrain {
     /// Pulses that are over.
     over: usize,
     phase: Phase,
-    /// Which phase it is: a flipped bit begins none.
+    /// Which phase it is, so that a flipped bit begins none.
     part: Part,
 }
 
@@ -107,7 +107,7 @@ impl PulseTrain {
         self.pulses.spoil(pulses);
     }
 
-    /// Whether its pulses are what was ordered, and its phase the one that was begun.
+    /// Whether its pulses are the ordered ones, and its phase the one that was begun.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.pulses.is_whole() && self.phase.part() == self.part
@@ -190,7 +190,7 @@ mod tests {
         }
     }
 
-    /// Four pulses of both signs and both lengths, each from rest at the start, nothing between them but the way back.
+    /// Four pulses of both signs and both lengths, each from rest at the start, with only the return move between them.
     #[test]
     #[cfg_attr(miri, ignore = "four returns in closed loop")]
     fn four_pulses_each_from_rest_at_the_start() {

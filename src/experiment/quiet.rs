@@ -1,8 +1,8 @@
-//! Quiet walls: what a person would call one. At each of [four pushes](PUSHES) the handle rests within a
-//! [count](rms_limit_m), the force moves by less than people tell apart, and the wall [stands](QuietWindow::stands).
+//! Quiet walls, as a person would call them. At each of [four pushes](PUSHES) the handle rests within a
+//! [count](rms_limit_m), the force changes by less than people can feel, and the wall [stands](QuietWindow::stands).
 //!
-//! At one push a force can rest on a whole count by luck; at four near each other it does not. How many rest is found
-//! out with integers while a hit goes on; what is here is asked once, at its end.
+//! At one push a force can rest on a whole count by luck; at four neighbouring pushes it does not. Integers sum up the
+//! motion and the codes while a hit goes on. The functions here are called once, at its end.
 
 /// What counts as stable.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -28,8 +28,8 @@ impl Criterion {
 pub const PUSHES: [f64; 4] = [0.97, 0.99, 1.0, 1.03];
 /// The largest of them.
 pub const PUSH_MAX: f64 = PUSHES[3];
-/// From this share of a force on people tell two forces apart (Weber fraction; Jones, Percept. Psychophys. 45, 1989):
-/// the RMS of the force is below this share of the push where no other limit is set.
+/// From this share of a force on people feel a difference of two forces (Weber fraction; Jones, Percept. Psychophys.
+/// 45, 1989). The RMS of the force must be below this share of the push if no other limit is set.
 pub const FORCE_SHARE: f64 = 0.07;
 /// Smallest limit of the RMS of the motion, m.
 const REST_M: f64 = 1e-6;

@@ -1,5 +1,5 @@
-//! The return move: between two hits the handle is brought to the start slowly, by a soft spring whose
-//! far end moves there at a limited speed.
+//! The return move: between two hits a soft spring brings the handle slowly to the start. The far end of the spring
+//! moves there at a limited speed.
 //!
 //! ```text
 //! r     moves from the handle to the start, by at most `speed`, while r is within `lead` of x;
@@ -9,17 +9,17 @@
 //! force = clamp(K e + I + B (v - x'), +-limit)    I gathers Ki e while K e + I is within +-limit
 //! ```
 //!
-//! **It moves towards its start only.** Spring and integral never point away from the start, whoever moves the handle,
-//! as long as it is not past it; what does, brakes a handle that comes faster than `speed`. So what the force can make
-//! of any handle is at most `speed + limit / B`.
+//! **It moves only towards its start.** Until the handle has passed the start, spring and integral never point away
+//! from it, whoever moves the handle. Only the damper does so, when it brakes a handle that comes faster than `speed`.
+//! So the force can give no handle more speed than `speed + limit / B`.
 //!
-//! **A return that is taken starts**: a step of r fits the lead, or the spring would have to be stronger than `limit` for
-//! the first one.
+//! **An accepted return starts**: a step of r is within the lead. Otherwise the spring's first step would need more
+//! than `limit`.
 //!
-//! The speed comes from the last eight milliseconds, not from the estimator: a return works with whatever
-//! cutoff is tried. The integral finds the force that holds the handle at the start, against a spring
-//! or its weight; a hand that holds the handle on the way does not wind it up.
-//! In contact the force only ever points out of the wall.
+//! The speed is that of the last eight milliseconds and not the estimator's, so a return works with any
+//! cutoff. The integral finds the force that holds the handle at the start, against a spring or its weight. A
+//! hand that holds the handle on the way does not wind it up. In contact the force only points out of the
+//! wall.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -51,7 +51,7 @@ pub struct ReturnSettings {
     pub damping_n_s_per_m: f64,
     /// Integral gain, N/(m s).
     pub integral_n_per_m_s: f64,
-    /// Distance from the start that will do, m.
+    /// Distance from the start that is near enough, m.
     pub tolerance_m: f64,
     /// Longest time that it may take, s: 0.1 to 60.
     pub timeout_s: f64,
@@ -70,7 +70,7 @@ pub struct ReturnPlan {
     stiffness: Gain,
     /// Force LSB per count by which the error changes in [`SPAN`] times `pace` outputs.
     damping: Gain,
-    /// Outputs from one look at the speed to the next.
+    /// Outputs from one speed measurement to the next.
     pace: u32,
     /// Force LSB per count and output.
     integral: Gain,
@@ -183,13 +183,14 @@ pub struct Return {
     integral: i64,
     /// How far r has moved by its own steps, 16 fractional bits.
     planned: i64,
-    /// The last distances of that from the handle, counts: one each millisecond; and which of them is the oldest.
+    /// The last distances of that reference from the handle, counts, one each millisecond; next, which of them is the
+    /// oldest.
     past: [i64; SPAN],
     oldest: usize,
-    /// By how much they have grown, and outputs until the next look.
+    /// By how much they have grown, and outputs until the next measurement.
     widened: i64,
     left: u32,
-    /// Where the handle has stood, within the tolerance, for that many outputs.
+    /// Where the handle stood, and for how many outputs it stayed within half the tolerance.
     rest: (Position, u32),
     outputs: u32,
 }
@@ -198,7 +199,7 @@ impl Return {
     /// Another return, whose first output is still to come.
     #[inline(always)]
     pub fn restart(&mut self) {
-        // What else there is begins with the first output. One by one: nothing is copied.
+        // All other fields are set with the first output. The fields are set one by one, so that nothing is copied.
         (self.reference, self.integral, self.planned) = (None, 0, 0);
         (self.widened, self.left, self.outputs) = (0, 0, 0);
     }
@@ -210,11 +211,11 @@ impl Return {
         let target = start << FRACTION;
         let here = x << FRACTION;
         let first = self.reference.is_none();
-        // Between handle and start; one that the handle has passed is taken along.
+        // It lies between handle and start. If the handle overtakes it, it moves along.
         let mut reference =
             self.reference.unwrap_or(here).max(here.min(target)).min(here.max(target));
         let step = between(target - reference, plan.step);
-        // It waits for a handle that is held.
+        // The reference waits for a handle that is held.
         if (reference + step - here).abs() >> FRACTION <= i64::from(plan.lead) {
             reference += step;
             self.planned += step;
@@ -238,7 +239,7 @@ impl Return {
         // each product within +-2^61
         let spring = plan.stiffness.apply(error);
         let integral = between(self.integral + plan.integral.apply(error), limit);
-        // It does not wind up against a hand: beyond the limit it only gets smaller.
+        // The integral does not wind up against a hand: beyond the limit it only gets smaller.
         let more = spring.saturating_add(integral);
         if more.abs() <= limit || integral.abs() < self.integral.abs() {
             self.integral = integral;
@@ -259,7 +260,7 @@ impl Return {
         ReturnStep::Push(Force::saturating_from_bits(i32::try_from(force).unwrap_or_default()))
     }
 
-    /// Near the start, and no further than half the tolerance from where it was all the time.
+    /// Near the start, and for the whole time within half the tolerance of one place.
     fn has_arrived(&mut self, plan: &ReturnPlan, position: Position, at_end: bool) -> bool {
         let tolerance = plan.tolerance;
         let (anchor, outputs) = self.rest;

@@ -54,7 +54,7 @@ impl RunningVariance {
         self.push_number(position.counts());
     }
 
-    /// Takes a number that is no count, as if it were one: the code of an output.
+    /// Takes a number that is not a count in the same way: the code of an output.
     #[inline]
     pub fn push_number(&mut self, number: i32) {
         if self.samples == 0 {
@@ -65,8 +65,8 @@ impl RunningVariance {
         self.add(1, difference, u128::from(magnitude * magnitude));
     }
 
-    /// Takes positions that were summed up elsewhere, behind the first one: how many, and the sums of their
-    /// differences from the first and of the squares of those.
+    /// Adds positions that were summed up elsewhere, after the first one: how many, the sum of their differences from
+    /// the first, and the sum of the squares of these.
     #[inline]
     pub fn add(&mut self, samples: u32, sum: i64, sum_of_squares: u128) {
         self.samples += samples;
@@ -80,13 +80,13 @@ impl RunningVariance {
         self.samples
     }
 
-    /// Whether the RMS of all positions is below `limit`. Without a position it is.
+    /// Whether the RMS of all positions is below `limit`; also true without a position.
     pub fn is_below(&self, limit: RmsLimit) -> bool {
         self.samples == 0 || self.scatter() < limit.scatter_limit(self.samples)
     }
 
-    /// Whether the RMS is certain to reach `limit` once `total` positions are in, whatever comes:
-    /// the sum of squares about the mean never falls.
+    /// Whether the RMS is certain to reach `limit` after `total` positions, whatever comes, because the sum of squares
+    /// about the mean never falls.
     pub fn must_reach(&self, limit: RmsLimit, total: u32) -> bool {
         // scatter / samples is that sum; at the end it has to be at least limit / total. The right
         // side stays below 2^104, so a left side that saturates is greater.

@@ -1,9 +1,9 @@
 //! The boundary walk (paper, 2.2.3): from a stable wall, K up until a hit is unstable; then B up,
 //! and K up or down to the boundary again, until no K is stable.
 //!
-//! K and B live on a grid, so the walk itself is integer; [`WalkSettings`] turns a [`Cell`] into SI
-//! units. One hit costs seconds on a board, so the walk asks for one [`Cell`] at a time and takes
-//! its verdict; it neither knows nor cares who runs the hit.
+//! K and B are on a grid, so the walk itself uses integers; [`WalkSettings`] turns a [`Cell`] into SI units. A hit
+//! takes seconds on a board, so the walk asks for one [`Cell`] at a time and takes its verdict. Who runs the hit does
+//! not matter to it.
 
 use core::fmt;
 
@@ -39,7 +39,7 @@ pub struct Cell {
 impl WalkSettings {
     /// Most points that a walk may have along either axis.
     const STEPS_MAX: f64 = 1e6;
-    /// Where a value above 0 is asked for: far below any wall, and a number that can be typed.
+    /// Lowest value where one above 0 is needed: far below any wall, and easy to type.
     const SMALLEST: f64 = 1e-9;
 
     /// Checks every field. A walk begins at a K above 0.
@@ -89,8 +89,8 @@ impl WalkSettings {
     }
 }
 
-/// Fraction of a step by which a sum of decimal steps may miss the value that was meant:
-/// 0.1 + 2 * 0.1 is not 0.3. A million steps add up to some 1e-10 of one.
+/// Part of a step by which a sum of decimal steps may miss the intended value: 0.1 + 2 * 0.1 is not 0.3. The error of a
+/// million steps is some 1e-10 of a step.
 const ROUNDING: f64 = 1e-6;
 
 /// Why a walk ended.
@@ -155,7 +155,7 @@ enum Phase {
     /// B went up at the same K.
     Across,
     Down,
-    /// Every further report gets the same answer.
+    /// The walk is over: each further report gets the same answer.
     Over(Result<Ended, WalkError>),
 }
 
@@ -262,7 +262,7 @@ impl Walk {
     }
 }
 
-/// What a walk has come to so far.
+/// Result of a walk so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WalkTotals {
     /// Hits that were made so far.

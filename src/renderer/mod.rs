@@ -1,5 +1,5 @@
-//! One output after another, but for the hardware: the experiment [proposes](Renderer::propose) a push, the wall
-//! [answers](Renderer::answer), safety [grants](Renderer::grant); then orders are met, the black box is filled and read
+//! One output after another, without the hardware. The experiment [proposes](Renderer::propose) a push, the wall
+//! [answers](Renderer::answer), safety [grants](Renderer::grant). Then orders are met, the black box is filled and read
 //! out, and the output is reported.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
@@ -21,15 +21,15 @@ use crate::{
 #[cfg(test)]
 mod tests;
 
-/// The sampling task, as an order reaches it.
+/// The sampling task, as orders use it.
 pub trait Sampling {
     /// From the next sample on these count, whole.
     fn set_parameters(&mut self, parameters: LoopParameters);
 
-    /// From the next sample on this counts.
+    /// From the next sample on this command counts.
     fn command(&mut self, command: GuardCommand);
 
-    /// The direction of the count.
+    /// Sets the direction of the count.
     fn turn_encoder(&mut self, reversed: bool);
 }
 
@@ -46,7 +46,7 @@ pub struct Renderer<const N: usize> {
     history: BlackBox<N>,
     /// Next record of the black box to send, while it is read out.
     replay: Option<usize>,
-    /// It goes on recording once it has been read out.
+    /// The black box goes on recording once it has been read out.
     release: bool,
     host: Host,
     /// Answer to the last order; kept until a report has room for it.
@@ -83,8 +83,8 @@ impl<const N: usize> Renderer<N> {
         *self.motor_reversed
     }
 
-    /// Whether what decides a force is as it was put here: it is kept twice, the parameters as those that the sampling
-    /// task goes by. To be asked after each output.
+    /// Whether everything that decides a force is as it was put here. It is kept twice; the second copy of the
+    /// parameters is that of the sampling task. Ask this after each output.
     #[inline(always)]
     pub fn is_whole(&self, sampled: &LoopParameters) -> bool {
         let signs = self.motor_reversed.is_whole() && self.gains.is_whole();
@@ -104,7 +104,7 @@ impl<const N: usize> Renderer<N> {
         self.parameters.render(motion, proposal.push)
     }
 
-    /// What of it safety grants, with what the guard and the board have found. Put it out, then call
+    /// How much of it safety grants, with the findings of the guard and the board. Put it out, then call
     /// [`follow`](Self::follow).
     #[inline(always)]
     pub fn grant(
@@ -131,8 +131,8 @@ impl<const N: usize> Renderer<N> {
         self.supervisor.take_memory_update()
     }
 
-    /// Everything of an output that can wait until it is out. `positions` are those of the samples since the last
-    /// one. Returns the output's record.
+    /// Everything of an output that can wait until the force is out. `positions` are those of the samples since the
+    /// last output. Returns the output's record.
     #[inline(always)]
     pub fn follow(
         &mut self,
@@ -150,7 +150,7 @@ impl<const N: usize> Renderer<N> {
         let on = !self.is_off();
         if self.host.falls_silent(record.sample, self.parameters.period.get(), on) {
             cold_path();
-            // Nothing refuses a fault: the next output is off.
+            // A fault is never refused: the next output is off.
             let _ = self.supervisor.request(Request::Trip(Fault::HostSilent));
         }
         record
@@ -162,21 +162,21 @@ impl<const N: usize> Renderer<N> {
         matches!(self.answer, Event::None)
     }
 
-    /// No force may act any more. After an order, the output is then switched off before the order is answered: who
-    /// reads that it is off may rely on it.
+    /// No force may act any more. If so after an order, switch the output off before the order is answered: a reader of
+    /// the answer may rely on it.
     #[inline(always)]
     pub fn is_off(&self) -> bool {
         !self.supervisor.status().state.is_on()
     }
 
-    /// Meets an order, or refuses it; the next [`report`](Self::report) says which. See to [`is_off`](Self::is_off)
+    /// Meets an order, or refuses it; the next [`report`](Self::report) has the answer. Check [`is_off`](Self::is_off)
     /// before that.
     #[inline(always)] // called, it would copy the order once more
     pub fn meet(&mut self, order: Order, sampling: &mut impl Sampling) {
         self.answer = Event::Answer(self.met(order, sampling));
     }
 
-    /// Answers an order that has come otherwise than it was given: it is not met.
+    /// Refuses an order that differs from the one that was given.
     #[cold]
     pub fn refuse(&mut self) {
         self.answer = Event::Answer(Err(Refusal::Faulted(Fault::Memory)));
@@ -190,7 +190,7 @@ impl<const N: usize> Renderer<N> {
                 // Now, not with the next output: flash may be written as soon as this is answered.
                 sampling.command(self.supervisor.down());
                 if result.is_ok() && matches!(request, Request::Clear) {
-                    // What is being read out is read out to its end.
+                    // A read-out that has begun goes on to its end.
                     self.release = self.replay.is_some();
                     if !self.release {
                         self.history.release();
@@ -249,12 +249,12 @@ impl<const N: usize> Renderer<N> {
         }
     }
 
-    /// What to tell of the output with that record, and of what happened since the last report. To be called only
-    /// if there is room for it: what is full loses records, never events.
+    /// The report of the output with this record, and of what happened since the last report. Call it only if there is
+    /// room for it, so that records may be lost, but never events.
     #[inline(always)]
     pub fn report(&mut self, record: Record) -> Report {
         let activity = self.experiments.activity();
-        // The news first: they may be the end of what a `stop` is answered for.
+        // Events of experiments first: one may be the end that a `stop` is answered for.
         let event = match self.experiments.news() {
             Event::None => &mut self.answer,
             news => news,

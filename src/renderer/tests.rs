@@ -1,4 +1,4 @@
-//! The renderer with a real supervisor, a handle, and nothing of a board.
+//! The renderer with a real supervisor and a handle, without a board.
 
 use std::vec::Vec;
 
@@ -29,7 +29,7 @@ mod orders;
 mod period;
 mod port;
 
-/// What reached the sampling task.
+/// What the sampling task has received.
 #[derive(Default)]
 struct Sampler {
     parameters: Vec<LoopParameters>,
@@ -63,14 +63,14 @@ struct Bench {
     sensed: Sensed,
     guard: Guard,
     sample: u64,
-    /// There is no room for reports.
+    /// Reports have no room.
     full: bool,
     reports: Vec<Report>,
     last: OutputCommand,
 }
 
 impl Bench {
-    /// Off, at rest, the first settings met.
+    /// Off, at rest, with the first settings met.
     fn new() -> Self {
         Self::with(DEVICE.safety.build(&DEVICE.design).unwrap())
     }
@@ -123,7 +123,7 @@ impl Bench {
         Position::from_counts(self.handle.position().counts() - self.zero)
     }
 
-    /// One output, with an order if there is one.
+    /// One output, with an order or without.
     fn output(&mut self, order: Option<Order>) {
         let before = self.position();
         if !self.held {
@@ -168,7 +168,7 @@ impl Bench {
         }
     }
 
-    /// Gives an order: the answer.
+    /// Gives an order and returns the answer.
     fn order(&mut self, order: Order) -> Result<(), Refusal> {
         self.output(Some(order));
         match self.reports.last().unwrap().event {
@@ -182,7 +182,7 @@ impl Bench {
         assert_eq!(self.order(order), Ok(()), "{order:?}");
     }
 
-    /// Runs until something happens: after how many outputs, and what.
+    /// Runs until an event: returns after how many outputs, and the event.
     fn event(&mut self) -> (u32, Event) {
         for n in 0..100_000 {
             self.output(None);
@@ -235,7 +235,7 @@ fn a_hit_returns_pushes_and_is_judged() {
     assert!((200..2_000).contains(&outputs), "{outputs}");
     assert!(bench.handle.x > 5e-3, "{}", bench.handle.x);
     assert_eq!(bench.activity(), Activity::None);
-    // what it pushed with fades, and nothing pushes any more
+    // its push fades, and nothing pushes any more
     bench.run(30);
     assert_eq!(bench.last.force(), Some(Force::ZERO));
 }
@@ -250,7 +250,7 @@ fn a_pulse_train_pushes_four_times_and_is_over() {
     let (_, event) = bench.event();
     assert!(matches!(event, Event::PulsesOver(Ok(()))), "{event:?}");
     assert_eq!(bench.activity(), Activity::None);
-    // The strong ones are told from the way back, which has a lesser force.
+    // The strong pulses differ from the return move, which has a smaller force.
     let Order::Pulses(plan) = bench.pulses() else { panic!() };
     for (push, outputs) in plan.pulses {
         let with = bench.reports[before..].iter().filter(|report| report.push == push).count();
@@ -274,7 +274,7 @@ fn of_the_samples_up_to_its_first_output_only_the_last_is_the_hits() {
             fresh = Some(bench.sample);
         }
         if let Event::HitOver(_, window) = bench.reports.last().unwrap().event {
-            // one sample of the output that began it, then ten of each
+            // one sample of the output that began the hit, then ten of each output
             assert_eq!(window.samples(), 1_000);
             assert_eq!(bench.sample - fresh.unwrap(), 2_010);
             bench.output(None);
@@ -318,7 +318,7 @@ fn a_hit_that_cannot_return_says_so() {
     bench.stored.start_m = -0.02;
     bench.met(bench.hit());
     for n in 0..20_000 {
-        // A hand keeps it there and shakes it: one that is held still is a push without motion.
+        // A hand keeps the handle there and shakes it, because a handle that is held still is a push without motion.
         bench.handle.v = if n / 20 % 2 == 0 { 0.1 } else { -0.1 };
         bench.output(None);
         if let Event::HitAborted(reason) = bench.reports.last().unwrap().event {
@@ -339,7 +339,7 @@ fn a_calibration_holds_goes_on_with_another_force_and_ends_when_the_handle_moves
     let (outputs, event) = bench.event();
     assert!(matches!(event, Event::CalibrationHolds) && (990..1_010).contains(&outputs));
     assert_eq!(bench.renderer.experiments.parts().push.bits(), (1 << 30) / 50);
-    // a held handle is no stuck encoder; the force goes on from where it is
+    // a held handle is not a stuck encoder; the force goes on from its value
     bench.met(Bench::calibrate(20.0));
     bench.run(1);
     assert!(bench.renderer.experiments.parts().push.bits() > (1 << 30) / 50);
@@ -397,7 +397,7 @@ fn an_end_is_told_before_the_answer_to_a_stop_and_nothing_is_lost_while_reports_
     bench.sensed.supply_good = false;
     bench.output(Some(Order::Stop)); // it ends by itself, and the stop is met
     let reports = bench.reports.len();
-    // the answer is still to be told: the next order waits
+    // the answer waits for a report, and the next order waits for that
     assert!(!bench.renderer.is_ready());
     bench.output(Some(Order::Request(Request::Zero)));
     bench.run(5);
@@ -411,7 +411,7 @@ fn an_end_is_told_before_the_answer_to_a_stop_and_nothing_is_lost_while_reports_
     assert!(bench.renderer.is_ready());
 }
 
-/// A flipped bit makes an experiment of none, or another of one: what is kept beside it differs.
+/// A flipped bit begins an experiment, or makes it another one: the value that is kept beside it then differs.
 #[test]
 fn an_experiment_that_nobody_began_is_found_after_the_output() {
     let mut bench = Bench::new();
@@ -436,7 +436,7 @@ fn a_copy_that_differs_is_found_after_the_output() {
     }
 }
 
-/// Whatever experiment it is of; and what the motor stands.
+/// In any experiment; and the motor's thermal limits.
 #[test]
 #[cfg_attr(miri, ignore = "arms in closed loop")]
 fn a_plan_that_is_not_what_was_ordered_is_found() {

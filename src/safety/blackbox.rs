@@ -6,9 +6,9 @@ use crate::telemetry::Record;
 
 /// A ring of the newest `N` records, which stops at a fault so that it can be read out.
 ///
-/// 500 records of 40 bytes are half a second at 1 kHz (20 kB). At higher output rates only every
-/// `every`-th output is kept, so the ring always spans its half second; the record that stops it
-/// is always kept.
+/// 500 records of 40 bytes are half a second at 1 kHz (20 kB). At higher output rates only every `every`-th
+/// output is kept, so the ring still spans half a second. The record that stops the ring is kept in any
+/// case.
 #[derive(Clone, Debug)]
 pub struct BlackBox<const N: usize> {
     records: [Record; N],

@@ -1,8 +1,8 @@
-//! State that decides a force, kept twice: a bit that flips in one of the two is seen by comparing them.
+//! State that decides a force, kept twice: comparing the two shows a bit that has flipped in one of them.
 
 use core::ops::Deref;
 
-/// A value and its copy. Read as the value.
+/// A value and its copy. It is read as the value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Doubled<T> {
     value: T,
@@ -10,12 +10,12 @@ pub struct Doubled<T> {
 }
 
 impl<T: Copy + PartialEq> Doubled<T> {
-    /// Keeps that value twice.
+    /// Keeps this value twice.
     pub const fn new(value: T) -> Self {
         Self { value, copy: value }
     }
 
-    /// Another value from now on.
+    /// Sets another value, with its copy.
     #[inline(always)]
     pub fn set(&mut self, value: T) {
         *self = Self::new(value);
@@ -39,7 +39,7 @@ impl<T> Deref for Doubled<T> {
 
 #[cfg(test)]
 impl<T: Copy + PartialEq> Doubled<T> {
-    /// A part of it is another from now on.
+    /// Changes a part of the value.
     pub(crate) fn edit(&mut self, change: impl FnOnce(&mut T)) {
         let mut value = self.value;
         change(&mut value);
@@ -49,7 +49,7 @@ impl<T: Copy + PartialEq> Doubled<T> {
 
 #[cfg(test)]
 impl<T: Copy> Doubled<T> {
-    /// A bit of the copy has flipped: it is another value.
+    /// A bit of the copy has flipped.
     pub(crate) fn spoil(&mut self, copy: T) {
         self.copy = copy;
     }

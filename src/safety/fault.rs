@@ -8,7 +8,7 @@ macro_rules! faults {
         ///
         /// | group | about |
         /// |-------|-------|
-        /// | 10..  | motion: what the encoder says cannot be, or must not go on |
+        /// | 10..  | motion: a count that cannot be right, or a motion that must stop |
         /// | 20..  | time: something came late or not at all |
         /// | 30..  | power and people |
         /// | 40..  | program |
@@ -41,23 +41,23 @@ macro_rules! faults {
 }
 
 faults! {
-    /// The count changed in one sample by more than the fastest believable speed allows: a bad
-    /// contact, interference, a counter that was written to. The zero is lost.
+    /// The count changed in one sample by more than the fastest believable speed allows: a bad contact, interference,
+    /// or a counter that was written to. The zero is lost.
     CountJump = 10, "count jump";
     /// The handle is faster than allowed.
     OverSpeed = 11, "over-speed";
     /// The handle is more than 2^30 counts away from zero.
     OutOfRange = 12, "out of range";
-    /// A force outside contact moved nothing: a dead encoder, a blocked handle, an amplifier
-    /// without power.
+    /// A force outside contact moved nothing, or too little: a dead encoder, a blocked handle, an amplifier without
+    /// power.
     PushWithoutMotion = 13, "push without motion";
-    /// The small force at `arm` moved the count the wrong way, or not at all.
+    /// The small force at `arm` moved the count the wrong way, or too little.
     SignTestFailed = 14, "sign test failed";
     /// The handle is further from zero than the device's travel, while force is on.
     BeyondTravel = 15, "beyond travel";
     /// An output was not ready when the next one was due.
     LateRender = 20, "late render";
-    /// No output was ready for ten periods.
+    /// No output was ready for 10 ms.
     StuckRender = 21, "stuck render";
     /// The watchdog reset the processor.
     WatchdogReset = 22, "watchdog reset";
@@ -73,13 +73,13 @@ faults! {
     Debugger = 32, "debugger halt";
     /// The crystal or clock input failed; the processor runs on by its internal oscillator.
     ClockFailure = 33, "clock failure";
-    /// The host has broken its promise to send a word in time, while force was on.
+    /// The host did not send its next word in the promised time, while force was on.
     HostSilent = 34, "host silent";
-    /// The voltage of the force output is not what it was told.
+    /// The voltage of the force output does not match its code.
     ForceOutput = 35, "force output";
-    /// The motor's current is not what the force output asks for.
+    /// The motor's current does not match the force output.
     MotorCurrent = 36, "motor current";
-    /// The settings in force are not valid.
+    /// The settings in force are not valid, or outside the envelope while it is locked.
     Settings = 40, "settings";
     /// The program stopped itself.
     Panic = 41, "panic";
@@ -96,12 +96,12 @@ faults! {
 }
 
 impl Fault {
-    /// The number that stands for it in status, telemetry and fault memory; never 0.
+    /// Its number in status, telemetry and fault memory; never 0.
     pub const fn code(self) -> u8 {
         self as u8
     }
 
-    /// Whether the encoder's zero can no longer be trusted after it: counts may be missing.
+    /// Whether the encoder's zero can no longer be trusted: counts may be missing.
     pub const fn loses_zero(self) -> bool {
         FaultSet::EMPTY.with(self).loses_zero()
     }
@@ -178,7 +178,7 @@ impl FaultSet {
         Self(self.0 & other.0)
     }
 
-    /// Whether one of them is a fault after which the zero is not to be trusted.
+    /// Whether one of them loses the zero.
     pub const fn loses_zero(self) -> bool {
         self.0
             & (Fault::CountJump.bit()

@@ -1,5 +1,5 @@
-//! A change of settings without a kick: the push moves towards the new one, and what the new wall would add to the
-//! force at this instant is taken off again, a correction that fades away. Position and velocity act at once, as ever.
+//! A change of settings without a kick. The push moves towards the new one. What the new wall would add to the force at
+//! once is taken off again, by a correction that fades away. Position and velocity act at once, as always.
 //!
 //! ```text
 //! push' = towards the new push, by at most slew                      what is left of slew: rest
@@ -8,12 +8,12 @@
 //! force = within(wall, saturate(push' - wall(motion)) + c')
 //! ```
 //!
-//! **What fades is part of the wall, so it has the wall's sign.** `within` holds for every force that goes out: outside
-//! the wall there is the push and nothing else, inside a push-only wall never more than the push (it does not pull), and
-//! never more than full scale. A correction that motion leaves no room for is gone, not kept for later.
+//! **What fades is part of the wall, so it has the wall's sign.** `within` limits every force. Outside the wall there
+//! is only the push. Inside a push-only wall the force never exceeds the push, so the wall does not pull, and it stays
+//! within full scale. A correction for which motion leaves no room is dropped, not kept for later.
 //!
-//! So the force differs from what the settings before the change would give by at most `slew` at every output, however
-//! often and however much is changed; only a wall that is left is left at once.
+//! So at every output the force differs by at most `slew` from what the settings before the change would give, however
+//! often and however much is changed. The exception is a wall that is left: its force is gone at once.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -35,9 +35,9 @@ pub(super) struct GainFade {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Kept {
     wall: Wall,
-    /// Push of the last output, which steps towards the one that is asked for.
+    /// Push of the last output, on its way to the push that is asked for.
     push: Force,
-    /// The push has not reached the one that is asked for.
+    /// The push has not reached that value yet.
     pushing: bool,
     /// Force of the last output beyond what wall and push asked for, LSB of [`Force`]; it fades to 0.
     correction: i64,
@@ -65,9 +65,9 @@ impl GainFade {
         self.kept.is_whole()
     }
 
-    /// The force to give now, where the settings in force ask for `drive`, and a step of `slew` is allowed. `held`
-    /// replaces what the old settings would give: the force of the last output, for when the motion itself was
-    /// renamed by a zero.
+    /// The force now, if the settings in force ask for `drive` and a step of `slew` is allowed. `held` is the
+    /// force of the last output; after a zero has renamed the motion, it replaces what the old settings would
+    /// give.
     #[inline]
     pub fn force(
         &mut self,
@@ -201,7 +201,7 @@ mod tests {
         }
     }
 
-    /// A zero renames the motion: the force goes on from the last one, by what the push moves and no more.
+    /// A zero renames the motion: the force goes on from the last one, and changes only with the push.
     #[test]
     fn a_force_that_is_held_moves_with_the_push_only() {
         let hard = wall(0, 1e7, 0.0);
@@ -216,7 +216,7 @@ mod tests {
         }
     }
 
-    /// At its surface the old wall gives nothing any more, however much of it still fades.
+    /// At its surface the old wall gives no force, however much of it still fades.
     #[test]
     fn a_wall_that_is_just_left_fades_no_more() {
         let (hard, soft, other) = (wall(0, 1e9, 0.0), wall(0, 0.0, 0.0), wall(-50, 1e7, 0.0));
@@ -226,7 +226,7 @@ mod tests {
         assert_eq!(force.bits(), -SLEW);
     }
 
-    /// What is broken acts on no output, and stays broken for the check after it, while the force moves on.
+    /// A broken one acts on no output, and stays broken for the check after it, while the force moves on.
     #[test]
     fn a_broken_one_is_neither_used_nor_mended() {
         let (soft, hard) = (wall(0, 0.0, 0.0), wall(0, 1e9, 0.0));
@@ -262,7 +262,7 @@ mod tests {
             for (position, velocity, new) in steps {
                 let at = motion(position, velocity / 64);
                 let Kept { push, correction, .. } = *change.kept;
-                // the old settings, and nothing that fades in this output
+                // the old settings, without anything that fades in at this output
                 let old = drive(&now.0, push, at);
                 let was_in = old.contact;
                 let unchanged = i64::from(old.force.bits()) + correction;

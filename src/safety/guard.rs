@@ -1,11 +1,11 @@
 //! The half of the supervisor that runs for every sample.
 //!
-//! With every sample it finds out whether something is wrong, and says [`Step::cut`] then. What can
-//! wait does: taking note of it, and a zero, are done one at a time, and not with a due sample, which
-//! has an output to ask for. So the longest sample is hardly longer than a quiet one. Where every
-//! sample is due, none of them waits.
+//! For every sample it finds out whether something is wrong, and then sets [`Step::cut`]. Two things can wait:
+//! noting a fault, and zeroing the count. They are done one at a time, and not with a due sample, which has to ask
+//! for an output. So the longest sample is hardly longer than a quiet one. If every sample is due, they do not
+//! wait.
 //!
-//! How a sample is told apart follows what the Cortex-M4 has registers for; `tests/elf/control/budget.rs` holds the
+//! The order of the tests follows the Cortex-M4's number of registers; `tests/elf/control/budget.rs` checks the
 //! cycles.
 
 #![deny(clippy::float_arithmetic)]
@@ -28,26 +28,26 @@ use crate::{
 pub struct GuardCommand {
     /// Low 32 bits of the sample that the last finished output answered.
     pub rendered: u32,
-    /// [`Guard::events`] that `clear` has dealt with.
+    /// The value of [`Guard::events`] up to which `clear` was given.
     pub acknowledged: u32,
     /// If it differs from the last one, the count has to be zeroed.
     pub zeros: Token,
-    /// The force last granted, none while off: it has acted since the last sample, but for the time
-    /// that the output took.
+    /// The force last granted, 0 while off. It has acted since the last sample, except for the time that the output
+    /// took.
     pub force: Force,
-    /// A larger move in one sample is a count jump, counts. None is while flash is written and with
-    /// the first sample after it.
+    /// A larger move in one sample is a count jump, counts. Without a limit while flash is written, and at the first
+    /// sample after that.
     pub jump: u32,
-    /// A higher speed is too fast, LSB of [`Velocity`](crate::units::Velocity). None is while off: a hand may move a free
-    /// handle as it likes.
+    /// A higher speed is too fast, LSB of [`Velocity`](crate::units::Velocity). Without a limit while off: a hand may
+    /// move a free handle at any speed.
     pub speed: u32,
-    /// Flash is being written, which stalls the processor: missing outputs say nothing. Never set
-    /// while force is on.
+    /// Flash is being written, which stalls the processor: missing outputs are no fault then. Never set while force is
+    /// on.
     pub stall: bool,
 }
 
 impl GuardCommand {
-    /// As `jump` or `speed`: any will do.
+    /// No limit, for `jump` or `speed`.
     pub const ANY: u32 = i32::MAX.cast_unsigned();
 
     /// As it is before the first output.
@@ -64,12 +64,12 @@ impl GuardCommand {
     }
 }
 
-/// From `sample` to `render`, with every due sample; what the guard has noted goes apart, as [`Guard`].
+/// From `sample` to `render`, with every due sample. What the guard has noted is handed over separately, as [`Guard`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SampleReport {
     /// Number, position and velocity of the sample.
     pub motion: Motion,
-    /// Faults present at this sample, or at an earlier one and not in [`Guard`] yet.
+    /// Faults found with this sample, or with an earlier one and not in [`Guard`] yet.
     pub present: FaultSet,
 }
 
@@ -84,25 +84,25 @@ impl SampleReport {
 /// One sample under guard.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
-    /// What `render` is told, if an output is due.
+    /// The report for `render`, if an output is due.
     pub report: SampleReport,
     /// An output is due with this very sample.
     pub due: bool,
-    /// The output has to be off, now: the sampling task sees to it by itself. Set again with every
-    /// sample as long as that holds, but for a due one: its report is answered right after it.
+    /// The output has to be off now: the sampling task switches it off by itself. Set again with every sample until
+    /// `clear`, except a due one, whose report is answered right after it.
     pub cut: bool,
     /// The [`Guard`] was written to.
     pub told: bool,
 }
 
-/// A sample, and by how much the handle has moved in it.
+/// A sample, and the counts by which the handle has moved in it.
 #[derive(Clone, Copy, Debug)]
 pub struct Measured {
     sampled: Sampled,
     moved: i32,
 }
 
-/// A sample, and what was found with it. Where it is not [`quiet`](Self::quiet), [`GuardedSampler::defer`] or
+/// A sample, and what was found with it. If it is not [`quiet`](Self::quiet), [`GuardedSampler::defer`] or
 /// [`GuardedSampler::settle`] has to follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[must_use = "what was found is noted by `settle` or `defer`"]
@@ -113,7 +113,7 @@ pub struct Judged {
     pub due: bool,
     /// Faults that were found with this sample.
     pub found: FaultSet,
-    /// Nothing was found, nothing waits, and nothing is asked for.
+    /// Nothing was found, nothing waits, and no zero is asked for.
     pub quiet: bool,
 }
 
@@ -121,8 +121,8 @@ pub struct Judged {
 #[derive(Clone, Copy, Debug)]
 pub struct GuardedSampler<W = CounterWidth> {
     sampler: Sampler<W>,
-    /// [`GuardCommand::zeros`] that were met. Turned while something was found that is not cleared, or waits: the output
-    /// has to be off. So one comparison says that nothing is asked for and nothing was found.
+    /// The [`GuardCommand::zeros`] that were met. Turned while the output has to be off, because a fault is not
+    /// cleared, or waits to be noted. So one comparison shows that no zero is asked for and no fault was found.
     met: Token,
     /// Found, and not in [`Guard`] yet.
     waiting: FaultSet,
@@ -134,7 +134,7 @@ impl<W: Width> GuardedSampler<W> {
         Self { sampler: Sampler::new(counter, width), met: Token::FIRST, waiting: FaultSet::EMPTY }
     }
 
-    /// The same with the counter's width as a value, for whoever looks at it.
+    /// The same with the counter's width as a value, for a reader.
     pub fn of_any_width(self) -> GuardedSampler {
         let Self { sampler, met, waiting } = self;
         GuardedSampler { sampler: sampler.of_any_width(), met, waiting }
@@ -155,13 +155,13 @@ impl<W: Width> GuardedSampler<W> {
         self.met.by(self.met.turn())
     }
 
-    /// Takes the encoder counter's reading and says what it means. Call it once per sample, at a
-    /// constant rate, with the newest [`GuardCommand`]. `senses` is what the board has beside the count; the
-    /// force is that of `down`. `guard` is what was found so far; it is written in its place, and
-    /// [`Step::told`] set then.
+    /// Takes the encoder counter's reading and returns what it means. Call it once per sample, at a
+    /// constant rate, with the newest [`GuardCommand`]. `senses` is what the board has beside the count;
+    /// the force is that of `down`. `guard` has the findings so far. If it is changed, [`Step::told`] is
+    /// set.
     ///
-    /// At a due sample, the output of the due sample before it has to be there;
-    /// if `down.rendered` says that it is not, it is late by a period.
+    /// At a due sample, the output of the due sample before it has to be finished. If `down.rendered` shows that it is
+    /// not, it is late by a period.
     #[inline]
     pub fn step(
         &mut self,
@@ -193,10 +193,10 @@ impl<W: Width> GuardedSampler<W> {
         Measured { sampled, moved: sampled.motion.position.wrapping_since(before) }
     }
 
-    /// The second: whether something is wrong.
+    /// The second stage: whether something is wrong.
     ///
-    /// Whoever calls it does what follows, each case to its end: brought together again, the cases would keep what any of
-    /// them needs, and the quiet one would pay for it.
+    /// The caller finishes each case separately. If the cases came together again, each would keep what any of them
+    /// needs, and the quiet one would take longer.
     #[inline(always)]
     pub fn judge(
         &mut self,
@@ -211,14 +211,15 @@ impl<W: Width> GuardedSampler<W> {
         if !due {
             return self.with_motion(judged, moved, down);
         }
-        // The output of the due sample before this one has to be there, unless flash was written.
+        // The output of the due sample before this one has to be finished, unless flash was written.
         let behind = motion.number().wrapping_sub(down.rendered);
         let found = if behind != control.period.get() && !down.stall {
             cold_path();
             read_anew();
             FaultSet::EMPTY.with(Fault::LateRender).with_if(Fault::Memory, !self.sampler.is_whole())
         } else if !self.sampler.is_whole() {
-            // Position 0 is not where it was put. Asked often enough, and a due sample is not the longest.
+            // Position 0 is not where it was set. Due samples are often enough for this check, and are not the longest
+            // samples.
             cold_path();
             read_anew();
             FaultSet::EMPTY.with(Fault::Memory)
@@ -228,7 +229,7 @@ impl<W: Width> GuardedSampler<W> {
         self.with_motion(Judged { found, ..judged }, moved, down)
     }
 
-    /// Adds the faults of this motion (count jump, over-speed), and whether the sample is quiet: nothing asked for.
+    /// Adds the faults of this motion (count jump, over-speed), and whether the sample is quiet.
     #[inline(always)]
     fn with_motion(&self, judged: Judged, moved: i32, down: &GuardCommand) -> Judged {
         let jumped = beyond(moved, down.jump);
@@ -241,13 +242,14 @@ impl<W: Width> GuardedSampler<W> {
         Judged { found, quiet: false, ..judged }
     }
 
-    /// Of a due sample, unless every sample is due: what its report says is there. The output that it asks for says no by
-    /// itself. Should it not come, the next sample cuts.
+    /// For a due sample, unless every sample is due: returns the faults for its report. The output that it asks for
+    /// then stays off. If that output does not come, the next sample switches off.
     #[inline(always)]
     pub fn defer(&mut self, found: FaultSet, down: &GuardCommand) -> FaultSet {
         let waiting = self.waiting.union(found);
         if !found.is_empty() {
-            // Where a bit has flipped in an alert, turned once more it would be what is asked for, and the next sample quiet.
+            // If a bit of an alert has flipped, turning it once more could give the requested zeros, and the next
+            // sample would be quiet.
             let met = self.zeros_met().turned();
             if met != down.zeros {
                 self.met = met;
@@ -267,7 +269,7 @@ impl<W: Width> GuardedSampler<W> {
         if down.zeros.number() != self.met.number() {
             cold_path();
             let turn = self.met.turn();
-            // A bit that has flipped asks for no zero: what is zero would be somewhere else from then on, unnoticed.
+            // A flipped bit must not zero the count: position 0 would be somewhere else from then on, unnoticed.
             if down.zeros.asks_after(self.met.by(turn)) {
                 let turn = if found.is_empty() { turn } else { Turn::HALF };
                 (self.met, self.waiting) = (down.zeros.by(turn), waiting);
@@ -281,7 +283,7 @@ impl<W: Width> GuardedSampler<W> {
         let report = SampleReport { motion, present: found.within(OF_MOTION) };
         let dealt_with = guard.events == down.acknowledged;
         if waiting.is_empty() {
-            // If what was noted is dealt with, the output may be on again.
+            // If `clear` has dealt with what was noted, the output may be on again.
             let turn = if dealt_with { Turn::NONE } else { Turn::HALF };
             self.met = down.zeros.by(turn);
             return Step { report, due, cut: !dealt_with, told: false };
@@ -292,10 +294,10 @@ impl<W: Width> GuardedSampler<W> {
     }
 }
 
-/// Faults that are judged by the motion of one sample.
+/// Faults that follow from the motion of one sample.
 const OF_MOTION: FaultSet = FaultSet::EMPTY.with(Fault::CountJump).with(Fault::OverSpeed);
 
-/// What follows reads its numbers from memory, so that none of them takes up a register until then.
+/// The code below reads its numbers from memory again, so that none of them occupies a register until then.
 #[inline(always)]
 fn read_anew() {
     compiler_fence(SeqCst);
@@ -326,7 +328,7 @@ mod tests {
         }
     }
 
-    /// A wall that is far, and the speed of the last sample.
+    /// A wall far away; the estimator is the speed of the last sample.
     fn free() -> LoopParameters {
         let design = Design {
             rate_hz: 10_000.0,
@@ -379,7 +381,7 @@ mod tests {
         }
     }
 
-    /// A flipped bit of the count at position 0 would move every wall. `zero` puts it right.
+    /// A flipped bit of the count at position 0 would move every wall. `zero` repairs it.
     #[test]
     fn a_moved_origin_is_told_once_per_output_until_the_next_zero() {
         for period in [10, 1] {
@@ -408,7 +410,7 @@ mod tests {
         }
     }
 
-    /// An output is late when the one before the due sample is not there; not while flash is written.
+    /// An output is late if the one before the due sample is missing, but not while flash is written.
     #[test]
     fn a_late_output_is_found_with_the_sample_after_the_due_one() {
         for (rendered, stall, late) in
@@ -431,8 +433,8 @@ mod tests {
         }
     }
 
-    /// Any bit of the number that asks for a zero, and of the one that was met last: the count stays where it is. An
-    /// order that is whole is met after it.
+    /// A flipped bit of the number that asks for a zero, or of the last one that was met, leaves the count as it is. A
+    /// valid request is met after it.
     #[test]
     fn a_bit_that_flips_asks_for_no_zero() {
         let control = free();
@@ -458,7 +460,7 @@ mod tests {
         }
     }
 
-    /// Nor does a flipped bit of the request: until what was noted is dealt with, every sample but a due one cuts.
+    /// Nor does a flipped bit of the request end an alert: until `clear` every sample but a due one switches off.
     #[test]
     fn a_bit_that_flips_in_an_alert_ends_no_cut() {
         let control = free();
@@ -481,8 +483,8 @@ mod tests {
         }
     }
 
-    /// Nor if a due sample finds something anew: each one up to the next due one cuts, whichever bit of the request or of
-    /// what was met has flipped, and when.
+    /// Nor if a due sample finds another fault: each sample up to the next due one switches off, whichever bit of the
+    /// request or of the last one that was met has flipped, and when.
     #[test]
     fn a_bit_that_flips_before_another_fault_ends_no_cut() {
         let control = free();
@@ -518,7 +520,7 @@ mod tests {
         }
     }
 
-    /// Nor does any bit of what was met end an alert, in the sample that takes note of what has waited.
+    /// Nor does a flipped bit of the last one that was met end an alert, in the sample that notes what has waited.
     #[test]
     fn a_bit_that_flips_lets_nothing_on() {
         let control = free();

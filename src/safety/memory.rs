@@ -1,8 +1,8 @@
-//! What a reset must not wipe out: the first fault, as plain words for backup RAM.
+//! What a reset must not erase: the first fault, as plain words for backup RAM.
 //!
-//! At `arm` a record is written that says [`Fault::ResetWhileArmed`], for then nobody may get
-//! another chance; `disarm` erases it, a fault replaces it. So whatever is found after a reset is
-//! true.
+//! `arm` writes a record that says [`Fault::ResetWhileArmed`], because during a reset the program could not
+//! write one. `disarm` erases this record, and a fault replaces it. So the record that is found after a reset is
+//! right.
 
 use super::{Fault, FaultSet};
 use crate::{
@@ -26,7 +26,7 @@ pub struct FaultRecord {
     pub velocity: Velocity,
     /// Force that acted until then.
     pub force: Force,
-    /// Facts of the last output before it.
+    /// Flags of the last output before it.
     pub flags: Flags,
 }
 
@@ -58,7 +58,7 @@ impl FaultRecord {
     /// First word of a record: "ZWF" and the version of the layout.
     const HEAD: u32 = u32::from_le_bytes(*b"ZWF\x01");
 
-    /// A fault about which nothing is known but its name.
+    /// A fault of which only the name is known.
     pub fn bare(fault: Fault) -> Self {
         Self {
             fault,
@@ -71,8 +71,8 @@ impl FaultRecord {
         }
     }
 
-    /// The same circumstances under another name: for the panic and HardFault handlers, which know
-    /// no more than the last record.
+    /// The same circumstances with another fault: for the panic and HardFault handlers, which only know the last
+    /// record.
     #[must_use]
     pub fn renamed(self, fault: Fault) -> Self {
         Self { fault, causes: self.causes.with(fault), ..self }
@@ -121,7 +121,7 @@ impl FaultRecord {
 
 /// The fault to start with after a reset: `memory` is what the backup RAM holds.
 ///
-/// A fault that was recorded stays until `clear`. A watchdog reset is one in any case.
+/// A recorded fault stays until `clear`. A watchdog reset is a fault in any case.
 pub fn boot_fault(memory: &[u32; FaultRecord::WORDS], reset: ResetCause) -> Option<FaultRecord> {
     match (FaultRecord::from_words(memory), reset) {
         (Some(record), ResetCause::Watchdog) if record.fault == Fault::ResetWhileArmed => {
@@ -167,7 +167,7 @@ mod tests {
         }
     }
 
-    /// For the handlers that know no more than the last record.
+    /// For the handlers, which only know the last record.
     #[test]
     fn under_another_name_it_keeps_its_circumstances_and_causes() {
         let renamed = record().renamed(Fault::Panic);
@@ -193,7 +193,7 @@ mod tests {
         assert_eq!(code(&none, ResetCause::Watchdog), Some(Fault::WatchdogReset));
         assert_eq!(code(&armed, ResetCause::Pin), Some(Fault::ResetWhileArmed));
         assert_eq!(code(&armed, ResetCause::Watchdog), Some(Fault::WatchdogReset));
-        // Of a reset while armed that the watchdog made only the watchdog is told.
+        // If the watchdog made a reset while armed, only the watchdog is reported.
         let watchdog = FaultRecord::bare(Fault::WatchdogReset);
         assert_eq!(boot_fault(&armed, ResetCause::Watchdog), Some(watchdog));
         for reset in

@@ -1,4 +1,4 @@
-//! The supervisor: nothing else can give the motor a force, and it gives none unless armed.
+//! The supervisor. Only it can give the motor a force, and only while armed.
 //!
 //! ```text
 //!            SampleReport: motion, what the guard found                    Status, Record
@@ -8,12 +8,12 @@
 //!            GuardCommand: rendered, acknowledged, zeros                 Request
 //! ```
 //!
-//! It works at two priorities without locks, because each side owns its half and hands the other
-//! plain `Copy` records. [`GuardedSampler`] runs for every sample: count jump, over-speed, late
-//! output; with any of these it raises [`Step::cut`], and the sampling task switches the output off by
-//! itself. [`Supervisor`] runs for every output: states, ramps, sign test, push
-//! without motion, out of range, emergency stop, brown-out, settings. It answers with a [`OutputCommand`]; only a
-//! [`OutputCommand::On`] carries a force, and only this module can make one.
+//! It works at two priorities without locks: each side owns its half, and hands plain `Copy` records to the
+//! other. [`GuardedSampler`] runs for every sample and finds a count jump, over-speed or a late output. It then
+//! sets [`Step::cut`], and the sampling task switches the output off by itself. [`Supervisor`] runs for every
+//! output: states, ramps, sign test, push without motion, out of range, emergency stop, brown-out, settings. It
+//! answers with an [`OutputCommand`]. Only [`OutputCommand::On`] has a force, and only this module can make
+//! one.
 //!
 //! ```text
 //!  ┌─────┐ arm  ┌──────────┐ moved the right way ┌──────────┐ ramp done ┌───────┐
@@ -25,9 +25,9 @@
 //!       clear    └───────┘
 //! ```
 //!
-//! Times: a fault found by the guard is off with that sample or the output it asks for (with the next
-//! sample, should that output not come), every other one within one output
-//! period and one sample. A later fault is noted but never replaces the first.
+//! Times: a fault of the guard is off with its sample or with the output that this sample asks for (with the next
+//! sample, if that output does not come); most others within one output period and one sample. A later fault is noted,
+//! but never replaces the first.
 //!
 //! This is not a certified safety system. The emergency stop also has to break the amplifier's
 //! enable in hardware.

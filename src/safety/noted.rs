@@ -8,13 +8,13 @@ use crate::Motion;
 /// What the guard found since the last `clear`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Guard {
-    /// How often something was found, once per sample, ever; wraps.
+    /// Number of samples with a finding since the reset; wraps.
     pub events: u32,
     /// How often the count was zeroed; wraps.
     pub zeros: u32,
-    /// Faults found first, with those of the next one or two samples if noting them had to wait.
+    /// Faults found first, with those of the next one or two samples if noting had to wait.
     pub first: FaultSet,
-    /// The sample with which it was noted, low 32 bits: that at which it was found, or up to two later.
+    /// The sample at which it was noted, low 32 bits: that of the finding, or up to two later.
     pub first_sample: u32,
     /// All that was found.
     pub causes: FaultSet,
@@ -30,7 +30,7 @@ impl Guard {
         causes: FaultSet::EMPTY,
     };
 
-    /// Notes found faults; they become the first ones if the earlier faults were dealt with.
+    /// Notes these faults. They become the first ones if `clear` has dealt with the earlier faults.
     #[inline(always)]
     pub(super) fn note(&mut self, found: FaultSet, sample: u32, dealt_with: bool) {
         if dealt_with {
@@ -40,8 +40,8 @@ impl Guard {
         self.events = self.events.wrapping_add(1);
     }
 
-    /// [`first_sample`](Self::first_sample) in full: the one next to that of `motion`, before it, or after it where
-    /// `render` is late.
+    /// [`first_sample`](Self::first_sample) in full: the nearest one to that of `motion`, which is before it, or after
+    /// it if `render` is late.
     pub(super) fn first_found(&self, motion: Motion) -> u64 {
         let away = self.first_sample.wrapping_sub(motion.number()).cast_signed();
         motion.sample.saturating_add_signed(away.into())
@@ -62,13 +62,13 @@ impl GuardView {
     /// Nothing was found yet.
     pub const NOTHING: Self = Self { newest: Guard::NOTHING, told_at: 0, zeros: 0 };
 
-    /// Takes what the guard has told since, and the number of the sample with which it did.
+    /// Takes the guard's newest report, and the number of its sample.
     #[inline(always)]
     pub fn take(&mut self, newest: Guard, told_at: u32) {
         (self.newest, self.told_at) = (newest, told_at);
     }
 
-    /// The guard's findings as of this sample; a zero that was carried out later does not count yet.
+    /// The guard's findings as of this sample, without a zero that was carried out later.
     #[inline(always)]
     pub fn at(&mut self, sample: u32) -> Guard {
         let mut guard = self.newest;
@@ -89,7 +89,7 @@ mod tests {
         let told = |zeros| Guard { zeros, events: zeros, ..Guard::NOTHING };
         let mut view = GuardView::NOTHING;
         view.take(told(1), 12);
-        // the rest of what was told counts at once
+        // the rest of the report counts at once
         assert_eq!((view.at(10).zeros, view.at(10).events), (0, 1));
         assert_eq!(view.at(12).zeros, 1);
         view.take(told(2), 5); // the number has wrapped

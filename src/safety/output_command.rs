@@ -2,7 +2,7 @@
 
 use crate::units::{Force, OutputCode};
 
-/// What the output may do. A force comes only out of a supervisor that is on.
+/// What the output may do. Only a supervisor that is on grants a force.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OutputCommand {
     /// Amplifier enable inactive first, then the code of zero force.

@@ -9,50 +9,50 @@ use crate::{
     units::{Force, Position, Velocity},
 };
 
-/// Largest change of the force in a millisecond that is not asked for by position or velocity: 5 % of full
-/// scale, in LSB of [`Force`], so that one over the whole range takes 20 ms. Outputs that are farther apart than
-/// that have it as their largest step.
+/// Largest change of the force in a millisecond that does not come from position or velocity: 5 % of full scale, in LSB
+/// of [`Force`]. So a change over the whole range takes 40 ms, one by full scale 20 ms. With outputs more than a
+/// millisecond apart it is the largest step of an output.
 pub const SLEW: i32 = (1 << Force::FRACTION_BITS) / 20;
 
-/// A force above this without motion is suspicious: 10 % of full scale, in LSB of [`Force`]. Twice
-/// what the sign test moves the handle with, so friction does not explain it.
+/// A force above this without motion is suspicious: 10 % of full scale, in LSB of [`Force`]. It is twice the force with
+/// which the sign test moves the handle, so friction does not explain it.
 pub(super) const PUSH_FORCE: i32 = (1 << Force::FRACTION_BITS) / 10;
 /// How long it may last, s.
 pub(super) const PUSH_S: f64 = 0.05;
-/// Less than this is no motion, counts: a count that flickers at an edge moves by 1, with noise by 2.
+/// Fewer counts than this are no motion: a count that flickers at an edge moves by 1, with noise by 2.
 pub(super) const PUSH_COUNTS: u32 = 3;
-/// Binary places of a count with which the motion of the heaviest handle is kept.
+/// Binary places of a count in the computed motion of the heaviest handle.
 pub(super) const HEAVIEST_BITS: u32 = 32;
-/// 2^14 counts per output, so that its product with a force fits.
+/// 2^14 counts per output, so that the product with a force fits.
 const YIELDS_MAX: u64 = 1 << 46;
 /// Longest duration of the sign test, s.
 pub(super) const SIGN_TEST_S: f64 = 0.1;
-/// Without an output for longer than this `render` counts as stuck, s.
+/// `render` counts as stuck without an output for longer than this, s.
 const STUCK_S: f64 = 0.01;
 
 /// Longest output period, s: the sign test needs several outputs.
 const RENDER_PERIOD_MAX_S: f64 = 0.0125;
 
-/// What is believable and allowed for this device, SI units.
+/// What is believable and allowed for a device, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SafetySettings {
-    /// Estimated speed beyond which the force goes, m/s: 0 < .. < 32767 counts per sample.
+    /// Estimated speed beyond which the force is switched off, m/s: 0 < .. < 32767 counts per sample.
     pub speed_max_m_per_s: f64,
     /// Fastest speed that the handle can have at all, m/s, at least `speed_max_m_per_s`: a larger
     /// move from one sample to the next is a count jump. One count is added for quantisation.
     pub speed_believable_m_per_s: f64,
-    /// Lowest place at which force may be on, from zero, m: one to 2^30 counts below it.
+    /// Lowest place at which force may be on, from zero, m: at least one and at most 2^30 counts below it.
     pub travel_low_m: f64,
     /// Highest such place, m: one to 2^30 counts above zero.
     pub travel_high_m: f64,
     /// Time over which the force comes in after `arm`, s: 0.02 to 10.
     pub ramp_in_s: f64,
-    /// Force of the sign test, as a fraction of full scale: 0.001 to 0.05.
+    /// Force of the sign test, part of full scale: 0.001 to 0.05.
     pub sign_test_force: f64,
-    /// What the sign test has to see, counts: 10 to 2^20. Below 8 quantisation alone could pass it.
+    /// Answer that the sign test needs, counts: 10 to 2^20. Below 8 quantisation alone could pass it.
     pub sign_test_counts: u32,
-    /// Mass of the heaviest handle that a push may find, with all that may hang on it, kg: 1e-9 to 1e6. A push that
-    /// moves the count by less than it would move that handle is a push without motion.
+    /// Mass of the heaviest handle that a push may meet, with all that hangs on it, kg: 1e-9 to 1e6. If a push moves
+    /// the count by less than it would move that handle, it is a push without motion.
     pub heaviest_mass_kg: f64,
     /// Damping of that handle, N s/m: 0 to 1e6.
     pub heaviest_damping_n_s_per_m: f64,
@@ -157,7 +157,7 @@ impl SafetySettings {
 /// Times of the plan, in samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Samples {
-    /// [`SafetyPlan::yields`] of a sample's square, and [`SafetyPlan::slows`] of a sample.
+    /// [`SafetyPlan::yields`] and [`SafetyPlan::slows`] for an output with every sample.
     yields: u32,
     slows: u32,
     ms: u32,
@@ -198,7 +198,7 @@ impl SafetyPlan {
             ramp_step: (1 << Force::FRACTION_BITS) / ramp_renders.max(1),
             sign_quarter: sign_quarter / period,
             push_renders: push.div_ceil(period),
-            // a lighter handle may do less
+            // a limited value is that of a lighter handle, which may only do less
             yields: (u64::from(yields) * u64::from(period) * u64::from(period)).min(YIELDS_MAX),
             slows: slows.saturating_mul(period),
             passivity: self.passivity.map(|plan| plan.at(period)),
@@ -218,7 +218,7 @@ pub struct SafetyPlan {
     pub(super) speed: u32,
     /// Samples without an output after which `render` is stuck.
     pub(super) stuck: u32,
-    /// Largest step of the force from one output to the next, where nothing asks for more.
+    /// Largest step of the force from one output to the next that does not come from position or velocity.
     pub(super) slew: i32,
     /// Outputs in a millisecond, at least one.
     pub(super) per_ms: u32,
@@ -236,16 +236,16 @@ pub struct SafetyPlan {
     pub(super) sign_force: Force,
     /// Motion that the sign test has to see, counts.
     pub(super) sign_counts: i32,
-    /// Outputs that a push without motion may last.
+    /// Outputs for which a push without motion may last.
     pub(super) push_renders: u32,
     /// What full scale adds to the speed of the heaviest handle from one output to the next, LSB of 2^-32 counts per
     /// output.
     pub(super) yields: u64,
-    /// The part of its speed that it loses from one output to the next, LSB of 2^-32.
+    /// The part of its speed that this handle loses from one output to the next, LSB of 2^-32.
     pub(super) slows: u32,
     /// The wall's passivity controller.
     pub(super) passivity: Option<Passivity>,
-    /// What those in outputs are made of.
+    /// Times in samples, from which the numbers of outputs are made.
     samples: Samples,
 }
 
@@ -290,7 +290,7 @@ pub(super) mod tests {
         assert_eq!((plan.slew, plan.per_ms, plan.stuck), (SLEW, 1, 100));
     }
 
-    /// The same times at every period; of a slow output its step stays 5 %.
+    /// The same times at every period; with outputs more than a millisecond apart the step stays 5 %.
     #[test]
     fn outputs_that_are_closer_share_the_step_and_the_time() {
         for (period, per_ms) in [(1, 10), (2, 5), (5, 2), (10, 1), (20, 1), (125, 1)] {

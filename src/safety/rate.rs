@@ -4,7 +4,7 @@
 
 use core::hint::cold_path;
 
-/// Outputs in a block, and blocks that a comparison looks back over.
+/// Outputs in a block, and blocks in a comparison.
 const BLOCK: u32 = 8;
 const BLOCKS: u32 = 8;
 
@@ -31,29 +31,29 @@ impl Ticks {
     }
 }
 
-/// Compares samples with a clock of `TICKS` ticks each, over the last [`RateWatch::OUTPUTS`] outputs, each 8 outputs.
+/// Compares samples with a clock of `TICKS` ticks per sample: each 8 outputs, over the last [`RateWatch::OUTPUTS`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RateWatch<const TICKS: u32> {
     /// Ring buffer of the last blocks; next field, their sum.
     blocks: [Ticks; BLOCKS as usize],
     last: Ticks,
-    /// Blocks that are full since it began anew.
+    /// Full blocks since the beginning of a comparison.
     full: u32,
-    /// Of the present block, and its outputs.
+    /// The present block, and its outputs.
     present: Ticks,
     outputs: u32,
     wrong: bool,
 }
 
 impl<const TICKS: u32> RateWatch<TICKS> {
-    /// Outputs that a comparison looks back over. A rate that is wrong from some instant on is found so much later, or
-    /// up to a block more.
+    /// Outputs in a comparison. A rate that becomes wrong is found within so many outputs and a block
+    /// more.
     pub const OUTPUTS: u32 = BLOCKS * BLOCK;
     /// One tick in this many may be too many or too few: 2 %.
     const PART: u32 = 50;
 
-    /// Takes the ticks and the samples since the last output. `anew`: time has passed without samples, or without the
-    /// clock, which has a fault of its own; it begins anew then.
+    /// Takes the ticks and the samples since the last output. `anew`: time has passed without samples or without the
+    /// clock, which is a fault of its own, so the comparison begins again.
     #[inline(always)]
     pub fn follow(&mut self, ticks: u32, samples: u32, anew: bool) {
         if anew {
@@ -93,7 +93,8 @@ impl<const TICKS: u32> RateWatch<TICKS> {
 mod tests {
     use super::*;
 
-    /// Outputs each `period` samples, the clock at `rate` times what it should be: the first output at which it is wrong.
+    /// Outputs each `period` samples, the clock at `rate` times its right rate: the first output at which it is found
+    /// wrong.
     fn found(period: u32, rate: f64, late: f64) -> Option<u32> {
         let mut watch = RateWatch::<4>::default();
         let mut before = 0u64;
@@ -117,13 +118,13 @@ mod tests {
             for rate in [0.985, 1.0, 1.015] {
                 assert_eq!(found(period, rate, 0.0), None, "{period} {rate}");
             }
-            // An output that is late by a period is none, nor are latencies that differ.
+            // An output that is late by a period is not found wrong, nor are outputs with different latencies.
             let latest = f64::from(period).min(1.0);
             assert_eq!(found(period, 1.0, latest), None, "{period}");
         }
     }
 
-    /// From whatever output on the clock is wrong.
+    /// Whichever output is the first with a wrong clock.
     #[test]
     fn a_rate_that_becomes_wrong_is_found_within_a_block_more_than_64_outputs() {
         for (period, ticks) in [(10, 41), (10, 39), (10, 0), (10, 80), (1, 5), (1, 3)] {
@@ -146,7 +147,7 @@ mod tests {
             let mut watch = RateWatch::<4>::default();
             (0..64).for_each(|n| watch.follow(40 + if n == 0 { extra } else { 0 }, 10, false));
             assert_eq!(watch.is_wrong(), wrong, "{extra}");
-            // A halt says nothing about the rate: what was found stays until the next comparison.
+            // A halt says nothing about the rate: the last result stays until the next comparison.
             watch.follow(5000, 10, true);
             assert_eq!(watch.is_wrong(), wrong, "{extra}");
         }

@@ -1,7 +1,7 @@
-//! What acts, read back: the voltage of the force output, and the current of the motor.
+//! What acts is read back: the voltage of the force output, and the current of the motor.
 //!
-//! Both are looked at once per output, at its beginning: what the output before it has put out has had its whole period
-//! to settle. See docs/safety.md.
+//! Both are read once per output, at its beginning, when the output before it has had its whole period to settle. See
+//! docs/safety.md.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -47,7 +47,7 @@ impl Readings {
     pub const RANGE: i32 = 4096;
 }
 
-/// Compares the force output with what it was told, on boards that can read it.
+/// Compares the force output with its code, on boards that can read it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutputWatch {
     zero: i32,
@@ -56,13 +56,13 @@ pub struct OutputWatch {
 }
 
 impl OutputWatch {
-    /// Most that a reading may be off by, codes: 2 % of the range. Offset, gain and linearity of a DAC and a converter
-    /// are some 1 % together, and a wrong force below 5 % of full scale is bounded.
+    /// Largest difference of a reading, codes: 2 % of the range. Offset, gain and linearity of DAC and converter are
+    /// some 1 % together.
     pub const ALLOWED: i32 = 82;
     /// Wrong readings in a row: a single one may be a disturbance.
     pub const MISSES: u8 = 2;
 
-    /// For that output; `swing`: lowest and highest code that it surely reaches.
+    /// For this output; `swing`: lowest and highest code that it surely reaches.
     ///
     /// # Errors
     /// There is no such output.
@@ -70,7 +70,7 @@ impl OutputWatch {
         Ok(Self { zero: Actuator::new(output)?.zero().code(), swing })
     }
 
-    /// Takes a reading of what was `written`; none: there is nothing to compare with, the output is off. Whether it is
+    /// Takes a reading of what was `written` (none: the output is off, and nothing is compared). Returns whether it is
     /// wrong. `misses`: wrong readings in a row.
     #[inline]
     pub fn follow(&self, misses: &mut u8, written: Option<Written>, read: Option<u16>) -> bool {
@@ -92,20 +92,20 @@ impl OutputWatch {
     }
 }
 
-/// How an amplifier says its current: a voltage on the board's input for it, as a part of the analogue supply.
+/// How an amplifier reports its current: a voltage at the board's input for it, as a part of the analogue supply.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CurrentSettings {
     /// Voltage without current, as a part of the supply.
     pub rest: f64,
-    /// With the current that the highest command asks for; the lowest command mirrors it about `rest`. Both 0: the input
-    /// is not used.
+    /// Voltage with the current of the highest command; that of the lowest command mirrors it about `rest`. Both 0: the
+    /// input is not used.
     pub full: f64,
 }
 
 impl CurrentSettings {
     /// The input is not used.
     pub const UNUSED: Self = Self { rest: 0.0, full: 0.0 };
-    /// Least part from rest to full scale: its quarter is some 30 codes.
+    /// Least part from rest to full scale. A quarter of it is some 30 codes.
     pub const LEAST: f64 = 0.03;
 
     /// In integers; none if the input is not used.
@@ -141,13 +141,13 @@ impl CurrentSettings {
     }
 }
 
-/// Compares the motor's current with what the output asks for: a difference of more than a quarter of full scale, in the
-/// mean over some 13 ms.
+/// Compares the motor's current with the force output: a difference of more than a quarter of full scale, in the mean
+/// over some 13 ms.
 ///
-/// The mean forgets: `mean += T (error - mean) / 12.8 ms` with each output of the period T. A difference of x times full
-/// scale is found after `12.8 ms ln(x / (x - 1/4))`: 3.7 ms for full scale, 8.9 ms for half of it. An amplifier that
-/// follows with a time constant of 1 ms makes a mean of at most `2 * 1 / 12.8` = 16 % of full scale, at a step from one
-/// end to the other, and so is no fault.
+/// The mean is `mean += T (error - mean) / 12.8 ms` with each output of the period T. A difference of x times full
+/// scale is found after `12.8 ms ln(x / (x - 1/4))`: 3.7 ms for full scale, 8.9 ms for half of it. An amplifier with a
+/// time constant of 1 ms causes a mean of at most `2 * 1 / 12.8` = 16 % of full scale, at a step from one end to the
+/// other, so it causes no fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CurrentWatch {
     zero: i32,
@@ -157,15 +157,16 @@ pub struct CurrentWatch {
 }
 
 impl CurrentWatch {
-    /// Most that the mean may be, part of full scale.
+    /// Largest mean that is no fault, part of full scale.
     pub const ALLOWED: f64 = 0.25;
     /// Bits behind the point of the slope.
     const SLOPE_BITS: u32 = 16;
     /// The mean's time, 2^7 samples: 12.8 ms.
     const MEAN_BITS: u32 = 7;
 
-    /// Takes a reading of what was `written`, with so many samples since the one before; none: the output is off. Whether
-    /// the current is wrong. A converter that does not answer reads as 0. `mean`: mean error so far, 2^-7 codes.
+    /// Takes a reading of what was `written` (none: the output is off), with the samples since the reading before.
+    /// Returns whether the current is wrong. A converter that does not answer reads as 0. `mean`: mean error so far,
+    /// 2^-7 codes.
     #[inline]
     pub fn follow(
         &self,

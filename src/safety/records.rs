@@ -1,13 +1,13 @@
-//! What goes between the supervisor and the link: plain records that may lie in queues.
+//! What supervisor and link exchange: plain records for queues.
 
 use super::{Fault, FaultRecord, FaultSet};
 
-/// Where the supervisor stands.
+/// State of the supervisor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
     /// No force; waits for `arm`.
     Off,
-    /// `arm`: at most 5 % force for at most 100 ms find out whether motor and encoder agree.
+    /// After `arm`: at most 5 % force for at most 100 ms show whether motor and encoder agree.
     SignTest,
     /// The force comes in.
     RampIn,
@@ -42,7 +42,7 @@ pub struct Inputs {
     pub stop_closed: bool,
     /// The supply is above the limit of the voltage detector.
     pub supply_good: bool,
-    /// The settings in force were accepted, and their gains lie inside the envelope or it is
+    /// The settings in force were accepted, and their gains are inside the envelope, or it is
     /// unlocked.
     pub settings_valid: bool,
     /// A debugger halted the processor since the last output.
@@ -54,11 +54,11 @@ pub struct Inputs {
 /// What a board senses at an output, see [`contract::sense`](crate::contract::sense).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sensed {
-    /// The output task switched the amplifier on, and not off since.
+    /// The output task has switched the amplifier on, and not off since.
     pub switched_on: bool,
     /// A debugger halted the processor since the last output.
     pub halted: bool,
-    /// The emergency stop was open since the amplifier was switched on, if only for a moment.
+    /// The emergency stop was open at some time since the amplifier was switched on.
     pub was_stopped: bool,
     /// It is closed now.
     pub stop_closed: bool,
@@ -66,20 +66,20 @@ pub struct Sensed {
     pub supply_good: bool,
     /// The amplifier is enabled. Read it before the inputs that may switch it off.
     pub enabled: bool,
-    /// Faults that the board found in itself; enable is then already off.
+    /// Faults that the board found in itself; enable is off then.
     pub found: FaultSet,
 }
 
 impl Inputs {
-    /// What that means. `cut`: the sampling task has switched the amplifier off; `settings_valid` as in [`Inputs`].
+    /// What this means. `cut`: the sampling task has switched the amplifier off; `settings_valid` as in [`Inputs`].
     #[inline(always)]
     pub fn of(sensed: Sensed, cut: bool, settings_valid: bool) -> Self {
         let Sensed { switched_on, halted, supply_good, found, .. } = sensed;
-        // A stop that is over before the next look is one all the same. A halt may set the same flag.
+        // A stop that is over before the next output still counts. A halt may set the same flag.
         let stopped = switched_on && !halted && sensed.was_stopped;
         let stop_closed = sensed.stop_closed && !stopped;
-        // Nobody else drops enable while force is on, but for the emergency stop, the supply detector, the
-        // sampling task (it cut) and the output task (it found), which have faults of their own.
+        // While force is on, enable is dropped only by the emergency stop, the supply detector, the sampling task (it
+        // cut) and the output task (it found). These have faults of their own.
         let quiet = stop_closed && supply_good && !cut && found.is_empty();
         let dropped = quiet && !sensed.enabled;
         Self {
@@ -101,19 +101,19 @@ pub enum Request {
     Disarm,
     /// Forget the fault, if its cause is gone.
     Clear,
-    /// The count is 0 here.
+    /// The count becomes 0 here.
     Zero,
     /// Allow gains beyond the envelope, until the force goes off.
     Unlock,
-    /// Motor or encoder are turned round: the zero is lost.
+    /// Motor or encoder are reversed: the zero is lost.
     Turn,
     /// Flash is about to be written (`true`), or was (`false`).
     Stall(bool),
-    /// Fault with that code: for what only the board can see.
+    /// A fault with this code that only the board can see.
     Trip(Fault),
 }
 
-/// Why a request or a command is not met.
+/// Why a request or a command is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
     /// The command `zero` comes first.
@@ -138,7 +138,7 @@ pub enum Refusal {
     NotArmed,
     /// The handle is in contact; leave the wall first.
     Contact,
-    /// The wall reaches over where the handle would be after `zero`.
+    /// The wall covers the place where the handle would be after `zero`.
     WallThere,
     /// A zero is under way.
     Zeroing,
@@ -185,18 +185,18 @@ pub struct Status {
     pub causes: FaultSet,
     /// Causes that are there now.
     pub present: FaultSet,
-    /// The count was zeroed, and nothing happened to it since.
+    /// The count was zeroed, and the zero was not lost since.
     pub zeroed: bool,
     /// Gains beyond the envelope are allowed.
     pub unlocked: bool,
     /// The handle is inside the wall.
     pub contact: bool,
-    /// What the board said.
+    /// The inputs of the last output.
     pub inputs: Inputs,
 }
 
 impl Status {
-    /// Whether `arm` is met: the one home of its rules, but for flash that is being written.
+    /// Whether `arm` is allowed. All its conditions are here, except flash that is being written.
     ///
     /// # Errors
     /// The first thing that is in the way.

@@ -1,9 +1,9 @@
-//! Sign test: a small force has to move the count the right way, else the wall would pull.
+//! Sign test: a small force has to move the count the right way. Otherwise the wall would pull.
 //!
-//! The handle may drift, hang from a spring or lie at a stop. So the force goes out, in, in and out
-//! again, a quarter of the time each, and the answer is the fourth difference of the count: a steady
-//! speed, a steady outside force and one that rises or falls steadily drop out. The handle ends
-//! where it began, at the speed it had.
+//! The handle may drift, hang from a spring or touch a stop. So the force acts away from the wall, twice towards it,
+//! and away again, a quarter of the time each. The answer is the fourth difference of the count: a steady speed, a
+//! steady outside force and one that changes steadily cancel. The handle ends where it began, with the speed that it
+//! had.
 //!
 //! ```text
 //! count      x0      x1      x2      x3      x4
@@ -11,8 +11,8 @@
 //! answer = -(x0 - 4 x1 + 6 x2 - 4 x3 + x4)  =  2 f h^2 / m           (h a quarter, m the mass)
 //! ```
 //!
-//! Quantisation moves the answer by less than 8 counts. The answer of a handle that cannot move, or
-//! whose encoder is dead, is 0: it fails as well.
+//! Quantisation changes the answer by less than 8 counts. If the handle cannot move, or its encoder is dead, the answer
+//! is 0, and the test fails as well.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -56,7 +56,7 @@ impl SignTest {
         let between = self.outputs - quarter * plan.sign_quarter.max(1) < plan.per_ms;
         self.outputs = self.outputs.saturating_add(1);
         match quarter {
-            // From -f to +f and back in two steps a millisecond apart, each of at most 5 % of full scale.
+            // From -f to +f and back in two steps a millisecond apart, each at most 5 % of full scale.
             1 | 3 if between => SignStep::Push(Force::ZERO),
             0 | 3 => SignStep::Push(Force::saturating_from_bits(-plan.sign_force.bits())),
             1 | 2 => SignStep::Push(plan.sign_force),
@@ -142,7 +142,7 @@ mod tests {
         assert_eq!(test(Handle { sign: -1.0, ..HANDLE }).0, SignStep::Failed);
         assert_eq!(test(Handle { sign: 0.0, ..HANDLE }).0, SignStep::Failed);
     }
-    /// Out, in, in and out again; from one to the other in two steps a millisecond apart, at every output period.
+    /// Out, in, in and out again; the change between the two in two steps a millisecond apart, at every output period.
     #[test]
     fn the_force_goes_out_in_in_and_out_with_a_step_between() {
         for (period, per_ms, quarter) in [(10, 1, 25), (5, 2, 50), (1, 10, 250)] {

@@ -1,6 +1,6 @@
-//! Speed from the counts themselves, each millisecond: the estimate that the sampling task watches lags
-//! behind by its delay, half a second at a cutoff of 0.4 Hz. Between outputs that are closer, a count would be
-//! too large a part of the limit.
+//! Speed from the counts, each millisecond. The velocity that the sampling task checks is late by the estimator's
+//! delay, half a second at a cutoff of 0.4 Hz. If outputs are closer than a millisecond, a single count between two of
+//! them would be too large a part of the limit.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -9,17 +9,17 @@ use core::hint::cold_path;
 use super::SafetyPlan;
 use crate::units::Position;
 
-/// Where the handle was when this last looked.
+/// Position at the last check.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SpeedWatch {
     last: Position,
-    /// Outputs until it looks again; 0: it has not looked yet.
+    /// Outputs until the next check; 0: there was no check yet.
     left: u32,
 }
 
 impl SpeedWatch {
-    /// Takes the position at an output; true if it is farther than the plan allows from where it was a millisecond
-    /// ago. `renamed`: the count was zeroed since the last output.
+    /// Takes the position at an output. True if it is farther from the position a millisecond ago than the plan allows.
+    /// `renamed`: the count was zeroed since the last output.
     #[inline]
     pub fn too_fast(&mut self, plan: &SafetyPlan, position: Position, renamed: bool) -> bool {
         if self.left > 1 && !renamed {

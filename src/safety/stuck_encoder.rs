@@ -1,14 +1,14 @@
-//! Push without motion: the only sign of a dead encoder that free motion gives.
+//! Push without motion: the only sign of a dead encoder in free motion.
 //!
-//! Two questions, both of a force above 10 % of full scale in one direction: has the count moved at all in the last 50 ms,
-//! and, in each span of 50 ms, as far as the heaviest believable handle would have? The second takes an encoder that follows
-//! a part of the motion only, or drifts. That handle is a mass and a damper, at rest as the push begins, under the force
-//! that acted less the 10 %, which friction may take: `v += (f - 10 %) T^2 / (m r) - v T b / m`, `x += v`, in counts and
-//! outputs.
+//! Two questions, for a force above 10 % of full scale in one direction. Has the count moved at all in the last 50 ms?
+//! Has it moved in each span of 50 ms as far as the heaviest believable handle would? The second question finds an
+//! encoder that drifts, or follows only a part of the motion. The heaviest handle is a mass and a damper, at rest when
+//! the push begins. It is under the acting force less 10 % for friction: `v += (f - 10 %) T^2 / (m r) - v T b / m`, `x
+//! += v`, in counts and outputs.
 //!
-//! A handle that a person holds still is such a push too: nobody holds one that pushes by itself. In contact neither says
-//! anything, because there the wall holds the handle on purpose: an encoder that dies in contact is found only when the
-//! handle should leave the wall.
+//! A handle that a person holds still counts as such a push too. In contact neither question is asked, because
+//! there the wall holds the handle on purpose. So only the next sign test finds an encoder that dies in
+//! contact.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -25,14 +25,14 @@ pub(super) struct StuckEncoder {
     inward: bool,
     /// Since the count last moved.
     still: Watched,
-    /// Since the last look at how far.
+    /// Since the last comparison.
     far: Watched,
-    /// Speed of the heaviest handle, LSB of 2^-32 counts per output, and its way since that look.
+    /// Speed of the heaviest handle, LSB of 2^-32 counts per output, and its way since that comparison.
     speed: u64,
     way: u64,
 }
 
-/// Where the count was since a watch began.
+/// The count since a watch began.
 #[derive(Clone, Copy, Debug, Default)]
 struct Watched {
     /// Outputs since then; 0: not watching.
@@ -46,7 +46,7 @@ impl Watched {
         Self { outputs: 1, lowest: position, highest: position }
     }
 
-    /// An output more; how far the count has moved, counts.
+    /// One more output; returns how far the count has moved, counts.
     fn step(&mut self, position: Position) -> u32 {
         self.outputs = self.outputs.saturating_add(1);
         self.lowest = self.lowest.min(position);
@@ -56,9 +56,9 @@ impl Watched {
 }
 
 impl StuckEncoder {
-    /// Takes the force that acted since the last output, and what came of it. True once the force was above 10 % in one
-    /// direction, outside contact, for 50 ms, and the count stayed within less than 3, or within less than what the
-    /// heaviest handle would have done in a span of 50 ms.
+    /// Takes the force that acted since the last output, and the position after it. True if the force was above 10 % in
+    /// one direction, outside contact, for 50 ms, and the count moved by less than 3, or by less than the heaviest
+    /// handle in a span of 50 ms.
     #[inline]
     pub fn failed(
         &mut self,

@@ -1,10 +1,10 @@
-//! A request by number that no flipped bit can forge.
+//! A numbered request that no flipped bit can forge.
 
-/// A number of 16 bits, above its complement. Another one than the last is a request.
+/// A number of 16 bits, above its complement. A number other than the last one is a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Token(u32);
 
-/// By how much a [`Token`] is turned, as the bits that differ then: with them it is turned back without a question.
+/// How far a [`Token`] is turned, as the bits that differ. With these bits it is turned back without a branch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Turn(u32);
 
@@ -35,22 +35,23 @@ impl Token {
         self.0 >> 16
     }
 
-    /// Whether it asks for something, after `last`. Of two that were made here the halves differ alike; one bit that has
-    /// flipped in either differs in one half only.
+    /// Whether it asks for something that `last` has not asked. Between two valid tokens both halves differ in the same
+    /// bits. A flipped bit in one of them makes a difference in one half only.
     #[inline(always)]
     pub const fn asks_after(self, last: Self) -> bool {
         let differs = self.0 ^ last.0;
         self.number() != last.number() && differs == differs.rotate_right(16)
     }
 
-    /// With the other complement: it asks for nothing, and no request is equal to it. Turned twice it is the number again.
+    /// With the complement replaced by the number: it asks for nothing and equals no request. Turned twice it is itself
+    /// again.
     #[must_use]
     #[inline(always)]
     pub const fn turned(self) -> Self {
         self.by(Turn::HALF)
     }
 
-    /// Turned by so much.
+    /// Turned by this much.
     #[must_use]
     #[inline(always)]
     pub(super) const fn by(self, turn: Turn) -> Self {
@@ -72,7 +73,6 @@ impl Token {
 
 #[cfg(test)]
 impl Token {
-    /// With that bit flipped.
     pub(super) const fn flipped(self, bit: u32) -> Self {
         Self(self.0 ^ 1 << bit)
     }
@@ -82,7 +82,7 @@ impl Token {
 mod tests {
     use super::*;
 
-    /// All of them, and one more.
+    /// All numbers, and one more.
     const NUMBERS: u32 = if cfg!(miri) { 100 } else { 0x1_0000 };
 
     #[test]
@@ -104,7 +104,7 @@ mod tests {
         assert_eq!(token.number(), (NUMBERS + 1) & 0xFFFF);
     }
 
-    /// Nor does memory that was filled with anything but a token.
+    /// Nor does memory that holds no token.
     #[test]
     fn a_word_of_equal_bits_asks_for_nothing() {
         for bits in [0, u32::MAX] {

@@ -1,17 +1,17 @@
 //! Settings in flash that survive a power cut at any moment.
 //!
-//! Two sectors hold fixed-length records one after another; a save appends. The newest valid record
-//! wins. When a sector is full the other one is erased and the next record goes there, so the
-//! newest record is never in the sector that is being erased. A record counts only when its CRC
-//! (its last word) is right, so one that was cut short does not exist, and its place is not used
-//! again. An estimator with more parameters than a record has room for has the others in a record of
-//! their own, which is written before and counts only with the one behind it.
+//! Two sectors hold fixed-length records one after another; a save appends one. The newest valid record counts. If a
+//! sector is full, the other one is erased and the next record goes there, so the newest record is never in the
+//! sector that is being erased. A record is valid only if its CRC (its last word) is right. So one that was cut
+//! short does not count, and its place is not used again. If an estimator has more parameters than a record has room
+//! for, the others are in a record of their own. It is written before the main record, and counts only together with
+//! it.
 //!
-//! A sector of 16 KiB takes 93 saves; 10 000 erases make that 1.8 million. Writing flash stalls the
-//! processor (16 us a word, up to 0.8 s an erase): save only with the force off.
+//! A sector of 16 KiB takes 93 saves; 10 000 erases of both sectors make 1.8 million. Writing flash stalls the
+//! processor (16 us a word, up to 0.8 s an erase), so save only with the force off.
 //!
-//! The flash is any [`NorFlash`] of two erase blocks, sector A and sector B; what is written at once
-//! (`WRITE_SIZE`: 4 bytes on an F4, 8 or 16 on other families) has to divide a record's 176 bytes.
+//! The flash is any [`NorFlash`] of two erase blocks, sector A and sector B. The size of a single write (`WRITE_SIZE`:
+//! 4 bytes on an F4, 8 or 16 on other families) has to divide a record's 176 bytes.
 
 mod record;
 
@@ -53,7 +53,6 @@ impl Sector {
     }
 }
 
-/// Bytes of a record.
 const RECORD_BYTES: usize = size_of::<[u32; RECORD_WORDS]>();
 
 /// A word of erased flash.
@@ -66,7 +65,7 @@ pub enum Source {
     Newest,
     /// Older settings: a later save is damaged or was cut short.
     Older,
-    /// The defaults, because nothing was ever saved; another program may have left something there.
+    /// The defaults, because nothing was ever saved. Another program may have left something there.
     Empty,
     /// The defaults, because all that was saved is damaged.
     Defaults,
@@ -105,7 +104,7 @@ pub struct Loaded {
 pub enum Saved {
     /// A new record was written.
     Written,
-    /// The newest record says the same already.
+    /// The newest record is already the same.
     Unchanged,
 }
 
@@ -172,12 +171,12 @@ fn slot<F: NorFlash>(flash: &mut F, sector: Sector, slot: usize) -> Slot {
 #[derive(Clone, Copy, Default)]
 struct Content {
     newest: Option<(u32, Stored)>,
-    /// Number of damaged slots; next, of those behind the newest record.
+    /// Number of damaged slots; next, of those after the newest record.
     damaged: u32,
     damaged_behind: u32,
     /// Number of damaged slots that once held a record.
     records: u32,
-    /// First slot behind everything that was ever written.
+    /// First slot after everything that was ever written.
     free: usize,
 }
 
@@ -186,7 +185,7 @@ fn scan<F: NorFlash>(flash: &mut F, sector: Sector) -> Content {
     let mut before = None;
     for n in 0..slots::<F>() {
         let (mut found, of_before) = (slot(flash, sector, n), before.take());
-        // of no use by itself
+        // of no use without the record after it
         if let Slot::Further(sequence, further) = found {
             before = Some((sequence, further));
         }
@@ -234,20 +233,21 @@ fn newest<F: NorFlash>(flash: &mut F) -> (Sector, Option<(u32, Stored)>, [Conten
     }
 }
 
-/// What was damaged after the newest record was written: a save or an erase that was cut short.
+/// Slots that were damaged after the newest record was written: a save or an erase that was cut short.
 ///
-/// A sector with valid records was filled before the active one, so its damage is old. One with remains of another
-/// program only was not in use yet.
+/// If a sector has valid records, it was filled before the active one, so its damage is old. If it only has remains of
+/// another program, it was not in use yet.
 fn damaged_later(active: &Content, other: &Content) -> u32 {
     active.damaged_behind + if is_half_erased(other) { other.records } else { 0 }
 }
 
-/// Its erase was cut short, or it holds what another program has left: it has to be erased first. The active sector may have room again for a record that needs less.
+/// Its erase was cut short, or another program has left something: it has to be erased first. The active sector may
+/// have room for a record that needs less.
 fn is_half_erased(other: &Content) -> bool {
     other.newest.is_none() && other.damaged > 0
 }
 
-/// The newest settings that are whole, else `defaults`; and says which.
+/// The newest valid settings, else `defaults`; returns which.
 pub fn load<F: NorFlash>(flash: &mut F, defaults: Stored) -> Loaded {
     let (_, found, [active, other]) = newest(flash);
     let damaged = active.damaged + other.damaged;
@@ -263,7 +263,7 @@ pub fn load<F: NorFlash>(flash: &mut F, defaults: Stored) -> Loaded {
     Loaded { stored, source, damaged }
 }
 
-/// A number is none: no console saves that, and it would never equal its copy.
+/// A NaN is not saved: no console gives one, and it would not equal its copy.
 fn has_nan(stored: &Stored) -> bool {
     let same = *stored;
     same != *stored
@@ -293,7 +293,7 @@ pub fn save<F: NorFlash>(flash: &mut F, stored: &Stored) -> Result<Saved, SaveEr
     };
     let end = Sector::B.start::<F>();
     let (sector, slot) = if found.is_none() && content.damaged + other.damaged > 0 {
-        // There is nothing to keep, and remains would pass for newer than this record.
+        // There is nothing to keep, and remains would count as newer than this record.
         [0, end].into_iter().try_for_each(|start| flash.erase(start, start + end))?;
         (Sector::A, 0)
     } else if content.free + needed <= count && !is_half_erased(&other) {

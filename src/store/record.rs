@@ -6,7 +6,7 @@ use crate::{
     velocity::{EstimatorName, PARAMETERS},
 };
 
-/// What is kept: everything that a person sets, and what belongs to the device it was set for.
+/// What is saved: everything that a person sets, and which device it was set for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stored {
     /// The device that the settings are for.
@@ -29,7 +29,7 @@ pub struct Stored {
     pub rms_limit_m: f64,
     /// What counts as stable.
     pub criterion: Criterion,
-    /// With the criterion `quiet`, limit of the force's RMS, N; without, [a share](crate::experiment::quiet::FORCE_SHARE)
+    /// With the criterion `quiet`, limit of the force's RMS, N; none: [a share](crate::experiment::quiet::FORCE_SHARE)
     /// of the push.
     pub force_rms_limit_n: Option<f64>,
     /// Force at full command, N: what the calibration found.
@@ -38,17 +38,17 @@ pub struct Stored {
     pub grid: WalkSettings,
 }
 
-/// What settings belong to: a device record.
+/// The device record to which settings belong.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DeviceKey {
     /// Name of the device, that of its scene.
     pub name: Name,
-    /// Hash of the record; 0 in settings of layouts that had none.
+    /// Hash of the record; 0 in layouts without a hash.
     pub hash: u32,
 }
 
 impl DeviceKey {
-    /// A device that no record has.
+    /// A device without a record.
     ///
     /// # Panics
     /// If the name is longer than [`Name::LEN`]; a constant of it does not compile.
@@ -66,7 +66,7 @@ impl Name {
     pub const LEN: usize = 16;
     pub(crate) const WORDS: usize = Self::LEN / 4;
 
-    /// That name, if it is not too long and holds no zero byte.
+    /// This name, if it is not too long and has no zero byte.
     pub fn new(name: &str) -> Option<Self> {
         if name.bytes().any(|byte| byte == 0) {
             return None;
@@ -76,7 +76,7 @@ impl Name {
         Some(Self(bytes))
     }
 
-    /// That name, of a constant: one that is too long does not compile, so that no two names are the same.
+    /// This name, from a constant. A longer constant does not compile, so no two names become the same.
     ///
     /// # Panics
     /// If it is longer than [`LEN`](Self::LEN).
@@ -87,7 +87,7 @@ impl Name {
         Self(bytes)
     }
 
-    /// The name; empty if the bytes are no text.
+    /// The name; empty if the bytes are not text.
     pub fn text(&self) -> &str {
         let text = self.0.split(|&byte| byte == 0).next().unwrap_or_default();
         core::str::from_utf8(text).unwrap_or_default()
@@ -119,8 +119,8 @@ pub struct Signs {
 /// Flash words of a record.
 pub const RECORD_WORDS: usize = 44;
 
-/// What a record has no room for: parameters of an estimator beyond the two that it has, and a limit of the force's RMS.
-/// They stand in a record of their own, just before it.
+/// What does not fit into a record: parameters of an estimator after the second, and a limit of the force's RMS. They
+/// are in a record of their own, just before it.
 pub(super) type Further = [f64; FURTHER + 1];
 const KEPT: usize = 2;
 const FURTHER: usize = PARAMETERS - KEPT;
@@ -161,7 +161,7 @@ fn whole(low: u32, high: u32) -> f64 {
     f64::from_bits(u64::from(low) | u64::from(high) << 32)
 }
 
-/// Those words, then zeros, the last of them a CRC over the others.
+/// These words, then zeros; the last word is a CRC over the others.
 fn checked(body: impl Iterator<Item = u32>) -> [u32; RECORD_WORDS] {
     let mut words = [0; RECORD_WORDS];
     let [places @ .., check] = &mut words;
@@ -172,9 +172,9 @@ fn checked(body: impl Iterator<Item = u32>) -> [u32; RECORD_WORDS] {
     words
 }
 
-/// Whether those words once were a record, whatever of them is wrong now: three of the first four bytes are left. Any
-/// other words are that with a probability of one in four million. What is whole, but of another layout or with an
-/// estimator that this image has not, is another image's.
+/// Whether these words once were a record, whatever is wrong now: three of the first four bytes are left. Other words
+/// look like that with a probability of one in four million. A valid record of another layout, or with an estimator
+/// that this image lacks, is another image's.
 pub(super) fn looks_like_a_record(words: &[u32; RECORD_WORDS]) -> bool {
     let [body @ .., check] = words;
     if crc::of_words(body) == *check {
@@ -186,7 +186,7 @@ pub(super) fn looks_like_a_record(words: &[u32; RECORD_WORDS]) -> bool {
     right.into_iter().filter(|&right| right).count() >= 3
 }
 
-/// Sequence number and content of a record of further parameters, if those words are one.
+/// Sequence number and content of a record of further parameters, if these words are one.
 pub(super) fn further_of_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Further)> {
     let [body @ .., check] = words;
     let [HEAD_FURTHER, sequence, numbers @ ..] = body else { return None };
@@ -199,7 +199,7 @@ pub(super) fn further_of_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Furt
 }
 
 impl Stored {
-    /// Whether some settings do not fit into one record: these stand in a further record before it.
+    /// Whether some settings do not fit into one record, so that a further record before it has them.
     pub(super) fn has_further(&self) -> bool {
         let of_estimator = self.settings.velocity.name().parameters()[KEPT].is_some();
         of_estimator || self.force_rms_limit_n.is_some()
@@ -227,7 +227,7 @@ impl Stored {
         self
     }
 
-    /// As words, the last of them a CRC over the others.
+    /// As words; the last word is a CRC over the others.
     pub fn to_words(&self, sequence: u32) -> [u32; RECORD_WORDS] {
         let (estimator, parameters) = EstimatorName::of(&self.settings.velocity);
         let wall = &self.settings.wall;
@@ -266,8 +266,8 @@ impl Stored {
         )
     }
 
-    /// Sequence number and content of those words, if they are a record of this version or of layout 4, 3 or 2; what
-    /// stands in a record of its own is 0.
+    /// Sequence number and content of these words, if they are a record of this version or of layout 4, 3 or 2. What is
+    /// in a record of its own is 0.
     pub fn from_words(words: &[u32; RECORD_WORDS]) -> Option<(u32, Self)> {
         let [body @ .., check] = words;
         if crc::of_words(body) != *check {
@@ -412,8 +412,8 @@ pub(super) mod tests {
         check[0] = crc::of_words(body);
     }
 
-    /// What was saved before there was a device record belongs to none; and before there was an output period it was
-    /// that of 1 kHz.
+    /// Settings from before the device record belong to none. Settings from before the output period have that of 1
+    /// kHz.
     #[test]
     fn records_of_layouts_2_to_4_are_read_and_before_4_are_no_devices() {
         let saved = Stored { period: 1, ..stored(1.0) };

@@ -4,7 +4,7 @@ use embedded_storage::nor_flash::{
 };
 use std::{vec, vec::Vec};
 
-/// How a cut leaves the word that was being programmed or erased.
+/// The state in which a cut leaves the word that was being programmed or erased.
 #[derive(Clone, Copy, Debug)]
 enum Cut {
     Before,
@@ -12,7 +12,7 @@ enum Cut {
     After,
 }
 
-/// Flash of two sectors that programs and erases `UNIT` bytes at once, and loses power after a number of those.
+/// Flash of two sectors that programs and erases `UNIT` bytes at once, and loses power after a number of operations.
 #[derive(Clone)]
 struct Mock<const UNIT: usize = 4, const SECTOR: usize = WORDS> {
     words: Vec<u32>,
@@ -39,7 +39,7 @@ impl From<NorFlashErrorKind> for Failed {
     }
 }
 
-/// Three records and a rest that no record fits into.
+/// Three records, and a rest that is too small for another one.
 const WORDS: usize = 3 * RECORD_WORDS + 8;
 
 impl<const UNIT: usize, const SECTOR: usize> Mock<UNIT, SECTOR> {
@@ -47,7 +47,7 @@ impl<const UNIT: usize, const SECTOR: usize> Mock<UNIT, SECTOR> {
         Self { words: vec![BLANK; 2 * SECTOR], left: None, cut: Cut::After, used: 0 }
     }
 
-    /// Whether the next operation is complete, half done or not done at all.
+    /// Whether the next operation is done whole, half or not at all.
     fn spend(&mut self) -> Result<(), Option<Cut>> {
         self.used += 1;
         match &mut self.left {
@@ -64,7 +64,7 @@ impl<const UNIT: usize, const SECTOR: usize> Mock<UNIT, SECTOR> {
         }
     }
 
-    /// The words of one unit from `first` on: what each is half way and afterwards.
+    /// The words of one unit from `first` on: each half way, and afterwards.
     fn change(&mut self, first: usize, to: impl Fn(usize, u32) -> [u32; 2]) -> Result<(), Failed> {
         let outcome = self.spend();
         for (n, word) in self.words[first..][..UNIT / 4].iter_mut().enumerate() {
@@ -121,7 +121,7 @@ impl<const UNIT: usize, const SECTOR: usize> NorFlash for Mock<UNIT, SECTOR> {
     fn erase(&mut self, from: u32, to: u32) -> Result<(), Failed> {
         check_erase(self, from, to)?;
         assert_eq!((to - from) as usize, Self::ERASE_SIZE, "one sector at a time");
-        // The order is the hardware's; a stride visits every unit in a scattered one.
+        // The hardware's order is not known; a stride visits every unit, in a scattered order.
         let units = Self::ERASE_SIZE / UNIT;
         for n in 0..units {
             let first = (from as usize + n * 31 % units * UNIT) / 4;
@@ -230,7 +230,7 @@ fn of_many_parameters(n: f64) -> Stored {
     stored
 }
 
-/// What a record has no room for stands before it, and counts only with it.
+/// What does not fit into a record is before it, and counts only together with it.
 #[test]
 #[cfg(feature = "estimators")]
 #[cfg_attr(miri, ignore = "thousands of saves")]
@@ -326,7 +326,7 @@ fn damage_in_older_records_is_counted_and_changes_nothing() {
     assert_eq!((stiffness(&loaded), loaded.source, loaded.damaged), (2.0, Source::Newest, 1));
 }
 
-/// Else every boot would say that the newest copy is damaged.
+/// Otherwise every boot would report that the newest copy is damaged.
 #[test]
 fn the_same_settings_are_written_anew_after_an_erase_that_was_cut_short() {
     let mut flash = Mock::<4>::new();
@@ -360,7 +360,7 @@ fn what_another_program_has_left_is_nothing_saved_and_does_not_stay() {
     }
 }
 
-/// Beside a sector of our own: the newest settings are the newest.
+/// Beside a sector with records of our own, the newest of these count.
 #[test]
 fn nor_is_it_damage_beside_what_was_saved() {
     let mut flash = Mock::<4>::new();
@@ -376,7 +376,7 @@ fn nor_is_it_damage_beside_what_was_saved() {
     assert_eq!(load(&mut flash, defaults()).damaged, 0);
 }
 
-/// Whole, but of a layout or with an estimator that this image has not: another image was here.
+/// Valid, but of a layout or with an estimator that this image lacks: another image was here.
 #[test]
 fn a_whole_record_of_another_image_is_nothing_saved() {
     for (place, word) in [(0, u32::from_le_bytes(*b"ZWS\x06")), (7, 0xEE00), (7, 28 << 8)] {
@@ -389,7 +389,7 @@ fn a_whole_record_of_another_image_is_nothing_saved() {
     }
 }
 
-/// What once was a record is damage, whichever byte of it is wrong.
+/// A record with any wrong byte is damage.
 #[test]
 fn a_record_that_cannot_be_read_is_damage() {
     for head in [*b"ZWS\x06", *b"ZWS\x04", *b"ZWS\x01", *b"XWS\x05", *b"ZWP\x03"] {
@@ -407,7 +407,7 @@ fn a_record_that_cannot_be_read_is_damage() {
     }
 }
 
-/// The words of a record, and those that version 0.1.0 wrote: they are read, and are no device's that has a record.
+/// The words of a record, and those that version 0.1.0 wrote. They are read, and belong to no device with a record.
 #[test]
 fn a_record_in_flash_is_its_words_least_significant_byte_first() {
     let mut flash = Mock::<4>::new();
@@ -427,7 +427,7 @@ fn a_record_in_flash_is_its_words_least_significant_byte_first() {
     assert_eq!((loaded.stored, loaded.source), (stored(0.0), Source::OtherDevice));
 }
 
-/// A slot that cannot be read counts as damaged, and nothing is lost by it.
+/// A slot that cannot be read counts as damaged, and nothing else is lost.
 #[test]
 fn flash_that_cannot_be_read_gives_the_defaults() {
     let mut small = Mock::<4>::new();
@@ -479,7 +479,7 @@ fn further_parameters_of_another_save_are_none() {
     }
 }
 
-/// No two saves have the same number, but for those after four thousand million.
+/// Two saves never have the same number, unless four thousand million lie between them.
 #[test]
 fn of_two_sectors_with_the_same_number_the_first_counts() {
     let mut flash = Mock::<4>::new();
@@ -489,7 +489,7 @@ fn of_two_sectors_with_the_same_number_the_first_counts() {
     assert_eq!(stiffness(&load(&mut flash, defaults())), 1.0);
 }
 
-/// Its copy would never be equal to it.
+/// Its copy would never equal it.
 #[test]
 fn a_number_that_is_none_is_not_taken() {
     let mut flash = Mock::<4>::new();

@@ -1,11 +1,11 @@
-//! The newest value of something, from a task to one that preempts it: two buffers and a pointer to
-//! the one that counts.
+//! The newest value of something, from a task to one that preempts it: two buffers, and a pointer to the valid
+//! one.
 //!
-//! The reader takes a reference and nothing else: no copy, no check, one load. That is sound only
-//! because of who uses it. The reader runs above the writer on a single core, so from where the
-//! writer stands a whole pass of the reader takes no time: it comes before the pointer is changed,
-//! and sees the old buffer, or after it, and sees the new one. The buffer that is written is never
-//! the one that counts. For the same reason the order of the stores is the compiler's matter only.
+//! The reader only takes a reference: no copy, no check, one load. This is sound only because the reader
+//! runs above the writer on a single core. For the writer a whole pass of the reader takes no time. The pass
+//! comes before the pointer changes, and sees the old buffer, or after, and sees the new one. The buffer
+//! that is written is never the valid one. For the same reason only the compiler must keep the order of the
+//! stores.
 
 use core::{
     cell::UnsafeCell,
@@ -24,12 +24,12 @@ use super::Static;
 /// Two buffers, one of which holds the newest `T`.
 pub struct DoubleBuffer<T> {
     buffers: [UnsafeCell<MaybeUninit<T>>; 2],
-    /// The buffer that counts. Stored by the publisher only; null before the ends are made.
+    /// The valid buffer. Stored by the publisher only; null before the ends are made.
     newest: AtomicPtr<T>,
 }
 
-// SAFETY: see the module: the buffer that counts is only read, the other one only written, each by
-// one task.
+// SAFETY: see the module: the valid buffer is only read, the other one is only written, each by one
+// task.
 unsafe impl<T: Send + Sync> Sync for DoubleBuffer<T> {}
 
 pub struct DoubleBufferWriter<T: 'static>(&'static DoubleBuffer<T>);
@@ -50,7 +50,7 @@ impl<T: Copy> DoubleBuffer<T> {
         }
     }
 
-    /// The two ends of those that `P` names, with `value` published. To be called once: there are no others.
+    /// The two ends of the buffers that `P` names, with `value` published. Call it once.
     pub fn split<P: Static<Self>>(value: T) -> (DoubleBufferWriter<T>, DoubleBufferReader<T, P>) {
         let buffer = P::place();
         while !buffer.newest.load(Relaxed).is_null() {} // before any output is on
@@ -63,7 +63,7 @@ impl<T: Copy> DoubleBuffer<T> {
 }
 
 impl<T: Copy + 'static> DoubleBuffer<T> {
-    /// What counts now, for a task below the writer that knows that nothing is published meanwhile; none if something was.
+    /// The valid value, for a task below the writer that knows of no publishing meanwhile; none if there was one.
     pub fn look<P: Static<Self>>() -> Option<T> {
         let buffer = P::place();
         let newest = buffer.newest.load(Relaxed);
@@ -71,23 +71,23 @@ impl<T: Copy + 'static> DoubleBuffer<T> {
             return None;
         }
         compiler_fence(Acquire);
-        // SAFETY: in place and aligned. It is a whole value only if nobody has published meanwhile, see below.
+        // SAFETY: in place and aligned. It is a whole value only if nothing was published meanwhile, see below.
         let copy = unsafe { newest.cast::<MaybeUninit<T>>().read_volatile() };
         compiler_fence(Acquire);
-        // SAFETY: the buffer that counts is written by nobody, and it has counted all the time.
+        // SAFETY: nobody writes the valid buffer, and it was the valid one all the time.
         ptr::eq(buffer.newest.load(Relaxed), newest).then(|| unsafe { copy.assume_init() })
     }
 }
 
 impl<T: Copy> DoubleBufferWriter<T> {
-    /// The value that counts now.
+    /// The valid value.
     #[inline(always)]
     pub fn newest(&self) -> &T {
         // SAFETY: not null, because the ends exist; only this end writes, and not while it is borrowed.
         unsafe { &*self.0.newest.load(Relaxed) }
     }
 
-    /// From the reader's next pass on this is what counts, whole.
+    /// From the reader's next pass on this value is valid, as a whole.
     #[inline(always)]
     pub fn publish(&mut self, value: T) {
         let [first, second] = &self.0.buffers;
@@ -102,8 +102,8 @@ impl<T: Copy> DoubleBufferWriter<T> {
 }
 
 impl<T: Copy, P: Static<DoubleBuffer<T>>> DoubleBufferReader<T, P> {
-    /// What counts now. The reference must not outlive this pass of the task, which the borrow of
-    /// `self` sees to as long as the task's function ends.
+    /// The valid value. The reference must not outlive this pass of the task. The borrow of `self` ensures that,
+    /// because the task's function ends.
     #[inline(always)]
     pub fn get(&mut self) -> &T {
         let newest = P::place().newest.load(Relaxed);

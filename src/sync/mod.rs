@@ -1,8 +1,8 @@
-//! What goes between tasks of different priorities without a lock.
+//! What tasks of different priorities exchange without a lock.
 
 #![allow(unsafe_code)]
 
-/// Names a static `T`: code that knows the type has its address as a constant, and loads no pointer to it.
+/// Names a static `T`. Code that knows the type has its address as a constant, and loads no pointer to it.
 pub trait Static<T: 'static>: 'static {
     /// Always the same one.
     fn place() -> &'static T;

@@ -1,10 +1,10 @@
-//! The memory of a task, part of which a task that it preempts may copy, at no cost to the owner.
+//! The memory of a task. A task that it preempts may copy a part of it, at no cost to the owner.
 //!
-//! The owner works in its place as if nobody looked. That is sound only because of who uses it: the owner runs above
-//! the viewer on a single core, so from where the viewer stands a whole pass of the owner takes no time, and between two of
-//! them nobody holds a reference. A pass may come in the middle of a copy; then the number that each pass counts up has
-//! moved between the copy before and the copy after, and the viewer copies once more. Passes are far apart (a sample),
-//! so that happens once at most.
+//! The owner works in its place without regard to the viewer. This is sound only because the owner runs above
+//! the viewer on a single core. For the viewer a whole pass of the owner takes no time, and between two passes
+//! nobody holds a reference. If a pass comes in the middle of a copy, the number that each pass counts up
+//! differs before and after. Then the viewer copies again. Passes are far apart (a sample), so this happens at
+//! most once.
 
 use core::{
     cell::UnsafeCell,
@@ -19,7 +19,7 @@ use core::{
 
 use super::Static;
 
-/// What a task owns: what may be seen, and the rest.
+/// What a task owns: a part that a viewer may see, and the rest.
 pub struct Shown<S, R> {
     /// A viewer may copy this.
     pub shown: S,
@@ -42,7 +42,7 @@ pub trait Placed: Static<Place<Self::Shown, Self::Rest>> {
     /// The rest, which no viewer sees.
     type Rest: Send + 'static;
 
-    /// Another number with every pass of the owner.
+    /// A number that changes with every pass of the owner.
     fn number(shown: &Self::Shown) -> u64;
 }
 
@@ -65,7 +65,7 @@ impl<S, R> Place<S, R> {
 }
 
 impl<P: Placed> Owner<P> {
-    /// Both ends, with that value in the place. To be called once: there is no second owner.
+    /// Both ends, with this value in the place. Call it once: there is no second owner.
     pub fn take(shown: P::Shown, rest: P::Rest) -> (Self, Viewer<P>) {
         let place = P::place();
         while place.taken.swap(true, Relaxed) {} // before any output is on
@@ -86,20 +86,20 @@ impl<P: Placed> Viewer<P> {
     fn copy(&self) -> P::Shown {
         let place = P::place().value.get().cast::<Shown<P::Shown, P::Rest>>();
         compiler_fence(Acquire);
-        // SAFETY: in place, aligned, and written before this end was made. Words that a pass changes meanwhile are
-        // whole words of the old value or the new one.
+        // SAFETY: in place, aligned, and written before this end was made. A pass may change words meanwhile, but each
+        // word is whole, old or new.
         let copy = unsafe { (&raw const (*place).shown).read_volatile() };
         compiler_fence(Acquire);
         copy
     }
 
-    /// What `see` says of it as the owner's last pass has left it, without a copy.
+    /// What `see` returns for it as the owner's last pass has left it, without a copy.
     #[inline(always)]
     pub fn look<R>(&self, see: impl Fn(&P::Shown) -> R) -> R {
         let place = P::place().value.get().cast::<Shown<P::Shown, P::Rest>>();
         loop {
-            // SAFETY: in place, aligned, and written before this end was made. What a pass changes meanwhile are whole words
-            // of the old value or the new one, and what was seen of both is thrown away.
+            // SAFETY: in place, aligned, and written before this end was made. A pass may change words meanwhile, but
+            // each word is whole, old or new, and then the result is thrown away.
             let shown = unsafe { &(*place).shown };
             let before = P::number(shown);
             compiler_fence(Acquire);

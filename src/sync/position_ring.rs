@@ -1,16 +1,16 @@
-//! Where the handle was at the last samples, for experiments and telemetry, which need every one of them.
+//! Positions of the handle at the last samples, for experiments and telemetry, which need every one of them.
 //!
-//! `sample` writes without a check, by the number of the sample; `render` follows, and `link` reads them for telemetry.
-//! A place is written anew [`LENGTH`] samples later: a `render` that is so late has lost its output long ago, and
-//! `link` asks afterwards.
+//! `sample` writes without a check, by the number of the sample. `render` follows, and `link` reads the positions for
+//! telemetry. A place is overwritten [`LENGTH`] samples later. A `render` that is so late has lost its output before,
+//! and `link` checks afterwards.
 
 use core::sync::atomic::{AtomicI32, Ordering::Relaxed};
 
 use zwidth::units::Position;
 
-/// Samples that are kept: `link` may be late by all the outputs that wait for it.
+/// Samples that are kept, enough for a `link` that is late by all the outputs that wait for it.
 const LENGTH: usize = 256;
-/// Samples that `render` goes back at most.
+/// Most samples that `render` goes back.
 pub const FOLLOWED: usize = 32;
 const _: () = assert!(LENGTH.is_power_of_two());
 
@@ -22,14 +22,13 @@ fn place(sample: u64) -> &'static AtomicI32 {
     &COUNTS[sample as usize & (LENGTH - 1)]
 }
 
-/// Notes the position at a sample.
 #[inline(always)]
 pub fn note(sample: u64, position: Position) {
     place(sample).store(position.counts(), Relaxed);
 }
 
-/// The positions of the samples up to `newest`, which has been noted, oldest first. They are those if no sample came
-/// meanwhile that [`is_kept`] does not allow.
+/// The positions of the samples up to `newest`, which has been noted, oldest first. They are right if [`is_kept`] is
+/// true for the oldest one afterwards.
 pub fn read(newest: u64, places: &mut [Position]) {
     for (place_of, back) in places.iter_mut().rev().zip(0u64..) {
         let counts = place(newest.wrapping_sub(back)).load(Relaxed);
@@ -37,7 +36,7 @@ pub fn read(newest: u64, places: &mut [Position]) {
     }
 }
 
-/// Whether the position at `oldest` is not written over before the sample `next` is.
+/// Whether the position at `oldest` is not overwritten yet, if `next` is the next sample.
 pub fn is_kept(oldest: u64, next: u64) -> bool {
     next.saturating_sub(oldest) < LENGTH as u64
 }
@@ -54,13 +53,13 @@ impl Follower {
         Self { next: 0, end: 0 }
     }
 
-    /// Goes up to `sample`, which has been noted. What is too long ago is left out.
+    /// Goes up to `sample`, which has been noted. Positions that are too old are skipped.
     pub fn follow_to(&mut self, sample: u64) {
         self.end = sample.wrapping_add(1);
         self.next = self.next.max(self.end.saturating_sub(FOLLOWED as u64));
     }
 
-    /// The position at the next sample, if it is not beyond the one that was followed to.
+    /// The position at the next sample, if it is not after the one that was followed to.
     pub fn read(&mut self) -> Option<Position> {
         if self.next >= self.end {
             return None;

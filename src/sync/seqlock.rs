@@ -1,10 +1,10 @@
-//! The newest value of something, from a task to one that it preempts: one buffer and a number that
-//! is another one with every value.
+//! The newest value of something, from a task to one that it preempts: one buffer, and a number that changes with every
+//! value.
 //!
-//! The writer stores and numbers, nothing else. That is sound only because of who uses it: the writer
-//! runs above the reader on a single core, so the reader never sees a half-written value in place;
-//! but a whole write may come in the middle of its copy. Then the number has moved, and it copies
-//! once more. Writes are far apart (a sample), so that happens once at most.
+//! The writer only stores and numbers. This is sound only because the writer runs above the reader on a single
+//! core. So the reader never sees a half-written value, but a whole write may come in the middle of its copy. Then
+//! the number has changed, and the reader copies again. Writes are far apart (a sample), so this happens at most
+//! once.
 
 use core::{
     cell::UnsafeCell,
@@ -41,7 +41,7 @@ pub struct SeqlockReader<T: 'static> {
 }
 
 impl<T: Copy> Seqlock<T> {
-    /// With a value that counts as read, of number `u32::MAX`.
+    /// With a value that counts as read, with the number `u32::MAX`.
     pub const fn new(value: T) -> Self {
         Self {
             taken: AtomicBool::new(false),
@@ -50,7 +50,7 @@ impl<T: Copy> Seqlock<T> {
         }
     }
 
-    /// The two ends of the one that `P` names. To be called once: there are no others.
+    /// The two ends of the seqlock that `P` names. Call it once.
     pub fn split<P: Static<Self>>() -> (SeqlockWriter<T, P>, SeqlockReader<T>) {
         let snapshot = P::place();
         while snapshot.taken.swap(true, Relaxed) {} // before any output is on
@@ -66,12 +66,12 @@ impl<T: Copy, P: Static<Seqlock<T>>> SeqlockWriter<T, P> {
         self.publish(number);
     }
 
-    /// What is there, to be changed in its place; then [`publish`](Self::publish) has to follow
-    /// before this pass of the task ends.
+    /// The stored value, to be changed in place. Call [`publish`](Self::publish) after it, before this pass of the task
+    /// ends.
     #[inline(always)]
     pub fn place(&mut self) -> &mut T {
-        // SAFETY: there is a value since `new`; the reader cannot run meanwhile, see the module, and
-        // finds out afterwards.
+        // SAFETY: there is a value since `new`; the reader cannot run meanwhile, see the module, and notices the change
+        // later.
         unsafe { (*P::place().value.get()).assume_init_mut() }
     }
 
@@ -100,13 +100,13 @@ impl<T: Copy> SeqlockReader<T> {
         }
         loop {
             compiler_fence(Acquire);
-            // SAFETY: in place and aligned; bytes that a write changes meanwhile are thrown away.
+            // SAFETY: in place and aligned. If a write changes bytes meanwhile, the copy is thrown away.
             let copy = unsafe { snapshot.value.get().read_volatile() };
             compiler_fence(Acquire);
             let after = snapshot.number.load(Relaxed);
             if after == number {
                 self.seen = number;
-                // SAFETY: something was written, and nothing came in between.
+                // SAFETY: something was written, and no write came during the copy.
                 return Some((unsafe { copy.assume_init() }, number));
             }
             number = after;

@@ -1,7 +1,7 @@
-//! `link`: pended by `render` with every output, priority 1. Moves what goes between the console and the probe link.
+//! `link`: pended by `render` with every output, priority 1. Moves data between the console and the probe link.
 //!
-//! The host has a fifth of the time ([`Pace`]), one line a pass: what it sends beyond that waits in its channel, until
-//! the host has to. Telemetry comes beside that.
+//! The host has a fifth of the time ([`Pace`]), one line a pass. What it sends beyond that waits in its channel, and
+//! then at the host. Telemetry is not part of this fifth.
 
 use core::sync::atomic::Ordering::Relaxed;
 
@@ -23,11 +23,11 @@ use super::{FLAGS, Numbered, ORDERS, REPORTS, sample::Sampling};
 use crate::board::{self, Commands, FlashError, SelfTest, SettingsFlash, UpLink, Watchdog};
 use crate::sync::{DoubleBuffer, Viewer, position_ring};
 
-/// Longest piece of a line in one frame of the log, bytes. The logger keeps `render` waiting while it
-/// copies one.
+/// Longest piece of a line in one frame of the log, bytes. `render` waits while the logger copies a
+/// frame.
 const LOG_LINE: usize = 200;
 
-/// The board's channels, flash and `render`, as the console sees them.
+/// The board's channels, flash and `render`, as the console uses them.
 struct Channels {
     replies: UpLink,
     telemetry: UpLink,
@@ -40,7 +40,7 @@ struct Channels {
     ordered: u32,
 }
 
-/// What build.rs has found out.
+/// The commit, from build.rs.
 const COMMIT: &str = env!("ZWIDTH_COMMIT");
 
 impl Port for Channels {
@@ -98,7 +98,7 @@ impl Port for Channels {
     }
 }
 
-/// Puts a line on the log, in several frames if it is longer than one; says whether all of them had room.
+/// Puts a line on the log, in several frames if necessary; returns whether all of them had room.
 fn log(line: &str) -> bool {
     let before = board::log_dropped();
     let mut rest = line.strip_suffix('\n').unwrap_or(line);
@@ -110,7 +110,7 @@ fn log(line: &str) -> bool {
     board::log_dropped() == before
 }
 
-/// The link task. It alone talks to the host, but for the logger.
+/// The link task. Only it and the logger talk to the host.
 pub struct Link {
     console: Console<Channels>,
     reports: Consumer<'static, Report, REPORTS>,
@@ -144,7 +144,7 @@ impl Link {
         Self { console, reports, pace: Pace::default(), passes: 0, image: PassWatch::default() }
     }
 
-    /// Passes on what has come since. Late: `render` drops reports, seen as gaps in the samples of the telemetry.
+    /// Passes on what has come since. If it is late, `render` drops reports: gaps in the samples of the telemetry.
     pub fn run(&mut self) {
         let (sample, checked) = (FLAGS.rendered.load(Relaxed), FLAGS.checked.load(Relaxed));
         if self.image.is_wrong(sample, checked) {
@@ -165,7 +165,7 @@ impl Link {
     }
 }
 
-/// Says why nothing runs, answers what can be answered then, and stays there with everything off.
+/// Says why nothing runs, answers what can be answered, and stays there with everything off.
 pub(super) fn refuse(mut link: board::Link, mut watchdog: Watchdog, why: &Unusable) -> ! {
     let mut console = Refused::new(board::FACTS.name, COMMIT, why);
     let mut said = Some(console.reason());

@@ -1,4 +1,4 @@
-//! The work of the tasks, and what goes between them.
+//! The work of the tasks, and what they exchange.
 //!
 //! ```text
 //!      SampleReport, Guard,          Report
@@ -7,10 +7,10 @@
 //!        ◀───────────────        ◀───────────────
 //!           LoopParameters, GuardCommand            Order
 //! ```
-//! Nothing is waited for. `Report` and `Order` go through single-producer, single-consumer queues,
-//! positions through a [`position_ring`](crate::sync::position_ring). `link` takes the positions there too, and looks at the sampler
-//! itself ([`Viewer`](crate::sync::Viewer)). Of all else only the newest counts: `SampleReport` and `Guard` go up
-//! through [`Seqlock`](crate::sync::Seqlock), `LoopParameters` and `GuardCommand` come down through
+//! No task waits. `Report` and `Order` go through single-producer, single-consumer queues, positions through a
+//! [`position_ring`](crate::sync::position_ring). `link` reads the positions there too, and the sampler itself
+//! ([`Viewer`](crate::sync::Viewer)). Of the others only the newest counts: `SampleReport` and `Guard` go up through
+//! [`Seqlock`](crate::sync::Seqlock), `LoopParameters` and `GuardCommand` go down through
 //! [`DoubleBuffer`](crate::sync::DoubleBuffer).
 
 mod idle;
@@ -41,9 +41,9 @@ use zwidth::{
 use crate::board::{self, Board};
 use crate::sync::{DoubleBuffer, Seqlock, position_ring};
 
-/// One more than the outputs that may wait for `link`: at 1 kHz 15 ms.
+/// One more than the outputs that may wait for `link`, 15 ms at 1 kHz.
 const REPORTS: usize = 16;
-/// One more than the orders that may wait for `render`: they come one at a time.
+/// One more than the orders that may wait for `render`, because they come one at a time.
 const ORDERS: usize = 2;
 
 // `render` follows the positions of a whole output period.
@@ -55,7 +55,8 @@ const _: () = {
     }
 };
 
-/// An order with its number: each is met once. A bit that flips in the queue's indices would bring an old one back.
+/// An order with its number, so that each is met once. A flipped bit in the queue's indices would bring an old order
+/// back.
 pub struct Numbered {
     number: u32,
     order: Order,
@@ -65,7 +66,7 @@ pub struct Numbered {
 pub struct Queues {
     reports: Queue<Report, REPORTS>,
     orders: Queue<Numbered, ORDERS>,
-    /// What the tasks read and nobody writes.
+    /// What all tasks read and nobody writes.
     device: Option<Device<'static>>,
 }
 
@@ -75,7 +76,7 @@ impl Queues {
     }
 }
 
-/// What is watched.
+/// What other tasks watch.
 struct Flags {
     /// The value of [`GuardCommand::rendered`].
     rendered: AtomicU32,
@@ -90,7 +91,7 @@ static FLAGS: Flags =
 
 /// Makes the tasks of a board that has just been set up.
 ///
-/// An image that is not what was built is said, or a device record that is not allowed, and nothing runs.
+/// If the image is not what was built, or the device record is refused, the board says so, and nothing runs.
 pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, Link, Idle) {
     let (due_in, due_out) = Seqlock::split();
     let (guard_in, guard_out) = Seqlock::split();
@@ -100,7 +101,7 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
     let image = board::image();
     let boot = boot_fault(&board.memory.read(), board.reset_cause);
     if let Err(why) = image.check() {
-        // A fault even if the next boot reads the flash as it was.
+        // The fault stays even if the next boot reads the flash as it was.
         let damaged = (why == BadImage::Damaged).then(|| FaultRecord::bare(Fault::Image));
         if let Some(record) = boot.or(damaged) {
             board.memory.write(&record.to_words());
@@ -121,7 +122,7 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
         };
     let acts = (board::output_watch(), current);
     if let Some(record) = fault {
-        // What this reset has added to it (that it was the watchdog's) has to outlive the next one.
+        // What this reset adds to the fault (that it was the watchdog's) has to outlive the next reset.
         board.memory.write(&record.to_words());
     }
     let (control_in, control_out) = DoubleBuffer::split(control);

@@ -1,5 +1,5 @@
-//! `render`: with every period-th sample, priority 14, pended by `sample`. Moves what goes between the renderer and
-//! the board.
+//! `render`: with every period-th sample, priority 14, pended by `sample`. Moves data between the renderer and the
+//! board.
 
 use core::{hint::cold_path, sync::atomic::Ordering::Relaxed};
 
@@ -98,7 +98,7 @@ pub struct Render {
     /// Faults found after the last checked output, and that output's sample.
     found: FaultSet,
     checked: u32,
-    /// Whether it was the numbers' turn.
+    /// Whether the last check was of the numbers.
     numbers_next: bool,
     /// Code that the last output wrote; `None`: it was off.
     written: Option<Written>,
@@ -136,9 +136,9 @@ impl Render {
         }
     }
 
-    /// The output for the newest due sample, then everything that can wait until it is out.
+    /// The output for the newest due sample, then everything that can wait until the force is out.
     ///
-    /// Late by a period: `sample` switches off, and the fault `late render` is latched.
+    /// If it is late by a period, `sample` switches off, and the fault `late render` is latched.
     #[inline(always)]
     pub fn run(&mut self) {
         let Some(up) = self.ends.due.read() else { return };
@@ -172,11 +172,11 @@ impl Render {
         self.written.filter(|_| self.outputs.drive.is_on())
     }
 
-    /// What the board's inputs say, and then what the guard has found: what `sample` cut has a reason there.
+    /// The board's inputs first, and then the guard's findings: if `sample` has cut, its reason is among them.
     #[inline(always)]
     fn sense(&mut self, up: &SampleReport) -> (Sensed, Guard) {
         let Outputs { drive, stop, supply, halts, .. } = &mut self.outputs;
-        // A halt is found by the longest period whatever the period is: a time, and known to the compiler.
+        // A halt is judged by the longest period at each output period, so that the limit is a time and a constant.
         let sensed = contract::sense(
             (self.written.is_some(), self.found),
             (up.motion.sample, LONGEST),
@@ -191,7 +191,7 @@ impl Render {
         (sensed, self.guard.at(up.motion.number()))
     }
 
-    /// What a reset is not to forget.
+    /// Writes what a reset must not erase.
     #[inline(always)]
     fn remember(&mut self) {
         match self.renderer.take_memory_update() {
@@ -227,9 +227,9 @@ impl Render {
         }
     }
 
-    /// Off at once if what decides about the force is not what it was; the next output says why. An output that the
-    /// logger has kept waiting leaves that to a later one, but for a millisecond at most. Outputs that are closer than a
-    /// millisecond look at numbers and registers in turn.
+    /// Switches off at once if something that decides about the force has changed; the next output reports it. A late
+    /// output leaves these checks to a later one, but after a millisecond without checks all are made. If outputs are
+    /// closer than a millisecond, numbers and registers are checked in turn.
     #[inline(always)]
     fn check(&mut self, number: u32, was: Option<Written>) {
         let passed = number.wrapping_sub(self.checked);
@@ -247,14 +247,14 @@ impl Render {
                 && self.acts.is_whole()
                 && self.outputs.set_up.channels_hold();
         let set_up = !all && self.numbers_next || self.outputs.set_up.holds();
-        // Off since: what was read may be the zero that a task has put out.
+        // If a task has switched off since, the reading may be that of its zero.
         let was = was.filter(|_| self.outputs.drive.is_on());
         let read = self.outputs.read_back.finish();
         let (output, current) = &*self.acts;
         let output = output.is_some_and(|watch| watch.follow(&mut self.misses, was, read.output));
         let current =
             current.is_some_and(|watch| watch.follow(&mut self.mean, was, (read.current, passed)));
-        // Both are asked each time.
+        // Both are asked each time, so no `||`.
         let rate =
             self.outputs.halts.rate_is_wrong() | self.outputs.output_watchdog.rate_is_wrong();
         self.found = FaultSet::EMPTY
@@ -272,7 +272,7 @@ impl Render {
         }
     }
 
-    /// An order came otherwise than it was given, or one was lost: off, and the next output says why.
+    /// An order differs from the one that was given, or one was lost: off, and the next output reports it.
     #[cold]
     fn lose_order(&mut self) {
         board::off();

@@ -14,10 +14,10 @@ use crate::sync::{
     Viewer, position_ring,
 };
 
-/// Of a counter of 32 bits, as every board has.
+/// With a counter of 32 bits, as every board has.
 type GuardedSampler = zwidth::safety::GuardedSampler<Bits32>;
 
-/// What it works with beside the sampler.
+/// What the task uses beside the sampler.
 pub struct Rest {
     encoder: Encoder,
     sample_timer: SampleTimer,
@@ -32,8 +32,8 @@ pub type CommandReader = DoubleBufferReader<GuardCommand, Sampling>;
 pub type ReportWriter = SeqlockWriter<SampleReport, Sampling>;
 pub type GuardWriter = SeqlockWriter<Guard, Sampling>;
 
-/// All that a sample reads and writes, in one block: its code has one address, and everything is at a constant distance
-/// from there.
+/// All that a sample reads and writes, in one block. The code loads one address, and everything is at a constant
+/// distance from it.
 #[repr(C)]
 struct Block {
     own: Place<GuardedSampler, Rest>,
@@ -51,7 +51,7 @@ static PLACE: Block = Block {
     guard: Seqlock::new(Guard::NOTHING),
 };
 
-/// Names the block and its parts. Telemetry sees the sampler there.
+/// Names the block and its parts. Telemetry reads the sampler there.
 pub struct Sampling;
 
 /// The part of the block that is a `T`.
@@ -84,7 +84,7 @@ impl Placed for Sampling {
 }
 
 impl Rest {
-    /// With the force, for estimators that look at it.
+    /// With the force, for estimators that use it.
     #[inline(always)]
     fn with_force(&mut self, senses: Senses) -> Senses {
         if cfg!(feature = "estimators") {
@@ -93,7 +93,7 @@ impl Rest {
         senses
     }
 
-    /// Each case to its end, see [`judge`](GuardedSampler::judge).
+    /// Finishes each case separately, see [`judge`](GuardedSampler::judge).
     #[inline(always)]
     fn hand_on(&mut self, sampler: &mut GuardedSampler, judged: Judged) {
         let Judged { motion, due, found, quiet } = judged;
@@ -113,7 +113,7 @@ impl Rest {
         }
     }
 
-    /// Does what the guard says to a sample that is not quiet.
+    /// Does what the guard decides for a sample that is not quiet.
     #[inline(always)]
     fn settle(&mut self, sampler: &mut GuardedSampler, judged: &Judged) -> SampleReport {
         let step = sampler.settle(judged, self.down.get(), self.guard.place());
@@ -126,7 +126,7 @@ impl Rest {
         step.report
     }
 
-    /// Of a due sample: asks for its output.
+    /// For a due sample: asks for its output.
     #[inline(always)]
     fn report(&mut self, report: SampleReport) {
         position_ring::note(report.motion.sample, report.motion.position);
@@ -135,7 +135,7 @@ impl Rest {
     }
 }
 
-/// The sampling task. It alone reads the encoder.
+/// The sampling task. Only it reads the encoder.
 pub struct Sample(Owner<Sampling>);
 
 impl Sample {
@@ -153,11 +153,12 @@ impl Sample {
         (Self(owner), viewer)
     }
 
-    /// One sample: the count, position and velocity, whether something is wrong, and who has to know.
+    /// One sample: reads the count, computes position and velocity, judges them, and hands them on.
     ///
-    /// The count comes first, because a delay of it is an error of the velocity. Late by itself it cannot be: nothing masks
-    /// or preempts it. If the guard finds something, the output goes off here and now, and again with the samples until
-    /// `clear`; but with a due sample `render` sees to it, and the next sample if `render` does not come.
+    /// The count comes first, because a late count makes the velocity wrong. The sample itself cannot be late, because
+    /// nothing masks it and no task preempts it. If the guard finds something, the output goes off at once, and again
+    /// with each sample until `clear`. With a due sample `render` switches off, or the next sample does if `render`
+    /// does not come.
     #[inline(always)]
     pub fn run(&mut self) {
         let Shown { shown: sampler, rest } = self.0.get();
@@ -167,7 +168,7 @@ impl Sample {
         let senses = rest.with_force(senses);
         let control = rest.control.get();
         let measured = sampler.measure(control, count, &senses);
-        // Only now is there a register for what the guard has to know.
+        // What the guard needs is read only now, when registers are free for it.
         let judged = sampler.judge(measured, control, rest.down.get());
         rest.hand_on(sampler, judged);
     }

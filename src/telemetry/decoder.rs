@@ -2,9 +2,9 @@
 
 use super::{Frame, Parts, Record, parts::kind};
 
-/// Finds the frames in a stream that may begin anywhere and hold anything, of both layouts.
+/// Finds the frames of both layouts in a stream that may begin anywhere and contain anything.
 ///
-/// After garbage it looks for the next frame at every byte, so a damaged frame costs itself only.
+/// After garbage it searches for the next frame at every byte, so only the damaged frame is lost.
 #[derive(Clone, Copy, Debug)]
 pub struct Decoder {
     window: [u8; Frame::LEN_MAX],
@@ -18,7 +18,7 @@ pub struct Decoder {
     before: usize,
     /// Frames that were found.
     pub frames: u64,
-    /// Frames that are missing between those that were found, as their sequence tells.
+    /// Frames that are missing between these, by their sequence.
     pub dropped: u64,
     /// Bytes that belong to no frame.
     pub garbage: u64,
@@ -47,8 +47,8 @@ impl Decoder {
         }
     }
 
-    /// Takes one byte; answers with a frame that is complete: its newest output. What is before that is
-    /// [`earlier`](Self::earlier).
+    /// Takes one byte; returns the newest output of a frame that is then complete. [`earlier`](Self::earlier) has the
+    /// outputs before it.
     pub fn push(&mut self, byte: u8) -> Option<Frame> {
         if let Some(place) = self.window.get_mut(self.filled) {
             *place = byte;
@@ -57,7 +57,7 @@ impl Decoder {
         self.pull()
     }
 
-    /// A frame that is complete in what was taken: behind what only looked like a long one there may be several.
+    /// A complete frame in the bytes so far. What looked like a long frame may contain several.
     fn pull(&mut self) -> Option<Frame> {
         while let Some(length) = self.length() {
             if self.filled < length {
@@ -86,18 +86,18 @@ impl Decoder {
         self.earlier.get(..self.before).unwrap_or_default()
     }
 
-    /// What the last frame has beside its outputs.
+    /// The parts of the last frame.
     pub fn parts(&self) -> Parts<'_> {
         Parts::of(self.last.get(..self.length).unwrap_or_default())
     }
 
-    /// All outputs of the last frame, oldest first, as frames of their own with its sequence.
+    /// All outputs of the last frame, oldest first, each as a frame with its sequence.
     pub fn outputs(&self, newest: Frame) -> impl Iterator<Item = Frame> {
         let frame = move |&record| Frame { record, ..newest };
         self.earlier().iter().map(frame).chain([newest])
     }
 
-    /// Bytes of the frame that begins the window, as far as it says so; none if there is nothing.
+    /// Length of the frame at the beginning of the window, if it is known; none if there is nothing.
     fn length(&mut self) -> Option<usize> {
         loop {
             let taken = self.window.get(..self.filled).unwrap_or_default();
@@ -121,7 +121,7 @@ impl Decoder {
         }
     }
 
-    /// Keeps the outputs before the newest; false if there is something that no frame has.
+    /// Keeps the outputs before the newest; false if something is there that no frame has.
     fn take_earlier(&mut self, frame: &Frame, length: usize) -> bool {
         self.before = 0;
         if self.window.get(2) != Some(&Frame::VERSION_2) {
@@ -130,7 +130,7 @@ impl Decoder {
         let frame_bytes = self.window.get(..length).unwrap_or_default();
         let Some(&period) = frame_bytes.get(Frame::HEAD + 2) else { return false };
         let parts = Parts::of(frame_bytes);
-        // A part that a later image has is passed by.
+        // Parts that only a later image knows are skipped.
         for (_, part) in parts.all().filter(|(kind, _)| *kind == kind::EARLIER) {
             let (outputs, rest) = part.as_chunks::<{ Frame::EARLIER }>();
             if !rest.is_empty() || outputs.len() > self.earlier.len() {
@@ -151,15 +151,15 @@ impl Decoder {
     fn count(&mut self, frame: &Frame) {
         self.frames += 1;
         let gap = self.next.map_or(0, |next| frame.sequence.wrapping_sub(next));
-        // A sequence that seems to go back is a board that began anew, not four billion drops.
+        // If the sequence goes back, the board began anew; four billion frames were not dropped.
         if gap < u32::MAX / 2 {
             self.dropped += u64::from(gap);
         }
         self.next = Some(frame.sequence.wrapping_add(1));
     }
 
-    /// The end of the stream, to be called until there is nothing more: bytes of an unfinished frame are garbage too,
-    /// and a frame may stand behind what looked like the beginning of a longer one.
+    /// The end of the stream; call it until it returns none. The bytes of an unfinished frame are garbage too, and a
+    /// frame may stand behind what looked like the beginning of a longer one.
     pub fn finish(&mut self) -> Option<Frame> {
         while self.filled > 0 {
             if let Some(frame) = self.pull() {
@@ -184,9 +184,9 @@ impl Decoder {
         self.pass(start);
     }
 
-    /// Those bytes are done with; there are as many.
+    /// Removes these bytes; the caller knows that there are so many.
     fn pass(&mut self, bytes: usize) {
-        // What the compiler cannot know: that they lie within the window.
+        // For the compiler, which does not know that they are within the window.
         self.window.copy_within(bytes.min(Frame::LEN_MAX).., 0);
         self.filled = self.filled.saturating_sub(bytes);
     }

@@ -1,6 +1,6 @@
-//! The parts of a frame: what it has beside its newest output.
+//! The parts of a frame: everything after its newest output.
 //!
-//! Each is a kind, a length and so many bytes. `docs/telemetry.md` has the tables.
+//! Each part is a kind, a length and that many bytes. `docs/telemetry.md` has the tables.
 
 use super::{Frame, Record, put, take};
 use crate::{
@@ -29,35 +29,35 @@ pub(super) mod kind {
     pub const PORT: u8 = 8;
 }
 
-/// A difference that takes a byte of its own and four more.
+/// A difference that needs four more bytes.
 const ESCAPE: i8 = i8::MIN;
 
 /// Longest state of an estimator, bytes: a window of 255 samples.
 pub const STATE_MAX: usize = 510;
 
-/// Settings in force, and their number in the records of the outputs that they decide.
+/// Settings in force, and their number in the records of their outputs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InForce {
     /// Their number, as in [`Record::settings`].
     pub number: u16,
-    /// The device, its full scale calibrated.
+    /// The device, with its full scale as calibrated.
     pub design: Design,
     /// Estimator and wall in SI units.
     pub settings: Settings,
 }
 
-/// The sampler as one sample left it: from there on every velocity follows from the counts.
+/// The sampler after a sample: every later velocity follows from it and the counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Key {
     /// Number of the sample, from 0.
     pub sample: u64,
-    /// [`InForce::number`] of the settings whose estimator has run.
+    /// [`InForce::number`] of the settings of the estimator that ran.
     pub settings: u16,
     /// [`Tuned::number`] of that estimator's tuning.
     pub tuning: u16,
     /// How often the count was zeroed so far; wraps.
     pub zeros: u16,
-    /// Position at that sample; 0 where it was zeroed with it.
+    /// Position at that sample; 0 if it was zeroed with it.
     pub position: Position,
     /// Velocity at that sample.
     pub velocity: Velocity,
@@ -67,7 +67,7 @@ pub struct Key {
 }
 
 impl Key {
-    /// Key of this state, which `estimator` has left; `None` if its memory does not fit.
+    /// The key of this state after `estimator`; `None` if its memory does not fit.
     pub fn of(
         (sample, zeros): (u64, u16),
         state: &State,
@@ -103,7 +103,7 @@ impl Key {
 pub struct FrameWriter<'a> {
     bytes: &'a mut [u8; Frame::LEN_MAX],
     used: usize,
-    /// Where the length of the part that is being written stands.
+    /// Position of the length of the part that is being written.
     part: usize,
 }
 
@@ -180,7 +180,7 @@ impl<'a> FrameWriter<'a> {
         self
     }
 
-    /// What an experiment pushed with at the outputs, oldest first. All zero: the part is left out.
+    /// Pushes of an experiment at the outputs, oldest first. If all are zero, the part is left out.
     #[must_use]
     pub fn pushes(mut self, pushes: &[Force]) -> Self {
         if pushes.iter().any(|push| *push != Force::ZERO) {
@@ -275,7 +275,7 @@ impl<'a> FrameWriter<'a> {
     }
 }
 
-/// The parts of a frame of layout 2; none of another.
+/// The parts of a frame of layout 2; other frames have none.
 #[derive(Clone, Copy, Debug)]
 pub struct Parts<'a>(&'a [u8]);
 
@@ -304,7 +304,7 @@ impl<'a> Parts<'a> {
         self.all().find_map(|(kind, part)| (kind == wanted).then_some(part))
     }
 
-    /// Whether they fill the frame, and each that is known has what it should.
+    /// Whether they fill the frame, and each known part has its least length.
     pub(super) fn are_whole(self) -> bool {
         let filled: usize = self.all().map(|(_, part)| part.len() + 2).sum();
         let told = self.all().all(|(kind, part)| match kind {
@@ -319,8 +319,8 @@ impl<'a> Parts<'a> {
         filled == self.0.len() && told
     }
 
-    /// The positions of the samples up to that of the newest output, which is at `newest`, oldest first, and in front
-    /// of them that of the sample before. None where the outputs are all samples.
+    /// The positions of the samples up to that of the newest output, which is at `newest`, oldest first; before them
+    /// the position of the sample before. Empty if every sample has an output.
     pub fn positions(
         self,
         newest: Position,
@@ -339,7 +339,7 @@ impl<'a> Parts<'a> {
         places.get(..=count).unwrap_or_default()
     }
 
-    /// What an experiment pushed with at the `n`-th output of the frame, from the oldest on.
+    /// The push of an experiment at the `n`-th output of the frame, the oldest being 0.
     pub fn push(self, n: usize) -> Force {
         let (pushes, _) = self.find(kind::PUSHES).unwrap_or_default().as_chunks();
         pushes
@@ -347,12 +347,12 @@ impl<'a> Parts<'a> {
             .map_or(Force::ZERO, |bits| Force::saturating_from_bits(i32::from_le_bytes(*bits)))
     }
 
-    /// Settings in the frame; `None` for each whose estimator this build does not have.
+    /// Settings in the frame; `None` for each if this build lacks its estimator.
     pub fn settings(self) -> impl Iterator<Item = Option<InForce>> + use<'a> {
         self.all().filter(|(kind, _)| *kind == kind::SETTINGS).map(|(_, part)| settings(part))
     }
 
-    /// What wall and hand have exchanged up to the newest output, if it tells that.
+    /// Energy that wall and hand have exchanged up to the newest output, if the frame has it.
     pub fn port(self) -> Option<Exchanged> {
         let mut rest = self.find(kind::PORT)?;
         let mut number = || take(&mut rest).map(i64::from_le_bytes);
@@ -383,7 +383,7 @@ const PORT_LEAST: usize = 2 * 8;
 const SETTINGS_LEAST: usize = 2 + 4 + 4 + 2 + 4 + 6 * 8;
 const STATE_LEAST: usize = 8 + 3 * 2 + 2 * 4;
 
-/// No escape is cut.
+/// Whether no escape is cut.
 fn is_whole(mut rest: &[u8]) -> bool {
     while let Some((first, behind)) = rest.split_first() {
         let more = if first.cast_signed() == ESCAPE { 4 } else { 0 };

@@ -76,7 +76,7 @@ fn drops_are_counted_across_the_wrap_and_a_restart_is_none() {
     assert_eq!((decoder.frames, decoder.dropped, decoder.garbage), (7, 2, 0));
 }
 
-/// The stream ends before what said that it is a long frame: what stands in it is found, and in order.
+/// The stream ends before the end of what looked like a long frame: the frames inside it are found, in order.
 #[test]
 fn frames_behind_the_beginning_of_a_long_one_that_never_ends_are_found() {
     let mut stream = [0; 40];
@@ -153,7 +153,7 @@ proptest! {
         };
         let mut whole = [0; Frame::LEN_MAX];
         for (n, (outputs, period, noise)) in parts.iter().enumerate() {
-            // what the outputs of a frame share
+            // what all outputs of a frame have in common
             let Frame { sequence, record: Record { sample, settings, fault, .. } } = outputs[0];
             let count = outputs.len() as u64;
             let outputs: Vec<_> = outputs.iter().zip((0..count).rev()).map(|(output, back)| {
@@ -169,7 +169,7 @@ proptest! {
                 frame.encode_after(earlier, *period, &mut whole).finish()
             };
             prop_assert!(earlier.is_empty() || bytes.len() == 46 + 18 * earlier.len());
-            // one of them is cut in front
+            // the first bytes of one of them are missing
             let bytes = if n == 1 { &bytes[cut.min(bytes.len())..] } else { bytes };
             if n == 1 && cut > 0 {
                 garbage += bytes.len() as u64;
@@ -252,8 +252,8 @@ prop_compose! {
 }
 
 proptest! {
-    /// Counts with wraps and escapes, pushes, settings of every estimator and its state come back as they were; a bit
-    /// that flips leaves nothing.
+    /// Counts with wraps and escapes, pushes, settings of every estimator and its state are read as they were written.
+    /// With a flipped bit nothing is read.
     #[test]
     fn every_part_comes_back(
         frame in frames(), positions in moves(),
@@ -269,7 +269,7 @@ proptest! {
         let numbers = numbers.map(f64::round);
         let pushes: Vec<_> = pushes.into_iter().map(Force::saturating_from_bits).collect();
         let settings = in_force(number, name, numbers, output);
-        // what has no place in the estimator's settings is not told
+        // a number without a place in the estimator's settings is not written
         let numbers = EstimatorName::of(&settings.settings.velocity).1;
         prop_assert_eq!(EstimatorName::of(&name.settings(numbers)).1, numbers);
         let frame = Frame { record: Record { position: *positions.last().unwrap(), ..frame.record }, ..frame };

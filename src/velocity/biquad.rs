@@ -1,26 +1,26 @@
-//! A second-order low-pass in direct form 1, whose DC gain is exactly one and whose output leaves
-//! nothing behind: 32-bit coefficients, 64-bit accumulator, residue carried (error feedback).
+//! A second-order low-pass in direct form 1 with a DC gain of exactly one, whose output settles exactly: 32-bit
+//! coefficients, 64-bit accumulator, residue carried (error feedback).
 //!
 //! ```text
 //! y[n] = round((b0 x[n] + b1 x[n-1] + b2 x[n-2] - a1 y[n-1] - a2 y[n-2] + r[n]) / 2^30)
 //! ```
 //!
-//! `a1` and `a2` carry the sign of the denominator `1 + a1 z^-1 + a2 z^-2`, as in the paper and in
-//! SciPy. Direct form 1, because its state is past inputs and outputs: coefficients can change
-//! between two samples and the hand feels no kick.
+//! `a1` and `a2` have the sign of the denominator `1 + a1 z^-1 + a2 z^-2`, as in the paper and in SciPy. In direct
+//! form 1 the state is past inputs and outputs, so coefficients can change between two samples without a kick in the
+//! hand.
 //!
-//! **Error feedback.** What rounding dropped, `e`, goes back into the next sums, either as
-//! `r = e[n-1]` or as `r = 2 e[n-1] - e[n-2]`, so the output error is `(1 - z^-1) e / A(z)` or
-//! `(1 - z^-1)^2 e / A(z)`. Both vanish at DC: with a DC gain of exactly one, the sum of the outputs
-//! follows the sum of the inputs for ever. They differ in between. Low cutoffs put both poles near
-//! z = 1, where the first order leaves a gain of about `1 / w` (12 LSB RMS and limit cycles of 9 LSB
-//! at 0.3 .. 0.5 Hz and 10 kHz) and the second order leaves 0.3 LSB RMS. High cutoffs have no such
-//! gain, and the second order would only amplify (1 LSB RMS at 4990 Hz against 0.55). The design
-//! picks the order ([`Shaping`]) by the cutoff.
+//! **Error feedback.** The part that rounding dropped, `e`, is added to the next sums, either as `r =
+//! e[n-1]` or as `r = 2 e[n-1] - e[n-2]`. So the output error is `(1 - z^-1) e / A(z)` or `(1 - z^-1)^2 e
+//! / A(z)`. Both are 0 at DC: with a DC gain of exactly one, the sum of the outputs follows the sum of
+//! the inputs for ever. Elsewhere they differ. Low cutoffs put both poles near z = 1, where the first
+//! order leaves a gain of about `1 / w` (12 LSB RMS and limit cycles of 9 LSB at 0.3 .. 0.5 Hz and 10
+//! kHz), and the second order leaves 0.3 LSB RMS. High cutoffs have no such gain, and the second order
+//! would only amplify (1 LSB RMS at 4990 Hz against 0.55). The design chooses the order ([`Shaping`]) by
+//! the cutoff.
 //!
-//! `idsp`'s direct forms do the same products, but its first-order form wraps where this one must
-//! saturate (an overshoot at full scale), and its wide form truncates and so has a bias at DC;
-//! `docs/theory.md` has the numbers. Coefficients are `dsp-fixedpoint` values.
+//! `idsp`'s direct forms compute the same products. But its first-order form wraps where this one must saturate (an
+//! overshoot at full scale), and its wide form truncates and so has a bias at DC; `docs/theory.md` has the numbers.
+//! Coefficients are `dsp-fixedpoint` values.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -50,7 +50,8 @@ pub enum Shaping {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Biquad {
     b: [Coefficient; 3],
-    /// `-a1` and `-a2`: five products and the residue are then one sum, which the Cortex-M4 adds up as it multiplies.
+    /// `-a1` and `-a2`, so that five products and the residue are one sum, which the Cortex-M4 adds while it
+    /// multiplies.
     back: [Coefficient; 2],
     /// Mask of the second difference of the residue: -1 with it, 0 without.
     second: i32,
@@ -60,7 +61,7 @@ impl Biquad {
     /// Fractional bits of a coefficient.
     pub const FRACTION_BITS: u32 = 30;
 
-    /// Of those coefficients, in LSB of 2^-30, with the first or the second order of error feedback. `a1` and `a2` lie
+    /// With these coefficients in LSB of 2^-30, and the first or the second order of error feedback. `a1` and `a2` are
     /// above -2.
     pub(super) fn new(b: [i32; 3], a: [i32; 2], second: bool) -> Self {
         let q = Coefficient::from_bits;
@@ -79,9 +80,9 @@ impl Biquad {
         if self.second == 0 { Shaping::First } else { Shaping::Second }
     }
 
-    /// Filters one sample. Saturates before the feedback, so that an overload ends with its input.
-    /// The state saturates one count per sample beyond [`Velocity`]: the error feedback of a speed
-    /// at the limit needs that room, or the clipping would pull the mean down.
+    /// Filters one sample. It saturates before the feedback, so that an overload ends with its input. The state
+    /// saturates one count per sample beyond [`Velocity`], because the error feedback of a speed at the limit needs
+    /// that room. Otherwise the clipping would lower the mean.
     #[inline]
     pub fn update(&self, state: &mut BiquadState, input: Velocity) -> Velocity {
         self.update_sealed((state, &mut 0), input)
@@ -102,7 +103,7 @@ impl Biquad {
         // Sum of the magnitudes below 2^63: the design keeps |b0| + |b1| + |b2| + |a1| + |a2| < 4.
         let [b0, b1, b2] = self.b;
         let [c1, c2] = self.back;
-        // Below 2^31 as they are kept; what a flipped bit makes of them wraps, and is found by their sum.
+        // Below 2^31 as they are made. A flipped bit may let them wrap; their sum then shows it.
         let carried = i64::from(r1.wrapping_add(self.second & r1.wrapping_sub(r2)));
         let sum = b0 * x0 + b1 * x1 + b2 * x2 + c1 * y1 + c2 * y2;
         let total = sum.into_bits() + carried;
@@ -111,7 +112,7 @@ impl Biquad {
         let dropped = (total & ((1 << Self::FRACTION_BITS) - 1)) as i32;
         state.dropped = [dropped, r1];
         *seal = seal.wrapping_add([x0, dropped].sum());
-        // Nearly always no saturation is near, and one comparison says so.
+        // Nearly always no saturation is near, and one comparison shows that.
         if upper.wrapping_add(NEAR).cast_unsigned() < 2 * NEAR.cast_unsigned() {
             #[expect(clippy::cast_possible_truncation, reason = "within 4 NEAR")]
             let y0 = (total >> Self::FRACTION_BITS) as i32;
@@ -137,8 +138,8 @@ const _: () = assert!(4 * (NEAR as i64) < Velocity::LIMIT_BITS as i64);
 pub struct BiquadState {
     x: [i32; 2],
     y: [i32; 2],
-    /// What rounding down has dropped, 0 to 2^30: half an LSB more than the residue, so that the half that rounds is in
-    /// the sum already.
+    /// What rounding down has dropped, 0 to 2^30: half an LSB more than the residue, so that the sum already has the
+    /// half that rounds.
     dropped: [i32; 2],
 }
 

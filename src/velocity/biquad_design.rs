@@ -1,5 +1,5 @@
-//! Design of a biquad behind the finite difference by meaning: two poles, and two zeros of which the first follows from
-//! how far the velocity leads.
+//! Design of a biquad behind the finite difference, from quantities with a meaning: two poles, and two zeros, of which
+//! the first follows from the lead of the velocity.
 //!
 //! ```text
 //! poles        p = exp(-w zeta +- w sqrt(zeta^2 - 1)),   w = 2 pi frequency / rate     matched: of s^2 + 2 zeta w s + w^2
@@ -8,14 +8,14 @@
 //! lead         g + h - P - 1/2 samples,   P = p / (1 - p) + p' / (1 - p') = -(a1 + 2 a2) / S
 //! ```
 //!
-//! A slow motion is led by `g` and `h` samples and late by the poles' `P` and the difference's 1/2; with `lead = 0` the
-//! velocity is that of the sample itself. The second zero lies at `zero` in the plane of z: at -1 it takes half the rate
-//! away, as both zeros of a Butterworth low-pass do, at 0 there is none, above it leads as the first one does.
+//! A slow motion is led by `g` and `h` samples, and late by the poles' `P` and the difference's 1/2. With `lead = 0`
+//! the velocity is that of the sample itself. The second zero is at `zero` in the z plane. At -1 it removes half the
+//! rate, as both zeros of a Butterworth low-pass do. At 0 there is none, and above 0 it leads like the first one.
 //!
-//! A cascade is two of them; the second follows a velocity, not a difference, so that its lead lacks the half sample.
+//! A cascade has two of them. The second follows a velocity, not a difference, so its lead lacks the half sample.
 //!
-//! **What is accepted.** The first zero may lie from -1 on. The magnitudes of the coefficients add up to less than 4, so
-//! that no sum overflows whatever the counts do, which bounds how far a low frequency can be led.
+//! **What is accepted.** The first zero may lie from -1 on. The magnitudes of the coefficients add up to less than 4,
+//! so that no sum overflows for any counts. This bounds the lead of a low frequency.
 
 use core::ops::RangeInclusive;
 
@@ -27,11 +27,11 @@ use crate::range::{SettingsError, within};
 pub const FREQUENCY: RangeInclusive<f64> = 3.5e-5..=0.2;
 /// Accepted damping ratios of the poles.
 pub const DAMPING: RangeInclusive<f64> = 0.02..=4.0;
-/// Place of the second zero, lowest, and highest where the coefficients have room for it.
+/// Range of the second zero; the coefficients may leave room for less.
 const ZERO: [f64; 2] = [-1.0, 0.98];
-/// Place of the first zero at its lowest, as `g`: -1.
+/// Lowest place of the first zero, as `g`: -1.
 const LEAST: f64 = -0.5;
-/// What the magnitudes of the coefficients may add up to.
+/// The largest sum of the coefficients' magnitudes.
 const SUM: f64 = 3.999;
 /// A coefficient, at most.
 const COEFFICIENT: f64 = 1.999;
@@ -46,13 +46,13 @@ pub struct BiquadDesign {
     pub b: [f64; 3],
     /// Denominator `1 + a1 z^-1 + a2 z^-2`.
     pub a: [f64; 2],
-    /// Sum of the numerator, `1 + a1 + a2`, without what cancels in that.
+    /// Sum of the numerator, `1 + a1 + a2`, computed without cancellation.
     dc_sum: f64,
     frequency_per_rate: f64,
 }
 
 impl BiquadDesign {
-    /// The biquad with poles of that frequency and damping, led by so much at low frequencies, and with that second zero.
+    /// The biquad with poles of this frequency and damping, this lead at low frequencies, and this second zero.
     ///
     /// # Errors
     /// Names the parameter that is out of range; the range of the zero follows from the poles, that of the lead from
@@ -68,7 +68,7 @@ impl BiquadDesign {
         Self::section(frequency_hz, damping, lead_s, zero, rate_hz, 0.5)
     }
 
-    /// As [`new`](Self::new), behind a delay of `late` samples, which the lead also makes up for.
+    /// As [`new`](Self::new), behind a delay of `late` samples, which the lead compensates too.
     fn section(
         frequency_hz: f64,
         damping: f64,
@@ -101,7 +101,7 @@ impl BiquadDesign {
         Self { b, ..self }
     }
 
-    /// The largest `g` that the coefficients have room for.
+    /// The largest `g` for which the coefficients have room.
     fn most(&self, h: f64) -> f64 {
         let fits = |g: f64| {
             let Self { b: [b0, b1, b2], a: [a1, a2], .. } = self.with_zeros(g, h);
@@ -123,7 +123,7 @@ impl BiquadDesign {
         let to_bits = |value: f64| libm::round(value * f64::from(one)) as i32;
         let [b0, _, b2] = self.b.map(to_bits);
         let (a2, dc_sum) = (to_bits(self.a[1]), to_bits(self.dc_sum));
-        // Both are within i32, as what they stand for is below 2; a sum on the way may not be.
+        // Both are within i32, because their values are below 2; a sum on the way may not be.
         let a1 = dc_sum.wrapping_sub(one).wrapping_sub(a2);
         let b1 = dc_sum.wrapping_sub(b0).wrapping_sub(b2);
         Biquad::new([b0, b1, b2], [a1, a2], self.frequency_per_rate < SECOND_ORDER_BELOW)
@@ -138,7 +138,7 @@ pub struct CascadeDesign {
 }
 
 impl CascadeDesign {
-    /// Sections by frequency (in Hz; the second's over the first's), damping, lead in s and second zero.
+    /// Sections from frequency (Hz; of the second, relative to the first), damping, lead in s and second zero.
     ///
     /// # Errors
     /// Names the parameter that is out of range.

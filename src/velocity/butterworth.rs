@@ -1,5 +1,5 @@
-//! Design of the second-order low-pass, Butterworth's above all: the paper's equation (2), with the exact
-//! `2 sqrt(2)` where it prints 2.8, and its quantisation.
+//! Design of the second-order low-pass, in particular Butterworth's, and its quantisation: the paper's equation (2),
+//! with the exact `2 sqrt(2)` where the paper prints 2.8.
 //!
 //! ```text
 //! H(s) = wc^2 / (s^2 + sqrt(2) wc s + wc^2),   s = (2/T) (z - 1)/(z + 1)      bilinear
@@ -16,12 +16,12 @@
 //! | 10 kHz | 0.35 Hz       | 4990 Hz |
 //! | 50 kHz | 1.75 Hz       | 24950 Hz |
 //!
-//! The lower end is where quantisation may move the -3 dB frequency by 1 %: that frequency follows
-//! the DC sum `S = 2^30 (1 + a1 + a2)`, which is `2^30 w^2` rounded to an integer, in proportion
-//! (the damping stays, so the response tilts as well as shifts); with `S >= 51` the relative error
-//! `1 / (2 S)` is below 1 %. Pre-warping reaches
-//! half the rate only in the limit of coefficients that add up to 8, where the accumulator would
-//! overflow; pre-warped cutoffs end at [`PREWARPED_MAX`] of the rate.
+//! The lower end is where quantisation may change the -3 dB frequency by 1 %. This frequency is
+//! proportional to the DC sum `S = 2^30 (1 + a1 + a2)`, which is `2^30 w^2` rounded to an integer (the
+//! damping stays, so the response tilts as well as shifts). With `S >= 51` the relative error `1 / (2
+//! S)` is below 1 %. Pre-warping reaches half the rate only in the limit of coefficients that add up to
+//! 8, with which the accumulator would overflow. So pre-warped cutoffs end at [`PREWARPED_MAX`] of the
+//! rate.
 
 use core::{f64::consts::SQRT_2, ops::RangeInclusive};
 
@@ -36,8 +36,8 @@ pub const CUTOFF_MAX: f64 = 0.499;
 pub const PREWARPED_MAX: f64 = 0.38;
 /// Accepted quality factors: up to the highest one the coefficients' magnitudes add up to less than 4 at every cutoff.
 pub const QUALITY: RangeInclusive<f64> = 0.3..=2.0;
-/// Above this fraction of the sample rate the first order of error feedback is the quieter one, to 1 % (they cross at
-/// 0.0655). There both leave 0.36 LSB RMS; found by summing the squared impulse responses of `(1 - z^-1)^k / A(z)`.
+/// Above this fraction of the sample rate the first order of error feedback is the quieter one, to 1 % (the two cross
+/// at 0.0655). There both leave 0.36 LSB RMS, by the sum of the squared impulse responses of `(1 - z^-1)^k / A(z)`.
 const SECOND_ORDER_BELOW: f64 = 0.064;
 
 /// Frequency at which the unquantised digital filter is at -3 dB, in Hz.
@@ -61,7 +61,7 @@ fn digital_frequency(cutoff_hz: f64, rate_hz: f64, prewarp: bool) -> Result<f64,
     Ok(if prewarp { prewarped(angle) } else { angle })
 }
 
-/// Not inlined: what `tan` needs of the stack would be needed for every cutoff.
+/// Not inlined: every cutoff would need the stack that `tan` needs.
 #[inline(never)]
 fn prewarped(angle: f64) -> f64 {
     2.0 * libm::tan(angle / 2.0)
@@ -111,9 +111,9 @@ impl ButterworthDesign {
 
     /// The coefficients in LSB of 2^-30, with a DC gain of exactly one.
     ///
-    /// `a2` is rounded, the DC sum `S` is rounded from `4 b0` (where nothing cancels), `a1` is what
-    /// then remains, and the numerator is split so that it adds up to `S`: `a2` is within half an
-    /// LSB, `a1` and `b0` within one, `b1` within two.
+    /// `a2` is rounded. The DC sum `S` is rounded from `4 b0`, where nothing cancels. `a1` is the rest, and the
+    /// numerator is split so that it adds up to `S`. So `a2` is within half an LSB, `a1` and `b0` within one, `b1`
+    /// within two.
     pub fn quantise(&self) -> Biquad {
         const ONE: i32 = 1 << Biquad::FRACTION_BITS;
         let scale = f64::from(ONE);
@@ -167,7 +167,7 @@ impl FirstOrder {
 }
 
 impl Biquad {
-    /// The low-pass of first or second order in integers: what all rows of the table share.
+    /// The low-pass of first or second order in integers, as all rows of the table use it.
     #[inline(never)] // once in the image
     pub(super) fn low_pass(
         order: u32,

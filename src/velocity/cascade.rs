@@ -1,7 +1,7 @@
 //! Two biquads in a row behind the finite difference: four poles and four zeros.
 //!
-//! The first one's output is a [`Velocity`], rounded with an error feedback of its own, so at rest and at a constant speed
-//! nothing is lost between the two. [`CascadeDesign`](super::CascadeDesign) has the equations.
+//! The first one's output is a [`Velocity`], rounded with its own error feedback. So nothing is lost between the two at
+//! rest and at a constant speed. [`CascadeDesign`](super::CascadeDesign) has the equations.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -11,7 +11,7 @@ use crate::units::Velocity;
 /// Two biquads in a row; made by [`CascadeDesign::quantise`](super::CascadeDesign::quantise).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cascade {
-    /// The first one first.
+    /// The first section first.
     pub(super) sections: [Biquad; 2],
 }
 

@@ -5,7 +5,7 @@
 use super::{Form, Senses};
 use crate::units::Velocity;
 
-/// Finite difference: counts since the last sample.
+/// The counts since the last sample; it has no coefficients.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Difference;
 

@@ -1,30 +1,30 @@
 //! Edge times from a timer that captures the encoder's edges.
 //!
-//! The encoder's counter is read first, then the capturing timer's count, then what it captured. Both
-//! see the same edges through the same filter, at the same time. What makes an [`Edge`] of it:
+//! The encoder's counter is read first, then the capturing timer's count, then its captures. Both see the same edges
+//! through the same filter, at the same time. This file makes an [`Edge`] from them:
 //!
-//! **Which edge.** An edge may come between the readings, and the count does not have it then. One that
-//! is newer than the timer's reading is none of this sample's. One that is hardly older ([`CLOSE`]) may
-//! be: A and B take turns, so the channel of the last edge in a count follows from whether the count is
-//! odd and from the direction. Which is which is learnt from edges that leave no doubt, and again with
-//! each of them; before the first of them a count that moved has the edge. An edge that is not in the count
-//! waits for the next one.
+//! **Which edge.** An edge may come between the readings; then the count does not have it. An edge that is newer
+//! than the timer's reading does not belong to this sample. One that is hardly older ([`CLOSE`]) may not either. A
+//! and B alternate, so the channel of the last edge in a count follows from the direction and from whether the
+//! count is odd. Which channel is which is learnt from edges that leave no doubt, and again with each of them.
+//! Before the first of them, a count that moved has the edge. An edge that is not in the count waits for the next
+//! one.
 //!
-//! **No edge** in the count since the last sample: the old one has aged by exactly one sample. The timer
-//! wraps after a few samples, its count alone could not tell.
+//! **No edge** in the count since the last sample: the old one is older by exactly one sample. The timer wraps after a
+//! few samples, so its count alone does not tell this.
 //!
-//! **Age of what.** Samples are taken at equal distances, but for some cycles of the processor: one
-//! reading sets the phase of all, and ages are told from there. So what an estimator takes for a sample is
-//! one, and no jitter comes in; only an edge between the nominal and the true reading is off, by at most
-//! their distance (its age is cut to 0, or to one sample with the next count). A reading that is more than
-//! [`CLOSE`] ticks off sets the phase anew: the first ones come when the program is ready, and one that
-//! was held up is no measure for the others.
+//! **Age of what.** Samples are taken at equal distances, except for some cycles of the processor. One reading sets
+//! the phase of all samples, and ages refer to this phase. So an estimator's sample is the nominal one, and no
+//! jitter enters. Only an edge between the nominal and the true reading is wrong, by at most their distance (its age
+//! is cut to 0, or to one sample with the next count). A reading that is more than [`CLOSE`] ticks off sets the
+//! phase again: the first readings come when the program is ready, and a delayed one must not set the phase for the
+//! others.
 //!
-//! **Error.** The age is less than a tick too long or too short, and 2^-16 samples too short. A channel
-//! holds its last edge only, and the direction is read after the count. So the last edge in a count is
-//! given up where the handle turns in a sample and an edge comes between the readings, and where two come
-//! between them. Then there is none, and the estimator takes it to be half a count's time old. One edge
-//! can be mistaken for another only where the handle turns twice in a sample, the second time between the
+//! **Error.** The age is wrong by less than a tick, and up to 2^-16 samples too short. A channel keeps
+//! its last edge only, and the direction is read after the count. So two cases lose the last edge of a
+//! count: the handle turns in a sample and an edge comes between the readings, or two edges come between
+//! the readings. Then there is no edge, and the estimator assumes half a count's time as its age. One
+//! edge can be taken for another only if the handle turns twice in a sample, the second time between the
 //! readings.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
@@ -33,17 +33,17 @@ use core::hint::cold_path;
 
 use super::senses::Edge;
 
-/// An edge that is not older, in ticks, may have come between the two readings.
+/// An edge that is at most this old, in ticks, may have come between the two readings.
 pub const CLOSE: u32 = 32;
 
-/// What the capturing timer says at a sample, in the order in which it is read.
+/// The capturing timer at a sample, in the order in which it is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Captures {
     /// Its count, right after that of the encoder.
     pub now: u16,
     /// The encoder's count went up with its last edge.
     pub up: bool,
-    /// Its count at the last edge of A and of B, if one came since the last sample.
+    /// Its count at the last edge of A and of B, for each that came since the last sample.
     pub at: [Option<u16>; 2],
 }
 
@@ -60,11 +60,11 @@ struct Captured {
 pub struct EdgeTimer<const TICKS: u32> {
     /// Encoder's count at the last sample.
     count: u32,
-    /// Ticks into a sample at which it is taken.
+    /// Ticks after a sample's beginning at which it is taken.
     phase: Option<u32>,
-    /// Came after the last count was read.
+    /// An edge that came after the last count was read.
     waiting: Option<Captured>,
-    /// Channel, oddness and direction of a count's last edge, combined: the same for all edges.
+    /// Channel, oddness and direction of a count's last edge, combined; the same for all edges.
     turns: Option<bool>,
     latest: Option<Edge>,
 }
@@ -122,7 +122,7 @@ impl<const TICKS: u32> EdgeTimer<TICKS> {
                     None => waiting,
                 };
                 given_up |= before.is_some();
-                // A count that went the other way has turned with the edge that it has not.
+                // A count in the other direction turned with the edge that is missing.
                 let straight = moved && (counts > 0) == up;
                 before
                     .filter(|&edge| straight && self.turns.is_none_or(|known| known == turns(edge)))
@@ -138,15 +138,15 @@ impl<const TICKS: u32> EdgeTimer<TICKS> {
         self.latest
     }
 
-    /// What was captured, the newest first, each with its age at `now`, which those have not that came
-    /// after it.
+    /// The captures, the newest first, each with its age at `now`; a capture after `now` has no
+    /// age.
     #[inline]
     fn in_order(&self, captures: &Captures) -> [Option<(Captured, Option<u32>)>; 2] {
         let [a, b] = captures.at.map(|at| at.map(|at| (at, since(Self::WRAP, at, captures.now))));
         let seen = |since: u32| (since < Self::WRAP - TICKS).then_some(since);
         let a_side = a.map(|(at, since)| (Captured { at, is_a: true }, seen(since)));
         let b_side = b.map(|(at, since)| (Captured { at, is_a: false }, seen(since)));
-        // Those that came after `now` are almost a whole turn old: shifted, all are in order.
+        // Captures after `now` are almost a whole turn old: with a shift, all are in order.
         let age = |side: Option<(u16, u32)>| {
             side.map_or(u32::MAX, |(_, since)| (since + TICKS) % Self::WRAP)
         };
@@ -183,7 +183,7 @@ fn since(wrap: u32, at: u16, now: u16) -> u32 {
     if now >= at { now - at } else { (now + wrap).saturating_sub(at) }
 }
 
-/// In 2^-16 samples, of an edge that was `ticks` old at a reading that was `late`.
+/// In 2^-16 samples, for an edge that was `ticks` old at a reading that was `late`.
 #[inline]
 fn age<const TICKS: u32>(ticks: u32, late: i32) -> u32 {
     let ticks = ticks.saturating_add_signed(-late).min(u16::MAX.into());
@@ -306,7 +306,7 @@ mod tests {
         assert_eq!(bench.sample(72_001, 2).unwrap().age, age(3_002));
     }
 
-    /// A turn at a border, between the readings: the last edge of the count is lost, and said to be.
+    /// A turn at a border between the readings: the last edge of the count is lost, and reported as lost.
     #[test]
     fn an_edge_that_was_overwritten_is_not_mistaken() {
         let edges = std::vec![(20_000, true), (30_000, true), (33_000, true), (36_004, false)];
@@ -319,7 +319,7 @@ mod tests {
         assert_eq!(bench.sample(45_000, 3), Some(Edge { age: age(8_998), up: false }));
     }
 
-    /// The same, with the direction read after the turn: it must not be taken for the edge before it.
+    /// The same with the direction read after the turn: the edge must not be taken for the one before it.
     #[test]
     fn a_turn_between_the_readings_is_noticed() {
         let edges = [10_000, 20_000, 27_500, 30_000, 33_000].map(|tick| (tick, true));
@@ -331,12 +331,12 @@ mod tests {
         assert_eq!(bench.sample(45_000, 3), Some(Edge { age: age(9_001), up: false }));
     }
 
-    /// Ticks between two edges of a leg, and edges of it; Miri takes seconds for a thousand samples.
+    /// Ticks between two edges of a leg, and edges of a leg; Miri takes seconds for a thousand samples.
     const SPACING_MAX: u64 = if cfg!(miri) { 12_000 } else { 60_000 };
     const LENGTH_MAX: usize = if cfg!(miri) { 8 } else { 200 };
 
     proptest! {
-        /// Any motion that does not turn around a reading: the very edge that the count has, to the tick.
+        /// For any motion that does not turn around a reading, the edge is the one of the count, to the tick.
         #[test]
         fn the_edge_is_the_last_one_in_the_count(
             legs in prop::collection::vec((8..SPACING_MAX, 1..LENGTH_MAX, any::<bool>()), 1..8),
@@ -371,7 +371,7 @@ mod tests {
                     } else {
                         last.map(|(edge, up)| Edge { age: age(nominal.saturating_sub(edge)), up })
                     };
-                    // before the first edge that leaves no doubt, one of several may be a wrong one
+                    // before the first edge that leaves no doubt, one of several may be wrong
                     let clear = |&(edge, _): &(u64, bool)| edge + 64 < at || edge > at + 2 * gap;
                     let new = last.is_some_and(|(edge, _)| edge > before + 2 * gap);
                     learnt |= new && bench.edges.iter().all(clear);

@@ -1,8 +1,8 @@
-//! A weighted sum of the last differences of the position: what Taylor expansions and least-squares
-//! fits come to ([`polynomial`](super::polynomial) has their equations).
+//! A weighted sum of the last differences of the position. Taylor expansions and least-squares fits become such a sum
+//! ([`polynomial`](super::polynomial) has their equations).
 //!
-//! The differences are small and exact across a wrap of the position, and with weights that add up
-//! to exactly 2^30 a constant speed comes out exactly.
+//! The differences are small, and exact across a wrap of the position. The weights add up to exactly 2^30, so a
+//! constant speed comes out exactly.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -47,9 +47,9 @@ impl Form for Fir {
         History::take_last(u8::try_from(self.window).unwrap_or(u8::MAX), rest)
     }
 
-    /// Its error against the exact weighted sum is at most half an LSB and 2^-31 of the sum of the
-    /// magnitudes of the differences, each with its weight's rounding error, the largest weight's with
-    /// that of all; at constant speed it is exact.
+    /// The error against the exact weighted sum is at most half an LSB, plus the rounding error of each weight times the
+    /// magnitude of its difference. A rounding error is at most 2^-31; the largest weight has that of all together. At
+    /// constant speed the sum is exact.
     #[inline]
     fn step(&self, history: &mut History, difference: i32, _: &Senses) -> Velocity {
         history.push(difference);
@@ -69,7 +69,7 @@ mod tests {
     use super::*;
     use crate::velocity::FirDesign;
 
-    /// The sum is linear: its ends are where every difference is at the end that its weight's sign asks for.
+    /// The sum is linear. At its ends every difference is at the end that the sign of its weight gives.
     #[test]
     fn no_sum_overflows_at_its_ends() {
         let fits = (1..=2).flat_map(|degree| {

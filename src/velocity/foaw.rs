@@ -8,21 +8,21 @@
 //! best fit: (2 sum j s[j] - i sum s[j]) / (i (i+1) (i+2) / 6),   sums over j = 1 .. i
 //! ```
 //!
-//! the latter the least-squares fit of the window's `i + 1` samples. Windows are tried from `i = 1`
-//! up; the first one with `|s[j] - j v T| > noise` for some `0 < j < i` ends the search, and the one
-//! before it counts. At speed the window is as long as allowed; where the handle accelerates it
-//! shrinks to about `sqrt(8 noise / a)` samples, `a` in counts per sample^2. The estimate is late by
-//! half the window in use.
+//! the second the least-squares fit of the window's `i + 1` samples. Windows are tried from `i = 1` up.
+//! The first one with `|s[j] - j v T| > noise` for some `0 < j < i` ends the search, and the one before it
+//! is used. At constant speed the window is as long as allowed. If the handle accelerates, it shrinks to
+//! about `sqrt(8 noise / a)` samples, `a` in counts per sample^2. The estimate is late by half the window
+//! in use.
 //!
-//! A noise of 1 count never shortens the window of the end fit at constant speed: then the error is
-//! below `1 / window` counts per sample. The best fit's line passes through the newest sample too, as
-//! in the published code, which is not its least-squares line: there quantisation alone may shorten
-//! the window.
+//! At constant speed a noise of 1 count never shortens the window of the end fit. Then the error is
+//! below `1 / window` counts per sample. The best fit's line passes through the newest sample too, as in
+//! the published code, so it is not its least-squares line. There quantisation alone may shorten the
+//! window.
 //!
-//! **Cost.** Tried literally, every window checks all samples in it: quadratic. But `|s[j] - j v T|
-//! <= noise` says that the slope lies between `(s[j] - noise) / j` and `(s[j] + noise) / j`, so the
-//! largest lower and the smallest upper bound so far decide: one pass, compared as fractions by
-//! cross-multiplication, exact. One division, 32 bits wide, at the end.
+//! **Cost.** Taken literally, every window checks all its samples: quadratic. But `|s[j] - j v T| <= noise` means that
+//! the slope lies between `(s[j] - noise) / j` and `(s[j] + noise) / j`. So the largest lower and the smallest upper
+//! bound so far decide, in one pass. They are compared as fractions by cross-multiplication, which is exact. At the end
+//! there is one division, 32 bits wide.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -36,7 +36,7 @@ use crate::{
 
 /// Steps of the noise in a count.
 const NOISE_STEPS: i32 = 16;
-/// A bound beyond every slope, in steps of the noise. Times the longest window it fits 32 bits.
+/// A bound beyond every slope, in steps of the noise. Its product with the longest window fits 32 bits.
 const FREE: i32 = 1 << 25;
 
 /// Its parameters; made by [`new`](Self::new).
@@ -100,8 +100,8 @@ impl Foaw {
         Ok(Self { best, window, noise })
     }
 
-    /// The slope over the longest window that fits, as a fraction. Two compiled forms: the loop of the
-    /// end fit needs none of the sums and no more than 32 bits.
+    /// The slope over the longest window that fits, as a fraction. It is compiled in two forms, because the loop of the
+    /// end fit needs no sums and no more than 32 bits.
     #[inline(always)] // called, its fraction goes through memory
     fn slope<const BEST: bool>(&self, history: &History) -> (i32, NonZeroU32) {
         let mut low = Bound { number: -FREE, over: 1 };

@@ -10,7 +10,7 @@ pub const WINDOW_MAX: u32 = 64;
 
 pub(super) const LENGTH: usize = WINDOW_MAX as usize;
 
-/// That of most estimators.
+/// Longest window of most estimators.
 pub(super) type History = Ring<LENGTH>;
 
 /// The last differences, in counts per sample, saturated to the range of [`Velocity`]; `LENGTH` of them, a power of two
@@ -64,7 +64,7 @@ impl<const LENGTH: usize> Ring<LENGTH> {
         Some(ring)
     }
 
-    /// As after many samples at that velocity: differences whose sums follow it to within a count.
+    /// As after many samples at this velocity: differences whose sums follow it to within a count.
     pub(super) fn at(velocity: Velocity) -> Self {
         const FRACTION: i32 = (1 << Velocity::FRACTION_BITS) - 1;
         let bits = velocity.bits();
@@ -78,7 +78,7 @@ impl<const LENGTH: usize> Ring<LENGTH> {
             rest &= FRACTION;
             *place = difference;
         }
-        // Each takes along what the ones before it have left over, so that is what they come to.
+        // Each difference takes the remainder of those before it, so these are their values.
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_possible_wrap,
@@ -93,7 +93,7 @@ impl<const LENGTH: usize> Ring<LENGTH> {
     }
 }
 
-/// All of it; a form that looks at fewer keeps fewer.
+/// All of it; a form that uses fewer differences keeps fewer.
 impl<const LENGTH: usize> Kept for Ring<LENGTH> {
     fn put(&self, bytes: &mut Bytes<'_>) {
         self.put_last(Self::ALL, bytes);

@@ -1,6 +1,6 @@
-//! Steady-state Kalman filter: position and velocity (two states), or acceleration too (three), of a
-//! handle that noise drives, seen through an encoder whose rounding counts as white noise of
-//! `resolution / sqrt(12)` RMS (Belanger 1992; Belanger, Dobrovolny, Helmy, Zhang 1998).
+//! Steady-state Kalman filter: position and velocity (two states), and acceleration too (three states), of a handle
+//! that noise moves. It is seen through an encoder, whose rounding counts as white noise of `resolution / sqrt(12)` RMS
+//! (Belanger 1992; Belanger, Dobrovolny, Helmy, Zhang 1998).
 //!
 //! In counts and samples, with `r` the count less the predicted position:
 //!
@@ -10,10 +10,10 @@
 //! ```
 //!
 //! **Gains.** The motion noise is an acceleration that differs from sample to sample (two states), or
-//! an acceleration that changes by a random amount with every sample, its jerk times T (three). The
-//! steady gains are then closed forms of one number, `L` = motion noise / measurement noise
-//! (Kalata, IEEE T-AES 20(2), 1984; Gray and Murray, IEEE T-AES 29(3), 1993). With
-//! `u = 1 - sqrt(1 - alpha)`:
+//! an acceleration that changes with every sample by a random amount, its jerk times T (three states).
+//! Then the steady gains are closed forms of one number, `L` = motion noise / measurement noise
+//! (Kalata, IEEE T-AES 20(2), 1984; Gray and Murray, IEEE T-AES 29(3), 1993). With `u = 1 - sqrt(1 -
+//! alpha)`:
 //!
 //! ```text
 //! alpha = u (2 - u),  beta = 2 u^2,  gamma = beta^2 / (2 alpha)
@@ -21,13 +21,13 @@
 //! three states: 2 u^3 = L (1 - u) (2 - u),    L = jerk T^3 / (resolution / sqrt(12))
 //! ```
 //!
-//! Nothing is computed per sample but the gains' products. Delay at low frequency: two states
-//! `alpha / beta - 1/2` samples; three states none.
+//! Per sample only products with the gains are computed. Delay at low frequency: two states `alpha / beta - 1/2`
+//! samples; three states none.
 //!
-//! **Fixed point.** The position is kept as its distance from the count, so that nothing wraps. A
-//! constant speed leaves `r` at zero whatever the gains' rounding. What rounding the output drops is
-//! carried into the next one, and the rounding of the products leaves the mean velocity within 2^-23
-//! counts per sample, the 128th part of an LSB.
+//! **Fixed point.** The position is kept as its distance from the count, so that nothing wraps. A constant speed
+//! leaves `r` at zero, however the gains are rounded. What rounding drops from one output is added to the next.
+//! The rounding of the products leaves the mean velocity within 2^-23 counts per sample, the 128th part of an
+//! LSB.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -88,7 +88,7 @@ impl KalmanDesign {
         Self { alpha, beta, gamma: beta * beta / (2.0 * alpha) }
     }
 
-    /// The gains in integers, each within 2^-31 of itself.
+    /// The gains in integers, each with an error of at most 2^-31 of itself.
     pub fn quantise(&self) -> Kalman {
         // 2^-32 and more by the limits of u
         let gain = |value| Gain::from_f64(value).unwrap_or_default();
@@ -106,15 +106,15 @@ fn noise_m(design: &Design) -> f64 {
 const FRACTION_BITS: u32 = 32;
 /// Fractional bits that the output does not have.
 const DROPPED_BITS: u32 = FRACTION_BITS - Velocity::FRACTION_BITS;
-/// Further fractional bits of the acceleration, which small gains change little.
+/// Further fractional bits of the acceleration, which small gains change only a little.
 const ACCELERATION_BITS: u32 = 12;
 /// Factor of these further bits.
 const GAMMA: f64 = (1u32 << ACCELERATION_BITS) as f64;
-/// Largest distance from the count: more than the smallest gains leave of a stop from full speed.
+/// Largest distance from the count: more than the smallest gains leave after a stop from full speed.
 const DISTANCE_MAX: i64 = 1 << (28 + FRACTION_BITS);
 /// Largest velocity of the state: twice that of the output, for its overshoot.
 const VELOCITY_MAX: i64 = 1 << (16 + FRACTION_BITS);
-/// Largest acceleration of the state: what the largest gain makes of a reversal at full speed.
+/// Largest acceleration of the state: the largest gain after a reversal at full speed.
 const ACCELERATION_MAX: i64 = 1 << (18 + FRACTION_BITS + ACCELERATION_BITS);
 
 /// Gains; made by [`KalmanDesign::quantise`].
@@ -161,7 +161,7 @@ impl<G: Copy> Kalman<G> {
             (state.velocity + speed_up - predicted.times(self.beta)).clamped(VELOCITY_MAX);
         state.acceleration =
             (state.acceleration - predicted.times(self.gamma)).clamped(ACCELERATION_MAX);
-        // with what was dropped of it before
+        // with what rounding dropped before
         let (nearest, residue) = state.velocity.plus(state.residue).split();
         state.residue = residue;
         nearest.clamped(Velocity::LIMIT_BITS.into())
@@ -232,7 +232,7 @@ mod tests {
     #[test]
     fn the_gains_are_those_of_the_riccati_recursion() {
         let noise = 1e-6 / 12f64.sqrt();
-        // The recursion takes the longer the smaller the ratio.
+        // The recursion takes longer for a smaller ratio.
         let ratios: &[f64] = if cfg!(miri) { &[30.0] } else { &[1e-4, 1e-3, 0.03, 0.7, 5.0, 30.0] };
         for &ratio in ratios {
             let two = KalmanDesign::two_states(ratio * noise * 1e8, &DESIGN).unwrap();

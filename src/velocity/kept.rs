@@ -1,10 +1,11 @@
-//! What an estimator remembers: as bytes, for a reader of telemetry that goes on from there, and as a sum, for the guard.
+//! What an estimator remembers: as bytes, for a reader of telemetry that goes on from there, and as a sum, for
+//! `render`.
 //!
-//! Bytes: least significant first, no padding. Only what a later velocity depends on, so that two states with the same
-//! bytes say the same to the same counts.
+//! Bytes: least significant first, no padding, and only what a later velocity depends on. So two states with the same
+//! bytes give the same velocities for the same counts.
 //!
-//! Sum: of the words, modulo 2^32. What an estimator itself changes, it adds and takes away; a bit that flips makes the
-//! sum another one, and it stays another one.
+//! Sum: of the words, modulo 2^32. The estimator adds and subtracts its own changes. A flipped bit makes the sum
+//! different from then on.
 
 use crate::units::Velocity;
 
@@ -27,7 +28,7 @@ impl<'a> Bytes<'a> {
         self.used += N;
     }
 
-    /// How many they are, if there was room for all.
+    /// Their number, if there was room for all.
     pub(super) fn used(&self) -> Option<usize> {
         (self.used <= self.place.len()).then_some(self.used)
     }

@@ -1,22 +1,22 @@
-//! Levant's robust exact differentiator (Automatica 34(3), 1998): a position `x` that follows the
-//! count `p` by a velocity with a square root and an integrated sign.
+//! Levant's robust exact differentiator (Automatica 34(3), 1998): a position `x` follows the count `p` with a velocity
+//! of a square root and an integrated sign.
 //!
 //! ```text
 //! x' = u,   u = u1 - lambda sqrt(|e|) sign(e),   u1' = -alpha sign(e),   e = x - p
 //! ```
 //!
-//! With `alpha > C >= |p''|` it is exact after a finite time where nothing is noisy. Usual are
-//! `alpha = 1.1 C`, `lambda = sqrt(C)`. In counts and samples C becomes `c = C T^2 / resolution`.
+//! With `alpha > C >= |p''|` and without noise it is exact after a finite time. Usual are `alpha = 1.1 C`, `lambda =
+//! sqrt(C)`. In counts and samples C becomes `c = C T^2 / resolution`.
 //!
-//! **Explicit Euler** takes the right sides at the sample:
+//! **Explicit Euler** uses the right sides at the sample:
 //!
 //! ```text
 //! e = x - p,   u = u1 - lambda sqrt(|e|) sign(e),   x += u,   u1 -= alpha sign(e);   the estimate is u
 //! ```
 //!
-//! It never comes to rest: `e` jumps about zero, and the estimate with it (chattering).
+//! It never comes to rest: `e` jumps about zero, and so does the estimate (chattering).
 //!
-//! **Implicit Euler** takes them at the next sample, `b = x + u1 - p` being known then:
+//! **Implicit Euler** uses them at the next sample; `b = x + u1 - p` is known then:
 //!
 //! ```text
 //! e + lambda sqrt(|e|) sign(e) + alpha sign(e) contains b,   sign(0) = -1 .. 1
@@ -25,16 +25,16 @@
 //! the estimate is u1
 //! ```
 //!
-//! The second line of each case follows from the first by solving the quadratic equation in sqrt(|e|).
-//! Implicit forms are known (arXiv 1911.09232, 2008.09863); Seeber (arXiv 2404.02770) shows that those
-//! published before are biased or chatter and proposes one that does neither, by outputs that are linear
-//! combinations of the states. This one is held against no implementation of his; what it does is
-//! measured: once `e` is zero it stays zero as long as the speed changes by at most alpha per sample, so
-//! that it does not chatter, is exact at rest and at constant speed, and late by the half sample of any
-//! backward difference.
+//! The second line of each case is the solution of the first, a quadratic equation in sqrt(|e|). Implicit
+//! forms are known (arXiv 1911.09232, 2008.09863). Seeber (arXiv 2404.02770) shows that those published
+//! before are biased or chatter. He proposes a form without both, whose outputs are linear combinations of
+//! the states. The form here was not compared with an implementation of his. Its behaviour is measured:
+//! once `e` is zero, it stays zero as long as the speed changes by at most alpha per sample. So it does
+//! not chatter, is exact at rest and at constant speed, and late by the half sample of any backward
+//! difference.
 //!
-//! **Fixed point.** Only `e` (moved on by a step) and `u1` are kept, 32 fractional bits each; `e` is relative to the count,
-//! so that nothing wraps, and limited to 2^24 counts. The root is the integer root of 64 bits.
+//! **Fixed point.** Only `e` (moved on by a step) and `u1` are kept, with 32 fractional bits each. `e` is relative to
+//! the count, so that nothing wraps, and limited to 2^24 counts. The root is the integer root of 64 bits.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -188,7 +188,7 @@ fn velocity(bits: i64) -> Velocity {
     Velocity::saturating_from_bits(nearest as i32)
 }
 
-/// Square root, both with 32 fractional bits; 31 bits of it are right. `square` is below 2^60.
+/// Square root, both with 32 fractional bits; 31 bits of it are exact. `square` is below 2^60.
 ///
 /// The integer root of `square * 2^(2 n)` is the root times `2^n`; `n` brings the operand to its full
 /// 64 bits.
@@ -243,7 +243,7 @@ mod tests {
             difference in -32_767i32..=32_767,
             at_count in any::<bool>(),
         ) {
-            /// What 31 bits of the largest root leave, times the largest lambda here.
+            /// The error of 31 bits of the largest root, times the largest lambda here.
             const ERROR_MAX: f64 = 1e-5;
             let acceleration = 20.0 * 10f64.powf(acceleration);
             let design = LevantDesign::new(acceleration, 1.0, &DESIGN).unwrap();

@@ -1,10 +1,10 @@
 //! Position to [`Velocity`]: the second stage, run for every sample.
 //!
-//! An [`Estimator`] holds what a person chose (integer coefficients); a [`State`] holds what the
-//! samples left behind, and whose: an estimator never runs on what another one, or another tuning of it, has left. It
-//! starts from the velocity of the last sample, as if the handle had always moved at it, and warms itself up: a slope
-//! that a wide filter had from one flicker of the counts would carry a narrow one far away. [`Tuned`] is an estimator
-//! that knows its tuning from the one before, so that it comes into force whole, with one sample.
+//! An [`Estimator`] has what a person chose (integer coefficients). A [`State`] has what the samples left behind, and
+//! of which estimator. An estimator never goes on from the state of another one, or of another tuning. Instead it
+//! starts from the velocity of the last sample, as if the handle had always moved at it. Otherwise a slope that a wide
+//! filter had from one flicker of the counts would carry a narrow filter far away. [`Tuned`] is an estimator with the
+//! number of its tuning, so that it comes into force whole, with one sample.
 
 mod biquad;
 #[cfg(feature = "estimators")]
@@ -68,20 +68,20 @@ use table::{Kind, Memory};
 
 /// An estimator's integer form: what runs for every sample.
 trait Form {
-    /// What the samples leave behind.
+    /// What the samples leave in it.
     type State: Copy + core::fmt::Debug + Kept;
 
     /// Before the first sample.
     const REST: Self::State;
 
-    /// As after many samples at that velocity: where it starts when it takes over from another form.
+    /// As after many samples at this velocity: the state with which it replaces another form.
     fn at(&self, velocity: Velocity) -> Self::State;
 
     /// The velocity after a move by `difference` counts, in counts per sample.
     fn step(&self, state: &mut Self::State, difference: i32, senses: &Senses) -> Velocity;
 
-    /// [`step`](Self::step). What it changes is added to the seal, what it replaces is taken away: a bit of the state that
-    /// flips between two steps makes the seal differ from the state's sum from then on.
+    /// [`step`](Self::step), with the seal. What it changes is added to the seal, and what it replaces is subtracted.
+    /// If a bit of the state flips between two steps, the seal differs from the state's sum from then on.
     #[inline(always)]
     fn sealed(
         &self,
@@ -100,13 +100,13 @@ trait Form {
         state.put(bytes);
     }
 
-    /// The state from the first bytes of `rest`, which goes on behind them; none if they cannot tell.
+    /// The state from the first bytes of `rest`, and moves `rest` behind them; none if the bytes do not suffice.
     fn take(&self, rest: &mut &[u8]) -> Option<Self::State> {
         Self::State::take(rest)
     }
 }
 
-/// [`Form::sealed`], not inlined: so that the state of the usual estimator stays in registers.
+/// [`Form::sealed`], not inlined, so that the state of the usual estimator stays in registers.
 #[cfg(feature = "time-stamps")]
 #[inline(never)]
 fn called<F: Form>(
@@ -127,7 +127,7 @@ fn steps<F: Form>(
     senses: &[Senses],
     velocities: &mut [Velocity],
 ) {
-    /// A few words: a copy of them can live in registers.
+    /// A few words, so a copy of them can be in registers.
     const FEW: usize = 64;
     let mut each = |state: &mut F::State| {
         let step = |state: &mut F::State, place: usize, moved: i32| {
@@ -135,7 +135,7 @@ fn steps<F: Form>(
         };
         let (pairs, rest) = velocities.as_chunks_mut::<2>();
         let (counter_pairs, _) = counters.as_chunks::<2>();
-        // two at a time: what one leaves where the next one has it need not be moved about
+        // two at a time, so that the first leaves its values where the second needs them
         for (pair, ([one, two], counters)) in pairs.iter_mut().zip(counter_pairs).enumerate() {
             *one = step(state, 2 * pair, moved(counters[0]));
             *two = step(state, 2 * pair + 1, moved(counters[1]));
@@ -159,8 +159,8 @@ fn steps<F: Form>(
 impl Estimator {
     /// The velocity at this sample, in counts per sample.
     ///
-    /// Estimators other than the usual ones are called, not inlined: their state then does not push
-    /// that of the usual ones out of the registers.
+    /// Estimators other than the usual ones are called, not inlined, so that they do not push the state of the usual
+    /// ones out of the registers.
     #[inline(always)] // called, it would put senses that nobody looks at into memory
     pub fn update(&self, state: &mut State, position: Position, senses: &Senses) -> Velocity {
         self.update_as(Tuning::first(self), state, position, senses)
@@ -195,12 +195,12 @@ impl Estimator {
         velocity
     }
 
-    /// Takes over from another estimator or tuning: warms up as if the handle had always moved at
-    /// the velocity of the last sample.
+    /// Replaces another estimator or tuning: starts as if the handle had always moved at the velocity of the last
+    /// sample.
     #[cold]
     #[inline(never)]
     fn take_over(&self, tuning: Tuning, running: &mut Running) {
-        // With this very tuning the seal fits: nobody has changed it, a bit of its number has flipped.
+        // With this tuning the seal fits, so nobody has changed the estimator: a bit of its number has flipped.
         let same = running.memory.sum(self).wrapping_add(tuning.0.into()) == running.seal;
         running.tuning = tuning;
         if !same {
@@ -225,8 +225,8 @@ impl Tuning {
     }
 }
 
-/// An [`Estimator`] in force, which starts anew with its first sample if it is another one than
-/// [before](Self::after), or tuned anew.
+/// An [`Estimator`] in force. It starts anew with its first sample if it differs from the one [before](Self::after), or
+/// its tuning does.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tuned {
     tuning: Tuning,
@@ -239,7 +239,7 @@ impl Tuned {
         Self { tuning: Tuning::first(&estimator), estimator }
     }
 
-    /// The same estimator, in force after `running`: with its own tuning it goes on, else it starts anew.
+    /// The same estimator, in force after `running`: with the same tuning it goes on, else it starts anew.
     #[must_use]
     pub fn after(self, running: &Self) -> Self {
         let tuning = if self.estimator == running.estimator {
@@ -261,7 +261,7 @@ impl Tuned {
         self.estimator.update_as(self.tuning, state, position, senses)
     }
 
-    /// The velocity at this sample, for whoever knows by how many counts the handle has moved.
+    /// The velocity at this sample, for a caller that knows by how many counts the handle has moved.
     #[inline(always)] // as that
     pub(crate) fn follow(
         &self,
@@ -272,8 +272,8 @@ impl Tuned {
         self.estimator.follow_as(self.tuning, running, difference, senses)
     }
 
-    /// [`follow`](Self::follow) for as many samples as there are velocities, with their readings and what says by how many
-    /// counts each has moved; says the last velocity.
+    /// [`follow`](Self::follow) for as many samples as there are velocities, with their readings, and a function for
+    /// the counts by which each has moved. Returns the last velocity.
     #[inline]
     pub(crate) fn follow_all(
         &self,
@@ -331,7 +331,7 @@ impl Running {
         self.memory.sum(estimator).wrapping_add(self.tuning.0.into())
     }
 
-    /// Whether it is as `estimator`, which has run, has left it.
+    /// Whether it is as `estimator` has left it.
     #[inline(always)]
     pub(crate) fn is_whole(&self, estimator: &Estimator) -> bool {
         self.sum(estimator) == self.seal && self.memory.is_whole(estimator)
@@ -366,15 +366,15 @@ impl State {
         (self.previous, self.running.velocity)
     }
 
-    /// What that estimator, which has run, remembers, as bytes; how many. None if there is no room.
+    /// Writes what `estimator` remembers, as bytes; returns how many. None if there is no room.
     pub fn put(&self, estimator: &Estimator, place: &mut [u8]) -> Option<usize> {
         let mut bytes = Bytes::new(place);
         self.running.memory.put(estimator, &mut bytes);
         bytes.used()
     }
 
-    /// As `estimator` leaves it after a sample with that position and velocity, with those bytes of
-    /// [`put`](Self::put). None if they are not those of the estimator, or its bytes do not tell all.
+    /// As `estimator` leaves it after a sample with this position and velocity, with the bytes of [`put`](Self::put).
+    /// None if the bytes are not the estimator's, or do not suffice.
     pub fn of(
         estimator: &Tuned,
         (previous, velocity): (Position, Velocity),
@@ -387,13 +387,13 @@ impl State {
         rest.is_empty().then_some(Self { previous, running })
     }
 
-    /// Whatever comes next takes over from the velocity.
+    /// The next estimator starts from the velocity.
     pub fn restart(&mut self) {
         self.running.tuning = Tuning(u16::MAX); // no form has this number
         self.running.seal = self.running.seal.wrapping_add(1 << 31); // nor does it fit what is remembered
     }
 
-    /// As after many samples at that velocity; whatever comes next takes over from it.
+    /// As after many samples at this velocity; the next estimator starts from it.
     #[cfg(test)]
     pub(crate) fn restart_at(&mut self, velocity: Velocity) {
         self.running.velocity = velocity;
@@ -411,7 +411,7 @@ mod tests {
     use super::*;
     use crate::design::tests::DESIGN;
 
-    /// What an estimator may miss of a constant speed of whole counts, LSB.
+    /// Largest error of an estimator at a constant speed of whole counts, LSB.
     fn chattering(name: EstimatorName) -> i32 {
         // twice its largest acceleration, and at C = 20 m/s^2 that is 0.2 counts per sample^2
         if name.text() == "levant-explicit" { 2 * (65_536 / 5) } else { 0 }
@@ -442,7 +442,7 @@ mod tests {
         }
     }
 
-    /// Whatever an estimator has seen: from its bytes on it says the same as before.
+    /// Whatever an estimator has seen: from its bytes on it gives the same velocities as before.
     #[test]
     #[cfg_attr(miri, ignore = "every estimator, 900 samples each")]
     fn an_estimator_goes_on_from_its_bytes_as_it_went_on() {
@@ -481,7 +481,7 @@ mod tests {
         }
     }
 
-    /// Whichever bit of what an estimator remembers flips: found, now and for as long as it goes on.
+    /// A flipped bit in what an estimator remembers is found, now and as long as the estimator goes on.
     #[test]
     #[cfg_attr(miri, ignore = "every bit of every estimator")]
     fn a_flipped_bit_of_what_it_remembers_is_found_until_another_takes_over() {
@@ -506,7 +506,7 @@ mod tests {
                 let memory = Memory::take(&tuned, &mut &bytes[..length]).unwrap();
                 bytes[bit / 8] ^= 1 << (bit % 8);
                 let mut broken = Running { memory, ..running };
-                // Without checks of overflow, as on a board, any bit would do here too.
+                // Without overflow checks, as on a board, any bit would do here too.
                 let samples = if bit % 64 < 24 { 10 } else { 1 };
                 for n in 300..300 + samples {
                     assert!(!broken.is_whole(&tuned), "{name:?}, bit {bit}, sample {n}");
@@ -515,7 +515,7 @@ mod tests {
                     }
                 }
             }
-            // A bit of the number says that another one has run: it goes on all the same.
+            // With a flipped bit of the number another tuning seems to have run: the estimator goes on all the same.
             for bit in 0..16 {
                 let tuning = Tuning(running.tuning.0 ^ 1 << bit);
                 let mut broken = Running { tuning, ..running };

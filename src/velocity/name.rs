@@ -1,11 +1,11 @@
-//! What goes for every row of the [table](super::table): names read, parameters by their place.
+//! What holds for every row of the [table](super::table): reading names, parameters by their place.
 
 use core::{fmt, str::FromStr};
 
 use super::{EstimatorName, PARAMETERS, Parameter, Sense, VelocitySettings, true_cutoff_hz};
 
-/// Numbers and names of estimators that there were, never to be given a new meaning, and what replaces each. An image
-/// without the others has not had these either.
+/// Numbers and names of removed estimators, which never get a new meaning, and what replaces each. An image without the
+/// feature never had these.
 const RETIRED: &[(u32, &str, &str)] = if cfg!(feature = "estimators") {
     &[
         (16, "central-difference", "window-difference with window_samples = 2"),
@@ -27,7 +27,7 @@ const RETIRED: &[(u32, &str, &str)] = if cfg!(feature = "estimators") {
 /// No estimator of this build has that name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UnknownEstimator {
-    /// What replaces it, if there once was one.
+    /// Its replacement, if there once was such an estimator.
     pub replaced_by: Option<&'static str>,
 }
 
@@ -57,7 +57,7 @@ impl EstimatorName {
         Self::ALL.iter().copied().find(|name| name.id() == id)
     }
 
-    /// What replaces the estimator of that number, if there once was one.
+    /// The replacement of the estimator of that number, if there once was one.
     pub fn replacing_id(id: u32) -> Option<&'static str> {
         RETIRED.iter().find(|(number, ..)| *number == id).map(|(.., other)| *other)
     }
@@ -68,12 +68,12 @@ impl EstimatorName {
         RETIRED.iter().find(named).map(|(.., other)| *other)
     }
 
-    /// Sense that this estimator needs and that is not in `senses`.
+    /// A sense that this estimator needs and that is not in `senses`.
     pub fn missing(self, senses: &[Sense]) -> Option<Sense> {
         self.sense().filter(|needed| !senses.contains(needed))
     }
 
-    /// Its settings when it takes over from `before`: a cutoff stays, the rest is at its default.
+    /// Its settings when it replaces `before`: the cutoff stays, the rest is at its default.
     pub fn following(self, before: &VelocitySettings) -> VelocitySettings {
         let settings = self.defaults();
         match (before.tuning(), settings.tuning()) {
@@ -99,12 +99,12 @@ impl VelocitySettings {
         self.parameter(0)
     }
 
-    /// The frequency that it is tuned by, Hz, whatever its name is: cutoff, bandwidth, crossover.
+    /// The frequency that tunes it, Hz, whatever its name is: cutoff, bandwidth, crossover.
     pub fn cutoff_hz(&self) -> Option<f64> {
         self.tuning().filter(|(parameter, _)| parameter.is_frequency()).map(|(_, hz)| hz)
     }
 
-    /// -3 dB frequency of the low-pass of that nominal cutoff, Hz; the cutoff itself where it is no such filter.
+    /// -3 dB frequency of the low-pass of that nominal cutoff, Hz; for other filters the cutoff itself.
     pub fn true_cutoff_hz(&self, rate_hz: f64) -> Option<f64> {
         match *self {
             Self::Butterworth { cutoff_hz } | Self::FirstOrder { cutoff_hz } => {
@@ -161,7 +161,7 @@ mod tests {
     use crate::design::tests::DESIGN;
     use std::{collections::BTreeSet, vec::Vec};
 
-    /// What the tables of the book are made of: the defaults build, and a value that cannot be is refused by its key.
+    /// The tables of the book use this: the defaults build, and an impossible value is refused by its key.
     #[test]
     fn every_parameter_is_refused_by_its_key() {
         for &name in EstimatorName::ALL {
@@ -206,7 +206,7 @@ mod tests {
         assert!("butterwort".parse::<EstimatorName>().is_err());
     }
 
-    /// Neither name nor number is given again; what is named in their place exists.
+    /// No name or number is used again, and each replacement exists.
     #[test]
     #[cfg(feature = "estimators")]
     fn what_is_no_more_says_what_replaces_it() {

@@ -1,5 +1,5 @@
-//! Observer of position, velocity and disturbance that knows part of the acceleration: from the
-//! force that was commanded (extended-state observer) or from an accelerometer (fusion).
+//! Observer of position, velocity and disturbance. It knows a part of the acceleration: from the commanded force
+//! (extended-state observer) or from an accelerometer (fusion).
 //!
 //! ```text
 //! a  = u + d^                              u: the part that is known, counts per sample^2
@@ -26,15 +26,15 @@
 //! V^ = (3 w^2 s + w^3) / P  s X  +  (s^3 + 3 w s^2) / P  U / s,      P = (s + w)^3
 //! ```
 //!
-//! low-passed differentiated position and high-passed integrated acceleration, whose weights add up
-//! to one: complementary filters. Where u is right there is no delay at any frequency. Where u is 0
-//! the delay at DC is 0 as well, but motions around 0.6 of the bandwidth come out too large, by
+//! It is low-passed differentiated position and high-passed integrated acceleration, whose weights
+//! add up to one: complementary filters. If u is right, there is no delay at any frequency. If u is
+//! 0, the delay at DC is 0 as well, but motions around 0.6 of the bandwidth come out too large, by
 //! 2.3 dB.
 //!
-//! **Fixed point.** The state is what is left of the position, `x - x^`, so that no wrap of the
-//! count matters; 32 fractional bits there, 44 in the velocity, 48 in the disturbance, products of
-//! 96 bits. Each saturates. With the gains of the lowest bandwidth an error of 2^-26 counts still
-//! moves the disturbance, so nothing sticks that could be seen in the output.
+//! **Fixed point.** The state has the difference `x - x^`, so that no wrap of the count matters. It has 32
+//! fractional bits, the velocity 44, the disturbance 48, products 96 bits. Each saturates. With the gains of the
+//! lowest bandwidth an error of 2^-26 counts still changes the disturbance, so no error that the output shows can
+//! persist.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -54,7 +54,7 @@ const VELOCITY_LIMIT: i64 = (Velocity::LIMIT as i64) << VELOCITY_BITS;
 /// 2^14 counts per sample^2.
 const DISTURBANCE_LIMIT: i64 = 1 << (DISTURBANCE_BITS + 14);
 
-/// An observer in integer form; it knows the force. Made by [`ObserverDesign`](super::ObserverDesign).
+/// An observer in integer form that knows the force. Made by [`ObserverDesign`](super::ObserverDesign).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observer<F = Factor> {
     /// Gain l1 of the position.
@@ -135,8 +135,8 @@ impl<F: Copy> Observer<F> {
     /// Further fractional bits of the product with l3.
     pub const DISTURBANCE_MORE: u8 = 16;
 
-    /// LSB of the velocity after a move by `moved` counts, of whose acceleration `known` is known: 32 fractional bits,
-    /// below 2^47, the design sees to it.
+    /// LSB of the velocity after a move by `moved` counts, with `known` as the known acceleration: 32 fractional bits,
+    /// below 2^47 by the design.
     #[inline(always)] // into what is compiled for a machine's vectors
     pub fn update<W: Word<Factor = F>>(
         &self,

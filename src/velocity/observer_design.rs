@@ -1,11 +1,11 @@
 //! Design of the observers: poles at one bandwidth, and what is known of the acceleration.
 //!
-//! **Observer**: `u = F / m`, F the force commanded: saturated, held. A wrong mass leaves
-//! a part of F to the disturbance, which follows it no faster than the bandwidth.
+//! **Observer**: `u = F / m`, F being the commanded force, saturated and held. With a wrong mass a part of F becomes
+//! disturbance, which is followed no faster than the bandwidth.
 //!
-//! **Fusion** of position and acceleration: u is the accelerometer's reading. Its zero offset is a
-//! constant disturbance and leaves no trace in the velocity. The crossover is where the position
-//! begins to count for less than the acceleration.
+//! **Fusion** of position and acceleration: u is the accelerometer's reading. Its zero offset is a constant
+//! disturbance and has no effect on the velocity. Above the crossover the acceleration counts for more than the
+//! position.
 
 use super::{
     factor::Factor,

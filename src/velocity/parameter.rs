@@ -7,12 +7,12 @@ pub struct Parameter {
     pub name: &'static str,
     /// Its unit, such as `Hz` or `samples`.
     pub unit: &'static str,
-    /// What it is when nothing else was said.
+    /// Its default.
     pub default: f64,
 }
 
 impl Parameter {
-    /// It is a frequency: `cutoff` sets it and a sweep over cutoffs goes along it.
+    /// It is a frequency: `cutoff` sets it, and a sweep over cutoffs varies it.
     pub fn is_frequency(&self) -> bool {
         self.unit == "Hz"
     }

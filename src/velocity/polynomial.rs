@@ -1,9 +1,9 @@
-//! Design of the estimators that are the derivative of a polynomial through, or closest to, the last
-//! samples: Taylor expansions and least-squares fits.
+//! Design of the estimators that are the derivative of a polynomial through the last samples, or closest to them:
+//! Taylor expansions and least-squares fits.
 //!
-//! A sum `v T = h0 x[n] + h1 x[n-1] + ..` whose weights add up to zero is a sum over differences
-//! `d[n] = x[n] - x[n-1]` with the weights `g[i] = h[0] + .. + h[i]`, which add up to one if a ramp
-//! is measured exactly. So [`Fir`] computes it.
+//! A sum `v T = h0 x[n] + h1 x[n-1] + ..` whose weights add up to zero is also a sum of differences `d[n] = x[n] -
+//! x[n-1]` with the weights `g[i] = h[0] + .. + h[i]`. These add up to one if a ramp is measured exactly. So [`Fir`]
+//! computes it.
 //!
 //! **Taylor** (Brown, Schneider, Mulligan, IEEE TIE 39(1), 1992): the derivative at `x[n]` of the
 //! polynomial through the last two (order 1: the finite difference), three or four samples:
@@ -94,8 +94,8 @@ impl FirDesign {
         Ok(Self { weights, window })
     }
 
-    /// The weights in LSB of 2^-30, each within half of one; what that leaves of their sum goes to the
-    /// largest, so that they add up to exactly 2^30.
+    /// The weights in LSB of 2^-30, each within half an LSB. The remainder of their sum is added to the largest, so
+    /// that they add up to exactly 2^30.
     pub fn quantise(&self) -> Fir {
         let one = 1i32 << FRACTION_BITS;
         let mut weights = [0; LENGTH];

@@ -1,4 +1,4 @@
-//! What follows from the rows of the table: the types, and everything that goes through all estimators.
+//! What the rows of the table become: the types, and the functions for all estimators.
 
 /// `NAME = ID, "text" { its numbers: KEY: type = ("name", "unit", default), .. }`, what it cannot do without, how its
 /// integer form is built for a [`Design`], and, where it is a weighted sum of differences, their exact weights.
@@ -43,14 +43,14 @@ macro_rules! estimators {
             $($($(#[$form_doc])* #[cfg($on)] $form($integer),)*)*
         }
 
-        /// Which integer form. Numbered as those of [`Estimator`], so that finding it out is one load.
+        /// Which integer form. It has the numbers of [`Estimator`], so that finding it takes one load.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub(super) enum Kind {
             $($(#[cfg($on)] $form,)*)*
         }
 
-        /// What the forms remember. A field for each, not one for all: so the compiler can keep the few words of
-        /// the usual one in registers.
+        /// What the forms remember. Each form has its own field, so that the compiler can keep the few words of the
+        /// usual one in registers.
         #[derive(Clone, Copy, Debug)]
         pub(super) struct Memory {
             $($($(#[cfg($on)] $own: <$integer as Form>::State,)?)*)*
@@ -70,12 +70,12 @@ macro_rules! estimators {
                 match self { $($(#[cfg($on)] Self::$name => $id,)*)* }
             }
 
-            /// What it cannot do without, beside the position.
+            /// What it needs beside the position.
             pub fn sense(self) -> Option<Sense> {
                 match self { $($(#[cfg($on)] Self::$name => None $(.or(Some(Sense::$sense)))?,)*)* }
             }
 
-            /// Its numbers: the tuning, which trades speed for accuracy, and for some further ones.
+            /// Its parameters: the tuning, which trades speed for accuracy, and for some estimators further ones.
             pub fn parameters(self) -> [Option<Parameter>; PARAMETERS] {
                 match self {
                     $($(#[cfg($on)] Self::$name => Parameter::all(&[$(
@@ -98,8 +98,8 @@ macro_rules! estimators {
                 }
             }
 
-            /// Its settings with those parameters; whether they are in range is for
-            /// [`VelocitySettings::build`] to say.
+            /// Its settings with these parameters. [`VelocitySettings::build`] checks their
+            /// ranges.
             pub fn settings(self, numbers: Numbers) -> VelocitySettings {
                 let mut numbers = numbers.into_iter();
                 match self {
@@ -193,7 +193,7 @@ macro_rules! estimators {
                 }
             }
 
-            /// The same from the first bytes of `rest`.
+            /// Reads it again from the first bytes of `rest`.
             pub(super) fn take(estimator: &Estimator, rest: &mut &[u8]) -> Option<Self> {
                 let mut memory = Self::REST;
                 match estimator {
@@ -226,7 +226,7 @@ macro_rules! estimators {
                 }
             }
 
-            /// Warms up `estimator`, as if the handle had always moved at that velocity.
+            /// Starts `estimator` as if the handle had always moved at this velocity.
             pub(super) fn restart(&mut self, estimator: &Estimator, velocity: Velocity) {
                 match estimator {
                     $($(#[cfg($on)] Estimator::$form(form) => {

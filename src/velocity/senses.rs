@@ -1,9 +1,9 @@
-//! What an estimator may know beside the position.
+//! What an estimator may use beside the position.
 
 use crate::units::{Acceleration, Force};
 
-/// What an estimator may know beside the position, at a sample. Whoever samples fills in what it
-/// has; an estimator that needs what is not there is not offered ([`Sense`]).
+/// What an estimator may use beside the position, at a sample. The board or simulator fills in what it has. An
+/// estimator that needs something else is not offered ([`Sense`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Senses {
     /// Mean force on the handle since the last sample, as far as the controller knows: saturated,
@@ -23,12 +23,12 @@ impl Senses {
 
 /// The latest edge of the encoder's signals.
 ///
-/// The encoder floors: an edge up that made the count c means that the handle was at c counts
-/// exactly, an edge down that made it c means that it was at c + 1.
+/// The encoder rounds down: after an edge up to the count c the handle was at exactly c counts, after an edge down to c
+/// at c + 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// How long before the sample it came, in 2^-16 samples, rounded down, saturating. Below
-    /// [`Edge::SAMPLE`] it came since the last sample.
+    /// How long before the sample it came, in 2^-16 samples, rounded down, saturating. Below [`Edge::SAMPLE`] it came
+    /// since the last sample.
     pub age: u32,
     /// The count went up with it.
     pub up: bool,

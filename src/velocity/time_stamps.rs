@@ -6,23 +6,23 @@
 //! |v| <= 1 / (t - t[k])                   no edge since: less than one count since
 //! ```
 //!
-//! The M/T method of period measurement (Ohmae et al., IEEE TIE 29(3), 1982), with the times of the
-//! edges as in Merry, van de Molengraft, Steinbuch, "Velocity and acceleration estimation for optical
-//! incremental encoders", Mechatronics 20(1), 2010. The encoder floors: X is the count itself after
-//! an edge up, the count and one after an edge down, so a reversal at a border measures 0, not 1.
-//! Where edges are ideal, positions are exact; what remains is the time's LSB of 2^-16 samples.
-//! Phase and duty errors of a real encoder repeat every four counts; the span averages over them.
+//! The M/T method of period measurement (Ohmae et al., IEEE TIE 29(3), 1982), with the times of the edges as in Merry,
+//! van de Molengraft, Steinbuch, "Velocity and acceleration estimation for optical incremental encoders", Mechatronics
+//! 20(1), 2010. The encoder rounds down: X is the count itself after an edge up, and the count plus one after an edge
+//! down. So a reversal at a border gives 0, not 1. With ideal edges the positions are exact, and the only error is the
+//! time's LSB of 2^-16 samples. Phase and duty errors of a real encoder repeat every four counts; the span averages
+//! over them.
 //!
-//! **What it needs.** The age of the latest edge at each sample ([`Edge`]). Without it, an edge is
-//! taken to be half a count's time old: counting over the span, and no more.
+//! **What it needs.** The age of the latest edge at each sample ([`Edge`]). Without it, half a count's time is assumed
+//! as the age. Then it only counts over the span.
 //!
-//! **Error and delay.** At constant speed v the error is at most `v / (65536 (span - 1/2)) + 2^-17`
-//! counts per sample; slower than one count in 2^15 samples is standstill. The velocity is the mean
-//! between the two edges: late by `span / 2` samples, and half the time of a count, when edges come
-//! with every sample (one edge a sample is kept; the half sample keeps the measured time from
-//! switching between two lengths then), by half a period and the age of the last edge when they come
-//! more seldom than the span. Where the handle slows down, the bound takes a part of that off. After standstill a first edge says only that there was one: the velocity
-//! comes with the second.
+//! **Error and delay.** At constant speed v the error is at most `v / (65536 (span - 1/2)) + 2^-17` counts per sample.
+//! Slower than one count in 2^15 samples is standstill. The velocity is the mean between the two edges. If edges come
+//! with every sample, it is late by `span / 2` samples and half the time of a count. (One edge a sample is kept. The
+//! half sample of the span then prevents the measured time from switching between two lengths.) If edges come less
+//! often than the span, it is late by half a period and the age of the last edge. When the handle slows down, the bound
+//! reduces this delay. After standstill the first edge only shows that there was one; the velocity comes with the
+//! second.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -93,8 +93,8 @@ impl TimeStamps {
         Ok(Self { span: (span_samples << Edge::FRACTION_BITS) - Edge::SAMPLE / 2 })
     }
 
-    /// The mean velocity up to the latest edge. Finds the edge to measure from, going on from the
-    /// last one.
+    /// The mean velocity up to the latest edge. Searches the edge to measure from, beginning with the last
+    /// one.
     fn measure(&self, state: &mut TimeStampsState) -> Velocity {
         let latest = state.at(0);
         while state.back > 1 && latest.time.wrapping_sub(state.at(state.back - 1).time) >= self.span
@@ -112,7 +112,7 @@ impl TimeStamps {
     }
 }
 
-/// Cannot be restored from bytes: it needs the times of the edges, and telemetry does not have them.
+/// It cannot be restored from bytes, because it needs the times of the edges, which telemetry does not have.
 impl Kept for TimeStampsState {
     fn put(&self, _: &mut Bytes<'_>) {}
 
@@ -177,8 +177,8 @@ fn quotient(dividend: u64, divisor: u32) -> u64 {
         .map_or(dividend, |divisor| dividend.saturating_add(divisor.get() / 2) / divisor)
 }
 
-/// The edge that came since the last sample, if one did. A count that moved had one; how old it is
-/// is guessed if it is not known.
+/// The edge that came since the last sample, if there was one. A count that moved had an edge; if its age is not known,
+/// it is assumed.
 #[inline]
 fn fresh(difference: i32, edge: Option<Edge>) -> Option<Edge> {
     match edge {

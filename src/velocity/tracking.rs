@@ -1,24 +1,24 @@
-//! Tracking loop (phase-locked loop) on the position: two integrators that follow the count.
+//! Tracking loop (phase-locked loop) on the position: two integrators follow the count.
 //!
 //! ```text
 //! e = x[n] - (x^ + v^)        x^ = x^ + v^ + kp e        v^ = v^ + ki e        counts, samples
 //! ```
 //!
-//! The output is the bare integral `v^`, as in ODrive (`Firmware/MotorControl/encoder.cpp`). The
-//! other usual choice, `v^ + kp e` (moteus, `fw/motor_position.h`), has no delay at DC, but passes
-//! every edge of the count on at once and falls off with one pole only.
+//! The output is the integral `v^` alone, as in ODrive (`Firmware/MotorControl/encoder.cpp`). The other usual choice,
+//! `v^ + kp e` (moteus, `fw/motor_position.h`), has no delay at DC. But it passes every edge of the count on at once,
+//! and falls off with one pole only.
 //!
-//! **Gains.** ODrive and moteus set `kp = 2 w T`, `ki = (w T)^2`, which is critically damped for
-//! small w T only and unstable soon after; ODrive refuses `kp >= 1`. Here both poles are put at
-//! `p = exp(-w T)`, `w = 2 pi bandwidth`, by their characteristic polynomial
-//! `z^2 - (2 - kp - ki) z + (1 - kp) = (z - p)^2`:
+//! **Gains.** ODrive and moteus set `kp = 2 w T`, `ki = (w T)^2`. This is critically damped only for
+//! small w T, and unstable soon after; ODrive refuses `kp >= 1`. Here both poles are put at `p = exp(-w
+//! T)`, `w = 2 pi bandwidth`, by their characteristic polynomial `z^2 - (2 - kp - ki) z + (1 - kp) = (z -
+//! p)^2`:
 //!
 //! ```text
 //! kp = 1 - p^2,   ki = (1 - p)^2
 //! ```
 //!
-//! kp nears 1, where the loop believes every count, from [`BANDWIDTH_MAX`] of the rate on
-//! (kp = 0.957 there): beyond it is refused.
+//! From [`BANDWIDTH_MAX`] of the rate on (kp = 0.957 there), kp comes near 1, where the loop follows every count. A
+//! higher bandwidth is refused.
 //!
 //! **Form.** Solved for v^ the loop is
 //!
@@ -26,12 +26,12 @@
 //! V^ = ki / (1 - p z^-1)^2  (1 - z^-1) X
 //! ```
 //!
-//! a finite difference and a low-pass with a double pole, so the core computes it as that, by the
-//! low-pass that it has: at rest it ends at exactly 0 and at constant speed nothing is lost,
-//! without the dead band (`|v| < ki / 2` becomes 0) that a loop with a floored x^ needs against
-//! jitter. The simulator's twin runs the two integrators, and a test compares both. Delay at DC:
-//! `1/2 + 2 p / (1 - p)` samples; -3 dB at 0.644 of the bandwidth (for w T << 1), falling off with
-//! 12 dB per octave. As any linear filter of the count it trades noise for delay as they do.
+//! a finite difference and a low-pass with a double pole. So the core computes it with the low-pass that it
+//! has: at rest it ends at exactly 0, and at constant speed nothing is lost. A loop with a rounded-down x^
+//! would need a dead band (`|v| < ki / 2` becomes 0) against jitter. The simulator's twin runs the two
+//! integrators, and a test compares both. Delay at DC: `1/2 + 2 p / (1 - p)` samples; -3 dB at 0.644 of the
+//! bandwidth (for w T << 1), falling off with 12 dB per octave. Like any linear filter of the count it trades
+//! noise for delay.
 
 use core::ops::RangeInclusive;
 
@@ -42,7 +42,7 @@ use crate::range::{SettingsError, within};
 pub const BANDWIDTH_MIN: f64 = 3.5e-5;
 /// Highest accepted bandwidth, as a fraction of the sample rate.
 pub const BANDWIDTH_MAX: f64 = 0.25;
-/// Accepted ratios of the second pole's frequency of smoothing to the first's. A second pole of 1e-8 and less is none.
+/// Accepted ratios of the second pole's frequency of smoothing to the first's. A second pole of 1e-8 or less is none.
 pub const RATIO: RangeInclusive<f64> = 1.0..=1e6;
 /// Above it the first order of error feedback is the quieter one: both leave 0.35 LSB RMS there,
 /// by the squared impulse responses of `(1 - z^-1)^k / (1 - p z^-1)^2`.
@@ -73,8 +73,8 @@ impl TrackingLoop {
         Ok(Self { kp: less * (2.0 - less), ki: less * less, lead: 0.0, bandwidth_per_rate })
     }
 
-    /// Exponential smoothing, twice: poles at `exp(-w T)` of that cutoff and of `ratio` times it. As a loop it is one
-    /// that need not be critically damped: `1 - kp` is the product of the poles, `ki` the product of what they lack to 1.
+    /// Exponential smoothing, twice: poles at `exp(-w T)` of this cutoff and of `ratio` times this cutoff. As a loop it
+    /// need not be critically damped: `1 - kp` is the product of the poles, `ki` the product of their distances from 1.
     ///
     /// # Errors
     /// `cutoff_hz` outside [`BANDWIDTH_MIN`] .. [`BANDWIDTH_MAX`] of the rate, `ratio` outside [`RATIO`].
@@ -98,7 +98,7 @@ impl TrackingLoop {
         let own = Self::new(bandwidth_hz, rate_hz)?;
         let (kp, ki) = (own.kp, own.ki);
         let sum = 0.5 * ((3.999 - (3.0 - 2.0 * kp - ki)) / ki - 1.0);
-        // A part in 10^12 is for who computes the same by another way.
+        // A part in 10^12, for callers that compute the limit in another way.
         let most = (kp / ki + 1.0) * (1.0 + 1e-12);
         within("lead", lead, -1.0..=most.min(1.999 / ki - 1.0).min(sum))?;
         Ok(Self { lead, ..own })

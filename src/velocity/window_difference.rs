@@ -1,12 +1,12 @@
-//! Difference over a window: the counts of the last N samples over their time, as CHAI3D and Force Dimension's drivers
-//! have it.
+//! Difference over a window: the counts of the last N samples over their time, as in the drivers of CHAI3D and Force
+//! Dimension.
 //!
 //! ```text
 //! v T = (x[n] - x[n-N]) / N
 //! ```
 //!
-//! It is late by N / 2 samples and steps by 1 / N counts per sample. The sum of the last differences is kept, exact in
-//! integers, so that a long window costs as much as a short one.
+//! It is late by N / 2 samples, and its steps are 1 / N counts per sample. The sum of the last differences is kept,
+//! exact in integers, so a long window takes no more time than a short one.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 

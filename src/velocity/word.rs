@@ -1,5 +1,5 @@
-//! A number of 64 bits, or a vector of them: what an estimator that the simulator also runs many times side by side is
-//! written for.
+//! A number of 64 bits, or a vector of them: estimators that the simulator also runs many times side by side are
+//! written for this type.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 
@@ -10,7 +10,7 @@ use crate::Gain;
 
 /// A signed number of 64 bits, or a vector of them.
 ///
-/// A vector may leave the clamping out, if somebody else notices that one of its numbers came near a limit.
+/// A vector may omit the clamping, if its caller notices when one of its numbers comes near a limit.
 pub trait Word:
     Copy + Add<Output = Self> + Sub<Output = Self> + Shl<u32, Output = Self> + Shr<u32, Output = Self>
 {

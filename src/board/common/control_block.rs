@@ -1,4 +1,4 @@
-//! RTT's control block in RAM, where a host writes too: what it says of the buffers is compared before each use.
+//! RTT's control block. It is in RAM, where a host writes too, so its buffers are compared before each use.
 
 /// Sizes of the buffers of up 0 to 2 and of down 0, in the order of the control block.
 const SIZES: [u32; 4] = [4096, 8192, 1024, 256];
@@ -11,8 +11,8 @@ unsafe extern "C" {
 /// A channel's words: name, buffer, size, write, read, flags.
 const WORDS: usize = 6;
 
-/// Names, buffers and sizes of all channels in one word: nobody changes them once they are set up. A host writes the other
-/// words.
+/// Names, buffers and sizes of all channels, folded into one word. Nobody changes them after set-up. A host writes the
+/// other words.
 #[inline(always)]
 pub(in crate::board) fn sum() -> u32 {
     let mut sum = 0u32;
@@ -24,8 +24,8 @@ pub(in crate::board) fn sum() -> u32 {
     sum
 }
 
-/// Where a channel's buffer is. The control block is in RAM, and a host writes there: a wrong address or size would send
-/// what is written into the memory of a task.
+/// Address of a channel's buffer. A host writes into the control block: with a wrong address or size the program would
+/// write into the memory of a task.
 pub(in crate::board) struct Buffer {
     channel: usize,
     address: u32,
@@ -46,7 +46,7 @@ impl Buffer {
         Self::word(self.channel, 4)
     }
 
-    /// Clears these bytes: a command that was read must not be read again if a bit of the block flips.
+    /// Clears these bytes, so that a command is not read twice if a bit of the control block flips.
     pub(in crate::board) fn clear(&self, from: u32, count: usize) {
         let Some(&size) = SIZES.get(self.channel) else { return };
         for at in (from..).take(count) {

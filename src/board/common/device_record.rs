@@ -1,10 +1,10 @@
-//! The device record, in a flash sector of its own (memory.x): that of the build until another one is programmed there.
+//! The device record, in its own flash sector (memory.x): that of the build, until another one is programmed there.
 
 use zwidth::device::record::WORDS_MAX;
 
 const BYTES: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/device.record"));
 
-/// Nothing reads it by this name: what is programmed in its place later must be seen.
+/// Nothing reads it by this name, so that the program sees a record which is programmed in its place later.
 #[used]
 // SAFETY: the section holds nothing else, and memory.x keeps a whole sector for it.
 #[unsafe(link_section = ".device")]

@@ -4,7 +4,7 @@ use core::{ptr, slice};
 
 use zwidth::image::Image;
 
-// SAFETY: words of flash that nothing writes while this runs; of all but the seal, the addresses only.
+// SAFETY: words of flash that nothing writes while this runs. Only of the seal the content is read, else the address.
 unsafe extern "C" {
     safe static __vector_table: u32;
     safe static _seal: [u32; 1];
@@ -17,7 +17,6 @@ unsafe extern "C" {
     safe static __edata: u32;
 }
 
-/// The image.
 pub fn image() -> Image<'static> {
     let variables = (&raw const __edata).addr() - (&raw const __sdata).addr();
     let from = (&raw const __sidata).addr();

@@ -1,9 +1,9 @@
 //! defmt's global logger: RTT up channel 0, without ever delaying the sampling task.
 //!
-//! A frame is put together in a staging buffer while the lower tasks are masked
-//! ([`mask`](super::mask)), then written to the channel in one go or not at all: a reader that is
-//! slow, has stopped or has switched its channel to blocking loses whole lines and delays nobody.
-//! Logging from the sampling task, a fault handler or inside another frame traps.
+//! While the lower tasks are masked ([`mask`](super::mask)), a frame is put together in a staging buffer. Then it is
+//! written to the channel whole or not at all. If the reader is slow, has stopped or has set its channel to
+//! blocking, lines are lost and no task waits. Logging from the sampling task, a fault handler or inside another
+//! frame traps.
 
 use core::{
     cell::UnsafeCell,
@@ -47,7 +47,7 @@ static STATE: Shared = Shared(UnsafeCell::new(State {
 impl State {
     /// Appends to the frame; past its end only the length grows, which drops the frame.
     fn stage(frame: &mut [u8; FRAME_BYTES], length: &mut usize, bytes: &[u8]) {
-        // In this order the compiler sees that the lengths are equal, and leaves no panic.
+        // In this order the compiler sees that the lengths are equal, and no panic is left in the code.
         let rest = frame.get_mut(*length..);
         if let Some(room) = rest.and_then(|rest| rest.get_mut(..bytes.len())) {
             room.copy_from_slice(bytes);
@@ -106,7 +106,7 @@ unsafe impl defmt::Logger for Logger {
             && buffer.holds()
             && let Some(whole) = state.frame.get(..state.length)
         {
-            // Whatever a debugger wrote into the channel's mode: a full channel drops the frame.
+            // Whatever mode a debugger has written into the channel: a full channel drops the frame.
             channel.set_mode(ChannelMode::NoBlockSkip);
             taken = channel.write(whole) == whole.len();
         }

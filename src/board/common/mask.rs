@@ -1,8 +1,8 @@
 //! A critical section that the sampling task does not notice.
 //!
-//! BASEPRI is raised to [`LEVEL`], which masks the priorities 1 to 14 and lets 15, the sampling
-//! task, through. PRIMASK stays untouched. The section therefore excludes every task but that one,
-//! and the sampling task must not use what it guards: a call from there traps.
+//! BASEPRI is raised to [`LEVEL`], which masks priorities 1 to 14, but not 15, the sampling task. PRIMASK stays as it
+//! is. The section excludes every task except the sampling task, which must not use what the section guards: a call
+//! from there traps.
 
 use core::arch::asm;
 
@@ -13,8 +13,8 @@ const LEVEL: u8 = 0x20;
 
 /// Runs `section` with every interrupt but the sampling one held off.
 ///
-/// A wrong caller (the sampling task, a fault handler, NMI) ends in an undefined instruction: it
-/// is not masked by [`LEVEL`], so it could have interrupted another section.
+/// A wrong caller (the sampling task, a fault handler, NMI) ends in an undefined instruction. [`LEVEL`] does not mask
+/// such a caller, so it could have interrupted another section.
 #[inline(always)]
 pub fn with_lower_tasks_masked<R>(section: impl FnOnce() -> R) -> R {
     let before = raise();

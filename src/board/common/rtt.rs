@@ -7,9 +7,9 @@
 //! | up 2    | replies, one line of text each  | 1024  | whole lines are dropped |
 //! | down 0  | commands, one line of text each | 256   | the host waits               |
 //!
-//! Nothing here waits for the host, whatever mode a debugger writes into a channel, and nothing is written or read where
-//! the control block does not name the buffers that it was set up with. What a reply is
-//! worth when neither up 0 nor up 2 has room for it: `console/reply_channel.rs`.
+//! Nothing here waits for the host, whatever mode a debugger writes into a channel. Nothing is written or read if the
+//! control block names other buffers than at set-up. For a reply that finds no room on up 0 and up 2 see
+//! `console/reply_channel.rs`.
 
 use rtt_target::{ChannelMode, DownChannel, UpChannel, rtt_init};
 use zwidth::contract;

@@ -1,7 +1,7 @@
-//! Force by DAC1 on PA4: 12 bits, 0 to 3.3 V asked for, some 0.2 to 3.1 V with the buffer on, zero force in the middle.
+//! Force by DAC1 on PA4: 12 bits for 0 to 3.3 V, of which the buffer gives some 0.2 to 3.1 V; zero force in the middle.
 //!
-//! Output impedance 15 kOhm with the buffer off, settling 6 us at most (data sheet, 5 kOhm and
-//! 50 pF with the buffer on). A store moves the output 1 APB1 cycle later; nothing is preloaded.
+//! Output impedance 15 kOhm with the buffer off; settling in at most 6 us (data sheet, 5 kOhm and 50 pF with the buffer
+//! on). A store changes the output 1 APB1 cycle later, without a preload.
 
 use stm32f4xx_hal::{
     dac::{C1, DacExt, DacOut, DacPin},
@@ -64,7 +64,7 @@ const LOOKS: u32 = 1000;
 /// Codes that the buffer surely reaches: 0.2 V from either end of 3.3 V (data sheet).
 pub const SWING: [i32; 2] = [248, 3847];
 
-/// A code that the converter does not answer for reads as 0.
+/// If the converter does not answer for a code, the reading counts as 0.
 pub fn test() -> Found {
     let adc = read_back::output_sense();
     let read = |code: u32| {
@@ -73,7 +73,7 @@ pub fn test() -> Found {
             // SAFETY: a documented value; enable is off.
             unsafe { (*pac::DAC::ptr()).dhr12r1().write(|w| w.bits(code)) };
             cortex_m::asm::delay(SETTLE);
-            // One that `render` has begun is over.
+            // A conversion that `render` has begun is over by now.
             let _ = read_back::answer(adc);
             read_back::begin(adc);
             let read = (0..LOOKS).find_map(|_| read_back::answer(adc));

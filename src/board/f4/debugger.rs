@@ -1,9 +1,9 @@
 //! What a debugger may do to the board, and how a halt of the core is found.
 //!
-//! With the core halted TIM1 drops its outputs, and it and the sampling timer stand still, so that they go
-//! on in phase; the watchdog and TIM6 run on. The manuals say that the outputs are off "as if" MOE were
-//! reset. Should MOE only be masked, the last force is back with the first instruction; debuggers clear the
-//! core's own notes of a halt (DFSR). So a halt is found as what it is: time that passed without samples.
+//! While the core is halted, TIM1 switches its outputs off. TIM1 and the sampling timer stand still, so they stay in
+//! phase. The watchdog and TIM6 run on. The manuals say that the outputs are off "as if" MOE were reset. If MOE is only
+//! masked, the last force is back with the first instruction. Debuggers clear the core's own note of a halt (DFSR), so
+//! a halt is found by time that passed without samples.
 
 use stm32f4xx_hal::{
     pac,
@@ -14,8 +14,8 @@ use zwidth::{
     safety::{HaltWatch, RateWatch},
 };
 
-/// Stopped in a halt, on APB1: TIM5 (bit 3) and TIM3 (bit 1), which must stay in phase with it where it captures
-/// edges. Not TIM6 (bit 4), not the watchdog (bit 12).
+/// Stopped in a halt, on APB1: TIM5 (bit 3), and TIM3 (bit 1), which must stay in phase with TIM5 if it captures edges.
+/// Not TIM6 (bit 4), not the watchdog (bit 12).
 const STOPPED_APB1: u32 = 1 << 3 | 1 << 1;
 /// The same on APB2: TIM1.
 const STOPPED_APB2: u32 = 1;
@@ -24,7 +24,7 @@ const STOPPED_APB2: u32 = 1;
 pub struct Halts {
     watch: HaltWatch,
     rate: RateWatch<{ HaltWatch::TICKS_PER_SAMPLE }>,
-    /// Clock and sample when the rate was last looked at; a halt since.
+    /// Clock and sample when the rate was last checked; next, whether a halt came since.
     looked: (u16, u64),
     halted: bool,
 }
@@ -76,8 +76,8 @@ impl DebugHalts for Halts {
     }
 }
 
-/// Sets what stops in a halt. Again and again: a debugger's scripts set bits of their own, OpenOCD's for
-/// these chips that of the watchdog.
+/// Sets what stops in a halt, with every output, because a debugger's scripts set other bits: OpenOCD's script for
+/// these chips also stops the watchdog.
 #[inline(always)]
 fn stop_with_the_core() {
     // SAFETY: documented values of two registers that nothing else in this program writes.
@@ -88,7 +88,7 @@ fn stop_with_the_core() {
     }
 }
 
-/// Sleep keeps the debug clock on, because several probes lose RTT otherwise.
+/// The debug clock stays on in sleep, because several probes lose RTT otherwise.
 pub(in crate::board) fn set_up(dbgmcu: &pac::DBGMCU) {
     dbgmcu.cr().modify(|_, w| w.dbg_sleep().set_bit());
     stop_with_the_core();

@@ -1,7 +1,7 @@
 //! Times of the encoder's edges: TIM3 captures both edges of A on channel 1 and of B on channel 2.
 //!
-//! It has the clock and the input filter of TIM2, which counts them: what delays an edge, delays it
-//! in both. Its polarity does not matter, so `encoder -` is TIM2's alone: the direction is that of the
+//! TIM3 has the clock and the input filter of TIM2, which counts the edges, so both see an edge with the same
+//! delay. TIM3's polarity does not matter: `encoder -` changes only TIM2, and an edge has the direction of the
 //! count.
 
 use stm32f4xx_hal::{
@@ -57,7 +57,7 @@ impl<const TICKS: u32> EdgeTimes for Edges<TICKS> {
         let now = self.timer.cnt().read().cnt().bits();
         let up = counter.cr1().read().dir().bit_is_clear();
         let flags = self.timer.sr().read().bits();
-        // Reading a capture takes its flag back.
+        // Reading a capture clears its flag.
         let at = [
             (flags & CAPTURED[0] != 0).then(|| self.timer.ccr1().read().ccr().bits()),
             (flags & CAPTURED[1] != 0).then(|| self.timer.ccr2().read().ccr().bits()),

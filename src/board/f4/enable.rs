@@ -1,18 +1,18 @@
 //! The amplifier's enable line and the emergency stop: channel 3 and the break input of TIM1.
 //!
-//! The line is the timer's main output enable (MOE), so that hardware alone can drop it:
+//! The line follows the timer's main output enable (MOE), so hardware alone can switch it off:
 //! * the break input, which the emergency stop opens, clears MOE without any code;
 //! * with `DBG_TIM1_STOP` the outputs are off while a debugger has the core halted (debugger.rs);
 //! * the output watchdog clears it when no output has come for a while (output_watchdog.rs);
 //! * one store clears it, from any task, the panic and the fault handlers.
 //!
-//! With MOE clear TIM1 drives its outputs to their idle level, low: enable inactive and, on a board
-//! with PWM, no pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm, at the amplifier)
-//! on the wire.
+//! While MOE is clear, TIM1 drives its outputs to their idle level, low: enable inactive and, on a board with
+//! PWM, no pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm, at the
+//! amplifier).
 //!
-//! The first store to BDTR freezes TIM1's set-up but for MOE, counter, periods, compare values and the channels' enable
-//! bits (`LOCK` level 3, RM0090 17.4.18, RM0390 16.4.18): break input, idle levels, polarities and output modes. It
-//! comes when the board's file has set all of them up; until then the timer drives no pin.
+//! The first store to BDTR sets `LOCK` level 3 (RM0090 17.4.18, RM0390 16.4.18). It freezes break input, idle levels,
+//! polarities and output modes, but not MOE, counter, periods, compare values and the channels' enable bits. It comes
+//! after the board's file has set all of these; until then the timer drives no pin.
 
 use cortex_m::peripheral::DWT;
 use stm32f4xx_hal::{
@@ -27,8 +27,8 @@ pub(super) const OFF: u32 = 0b11 << 8 | 1 << 10 | 1 << 11 | 1 << 12 | 1 << 13;
 /// The same with MOE set. While the break input is active the hardware clears it again.
 const ON: u32 = OFF | 1 << 15;
 
-/// MOE for a moment, which an open emergency stop does not let through: the levels of `pin` then, and after it. With
-/// the tasks masked and the force at zero.
+/// Sets MOE for a moment, which an open emergency stop does not allow; returns the levels of `pin` during it and after
+/// it. Call it with the tasks masked and the force at zero.
 pub(super) fn blink(pin: super::pin::BoardPin) -> (bool, bool) {
     // SAFETY: a documented value of the register.
     registers().bdtr().write(|w| unsafe { w.bits(ON) });
@@ -39,8 +39,8 @@ pub(super) fn blink(pin: super::pin::BoardPin) -> (bool, bool) {
     (on, pin.is_high())
 }
 
-/// MOE until hardware clears it: after how many core cycles; none within so many. With the tasks masked and the force at
-/// zero. An open emergency stop clears it at once.
+/// Sets MOE and returns after how many core cycles hardware cleared it; none if not within `cycles`. Call it with the
+/// tasks masked and the force at zero. An open emergency stop clears it at once.
 pub(super) fn drops_within(cycles: u32) -> Option<u32> {
     // SAFETY: a documented value of the register.
     registers().bdtr().write(|w| unsafe { w.bits(ON) });
@@ -58,7 +58,7 @@ pub(super) fn drops_within(cycles: u32) -> Option<u32> {
     dropped
 }
 
-/// The break input was active: in SR, and it stays there.
+/// The break input was active: a bit of SR that stays set until it is cleared.
 const BREAK: u32 = 1 << 7;
 
 /// TIM1's registers, for the few stores that must work from everywhere.

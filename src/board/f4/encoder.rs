@@ -10,8 +10,8 @@ use zwidth::{
 
 use super::set_up;
 
-/// `ICxF` = 3: a level counts after 8 equal samples at the timer clock, half the core's: 95 ns at
-/// 168 MHz. Shorter glitches do not count; A and B may each change up to ten million times a second.
+/// `ICxF` = 3: a level counts after 8 equal samples at the timer clock, half the core's: 95 ns at 168 MHz. Shorter
+/// glitches do not count. A and B may each change up to ten million times a second.
 pub(in crate::board) const FILTER: u32 = 0b0011;
 
 /// Edge times beside the count.
@@ -72,7 +72,7 @@ impl<E: EdgeTimes> contract::Encoder for Encoder<E> {
         (count, Senses { edge: self.edges.latest(count, &self.timer), ..Senses::NONE })
     }
 
-    /// TI1's polarity (reference manual, TIMx_CCER, CC1P). What is zero is lost.
+    /// TI1's polarity (reference manual, TIMx_CCER, CC1P). The zero is lost.
     fn turn(reversed: bool) {
         // SAFETY: of this timer `sample` only reads the counter, and nothing else writes this register.
         let timer = unsafe { &*pac::TIM2::ptr() };

@@ -1,13 +1,13 @@
-//! The ends: a panic, a hard fault, a failed clock, an interrupt that no task is bound to, an image that is not what was
-//! built. All switch off, note the fault, and wait for the watchdog.
+//! How the program ends: a panic, a hard fault, a failed clock, an interrupt without a task, a changed image. All of
+//! these switch off, note the fault, and wait for the watchdog.
 
 use core::panic::PanicInfo;
 
 use cortex_m_rt::{ExceptionFrame, exception};
 use zwidth::safety::Fault;
 
-/// Off at once; then the watchdog resets the chip, within its 34 to 94 ms. No logging: the logger
-/// may be what panicked.
+/// Switches off at once; then the watchdog resets the chip, after 34 to 94 ms. It does not log, because the logger may
+/// be what panicked.
 #[panic_handler]
 fn panic(_: &PanicInfo) -> ! {
     end(Fault::Panic)
@@ -19,8 +19,8 @@ unsafe fn HardFault(_: &ExceptionFrame) -> ! {
     end(Fault::HardFault)
 }
 
-/// The clock security system has found the HSE dead: without this the timers would stand still with
-/// enable active and the last force on. It also drives TIM1's break input (reference manuals, clock security system).
+/// The clock security system has found that the HSE stopped. Without this handler the timers would stand still with
+/// enable active and the last force on. The system also drives TIM1's break input (reference manuals).
 // SAFETY: as HardFault.
 #[exception]
 unsafe fn NonMaskableInt() -> ! {

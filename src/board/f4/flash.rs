@@ -1,8 +1,8 @@
 //! Flash sectors 1 and 2, 16 KiB each, for the settings records of [`zwidth::store`].
 //!
-//! The core stalls while flash is erased or programmed (16 us a word, up to 0.8 s an erase): only
-//! with the force off, and with more time until the watchdog's reset. Not through the HAL's driver,
-//! which panics where this one returns an error.
+//! The core stalls while flash is erased or programmed (16 us a word, up to 0.8 s an erase). So this is done only with
+//! the force off, and the watchdog gets more time. The HAL's driver is not used, because it panics where this one
+//! returns an error.
 
 use core::ptr;
 
@@ -31,7 +31,7 @@ const BSY: u32 = 1 << 16;
 
 pub struct SettingsFlash(pac::FLASH);
 
-/// The word at an offset from the beginning of sector 1, which [`check_read`] or its like have let pass.
+/// The word at an offset from the beginning of sector 1; [`check_read`] or a similar check has accepted the offset.
 fn word_at(offset: u32) -> *mut u32 {
     ptr::with_exposed_provenance_mut(FLASH + SECTOR_BYTES + offset as usize)
 }
@@ -104,7 +104,7 @@ impl NorFlash for SettingsFlash {
     const WRITE_SIZE: usize = WORD_BYTES;
     const ERASE_SIZE: usize = SECTOR_BYTES;
 
-    /// Word by word, each with its own time until the watchdog's reset.
+    /// Word by word; the watchdog's time starts again with each.
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
         check_write(self, offset, bytes.len())?;
         let (words, _) = bytes.as_chunks::<WORD_BYTES>();

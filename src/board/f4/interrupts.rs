@@ -1,4 +1,4 @@
-//! Interrupts that no task is bound to: they cannot come; should one come all the same, it must not keep a task waiting.
+//! Interrupts without a task. None is expected. If one comes, it must not keep a task waiting.
 
 use cortex_m::peripheral::scb::SystemHandler;
 use stm32f4xx_hal::pac::Interrupt;
@@ -12,7 +12,7 @@ const LOWEST: u8 = 0xF0;
 /// Interrupts that the larger of these chips has.
 const COUNT: usize = 97;
 
-/// All others to the lowest priority, and the system handlers below the faults with them. What they end in is
+/// Gives all others the lowest priority, and the system handlers too, below the fault handlers. They end in
 /// `DefaultHandler` (fatal.rs).
 pub fn set_up(core: &mut cortex_m::Peripherals) {
     for number in 0..COUNT {

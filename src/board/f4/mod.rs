@@ -1,8 +1,8 @@
-//! Boards with an STM32F4: the peripherals, one file each, and all that such boards do alike.
+//! Boards with an STM32F4: the peripherals, one file each, and everything that such boards have in common.
 //!
-//! The force output (`dac.rs` or `pwm.rs`) and `edges.rs` are taken in by the boards that have them. Fixed by the
-//! peripherals: encoder on TIM2, samples by TIM5, enable on TIM1_CH3, emergency stop on TIM1_BKIN, halts by TIM6, the
-//! output watchdog on TIM8 and DMA2.
+//! Boards include the force output that they have (`dac.rs` or `pwm.rs`), and `edges.rs` if they have edge times. The
+//! peripherals are fixed: encoder on TIM2, samples by TIM5, enable on TIM1_CH3, emergency stop on TIM1_BKIN, halts by
+//! TIM6, the output watchdog on TIM8 and DMA2.
 
 mod boot;
 pub mod debugger;
@@ -40,7 +40,7 @@ use zwidth::{
 
 use super::super::{common::rtt, off};
 
-/// What one such board has of its own.
+/// What differs from board to board.
 pub trait Wiring: Sized {
     const NAME: &'static str;
     /// Core clock, Hz. The timers of APB1 run at half of it.
@@ -48,22 +48,19 @@ pub trait Wiring: Sized {
     /// Level of the supply detector (PLS, three bits): the flash has to work down to it.
     const SUPPLY_LEVEL: u8;
     const OUTPUT: Output;
-    /// The pin of enable.
     const ENABLE: pin::BoardPin;
-    /// The pin of the emergency stop.
     const STOP: pin::BoardPin;
-    /// What tells the chip from others (`DEV_ID` of DBGMCU_IDCODE).
+    /// What distinguishes the chip from others (`DEV_ID` of DBGMCU_IDCODE).
     const CHIP: u32;
     /// Level of the brown-out reset for the board's supply (`BOR_LEV` of the option bytes).
     const BROWN_OUT_RESET: u32;
-    /// The force output's converter, see [`ReadBack::SWING`](zwidth::contract::ReadBack::SWING).
+    /// Codes that the force output surely reaches, see [`ReadBack::SWING`](zwidth::contract::ReadBack::SWING).
     const SWING: Option<[i32; 2]>;
     const SENSES: &'static [Sense];
     const LATENCY_SAMPLES: f64;
     type Force: ForceOutput;
     /// The encoder, with edge times or without.
     type Encoder: Encoder;
-    /// The emergency stop's pin.
     type StopInput: InputPin;
 
     /// Sets the force output to values and reads them back, with enable off.
@@ -137,7 +134,7 @@ pub struct Chip {
 pub struct Wires<W: Wiring> {
     /// Force output, at zero force.
     pub force: W::Force,
-    /// Encoder that counts already.
+    /// Encoder, at 0 and not counting yet.
     pub encoder: W::Encoder,
     /// TIM1's break input with its pull-up on; it can be read as well.
     pub stop: W::StopInput,
@@ -163,8 +160,8 @@ pub struct Peripherals {
 }
 
 impl Chip {
-    /// Starts the clock that `clock` names, with RTT before it: a board with another chip, or without its 8 MHz from a
-    /// crystal or from another chip (`external`), says so and stays here with all outputs off.
+    /// Starts the clock that `clock` names, with RTT before it. With another chip, or without the 8 MHz from a crystal
+    /// or from another chip (`external`), the board says so and stays here with all outputs off.
     pub fn start<W: Wiring>(
         rcc: pac::RCC,
         clock: Config,
@@ -177,7 +174,7 @@ impl Chip {
         boot::expect_chip(dbgmcu, W::CHIP, &mut link.replies);
         boot::expect_clock(&rcc, external, &mut link.replies);
         let mut rcc = rcc.freeze(clock);
-        // If the HSE fails, TIM1's break drops enable and an NMI ends the program.
+        // If the HSE fails, TIM1's break input switches enable off, and an NMI ends the program.
         rcc.cr().modify(|_, w| w.csson().set_bit());
         debugger::set_up(dbgmcu);
         interrupts::set_up(&mut core);
@@ -188,12 +185,12 @@ impl Chip {
         Self { rcc, enable, reset_cause, link }
     }
 
-    /// The rest. The timers do not run yet; the watchdog does.
+    /// Sets up the rest. The timers do not run yet, but the watchdog does.
     pub fn finish<W: Wiring>(self, wires: Wires<W>, rest: Peripherals) -> Parts<F4<W>> {
         let Self { mut rcc, enable, reset_cause, link } = self;
         let Peripherals { tim5, tim6, tim8, dma2, pwr, exti, flash, iwdg } = rest;
         let Wires { force, encoder, stop } = wires;
-        // What the clock tree gives, not what the board's file says of it; and whole ticks per sample.
+        // What the clock tree gives, not what the board's file says; and a whole number of ticks per sample.
         const {
             assert!(
                 (W::CORE_HZ / 2).is_multiple_of(RATE_HZ),

@@ -1,8 +1,8 @@
-//! The output watchdog: enable stays up only while outputs come.
+//! The output watchdog: enable stays active only while outputs come.
 //!
-//! TIM8 counts microseconds from the last output. At its end, [`OUTPUT_WATCHDOG_US`], its update event is a request to
-//! DMA2 (stream 1, channel 7: TIM8_UP, RM0090 table 43, RM0390 9.3.3), which stores one word into TIM1's BDTR: the
-//! one that `off` stores. MOE is clear then, and only `arm` sets it again. Neither needs the core, an interrupt or a
+//! TIM8 counts microseconds from the last output. At [`OUTPUT_WATCHDOG_US`] its update event requests a transfer
+//! from DMA2 (stream 1, channel 7: TIM8_UP, RM0090 table 43, RM0390 9.3.3). DMA2 stores the word of `off` into
+//! TIM1's BDTR. Then MOE is clear, and only `arm` sets it again. This needs neither the core nor an interrupt nor a
 //! pin:
 //!
 //! ```text
@@ -11,9 +11,10 @@
 //! enable     ¯¯¯¯¯¯¯¯¯¯¯¯¯¯¯¯|_________________________
 //! ```
 //!
-//! The stream is circular with one item, so each further update stores the same. In direct mode (FCR as reset) the word is fetched
-//! ahead of its request. DMA1 would not do: its peripheral port reaches APB1 only, TIM1 is on APB2 (RM0090 2.1,
-//! figure 1). In a debugger's halt TIM8 and DMA2 run on (debugger.rs), so one that is longer than this is off for good.
+//! The stream is circular with one item, so each further update stores the same word. In direct mode (FCR as reset) the
+//! word is fetched ahead of its request. DMA1 cannot do this: its peripheral port reaches only APB1, and TIM1 is on
+//! APB2 (RM0090 2.1, figure 1). In a debugger's halt TIM8 and DMA2 run on (debugger.rs), so a halt that is longer than
+//! this time ends the force for good.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -49,8 +50,8 @@ const NUMBER: usize = 1;
 /// SR: it has overflown (`UIF`).
 const OVERFLOWN: u32 = 1;
 
-/// TIM8, counting. Its clock is that of APB2, that of the samples that of APB1: what divides one of them only shows as a
-/// wrong rate, and so does a count that stands still.
+/// TIM8, counting. It has the clock of APB2, and the sample timer that of APB1. If a divider of only one bus changes,
+/// or if the count stands still, the rate is found wrong.
 pub struct OutputWatchdog {
     timer: pac::TIM8,
     rate: RateWatch<{ TICK_HZ / RATE_HZ }>,
@@ -59,7 +60,7 @@ pub struct OutputWatchdog {
 }
 
 impl OutputWatchdog {
-    /// Runs from now on. BDTR of TIM1 has to be as `off` leaves it.
+    /// Runs from now on. BDTR of TIM1 must be as `off` leaves it.
     pub fn new(timer: pac::TIM8, dma: &pac::DMA2, rcc: &mut Rcc) -> Self {
         pac::DMA2::enable(rcc);
         pac::DMA2::reset(rcc);

@@ -1,9 +1,9 @@
 //! Force by sign-magnitude PWM of TIM1: the magnitude on channel 1, the sign on channel 2.
 //!
-//! 40 kHz, four periods per sample, in phase with the sampling timer and [`LEAD_CYCLES`] behind
-//! it. Both compare registers are preloaded, and the sign is itself a PWM of 0 or 100 %, so a
-//! command takes effect as a whole, at the next PWM period (no update comes between its two stores): one that is written within
-//! [`LEAD_CYCLES`] of its sample acts exactly that much after the sample, a later one 25 us later.
+//! 40 kHz: four periods per sample, in phase with the sampling timer and [`LEAD_CYCLES`] behind it. Both compare
+//! registers are preloaded, and the sign is itself a PWM of 0 or 100 %. So a command acts as a whole with the next PWM
+//! period (no update comes between its two stores). If it is written within [`LEAD_CYCLES`] of its sample, it acts that
+//! long after the sample, else 25 us later.
 
 use stm32f4xx_hal::{gpio::PushPull, pac, timer::CPin};
 use zwidth::{contract::ForceOutput, self_test::Found, units::OutputCode};
@@ -14,7 +14,7 @@ use super::f4::{enable, pin::BoardPin};
 /// PWM periods per sample.
 pub const PER_SAMPLE: u32 = 4;
 /// Core cycles from the sampling timer's update to the PWM timer's.
-/// (`tests/elf/control` holds the longest way of a command to its registers to less).
+/// `tests/elf/control` checks that every command is in its registers sooner.
 pub const LEAD_CYCLES: u32 = 2352; // 14 us
 
 /// CR1 while the timer runs: counter enabled, period preloaded.
@@ -54,8 +54,8 @@ impl ForceOutput for Output {
         let code = command.code();
         let sign = if (code < 0) != mirrored { u32::from(u16::MAX) } else { 0 };
         let cr1 = enable::registers().cr1();
-        // No update between the two stores: it would give the new magnitude the old sign for a period. One that
-        // falls between them is left out. SAFETY: documented values.
+        // No update between the two stores: for one period it would give the new magnitude the old sign. An update that
+        // falls between them is skipped. SAFETY: documented values.
         unsafe {
             cr1.write(|w| w.bits(RUNNING | UPDATE_DISABLE));
             set(code.unsigned_abs(), sign);
@@ -63,7 +63,7 @@ impl ForceOutput for Output {
         }
     }
 
-    /// Starts the timer so that it updates [`LEAD_CYCLES`] after the sampling timer, which is to be started right
+    /// Starts the timer so that it updates [`LEAD_CYCLES`] after the sampling timer. Start the sampling timer right
     /// after this.
     fn start() {
         let tim1 = enable::registers();
@@ -97,7 +97,7 @@ const PINS: [BoardPin; 2] = [BoardPin::new('E', 9), BoardPin::new('E', 11)];
 /// Steps from code to code.
 const STEP: usize = 600;
 
-/// Compare values read back, with enable off; a pin that does not stay low reads as all ones.
+/// Compare values read back, with enable off; if a pin does not stay low, the reading is all ones.
 pub fn test() -> Found {
     let read = |code: u32| {
         // An output of `render` would put zero force in its place.

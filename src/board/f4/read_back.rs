@@ -1,8 +1,8 @@
 //! ADC1 reads the DAC's pin (PA4, ADC12_IN4), ADC2 the amplifier's voltage for its current (PB0, ADC12_IN8).
 //!
-//! One conversion at a time, begun by the program (RM0390 13.3.4 and 13.13.3; RM0090 13.3.4 and 13.13.3): 28 cycles of
-//! sampling and 12 of conversion at 22.5 or 21 MHz, some 1.8 us. The flag of its end is cleared by reading the data, so
-//! a converter that stands still has no answer.
+//! The program begins one conversion at a time (RM0390 13.3.4 and 13.13.3; RM0090 13.3.4 and 13.13.3): 28 cycles of
+//! sampling and 12 of conversion at 22.5 or 21 MHz, some 1.8 us. Reading the data clears the flag of its end, so a
+//! converter that stands still gives no answer.
 
 use core::marker::PhantomData;
 

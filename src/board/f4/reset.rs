@@ -6,7 +6,7 @@ use zwidth::safety::ResetCause;
 /// Reads the flags and clears them for the next time.
 pub(in crate::board) fn cause(rcc: &pac::RCC) -> ResetCause {
     let flags = rcc.csr().read();
-    // Several are set at once: every cause also pulls the reset pin, and power sets all of its own.
+    // Several flags are set at once: each cause also pulls the reset pin, and a loss of power sets further flags.
     let cause = if flags.wdgrstf().bit_is_set() || flags.wwdgrstf().bit_is_set() {
         ResetCause::Watchdog
     } else if flags.sftrstf().bit_is_set() {

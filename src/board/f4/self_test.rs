@@ -1,5 +1,5 @@
 //! What the chip and its board find out about themselves. The force is off, and nothing can arm meanwhile: the console
-//! asks part by part, and it alone gives orders.
+//! asks part by part, and only the console gives orders.
 //!
 //! | part | how | manual |
 //! |---|---|---|
@@ -43,8 +43,8 @@ const LONGEST_US: u32 = OUTPUT_WATCHDOG_US * 3 / 2;
 /// The two pins of the wires: A, B.
 const WIRES: [u32; 2] = [6, 8];
 
-/// What it needs is switched on at set-up and stays on: its registers' clocks are read back with every output. The
-/// converter is that of `read_back.rs`.
+/// What it needs is switched on at set-up and stays on, because the peripherals' clocks are compared with every output.
+/// It uses the converter of `read_back.rs`.
 pub struct SelfTest<W>(PhantomData<W>);
 
 impl<W: Wiring> SelfTest<W> {
@@ -57,7 +57,8 @@ impl<W: Wiring> SelfTest<W> {
 
 impl<W: Wiring> contract::SelfTest for SelfTest<W> {
     fn test(&mut self, part: Part) -> Found {
-        // At output period 1 the parts follow each other without a pause, and together take as long as it waits.
+        // At output period 1 the parts follow each other without a pause. Together they take as long as the watchdog
+        // waits.
         watchdog::renew();
         match part {
             Part::Chip => {
@@ -124,7 +125,7 @@ fn without_outputs(core_hz: u32, stop_closed: fn() -> bool) -> Found {
 /// Core cycles, with those of the loop 22 to 30: more than the input filter's 16.
 const BETWEEN_EDGES: u32 = 6;
 
-/// Edges of A and B one after the other, each a fifth of a microsecond after the last, which interrupts may lengthen.
+/// Edges of A and B in turn, each a fifth of a microsecond after the last; an interrupt may make that longer.
 fn counted(core_hz: u32) -> Found {
     // SAFETY: the addresses are GPIOC's, of which only this uses two pins, and TIM2's, of which this reads the count.
     let (port, counter) = unsafe { (&*pac::GPIOC::ptr(), &*pac::TIM2::ptr()) };
@@ -162,7 +163,7 @@ fn counted(core_hz: u32) -> Found {
     Found::Encoder { sent: EDGES, there, back, rate_hz, least_hz: 0 }
 }
 
-/// Looks at what `sample` notes until it has noted often enough.
+/// Reads what `sample` notes, until there are enough readings.
 fn delays(core_hz: u32) -> Found {
     let mut times = [0; Delays::SAMPLES];
     let mut taken = 0;
@@ -183,10 +184,10 @@ const CAPTURE_ON: u32 = 1 << 12;
 const CAPTURED: u32 = 1 << 4;
 /// That input is LSI: `TI4_RMP` in OR.
 const FROM_LSI: u32 = 0b01 << 6;
-/// Edges that are looked at.
+/// Edges that are measured.
 const PERIODS: u32 = 32;
 
-/// By the timer of the samples. Captures that come late make a distance longer, never shorter, so the least one counts.
+/// By the timer of the samples. A late capture makes a distance longer, never shorter, so the shortest one counts.
 fn oscillator_hz(timer_hz: u32) -> u32 {
     // SAFETY: the address is TIM5's.
     let timer = unsafe { &*pac::TIM5::ptr() };

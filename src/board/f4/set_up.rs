@@ -1,9 +1,9 @@
 //! The registers that decide whether, when and which force acts, read back with every output.
 //!
-//! All that the program sets up once and that must not change afterwards, folded into one word: a bit that flips in any
-//! of them changes it. What changes while the program runs is left out by a mask, or is written with every output
-//! (compare values, the DAC's code, the converters' CR2, DBGMCU). What gates a
-//! peripheral's clock is among them.
+//! All that the program sets up once and must not change afterwards, folded into one word: a flipped bit in any of
+//! these registers changes the word. What changes while the program runs is masked out, or is written with every
+//! output (compare values, the DAC's code, the converters' CR2, DBGMCU). The clock gates of the peripherals are
+//! included.
 
 use core::{
     ptr,
@@ -41,15 +41,15 @@ const NVIC: u32 = 0xE000_E100;
 /// In TIM2's CCER: the direction (CC1P).
 const DIRECTION: u32 = 1 << 1;
 
-/// Folds registers into a sum: a base, and offsets of which all bits count or those of a mask. Written out, because a
-/// loop over a table takes three times as long.
+/// Folds registers into a sum: a base, and offsets, of which all bits count or those of a mask. It is written out,
+/// because a loop over a table takes three times as long.
 macro_rules! fold {
     ($sum:ident, $($base:expr => [$($offset:literal $(& $bits:expr)?),+];)+) => {
         $($($sum = $sum.rotate_left(1) ^ (read($base + $offset) $(& $bits)?);)+)+
     };
 }
 
-/// All of them, in one word.
+/// All these registers in one word.
 #[inline(always)]
 fn sum() -> u32 {
     let mut sum = 0u32;
@@ -90,8 +90,8 @@ fn sum() -> u32 {
         TIM6 => [0x00, 0x28, 0x2C];
         TIM8 => [0x00, 0x04, 0x08, 0x0C, 0x28, 0x2C, 0x30];
     }
-    // Its stream: CR, NDTR (of one item in a circle, so it is always 1), PAR, M0AR, FCR but for what its FIFO holds; its errors
-    // in LISR (DMEIF1, TEIF1), after which it stores nothing.
+    // Its stream: CR, NDTR (one item in a circle, so always 1), PAR, M0AR, FCR without the level of its FIFO; its
+    // errors in LISR (DMEIF1, TEIF1), after which it stores nothing.
     fold! { sum,
         DMA2_STREAM1 => [0x00, 0x04, 0x08, 0x0C, 0x14 & (!(0b111 << 3))];
         DMA2 => [0x00 & (0b11 << 8)];
@@ -107,7 +107,7 @@ fn sum() -> u32 {
     sum
 }
 
-/// Checksums of these registers right after set-up.
+/// Checksums of these registers, from the first check.
 pub struct SetUp {
     expected: Option<u32>,
     channels: Option<u32>,
@@ -139,7 +139,7 @@ impl contract::SetUp for SetUp {
         let sum = sum();
         let turned = read(TIM2 + 0x20) & DIRECTION != 0;
         let direction = turned == ENCODER_TURNED.load(Relaxed);
-        // Only the logger masks, and this task cannot run then; a mask that stays keeps `link` from running.
+        // Only the logger masks, and this task cannot run during that. A mask that stays set keeps `link` from running.
         let unmasked = basepri::read() == 0;
         let whole = *self.expected.get_or_insert(sum) == sum;
         whole && direction && unmasked && output_watchdog::stores_off()

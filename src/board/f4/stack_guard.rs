@@ -1,8 +1,8 @@
-//! The stack's end: memory that nothing may touch, between the statics and the stack, by the memory protection unit.
+//! The stack's end: memory between the statics and the stack, where the memory protection unit allows no access.
 //!
-//! The stack grows down towards the statics. A task that overruns it meets a hard fault here before it writes into them.
-//! Its frame cannot be stacked either, which the handler does not mind: it does not return. Should a core lock up over
-//! it, the output watchdog switches off.
+//! The stack grows down towards the statics. A task that overruns it causes a hard fault here, before it writes into
+//! the statics. The fault's frame cannot be stacked either, but the handler does not need it, because it never returns.
+//! If the core locks up instead, the output watchdog switches off.
 
 /// Bytes; the region begins at a multiple of it.
 const BYTES: u32 = 256;

@@ -1,7 +1,7 @@
 //! The supply supervisor: the programmable voltage detector (PVD), its level chosen by the board.
 //!
-//! Its output pends an interrupt (EXTI line 16), which switches off at once and remembers: between two outputs
-//! a supply may fall below what the flash needs, or dip and come back.
+//! Its output pends an interrupt (EXTI line 16), which switches off at once and remembers it. Between two outputs the
+//! supply may fall below what the flash needs, or fall and recover.
 
 use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
 

@@ -1,7 +1,7 @@
 //! The independent watchdog: a reset, hence outputs off, when the tasks stop running.
 //!
-//! It runs from its own 32 kHz oscillator (17 to 47 kHz over parts and temperature) and keeps
-//! running while a debugger has the core halted.
+//! It runs from its own 32 kHz oscillator (17 to 47 kHz over parts and temperature), also while a debugger has the core
+//! halted.
 
 use stm32f4xx_hal::pac;
 use zwidth::contract;
@@ -18,8 +18,8 @@ const PRESCALER: u16 = 0b011;
 pub struct Watchdog(());
 
 fn registers() -> &'static pac::iwdg::RegisterBlock {
-    // SAFETY: the address is the watchdog's. Every use is a sequence of stores that the key
-    // register protects; of two tasks in it at once, both only ever want the counter reloaded.
+    // SAFETY: the address is the watchdog's. Each use is a sequence of stores that the key register protects. If two
+    // tasks use it at once, both only want the counter reloaded.
     unsafe { &*pac::IWDG::ptr() }
 }
 
@@ -49,7 +49,7 @@ impl Watchdog {
 impl contract::Watchdog for Watchdog {
     fn feed(&mut self) {
         let iwdg = registers();
-        // Where flash is written the time is another, but this task does not run then.
+        // While flash is written the time is another one, but this task does not run then.
         if iwdg.rlr().read().bits() != TIMEOUT_MS || iwdg.pr().read().bits() != PRESCALER {
             set_timeout(TIMEOUT_MS);
         }
@@ -57,7 +57,7 @@ impl contract::Watchdog for Watchdog {
     }
 }
 
-/// Its time begins anew: by `idle`, and by what takes long in `link` with the force off, a piece at a time.
+/// Starts its time again: used by `idle`, and by `link` between the parts of long work with the force off.
 pub(in crate::board) fn renew() {
     // SAFETY: a documented key.
     registers().kr().write(|w| unsafe { w.bits(0xAAAA) });

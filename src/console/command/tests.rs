@@ -1,4 +1,4 @@
-//! Every command is read, and no input is more than refused.
+//! Every command is read, and the worst answer to any input is a refusal.
 
 use super::*;
 use crate::console::{LINE_MAX, Line, LineReader, REPLY_MAX, Text};
@@ -139,7 +139,7 @@ fn every_estimator_is_read_by_its_name() {
     }
 }
 
-/// Bytes as they may come: half of them pieces of real commands.
+/// Arbitrary bytes: half of them pieces of real commands.
 fn input() -> impl Strategy<Value = std::vec::Vec<u8>> {
     let piece = prop_oneof![
         prop::collection::vec(any::<u8>(), 0..12),

@@ -1,6 +1,6 @@
 //! One session: bytes and reports in, lines, frames and orders out.
 //!
-//! One command at a time: what the output task has to decide is asked of it, and the reply waits for its answer,
+//! One command at a time. If the output task has to decide, the console asks it, and the reply waits for the answer,
 //! which comes with the next output.
 
 mod self_test;
@@ -45,11 +45,11 @@ pub(super) enum Awaited {
     Period(Stored, ChangedSetting),
     /// New settings: what to keep and how to reply.
     Settings(Stored, ChangedSetting),
-    /// Leave to test this part.
+    /// Permission to test this part.
     SelfTest(SelfTestStep),
     /// The end of what was going on.
     Stop,
-    /// Leave to write flash.
+    /// Permission to write flash.
     Save,
     /// The next wall of a series, or the next hit.
     Series,
@@ -72,7 +72,7 @@ pub(super) enum ChangedSetting {
 pub struct Console<P> {
     pub(super) port: P,
     pub(super) device: &'static Device<'static>,
-    /// Copy from the start, to find a changed bit: every order is made from the device.
+    /// Copy from the start, to find a changed bit, because every order is made from the device.
     device_then: Device<'static>,
     pub(super) replies: ReplyChannel,
     reader: LineReader<LINE_MAX>,
@@ -80,17 +80,17 @@ pub struct Console<P> {
     /// Number of the design that the stored settings equal; 0: none.
     pub(super) design: u8,
     awaited: Option<Awaited>,
-    /// Newest output and the state at it; a running series is not in it, only the console knows of that.
+    /// Newest output and the state at it. A running series is not in it, because only the console knows of that.
     pub(super) latest: Option<(Situation, Record)>,
     series: Option<HitSeries>,
-    /// A hit that is over, and by `quiet` waits for its codes.
+    /// A hit that is over, and with the criterion `quiet` waits for its codes.
     over: Option<JudgedHit>,
-    /// A series that ended because nobody reads; not yet said.
+    /// A series that ended because nobody reads; not reported yet.
     unread: Option<HitSeries>,
     /// Another wall than the stored one is in force: a walk has just ended.
     restore_wall: bool,
-    /// Between the beginning of a series and the order after it: only then does the console give orders by itself. Kept
-    /// twice: by one bit that flips there is none.
+    /// Between the beginning of a series and the order after it: only then does the console give orders by itself. It
+    /// is kept twice, so that one flipped bit begins no series.
     in_series: Doubled<bool>,
     pub(super) stream: Stream,
 }
@@ -141,7 +141,7 @@ impl<P: Port> Console<P> {
         self.awaited.is_some()
     }
 
-    /// Takes what happened with an output. To be called for every report, in order.
+    /// Takes what happened with an output. Call it for every report, in order.
     pub fn report(&mut self, report: &Report) {
         self.stream(report);
         let Report { status, activity, record, .. } = *report;
@@ -183,15 +183,15 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Goes on with a series, or obeys a command that has come, if it `listens`; whether there was anything to do. To be
-    /// called after the reports.
+    /// Goes on with a series, or obeys a command if it `listens`; returns whether there was anything to do. Call it
+    /// after the reports.
     pub fn pass(&mut self, listens: bool) -> bool {
         let free = self.awaited.is_none() && self.latest.is_some();
         free && (self.pursue() || listens && self.listen())
     }
 
-    /// Reads up to the end of one line and obeys it; whether there were bytes. One line a pass: how often is the
-    /// caller's, see [`Pace`](crate::console::Pace).
+    /// Reads up to the end of one line and obeys it; returns whether there were bytes. One line a pass: the caller
+    /// decides how often, see [`Pace`](crate::console::Pace).
     fn listen(&mut self) -> bool {
         let mute = self.is_mute();
         for taken in 0..BYTES_A_PASS {
@@ -212,7 +212,7 @@ impl<P: Port> Console<P> {
         true
     }
 
-    /// A line waits that nobody has taken.
+    /// Whether a line waits that nobody has taken.
     pub(super) fn is_mute(&mut self) -> bool {
         self.replies.is_mute(&mut self.port)
     }
@@ -225,7 +225,7 @@ impl<P: Port> Console<P> {
         self.write(&ReplyIn(reply, self.spoken()));
     }
 
-    /// The units that it speaks.
+    /// The units of its numbers.
     pub(super) fn spoken(&self) -> Spoken {
         Spoken::of(self.device)
     }
@@ -241,7 +241,7 @@ impl<P: Port> Console<P> {
         })
     }
 
-    /// Replies with the reason; for a wall outside the envelope also with the allowed range.
+    /// Replies with the reason, and for a wall outside the envelope also with the allowed range.
     #[inline(never)] // its texts and keys do not belong on the stack of a command that is obeyed
     pub(super) fn refuse(&mut self, refusal: Refusal) {
         let stored = *self.stored;
@@ -278,15 +278,15 @@ impl<P: Port> Console<P> {
         self.stored.is_whole() && self.device_then == *self.device
     }
 
-    /// Whether what was put in force is what those settings come to, worked out once more: a bit that flips on the way of
-    /// an order would be another wall, for good.
+    /// Whether the settings in force are what these settings come to, computed once more. A bit that flips in an order
+    /// on its way would otherwise be another wall for good.
     #[inline(never)] // its parameters are not needed below `report`
     fn is_in_force(&mut self, asked: &InForce) -> bool {
         let parameters = asked.settings.build(&asked.design);
         parameters.is_ok_and(|parameters| self.port.is_in_force(&parameters))
     }
 
-    /// Off, by the fault of a bit that has flipped, in the place of any settings that were proposed.
+    /// Switches off with the fault of a flipped bit, and drops any settings that were proposed.
     fn trip(&mut self) {
         self.stream.answered(false);
         if self.port.order(Order::Request(Request::Trip(Fault::Memory))) {
@@ -306,7 +306,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// A bit of what orders are made of has flipped: none is given any more but that for a fault.
+    /// A bit has flipped in what orders are made of: from now on only the order for that fault is given.
     #[cold]
     fn lose(&mut self) {
         self.trip();
@@ -340,7 +340,7 @@ impl<P: Port> Console<P> {
             (Awaited::Settings(stored, changed), Ok(())) => self.keep_changed(stored, changed),
             (Awaited::Save, Ok(())) => {
                 let saved = self.is_whole() && self.port.save(&self.stored);
-                // Flash is written; the reply is out.
+                // Flash is written.
                 self.order(Order::Request(Request::Stall(false)), Awaited::Quiet);
                 self.reply(if saved { Reply::Done("save") } else { Reply::Failed("save") });
             }

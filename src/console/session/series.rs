@@ -1,5 +1,5 @@
-//! Hits that follow one another: `walk`, and the pushes of a quiet `hit`. The output task runs one hit at a time; which
-//! one is next is decided here, with the settings built as for any other command.
+//! Hits that follow one another: `walk`, and the pushes of a quiet `hit`. The output task runs one hit at a time. The
+//! next one is decided here, with the settings built as for any other command.
 
 use super::{Awaited, Console};
 use crate::{
@@ -29,7 +29,7 @@ enum Next {
 /// Hits that follow one another.
 #[derive(Clone, Copy)]
 pub struct HitSeries {
-    /// Without one it is a single hit, at the wall that is in force.
+    /// Without a walk it is a single hit, at the wall in force.
     walk: Option<Walk>,
     totals: WalkTotals,
     next: Next,
@@ -92,7 +92,7 @@ impl<P: Port> Console<P> {
         self.reply(Reply::Done(name));
     }
 
-    /// Gives the next order of a series, or brings the stored wall back after one; says whether it did.
+    /// Gives the next order of a series, or after it the order for the stored wall; returns whether it did.
     pub(super) fn pursue(&mut self) -> bool {
         if !self.is_mute()
             && let Some(series) = self.unread.take()
@@ -122,7 +122,7 @@ impl<P: Port> Console<P> {
         match series.next {
             Next::Verdict => return false,
             _ if !armed => self.end_series("the force went off: see status and faults"),
-            // Said once somebody reads again: said now it would be lost.
+            // Said when somebody reads again; now the line would be lost.
             _ if self.replies.is_mute(&mut self.port) => self.unread = self.series.take(),
             Next::Wall => {
                 let stored = series.settings(*self.stored);
@@ -134,7 +134,7 @@ impl<P: Port> Console<P> {
                     }
                 }
             }
-            // Of a walk only the verdicts count, and it has many.
+            // In a walk only the verdicts count, so each may come early.
             Next::Hit => {
                 let (stored, early) = (series.settings(*self.stored), series.walk.is_some());
                 match self.device.hit_sequence(&stored, early) {
@@ -146,7 +146,7 @@ impl<P: Port> Console<P> {
         true
     }
 
-    /// As bits that flip could leave it: in a walk, and with a wall to bring back, though nobody has begun one.
+    /// As flipped bits could leave it: in a walk, and with a wall to bring back, although nobody began a walk.
     #[cfg(test)]
     pub(in crate::console) fn damage(&mut self, in_walk: bool) {
         let series = HitSeries::of(Some(Walk::new(self.stored.grid)), Next::Hit);
@@ -164,7 +164,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// A hit is over; by `quiet` its codes decide, too.
+    /// A hit is over. With the criterion `quiet` its codes decide too.
     pub(super) fn hit_over(&mut self, verdict: Verdict, counts: RunningVariance, port: Exchanged) {
         let hit = JudgedHit { verdict, counts, port, quiet: None };
         match self.stored.criterion {
@@ -176,11 +176,11 @@ impl<P: Port> Console<P> {
     /// The codes of the hit that is over.
     #[inline(never)] // f64 here would make every pass save the floating-point registers
     pub(super) fn hit_codes(&mut self, codes: RunningVariance) {
-        // Without a series it was stopped meanwhile.
+        // Without a series: it was stopped meanwhile.
         let (Some(mut hit), Some(series)) = (self.over.take(), self.series) else { return };
         let stored = series.settings(*self.stored);
         hit.quiet = self.quiet_window(&stored, &hit.counts, &codes);
-        // The limit is that of the push which was set.
+        // The limit is a share of the push that was set.
         let share_n = FORCE_SHARE * libm::fabs(self.stored.push_n);
         let limit_n = stored.force_rms_limit_n.unwrap_or(share_n);
         let is_loud = hit.quiet.is_some_and(|quiet| !quiet.is_quiet(limit_n));
@@ -282,7 +282,6 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// A hit as it is said.
     fn said(&self, hit: &JudgedHit) -> lines::SaidHit {
         lines::SaidHit {
             hit: *hit,

@@ -1,5 +1,5 @@
-//! Telemetry: a frame for each output, or, where outputs are closer than a millisecond, one each millisecond; with the
-//! counts of all samples, and now and then a key, from which a reader can compute every sample himself.
+//! Telemetry: one frame each millisecond, with the outputs of it and the counts of all samples. Now and then a frame is
+//! a key, from which a reader can compute every sample.
 
 use super::Console;
 use crate::{
@@ -24,16 +24,16 @@ pub(in crate::console) struct Stream {
     sequence: u32,
     /// Outputs of the frame that is being filled: they follow each other, with the same settings and fault.
     outputs: [Record; Frame::OUTPUTS],
-    /// What an experiment pushed with at them.
+    /// Pushes of an experiment at these outputs.
     pushes: [Force; Frame::OUTPUTS],
-    /// What wall and hand have exchanged up to the newest of them.
+    /// Energy that wall and hand have exchanged up to the newest of them.
     port: Exchanged,
     count: usize,
     /// Last sample whose count was sent.
     told: Option<u64>,
     /// Values at the last key that was sent.
     key: Option<Mark>,
-    /// Settings that were accepted last, and those that an order is under way for.
+    /// Settings that were accepted last, and those whose order is under way.
     accepted: Option<Chosen>,
     proposed: Option<Chosen>,
 }
@@ -75,7 +75,7 @@ impl Stream {
         }
     }
 
-    /// An order for these settings is under way: predicts their number and tuning in the output task.
+    /// An order for these settings is under way: predicts their number and tuning.
     pub(super) fn propose(&mut self, design: Design, stored: &Stored, parameters: &LoopParameters) {
         self.proposed = self.accepted.map(|Chosen { in_force, tuned }| Chosen {
             in_force: InForce {
@@ -87,7 +87,7 @@ impl Stream {
         });
     }
 
-    /// An order was answered: the settings that it has put in force, if it was one for settings and was met.
+    /// An order was answered: the settings that it put in force, if it was for settings and was accepted.
     pub(super) fn answered(&mut self, met: bool) -> Option<InForce> {
         let chosen = self.proposed.take().filter(|_| met)?;
         self.accepted = Some(chosen);
@@ -109,7 +109,7 @@ impl<P: Port> Console<P> {
             self.stream.count = 0;
             return;
         }
-        // What was in force before a fault is not known any more.
+        // What was in force before a fault is no longer known.
         if !record.flags.contains(Flags::REPLAY) {
             record.flags = record.flags.with_design(self.design);
         }
@@ -156,7 +156,7 @@ impl<P: Port> Console<P> {
             return;
         }
         let mut writer = frame.encode_after(earlier, period, &mut bytes);
-        // Samples that nobody was told of; after a gap those of a millisecond.
+        // Samples that were not sent yet; after a gap those of a millisecond.
         let told = self.stream.told;
         let since = told.map_or(u64::MAX, |told| newest.sample.wrapping_sub(told));
         let follows = since <= Frame::SAMPLES as u64;
@@ -187,14 +187,14 @@ impl<P: Port> Console<P> {
             writer = writer.key(&key).port(port);
         }
         if !self.port.write_frame(writer.finish()) {
-            // What it had told comes again.
+            // What this frame had is sent again.
             (self.stream.told, self.stream.key) = (told, None);
         }
     }
 }
 
 impl Stream {
-    /// The key that is to be told with this frame, if one is.
+    /// The key to send with this frame, if one is due.
     fn key_of(
         &self,
         (sampler, zeros): (&crate::Sampler, u16),

@@ -1,4 +1,4 @@
-//! Nothing changes without an acknowledgement, and nothing that is typed keeps the task busy.
+//! Nothing changes without an acknowledgement, and no input keeps the task busy.
 
 use super::*;
 
@@ -15,7 +15,7 @@ fn until_a_line_is_taken_no_command_is_obeyed_but_those_that_end_something() {
     assert_eq!(bench.orders("stop"), Order::Stop);
     bench.answer(Ok(()));
     bench.console.port.deaf = false;
-    // tried again with every 32nd look
+    // sent again at every 32nd call
     let said = (0..64).find_map(|_| {
         bench.console.pass(true);
         Some(bench.take().0).filter(|lines| !lines.is_empty())

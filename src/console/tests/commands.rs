@@ -1,4 +1,4 @@
-//! Every arm of the dispatch: which order it gives, what it keeps, what it says.
+//! Every arm of the dispatch: which order it gives, what it keeps, what it replies.
 
 use super::*;
 use crate::{
@@ -13,7 +13,7 @@ fn boot_says_what_runs_and_proposes_the_first_settings_quietly() {
     let loaded = "ok load: older settings: the newest copy is damaged";
     assert_eq!(console.port.lines, [version.as_str(), loaded]);
     assert_eq!(console.port.orders, [DEVICE.order(&DEVICE.defaults()).unwrap()]);
-    // nothing is obeyed before the first report, and nothing is said of the answer
+    // nothing is obeyed before the first report, and the answer to the first order has no reply
     console.port.typed.extend(*b"get\n");
     console.pass(true);
     assert_eq!((console.port.lines.len(), console.port.typed.len()), (2, 4));
@@ -47,7 +47,7 @@ fn faults_of_a_latched_fault_ask_for_the_black_box() {
     assert!(bench.answer(Ok(())).is_empty());
 }
 
-/// What the supervisor decides: the request, then `ok NAME` or why not.
+/// The supervisor decides: the request, then `ok NAME` or the refusal.
 #[test]
 fn requests_are_passed_on_and_answered() {
     let fault = Some(FaultRecord::bare(Fault::OverSpeed));
@@ -69,7 +69,7 @@ fn requests_are_passed_on_and_answered() {
         bench.orders(line);
         let refused = bench.answer(Err(Refusal::Zeroing));
         assert_eq!(refused, ["error: a zero is under way: try again"]);
-        // an answer that nobody awaits
+        // an answer for which nobody waits
         assert!(bench.answer(Ok(())).is_empty());
     }
 }
@@ -91,12 +91,12 @@ fn what_the_rules_refuse_gives_no_order() {
     bench.status.inputs.settings_valid = false;
     bench.report(Event::None);
     assert_eq!(bench.says("arm"), "error: settings are not valid or outside the envelope: see get");
-    // of a wall outside, what is allowed
+    // for a wall outside, the allowed range
     bench.console.stored.edit(|stored| stored.settings.wall.stiffness_n_per_m = 5000.0);
     let outside =
         "error: beyond the envelope: k at this b is allowed from 0 to 4000, or unlock envelope";
     assert_eq!(bench.says("arm"), outside);
-    // and so if the supervisor refuses it
+    // and the same if the supervisor refuses it
     bench.status = OFF;
     bench.report(Event::None);
     bench.orders("arm");
@@ -143,7 +143,7 @@ fn settings_of_the_loop_are_proposed_and_kept_once_taken() {
     }
 }
 
-/// Settings of the next experiment: kept at once, if it could be run with them.
+/// Settings of the next experiment: kept at once, if it can run with them.
 #[test]
 fn settings_of_experiments_are_kept_at_once_or_refused() {
     type Edit = fn(&mut Stored);
@@ -230,7 +230,7 @@ fn settings_that_cannot_be_are_refused_with_what_is_allowed() {
     );
     assert!(bench.says("fullscale 50").starts_with("error: full_scale_n is 50, allowed "));
     assert!(bench.says("fullscale 1").starts_with("error: full_scale_n is 1, allowed "));
-    // accepted by the loop, but no hit could be run with it
+    // the loop accepts it, but no hit can run with it
     bench.console.stored.edit(|stored| stored.push_n = 5.0);
     assert!(bench.says("fullscale 3").starts_with("error: push_n is 5, allowed "));
     if let Some(blind) = blind_estimator() {
@@ -284,7 +284,7 @@ fn experiments_are_started_and_stopped() {
     let train = DEVICE.pulse_train(&bench.stored(), -1.2).unwrap();
     assert_eq!(bench.orders("pulses -1.2"), Order::Pulses(train));
     assert_eq!(bench.answer(Ok(())), ["ok pulses"]);
-    // A wall would act on the pulses.
+    // A wall with a force would act during the pulses.
     bench.console.stored.edit(|stored| stored.settings.wall.stiffness_n_per_m = 2000.0);
     let said = "error: stiffness_n_per_m is 2000, allowed 0 to 0";
     assert_eq!(bench.says("pulses 1"), said);
@@ -331,7 +331,7 @@ fn saving_stalls_writes_and_goes_on() {
     }
 }
 
-/// What is counted in outputs goes before the parameters; nothing is kept before both are taken.
+/// Values in outputs are ordered before the parameters. Nothing is kept before both are accepted.
 #[test]
 fn another_period_sends_its_plan_first_and_is_refused_while_force_acts() {
     let on = "error: the force is on: disarm first";
@@ -359,7 +359,7 @@ fn another_period_sends_its_plan_first_and_is_refused_while_force_acts() {
         assert_eq!(bench.stored(), before);
         assert_eq!(bench.answer(Ok(())), [format!("ok period {period} samples")]);
         assert_eq!(bench.stored(), after);
-        // the same once more is a change like any other
+        // the same value again is a change like any other
         assert_eq!(bench.orders(&line), DEVICE.order(&after).unwrap());
         assert_eq!(bench.answer(Ok(())), [format!("ok period {period} samples")]);
         assert!(bench.says("get").ends_with(&format!(", period {period} samples")));
@@ -417,7 +417,7 @@ fn loading_takes_signs_full_scale_and_period_only_without_force() {
     }
 }
 
-/// Not even the settings that a command does not touch: with a flipped B, `k` would install that B.
+/// This includes settings that a command does not change: with a flipped B, `k` would put that B in force.
 #[test]
 fn with_a_flipped_bit_in_settings_or_device_every_order_is_a_fault() {
     for of_device in [false, true] {
@@ -434,7 +434,7 @@ fn with_a_flipped_bit_in_settings_or_device_every_order_is_a_fault() {
         }
         assert!(bench.says("status").starts_with("ok status"));
     }
-    // Between order and answer of a `save` as well: nothing is written.
+    // The same between order and answer of a `save`: nothing is written.
     let mut bench = Bench::new(OFF);
     bench.orders("save");
     bench.console.flip(false);
@@ -442,7 +442,7 @@ fn with_a_flipped_bit_in_settings_or_device_every_order_is_a_fault() {
     assert_eq!(bench.console.port.flash, None);
 }
 
-/// A bit that flips on the way from what was typed to what is in force: the reply would say 9000.
+/// A bit flips between what was typed and what is in force, and the reply would say 9000.
 #[test]
 fn what_is_in_force_otherwise_than_it_was_asked_for_is_a_fault() {
     let mut bench = Bench::new(FREE);

@@ -1,4 +1,4 @@
-//! Designs: chosen by name with the force off, named by replies, saved settings and telemetry.
+//! Designs: chosen by name with the force off; replies, saved settings and telemetry name them.
 
 use std::sync::LazyLock;
 
@@ -13,7 +13,7 @@ use crate::{
     telemetry::Decoder,
 };
 
-/// [`DEVICE`] with two designs, the second of which has rows.
+/// [`DEVICE`] with two designs; only the second has rows.
 fn device() -> &'static Device<'static> {
     static WORDS: LazyLock<([u32; WORDS_MAX], usize)> = LazyLock::new(|| {
         let key = Key { design: 2, ..BOUNDARY.key };
@@ -72,7 +72,8 @@ fn a_design_is_taken_whole_and_only_with_the_force_off() {
     }
 }
 
-/// Beside the designs the envelope knows one cutoff: any other tuning may be set with the force off, and keeps it off.
+/// Beside the designs the envelope has one cutoff. With the force off any other tuning is accepted, and keeps the force
+/// off.
 #[test]
 fn free_tuning_needs_the_envelope_unlocked() {
     let mut bench = Bench::on(device(), OFF);
@@ -96,7 +97,7 @@ fn free_tuning_needs_the_envelope_unlocked() {
     bench.orders("cutoff 1499");
     assert_eq!(bench.answer(Ok(())), ["ok cutoff 1499 Hz"]);
     assert_eq!(name(&mut bench), "none");
-    // With the force off it is taken, as an order that keeps the force off, and `arm` says why.
+    // With the force off it is accepted, as an order that keeps the force off, and `arm` gives the reason.
     bench.status = OFF;
     bench.report(Event::None);
     let order = bench.orders("cutoff 1498");
@@ -119,7 +120,7 @@ fn saved_settings_come_back_as_the_design_they_are() {
     bench.orders("cutoff 1500");
     bench.answer(Ok(()));
     assert_eq!(name(&mut bench), "paper");
-    // As `design` it waits for the force to be off.
+    // Like `design`, it needs the force off.
     bench.status = ARMED;
     bench.report(Event::None);
     assert_eq!(bench.says("load"), "error: the force is on: disarm first");
@@ -147,7 +148,7 @@ fn telemetry_has_the_number_of_the_design_but_for_the_black_box() {
     bench.orders("cutoff 500");
     bench.answer(Ok(()));
     bench.report(Event::None);
-    // The first settings are those of `paper`; a frame goes out before what its output answered is kept.
+    // The first settings are those of `paper`. A frame is sent before the settings that its output answered are kept.
     assert_eq!(numbers(&mut bench), [2, 1, 1, 0]);
     bench.orders("design paper");
     bench.answer(Ok(()));

@@ -38,21 +38,21 @@ struct Board {
     typed: VecDeque<u8>,
     lines: Vec<String>,
     frames: Vec<Vec<u8>>,
-    /// Where every sample was, and the sampler after the last one.
+    /// The position at every sample, and the sampler after the last one.
     positions: Vec<Position>,
     sampler: Option<GuardedSampler>,
     /// The channel of the frames is full.
     full: bool,
     orders: Vec<Order>,
     flash: Option<Stored>,
-    /// Flash does not take anything.
+    /// Flash refuses every write.
     broken: bool,
-    /// The part that is found wrong.
+    /// The part that fails.
     wrong: Option<Part>,
     tested: Vec<Part>,
     /// Nobody reads the lines.
     deaf: bool,
-    /// The last that was ordered.
+    /// The last order.
     in_force: Option<LoopParameters>,
 }
 
@@ -114,7 +114,7 @@ impl Port for Board {
     }
 }
 
-/// Off, and nothing in the way of anything.
+/// Off, and everything allows arming.
 const OFF: Status = Status {
     state: State::Off,
     fault: None,
@@ -140,11 +140,11 @@ struct Bench {
     activity: Activity,
 }
 
-/// What wall and hand have exchanged in every report.
+/// The exchanged energy in every report.
 const PORT: Exchanged = Exchanged { energy: -(1 << 40), given: 1 << 41 };
 
 impl Bench {
-    /// After boot, its first order met.
+    /// After boot, when its first order was met.
     fn new(status: Status) -> Self {
         Self::on(&DEVICE, status)
     }
@@ -175,7 +175,7 @@ impl Bench {
         });
     }
 
-    /// What has been said and ordered since the last call.
+    /// Lines and orders since the last call.
     fn take(&mut self) -> (Vec<String>, Vec<Order>) {
         let board = &mut self.console.port;
         (std::mem::take(&mut board.lines), std::mem::take(&mut board.orders))
@@ -193,7 +193,7 @@ impl Bench {
         self.take().0
     }
 
-    /// Types a line; its one order and no line comes of it.
+    /// Types a line that gives one order and no line.
     #[track_caller]
     fn orders(&mut self, line: &str) -> Order {
         let (lines, orders) = self.type_in(line);
@@ -202,7 +202,7 @@ impl Bench {
         orders[0]
     }
 
-    /// Types a line; its one line and no order comes of it.
+    /// Types a line that gives one line and no order.
     #[track_caller]
     fn says(&mut self, line: &str) -> String {
         let (mut lines, orders) = self.type_in(line);

@@ -1,4 +1,5 @@
-//! Hits and walks by the criterion `quiet`: one push after the other, each judged by its counts, its force and the wall.
+//! Hits and walks by the criterion `quiet`: one push after the other, each judged by its counts, its force and the
+//! wall.
 //!
 //! The device has counts of 1 um, a DAC of 12 bits and 5.906 N at full scale; the wall of these tests is at 0.07 m.
 
@@ -7,7 +8,7 @@ use crate::experiment::{RunningVariance, Verdict, quiet::PUSHES};
 
 const PUSH_N: f64 = 2.0;
 const K: f64 = 50_000.0;
-/// Newtons of one code.
+/// Force of one code, N.
 const CODE_N: f64 = 5.906 / 2047.0;
 
 /// Armed, with that wall, and judged by `quiet`.
@@ -27,7 +28,7 @@ fn bench() -> Bench {
     bench
 }
 
-/// A handle at rest in that wall under that push, but for codes that swing by so many.
+/// A handle at rest in that wall under that push, with codes that vary by so many.
 fn window(push_n: f64, swing: i32) -> [RunningVariance; 2] {
     let [mut counts, mut codes] = [RunningVariance::default(); 2];
     let behind = DEVICE.design.position("position_m", push_n / K).unwrap().counts();
@@ -44,7 +45,7 @@ fn over(bench: &mut Bench, verdict: Verdict, [counts, codes]: [RunningVariance; 
     bench.take().0
 }
 
-/// The hit at that push is ordered and met, and shows that.
+/// The hit at that push is ordered and met, and reports these values.
 #[track_caller]
 fn pushed(bench: &mut Bench, share: f64, (verdict, swing): (Verdict, i32)) -> Vec<String> {
     let push_n = share * PUSH_N;
@@ -76,7 +77,7 @@ fn a_quiet_hit_tries_four_pushes_and_says_the_loudest() {
         said.len() == 2 && said[1].starts_with("ok hit stable, rms 0 m, mean 0.07004 m, taken ")
     );
     assert!((force_rms(&said[1]) - 4.0 * CODE_N).abs() < 1e-9, "{said:?}");
-    // and nothing more
+    // and no further order
     bench.console.pass(true);
     assert_eq!(bench.take(), (Vec::new(), Vec::new()));
     assert_eq!(bench.says("push 1"), "ok push 1 N");
@@ -182,7 +183,7 @@ fn a_walk_tries_every_push_of_a_cell_before_it_goes_on() {
         ordered += orders.len();
         bench.answer(Ok(()));
         if n == 0 {
-            // the wall came first
+            // the wall was ordered first
             bench.console.pass(true);
             ordered += bench.take().1.len();
             bench.answer(Ok(()));

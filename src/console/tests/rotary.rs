@@ -1,4 +1,4 @@
-//! A rotary device: everything that is typed and said is about its axis, and what is ordered is at the handle.
+//! A rotary device: all that is typed and printed is about its axis, and all that is ordered is at the handle.
 
 use super::*;
 use crate::{

@@ -1,10 +1,10 @@
-//! `selftest`: part by part, each asked for before it.
+//! `selftest`: part by part, each with an order before it.
 
 use std::vec;
 
 use super::*;
 
-/// One part after each answer, and nothing may arm before the last one; the zero goes first.
+/// One part after each answer, and nothing may arm before the last one. The zero is lost first.
 #[test]
 fn a_self_test_asks_before_each_part_and_tells_what_has_failed() {
     let (stall, go_on) =
@@ -32,7 +32,8 @@ fn a_self_test_asks_before_each_part_and_tells_what_has_failed() {
     }
 }
 
-/// With a fault there may be a force at the output, and what enable does not drop nothing else may drive.
+/// After a fault the output may still have a force. If enable does not switch off, nothing else may drive the
+/// amplifier.
 #[test]
 fn a_self_test_does_not_drive_what_is_not_safe() {
     for (fault, wrong) in [(true, None), (false, Some(Part::Enable))] {

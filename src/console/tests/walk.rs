@@ -16,7 +16,7 @@ fn begun() -> Bench {
     bench
 }
 
-/// The order that the walk gives now.
+/// The order that the walk gives next.
 #[track_caller]
 fn next(bench: &mut Bench) -> Order {
     bench.console.pass(true);
@@ -36,7 +36,7 @@ fn cell(bench: &mut Bench, k: f64, b: f64) {
     let hit = DEVICE.hit_sequence(&stored, true).unwrap();
     assert_eq!(next(bench), Order::Hit(hit));
     assert!(bench.answer(Ok(())).is_empty());
-    // nothing more before the verdict
+    // no further order before the verdict
     bench.console.pass(true);
     assert_eq!(bench.take(), (Vec::new(), Vec::new()));
 }
@@ -46,7 +46,7 @@ fn judge(bench: &mut Bench, verdict: Verdict) -> Vec<String> {
     bench.take().0
 }
 
-/// After its end the stored wall comes back, quietly, and commands are obeyed again.
+/// After its end the stored wall comes back without a reply, and commands are obeyed again.
 #[track_caller]
 fn over(bench: &mut Bench) {
     assert_eq!(next(bench), DEVICE.order(&bench.stored()).unwrap());
@@ -124,7 +124,7 @@ fn stop_ends_it_at_any_moment() {
             1 => {
                 next(&mut bench);
                 bench.console.port.typed.extend(*b"stop\n");
-                // the wall is met first
+                // the order for the wall is met first
                 bench.console.pass(true);
                 assert!(bench.take().1.is_empty());
                 bench.answer(Ok(()));
@@ -209,7 +209,7 @@ fn a_walk_that_could_not_run_is_not_begun() {
     let mut bench = Bench::new(FREE);
     bench.console.stored.edit(|stored| stored.start_m = 0.09);
     assert!(bench.says("walk").starts_with("error: start_m is 0.09, allowed "));
-    // in the wall's way or not, each setting can be set
+    // each setting can be changed, wherever the wall is
     for line in ["push 1.5", "kstart 1000", "settle 3", "start 0"] {
         assert!(bench.says(line).starts_with("ok "), "{line}");
     }
@@ -252,7 +252,7 @@ fn a_walk_that_nobody_has_begun_gives_no_order() {
         }
         let (lines, orders) = bench.take();
         assert!(orders.is_empty() && lines.is_empty(), "{in_walk}: {lines:?}");
-        // It is none, and another one can be begun.
+        // There is no walk, and another one can be begun.
         assert!(bench.says("walk").starts_with("ok walk"));
     }
 }

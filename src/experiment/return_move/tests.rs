@@ -51,7 +51,7 @@ impl Handle {
     }
 }
 
-/// How it ended, after how many outputs, the highest speed, the largest force (fraction).
+/// How it ended, after how many outputs, the highest speed, the largest force (part of full scale).
 fn bring_back(mut handle: Handle, held: bool) -> (ReturnStep, u32, f64, f64) {
     let mut back = Moving::new(SETTINGS.build(&DESIGN).unwrap());
     let (mut fastest, mut strongest) = (0f64, 0f64);
@@ -106,8 +106,8 @@ fn a_handle_that_is_held_ends_it_and_never_feels_more_than_the_limit() {
     assert!(strongest <= 1.4 / 5.906 + 1e-9);
 }
 
-/// A hand that brings the handle to the start faster than the return would, holds it there for a moment or not,
-/// and lets go: it stays there, but for what its own spring moves it by.
+/// A hand brings the handle to the start faster than the return would, holds it there for a moment or not, and lets go.
+/// The handle stays there, except for the motion by its own spring.
 #[test]
 #[cfg_attr(miri, ignore = "returns in closed loop")]
 fn a_handle_that_a_hand_has_brought_to_the_start_is_not_driven_away() {
@@ -136,7 +136,7 @@ fn a_handle_that_a_hand_has_brought_to_the_start_is_not_driven_away() {
                 );
                 assert!(arrived, "{case}");
                 let sag = 2.5e-3 * spring / 11.0626;
-                // for eight outputs the brake still sees the speed of the hand
+                // for eight outputs the brake still measures the speed of the hand
                 assert!(farthest < 1.5e-3 + sag, "{case}: {farthest} m away");
                 assert!(fastest < 0.25, "{case}: {fastest} m/s");
             }
@@ -169,7 +169,7 @@ fn a_return_that_is_taken_starts_and_one_that_cannot_start_is_refused_with_the_r
     }
 }
 
-/// A step that is a whole number of counts but for its rounding up fits a lead of as many, on either side.
+/// A step that rounds up to a whole number of counts fits a lead of as many counts, in both directions.
 #[test]
 fn a_step_as_long_as_the_lead_is_taken_on_either_side() {
     let full_scale_n = 2.189_657_517_033_622;
@@ -234,7 +234,7 @@ fn a_setting_out_of_range_is_refused_with_the_range() {
     for (settings, name, low, high) in [
         (ReturnSettings { force_n: 1.0, ..base }, "return_force_n", 1.073_741_824, 536.870_912),
         (ReturnSettings { tolerance_m: 2.0, ..base }, "return_tolerance_m", 4e-6, 1.048_576),
-        // They do not get as small as that: what is next to 0 is 0.
+        // They are never that small: the value next to 0 is 0.
         (
             ReturnSettings { damping_n_s_per_m: 1e-13, ..base },
             "return_damping_n_s_per_m",

@@ -1,4 +1,4 @@
-//! Orders of the console beside experiments: settings, signs, black box, stop, clear.
+//! Orders of the console other than experiments: settings, signs, black box, stop, clear.
 
 use super::*;
 
@@ -13,7 +13,7 @@ fn requests_reach_the_supervisor_and_the_sampling_task_at_once() {
     assert_eq!(bench.order(Order::Request(Request::Clear)), Err(Refusal::NoFault));
 }
 
-/// Where the answer comes, the force is off: with a hit, without one, off already, and with a fault.
+/// When the answer comes, the force is off: with a hit, without a hit, off before, and with a fault.
 #[test]
 fn a_host_that_falls_silent_takes_the_force_away_in_time() {
     let mut bench = Bench::armed();
@@ -29,12 +29,12 @@ fn a_host_that_falls_silent_takes_the_force_away_in_time() {
     bench.run(2);
     assert_eq!(bench.last, OutputCommand::Off);
     assert_eq!(bench.status().fault.map(|record| record.fault), Some(Fault::HostSilent));
-    // The promise is over with it.
+    // The promise has ended with it.
     bench.met(Order::Request(Request::Clear));
     bench.met(Order::Request(Request::Arm));
     bench.run(600);
     assert_eq!(bench.status().state, State::Armed);
-    // One that is given with the force off counts from `arm` on.
+    // A promise that is given with the force off counts from `arm` on.
     bench.met(Order::Request(Request::Disarm));
     bench.met(word);
     bench.run(300);
@@ -46,7 +46,7 @@ fn a_host_that_falls_silent_takes_the_force_away_in_time() {
     assert_eq!(bench.status().fault.map(|record| record.fault), Some(Fault::HostSilent));
 }
 
-/// The console asks for neither; what it takes for the state may be an older one.
+/// The console does not ask for these; but its view of the state may be an older one.
 #[test]
 #[cfg_attr(miri, ignore = "arms in closed loop")]
 fn an_experiment_is_begun_alone_and_pulses_without_a_wall_only() {
@@ -66,7 +66,7 @@ fn an_experiment_is_begun_alone_and_pulses_without_a_wall_only() {
     assert_eq!(bench.order(bench.hit()), Err(Refusal::Busy));
 }
 
-/// Its bits are looked at with each output.
+/// Its bits are checked with each output.
 #[test]
 #[cfg_attr(miri, ignore = "arms in closed loop")]
 fn the_push_of_no_experiment_is_none_whatever_it_has_become() {
@@ -122,7 +122,7 @@ fn settings_are_exchanged_whole_counted_and_refused_where_they_would_throw() {
     assert_eq!(bench.sampling.commands.len(), commands);
     bench.output(None);
     assert_eq!(bench.reports.last().unwrap().record.settings, settings + 1);
-    // another cutoff: it starts anew
+    // another cutoff: the estimator starts anew
     bench.stored.settings.wall.stiffness_n_per_m = 0.0;
     bench.stored.settings.velocity = bench.stored.settings.velocity.with_tuning(1000.0);
     bench.met(DEVICE.order(&bench.stored).unwrap());
@@ -211,7 +211,7 @@ fn the_black_box_keeps_a_fault_until_a_clear_that_is_met() {
     assert!(!bench.renderer.history.is_frozen());
 }
 
-/// A fault is written, and erased when it is cleared.
+/// A fault is written to the memory, and erased at `clear`.
 #[test]
 fn what_the_backup_memory_is_to_hold_is_said_once() {
     let mut bench = Bench::new();
@@ -259,7 +259,7 @@ fn a_motor_that_has_worked_is_warm() {
     assert!(bench.renderer.experiments.parts().duty.per_mille() > 0);
 }
 
-/// All facts that a board senses, against what each of them means.
+/// All facts that a board senses, compared with their meaning.
 #[test]
 fn inputs_tell_a_stop_from_a_debugger_from_a_cut() {
     let found = FaultSet::EMPTY.with(Fault::Registers);
@@ -279,7 +279,7 @@ fn inputs_tell_a_stop_from_a_debugger_from_a_cut() {
             false,
             Inputs { stop_closed: false, ..held },
         ),
-        // while off, an old stop is none
+        // while off, a stop that is over does not count
         (Sensed { was_stopped: true, switched_on: false, ..GOOD }, false, held),
         (
             Sensed { supply_good: false, enabled: false, ..GOOD },
@@ -294,11 +294,11 @@ fn inputs_tell_a_stop_from_a_debugger_from_a_cut() {
             Inputs { halted: true, ..held },
         ),
         (Sensed { halted: true, switched_on: false, ..GOOD }, false, held),
-        // enable has dropped, and nobody says why
+        // enable has dropped, without a reason
         (Sensed { enabled: false, ..GOOD }, false, Inputs { halted: true, ..held }),
         (Sensed { enabled: false, ..GOOD }, true, held),
         (Sensed { enabled: false, switched_on: false, ..GOOD }, false, held),
-        // the board has dropped it, and says why
+        // the board has dropped enable, and gives the reason
         (Sensed { enabled: false, found, ..GOOD }, false, Inputs { found, ..held }),
     ] {
         assert_eq!(Inputs::of(sensed, cut, true), expected, "{sensed:?} {cut}");

@@ -9,7 +9,7 @@ use crate::{
     velocity::Senses,
 };
 
-/// What the sampling task has.
+/// State of the sampling task.
 struct ToSample {
     parameters: LoopParameters,
     down: GuardCommand,
@@ -43,7 +43,7 @@ struct Tasks {
     outputs: Vec<(u64, i32)>,
     /// The output task does not run.
     stuck: bool,
-    /// Samples since it does not, when the sampling task cut.
+    /// Samples since then, when the sampling task cut.
     cut_after: Option<u32>,
     since: u32,
 }
@@ -122,7 +122,7 @@ impl Tasks {
         }
     }
 
-    /// As the console sends them.
+    /// In the order in which the console sends them.
     fn set_period(&mut self, stored: &Stored) {
         self.orders.push(Order::Period(DEVICE.period(stored).unwrap()));
         self.orders.push(DEVICE.order(stored).unwrap());
@@ -157,8 +157,8 @@ fn a_change_of_period_is_no_late_output_and_sets_the_distance_of_the_outputs() {
     }
 }
 
-/// Sign test, ramp, step of a push and its end take the same time at every period, and a millisecond moves the force
-/// by at most 5 %.
+/// Sign test, ramp, and the beginning and the end of a push take the same time at every period, and in a millisecond
+/// the force changes by at most 5 %.
 #[test]
 #[cfg_attr(miri, ignore = "arms four times")]
 fn arming_and_fading_take_their_time_at_every_period() {
@@ -178,7 +178,7 @@ fn arming_and_fading_take_their_time_at_every_period() {
         assert_eq!(state_after(&mut tasks, 50), State::RampIn, "{period}");
         assert_eq!(state_after(&mut tasks, 1_950), State::RampIn, "{period}");
         assert_eq!(state_after(&mut tasks, 50), State::Armed, "{period}");
-        // refused with force on, whole
+        // with the force on it is refused, and nothing changes
         tasks.answers.clear();
         tasks.set_period(&Stored { period: if period == 1 { 10 } else { 1 }, ..stored });
         tasks.run(30);
@@ -206,8 +206,8 @@ fn arming_and_fading_take_their_time_at_every_period() {
     }
 }
 
-/// An output that does not come is cut one period and a sample after it was due, at every period; 10 ms without any are
-/// a stuck task.
+/// A missing output is switched off one period and a sample after it was due, at every period. 10 ms without an output
+/// are a stuck task.
 #[test]
 #[cfg_attr(miri, ignore = "arms eight times")]
 fn a_late_output_is_cut_in_its_time_and_ten_milliseconds_are_stuck_at_every_period() {
@@ -226,7 +226,7 @@ fn a_late_output_is_cut_in_its_time_and_ten_milliseconds_are_stuck_at_every_peri
             }
             tasks.stuck = true;
             tasks.run(samples);
-            // missed after a period, found after another, cut with that sample or the next
+            // missing after a period, found after another, cut with that sample or the next
             let cut = tasks.cut_after.unwrap();
             assert!((2 * period..=2 * period + 1).contains(&cut), "{period}: {cut}");
             tasks.stuck = false;

@@ -1,9 +1,9 @@
-//! Which walls the simulator predicts to be stable, per design or estimator and cutoff, and per output period.
+//! Which walls the simulator predicts to be stable: for each design, or estimator and cutoff, and each output period.
 //!
-//! The table is a part of the [device record](crate::device::record): device and latency are those of the record. At each B
-//! it has an interval of K, and not only its upper end: at large B a soft wall chatters where a stiffer one holds. A
-//! gain outside is refused until unlocked; so is every gain of a key that the table does not have, because nothing is
-//! known about it.
+//! The table is a part of the [device record](crate::device::record), for the record's device and latency. At each B it
+//! has an interval of K, and not only its upper end: at large B a soft wall chatters where a stiffer one is stable. A
+//! wall outside is refused until the envelope is unlocked. So is every wall of a key that the table does not have,
+//! because nothing is known about it.
 
 mod words;
 
@@ -32,8 +32,8 @@ pub struct Key {
     pub cutoff_hz: f64,
     /// Samples from output to output.
     pub period: u32,
-    /// Number of the device's [design](crate::device::designs) that the estimator is, with all of its parameters; 0: of
-    /// none, with its further parameters at their defaults.
+    /// Number of the [design](crate::device::designs) that equals the estimator with all of its parameters; 0: no
+    /// design, and the estimator's further parameters are at their defaults.
     pub design: u8,
 }
 
@@ -109,7 +109,7 @@ impl fmt::Display for Outside {
     }
 }
 
-/// Two cutoffs this close are the same: both come from decimal numbers.
+/// Two cutoffs this close are equal, because both come from decimal numbers.
 const SAME: f64 = 1e-9;
 
 fn same(a: f64, b: f64) -> bool {
@@ -120,18 +120,18 @@ impl<'a> Envelope<'a> {
     /// Nothing is known: every wall is refused.
     pub const EMPTY: Self = Self { words: &[] };
 
-    /// The same for the same words, and most likely for no others.
+    /// The same for equal words, and almost certainly another one for others.
     pub fn hash(&self) -> u32 {
         crc::of_words(self.words)
     }
 
     /// Whether the wall with K = `k` N/m and B = `b` N s/m is predicted to be stable.
     ///
-    /// Between two points the K that both allow count, never the line between them. Below the
-    /// first B it is the line from K = 0 at B = 0 to the first point: there the boundary is no
-    /// lower than this chord, since K grows from at least 0 by a slope that falls; if the first
-    /// point has a lowest K, nothing is known below it. A wall without K and B exerts no force and
-    /// is always allowed.
+    /// Between two points a K is allowed if both points allow it; the line between them is not used. Below
+    /// the first B the limit is the line from K = 0 at B = 0 to the first point. The boundary there is no
+    /// lower than this chord, because K rises from at least 0 with a slope that falls. If the first point
+    /// has a lowest K, nothing is known below it. A wall without K and B exerts no force and is always
+    /// allowed.
     ///
     /// # Errors
     /// Says what is allowed.
@@ -250,7 +250,7 @@ mod tests {
             }
         }
         assert_eq!(allows(0.0, 50.1), Err(Outside::Damping { highest: 50.0 }));
-        // neighbours that have no K in common, a point without any, and K without B
+        // neighbours without a common K, a point without any K, and K without B
         for (k, b) in [(6500.0, 35.0), (0.0, 50.0), (1.0, 45.0), (1.0, 0.0)] {
             assert_eq!(allows(k, b), Err(Outside::NoStiffness), "{b}");
         }

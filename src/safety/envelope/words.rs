@@ -5,8 +5,8 @@
 //!           samples per output, rows,
 //!           then per row, by rising B: B, lowest K, highest K, each an f32
 //! ```
-//! An interval is rounded inward, so no wall is in the words that was not in the table. A boundary of an estimator that
-//! this build has not is passed over.
+//! Intervals are rounded inward, so the words allow no wall that the table did not. A boundary is skipped if this build
+//! lacks its estimator.
 
 use super::{Boundary, Envelope, Key, Point};
 use crate::velocity::EstimatorName;
@@ -44,7 +44,7 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Number of the estimator, cutoff, period and rows of the boundary that those words begin with, and the words after it.
+/// Estimator, cutoff, period and rows of the boundary at the beginning of these words, and the words after it.
 type Split<'a> = ((u32, f64, u32, Rows<'a>), &'a [u32]);
 
 fn split(words: &[u32]) -> Option<Split<'_>> {
@@ -116,8 +116,8 @@ impl<'a> Envelope<'a> {
     }
 }
 
-/// That range rounded inward. One without an f32 inside, such as a single stiffness, becomes the f32 next to it: it is
-/// known to one step of the walk, which is far larger.
+/// This range rounded inward. If no f32 is inside, as with a single stiffness, it becomes the f32 next to it: it is
+/// known only to one step of the walk, which is far larger.
 #[expect(clippy::cast_possible_truncation, reason = "rounded")]
 fn inward(low: f64, high: f64) -> (f32, f32) {
     let (inside, top) = (above(low), below(high));
@@ -182,7 +182,7 @@ mod tests {
             let value = 1.0 + part * ulp;
             assert_eq!((above(value), below(value)), (1.0 + f32::EPSILON, 1.0), "{part}");
         }
-        // One f32 is inside: that one, though the upper end lies nearer to the next.
+        // If one f32 is inside, it is that one, although the upper end is nearer to the next.
         assert_eq!(inward(1.0, 1.0 + 0.9 * ulp), (1.0, 1.0));
     }
 

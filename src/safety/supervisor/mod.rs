@@ -31,8 +31,8 @@ pub struct Proposal {
     pub still: bool,
 }
 
-/// One output under supervision: what goes to the hardware, and its record. What can wait until the hardware is
-/// written stays in the [`Supervisor`]: a copy of it before would be latency.
+/// One output under supervision: what goes to the hardware, and its record. Everything else stays in the
+/// [`Supervisor`], because copying it before the hardware is written would add latency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rendered {
     /// What the output may do.
@@ -61,9 +61,9 @@ pub struct Supervisor {
     fault: Option<FaultRecord>,
     causes: FaultSet,
     present: FaultSet,
-    /// [`Guard::events`] that were looked at.
+    /// [`Guard::events`] at the last output.
     seen: u32,
-    /// The count was zeroed as often as asked, as far as the last output knows.
+    /// Number of zeros carried out, as the last output knows it.
     zeros: u32,
     zeroed: bool,
     unlocked: Doubled<bool>,
@@ -80,7 +80,7 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
-    /// Off, or in the fault that the last run ended with.
+    /// Off, or in the fault with which the last run ended.
     pub fn new(plan: SafetyPlan, boot: Option<FaultRecord>) -> Self {
         Self {
             plan: Doubled::new(plan),
@@ -110,9 +110,9 @@ impl Supervisor {
         }
     }
 
-    /// The output that answers `up`, with what the guard found: as much of what experiment and wall ask for as may act.
-    /// `control` is that of the very sample. Write it, then publish [`down`](Self::down) and see to
-    /// [`take_memory_update`](Self::take_memory_update).
+    /// The output that answers `up`, with the guard's findings: as much of the requests of experiment and wall as may
+    /// act. `control` must be that of the same sample. Write the output, then publish [`down`](Self::down), and store
+    /// what [`take_memory_update`](Self::take_memory_update) returns.
     #[inline]
     pub fn grant(
         &mut self,
@@ -122,7 +122,7 @@ impl Supervisor {
         (proposal, drive): (Proposal, Drive),
         inputs: Inputs,
     ) -> Rendered {
-        // Before it becomes another, which writes both of them anew.
+        // Check the state before it changes, because a change writes both copies again.
         let found = inputs.found.with_if(Fault::Memory, !self.state.is_whole());
         let inputs = Inputs { found, ..inputs };
         self.inputs = inputs;
@@ -155,7 +155,7 @@ impl Supervisor {
         Rendered { grant, record }
     }
 
-    /// Books the wall's force from the last output on. Call it after that output is written.
+    /// Books the wall's force for the time from the last output on. Call it after that output is written.
     #[inline]
     pub fn book(&mut self) {
         let acts = matches!(*self.state, State::RampIn | State::Armed);
@@ -174,13 +174,13 @@ impl Supervisor {
         self.port.port().exchanged()
     }
 
-    /// Begins anew what [`Exchanged::given`] says.
+    /// Sets [`Exchanged::given`] back.
     #[inline]
     pub fn forget_given(&mut self) {
         self.port.forget();
     }
 
-    /// What it thinks, for the link.
+    /// Its state, for the link.
     pub fn status(&self) -> Status {
         Status {
             state: *self.state,
@@ -210,19 +210,20 @@ impl Supervisor {
     }
 
     /// For the sampling task, as the last output or [`request`](Self::request) left it. Publish it after the output
-    /// hardware is written, and at once where a request is not to wait for the next output: a stall, a zero.
+    /// hardware is written. Publish it at once if a request must not wait for the next output: a stall, a zero.
     #[inline]
     pub fn down(&self) -> GuardCommand {
         self.down
     }
 
-    /// For the backup RAM, after every output, in the rare case that it changes.
+    /// A change of the backup RAM, in the rare case that there is one. Ask after every output.
     #[inline]
     pub fn take_memory_update(&mut self) -> Option<MemoryUpdate> {
         self.memory.take()
     }
 
-    /// Keeps the first fault, notes later ones. A kept one with the force on is no fault but a flipped bit: replaced.
+    /// Keeps the first fault, notes later ones. A kept fault with the force on is only a flipped bit, so it is
+    /// replaced.
     #[inline]
     fn trip(&mut self, record: Option<FaultRecord>) {
         let Some(record) = record else {
@@ -244,8 +245,8 @@ impl Supervisor {
         self.down.zeros.number() != self.zeros
     }
 
-    /// Takes note of a zero that `sample` has carried out. The motion was renamed by it, so the
-    /// force of the last output is what a change has to start from.
+    /// Notes a zero that `sample` has carried out. The zero renamed the motion, so a change has to start from the force
+    /// of the last output.
     fn follow_zero(&mut self, guard: &Guard) -> Option<Force> {
         if guard.zeros == self.zeros {
             return None;
@@ -271,7 +272,7 @@ impl Supervisor {
             .with_if(Fault::BrownOut, !inputs.supply_good)
             .with_if(Fault::Settings, !inputs.settings_valid)
             .with_if(Fault::Debugger, inputs.halted);
-        // Off, they only stand in the way of `arm`; after their own fault, in that of `clear`.
+        // With the force off these only prevent `arm`; after their own fault they prevent `clear`.
         let relevant = if on { outside } else { outside.without(outside.without(self.causes)) };
         let found = up.present.union(inputs.found);
         let found = found.with_if(Fault::OutOfRange, !up.motion.position.in_range());
@@ -301,7 +302,7 @@ impl Supervisor {
         }
     }
 
-    /// Many outputs were late one after another: the guard has found each of them.
+    /// Many outputs in a row were late; the guard has found each of them.
     #[inline]
     fn stuck(&self, motion: Motion) -> FaultSet {
         let behind = motion.number().wrapping_sub(self.down.rendered);
@@ -309,7 +310,7 @@ impl Supervisor {
         FaultSet::EMPTY.with_if(Fault::StuckRender, stuck)
     }
 
-    /// A record of `causes` with the circumstances of this moment, named after the first of them.
+    /// A record of `causes` with the present circumstances, named after the first cause.
     #[inline]
     fn here(&self, motion: Motion, causes: FaultSet) -> Option<FaultRecord> {
         causes.first().map(|fault| FaultRecord {
@@ -349,7 +350,7 @@ impl Supervisor {
         if !self.state.is_on() {
             return None;
         }
-        // Ramp and fade share what a step may be.
+        // Ramp and fade together must not exceed the largest step.
         let ramping = *self.state == State::RampIn;
         let SafetyPlan { slew, ramp_step, .. } = *self.plan;
         let slew = if ramping { slew.saturating_sub_unsigned(ramp_step) } else { slew };
@@ -360,9 +361,9 @@ impl Supervisor {
         Some(self.within_port(force, pushed, (drive.contact, up.motion.position)))
     }
 
-    /// That force as far as the ramp has come.
+    /// This force, scaled by the progress of the ramp.
     fn ramped(&mut self, full: Force) -> Force {
-        // The step from the sign test's force to none is a millisecond's.
+        // The step from the sign test's force to 0 takes up the first millisecond.
         let ramped = self.ramp.saturating_sub(self.plan.per_ms - 1);
         if ramped >= self.plan.ramp_renders {
             self.state.set(State::Armed);

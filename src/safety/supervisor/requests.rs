@@ -9,10 +9,10 @@ use super::{
 use crate::{LoopParameters, units::Force};
 
 impl Supervisor {
-    /// Meets a request between two outputs.
+    /// Meets a request between two outputs, or refuses it.
     ///
     /// # Errors
-    /// Says why not; nothing has changed then.
+    /// Returns why not; nothing has changed then.
     pub fn request(&mut self, request: Request) -> Result<(), Refusal> {
         match request {
             Request::Arm => self.arm(),
@@ -24,7 +24,7 @@ impl Supervisor {
             Request::Zero => self.zero(),
             Request::Unlock => self.unlock(),
             Request::Turn if self.state.is_on() => Err(Refusal::On),
-            // It would be carried out with the new direction of the count.
+            // The zero would be carried out with the new direction of the count.
             Request::Turn if self.zero_pending() => Err(Refusal::Zeroing),
             Request::Turn => {
                 self.zeroed = false;
@@ -54,9 +54,9 @@ impl Supervisor {
         }
     }
 
-    /// Another output period goes down with the next parameters, which is for [`may_change`](Self::may_change) to
-    /// allow. The next output is still due by the old one, and the guard, which knows the new one by then, is not to
-    /// find it late.
+    /// Prepares another output period, which comes into force with the next parameters if
+    /// [`may_change`](Self::may_change) allows it. The next output is still due by the old period. The guard has the
+    /// new one by then, and must not find that output late.
     #[inline(never)] // once in a while, and not to be in the way of what comes with every output
     pub fn set_period(&mut self, old: NonZeroU32, new: NonZeroU32) {
         self.plan.set(self.plan.at(new.get()));
@@ -64,14 +64,14 @@ impl Supervisor {
         self.down.rendered = self.down.rendered.wrapping_add(old.get()).wrapping_sub(new.get());
     }
 
-    /// Whether settings may be exchanged between this output and the next sample. Gains always may,
-    /// their change is faded in; where the wall is, and how velocity is estimated, not in contact:
-    /// the link asked for it with an older output in view. Nor may a wall be put where the handle is:
-    /// it would throw it out.
+    /// Whether settings may be exchanged between this output and the next sample. Gains always may, because
+    /// their change fades in. The wall's place and the velocity's estimator may not change in contact (the link
+    /// knew only an older output). A wall must not be put where the handle is, because it would throw the handle
+    /// out.
     ///
     /// # Errors
-    /// In contact, before or after; a zero is under way, so that nobody knows where the handle is from the next sample
-    /// on.
+    /// In contact, before or after the change; or a zero is under way, so that the handle's position from the next
+    /// sample on is not known.
     pub fn may_change(&self, from: &LoopParameters, to: &LoopParameters) -> Result<(), Refusal> {
         let moved = from.wall.surface() != to.wall.surface();
         let same = from.estimator == to.estimator && from.period == to.period && !moved;
@@ -94,7 +94,7 @@ impl Supervisor {
         if self.down.stall {
             return Err(Refusal::Stalled);
         }
-        // Where the handle will be is not known yet: in a wall, it may be.
+        // The handle's position after the zero is not known yet; it may be in a wall.
         if self.zero_pending() {
             return Err(Refusal::Zeroing);
         }

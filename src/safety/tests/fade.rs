@@ -1,4 +1,4 @@
-//! What fades: it steps by no more than 5 %, and no fading changes the sign of the wall's force.
+//! What fades has steps of at most 5 %, and never changes the sign of the wall's force.
 
 use super::*;
 use crate::units::Position;
@@ -71,8 +71,8 @@ fn a_change_while_the_ramp_comes_in_steps_by_no_more_than_five_per_cent() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(if cfg!(miri) { 1 } else { 64 }))]
 
-    /// Gains change at any output, a hand drags the handle in and out: out of the wall there is the push and
-    /// nothing else, in it never more than the push.
+    /// Gains change at any output, and a hand moves the handle in and out. Outside the wall there is only the push.
+    /// Inside, the force never exceeds the push.
     #[test]
     fn no_fading_gain_pulls_or_pushes_out_of_a_wall_that_is_left(
         push in -(1i32 << 29)..1 << 29,

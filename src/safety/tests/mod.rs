@@ -1,4 +1,4 @@
-//! Guard and supervisor together, as the tasks run them.
+//! Guard and supervisor together, as in the tasks.
 
 use super::{plan::tests::*, *};
 use crate::{
@@ -47,7 +47,7 @@ struct Bench {
     inputs: Inputs,
     /// Outputs that the rendering task misses from now on.
     missing: u32,
-    /// Samples by which the next output comes late, and the one that is asked for.
+    /// Samples by which the next output is late, and the output that is asked for.
     delay: u32,
     asked: Option<(u32, Step)>,
     /// The encoder does not count.
@@ -59,7 +59,7 @@ struct Bench {
     position_m: f64,
     velocity_m_per_s: f64,
     offset: u32,
-    /// What the hardware does: the last grant, unless the sampling task cut it.
+    /// State of the hardware: the last grant, unless the sampling task cut it.
     output: Option<Force>,
     last: Option<Rendered>,
     updates: Vec<MemoryUpdate>,
@@ -190,7 +190,7 @@ impl Bench {
         self.control = control.after(&self.control);
     }
 
-    /// A hand moves the handle by so many counts until the next output.
+    /// A hand moves the handle by that many counts until the next output.
     fn drag(&mut self, counts: i32) {
         for _ in 0..10 {
             self.position_m += f64::from(counts) * 1e-7;

@@ -7,7 +7,7 @@ use crate::{
 };
 use proptest::prelude::*;
 
-/// Whatever may happen between two samples.
+/// Anything that may happen between two samples.
 #[derive(Clone, Debug)]
 enum Event {
     Ask(Request),
@@ -81,12 +81,12 @@ impl Bench {
                     Request::Turn => (Command::MotorReversed(true), false),
                     _ => (Command::Help, false),
                 };
-                // What the link refuses is refused here too; but arm waits for a zero on its way.
+                // What the link refuses is refused here too, but `arm` waits for a zero that is under way.
                 match allowed(&command, &now) {
                     Err(Refusal::NotZeroed) => {}
                     Err(_) => assert!(result.is_err(), "{request:?}"),
                     Ok(()) => {
-                        // What the link cannot see from where it is.
+                        // What the link cannot know.
                         let newer = [Err(Refusal::WallThere), Err(Refusal::Zeroing)];
                         let known = result.is_ok() || newer.contains(&result);
                         assert!(known || same || command == Command::Help, "{result:?}");
@@ -141,9 +141,9 @@ const WALLS: usize = if cfg!(miri) { 3 } else { 20 };
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(CASES))]
 
-    /// The heart of it: over any sequence of events and commands, force comes out only while the
-    /// supervisor is on, at most 5 % of it before the sign test is passed, never while a fault is
-    /// latched or the guard says cut; and armed is reached only through sign test and ramp.
+    /// The main property. Over any sequence of events and commands, force acts only while the supervisor is on, at most
+    /// 5 % of it before the sign test is passed, and never while a fault is latched or the guard cuts. The state armed
+    /// is reached only through sign test and ramp.
     #[test]
     fn no_force_unless_armed(events in prop::collection::vec(event(), 1..EVENTS)) {
         let mut bench = Bench::new();
@@ -153,7 +153,7 @@ proptest! {
             for _ in 0..bench.happen(event) {
                 let step = bench.sample();
                 let status = bench.supervisor.status();
-                // With the sample, or with the output it asks for; else with the sample after it.
+                // With the sample, or with the output that it asks for; else with the next sample.
                 prop_assert!(!((found || step.cut) && bench.output.is_some()));
                 found = !step.report.present.is_empty();
                 prop_assert_eq!(status.fault.is_some(), status.state == State::Fault);
@@ -189,8 +189,8 @@ proptest! {
         }
     }
 
-    /// A random walk of gains and pushes while armed never steps the force by more than 5 % per output beyond what
-    /// the motion asks for: here the handle is held in the wall, so motion asks for nothing, and the wall stays.
+    /// A random walk of gains and pushes while armed never changes the force by more than 5 % per output beyond the
+    /// change by motion. Here the handle is held in the wall, so there is no change by motion, and the wall stays.
     #[test]
     fn changes_are_ramped(
         walls in prop::collection::vec((0.0..1e6f64, -(1i32 << 30)..=1 << 30, 1u32..30), 1..WALLS)

@@ -1,4 +1,4 @@
-//! What is asked of it, and when it is refused.
+//! Requests, and when each is refused.
 
 use super::*;
 
@@ -108,7 +108,7 @@ fn flash_writing_is_no_fault_and_not_met_with_force_on() {
     bench.inputs.supply_good = true;
     bench.run(20);
     bench.ask(Request::Stall(true)).unwrap();
-    // The very next sample may be the first one after the stall.
+    // The next sample may be the first one after the stall.
     bench.offset = bench.offset.wrapping_add(5000);
     bench.run(1);
     bench.run(1);
@@ -125,7 +125,7 @@ fn flash_writing_is_no_fault_and_not_met_with_force_on() {
     assert_eq!(bench.fault(), Some(Fault::CountJump));
 }
 
-/// A zero that is asked for renames the handle with a later sample: until then nobody can say whether it is in a wall.
+/// A zero renames the handle only with a later sample: until then it is not known whether the handle is in a wall.
 #[test]
 fn while_a_zero_is_under_way_nothing_is_armed_and_no_wall_is_moved() {
     let mut bench = Bench::armed();
@@ -143,7 +143,7 @@ fn while_a_zero_is_under_way_nothing_is_armed_and_no_wall_is_moved() {
     assert_eq!(bench.ask(Request::Arm), Ok(()));
 }
 
-/// What the old tuning left behind is gone with the very sample that first has the new one.
+/// The state of the old tuning is gone with the first sample that has the new one.
 #[test]
 #[cfg_attr(miri, ignore = "every tuning of every estimator")]
 fn another_tuning_starts_anew_with_its_first_sample() {
@@ -188,7 +188,7 @@ fn another_tuning_starts_anew_with_its_first_sample() {
     }
 }
 
-/// The guard is told the force that acts, none while off, and tells the estimator.
+/// The guard gets the force that acts, 0 while off, and passes it to the estimator.
 #[test]
 #[cfg(feature = "estimators")]
 fn an_observer_under_guard_knows_the_force_last_granted() {
@@ -228,7 +228,7 @@ fn an_observer_under_guard_knows_the_force_last_granted() {
     assert!(told < 0.2 * untold, "{told} {untold}");
 }
 
-/// The surface itself is free: a wall may be put right before the handle, and no count farther.
+/// The surface itself is free: a wall may be put right before the handle, but not one count farther.
 #[test]
 fn a_wall_may_be_put_before_the_handle_and_not_over_it() {
     let mut bench = Bench::armed();
@@ -242,7 +242,7 @@ fn a_wall_may_be_put_before_the_handle_and_not_over_it() {
     }
 }
 
-/// What each output says of itself, from off to armed, and while a wall changes.
+/// The record of each output, from off to armed, and while a wall changes.
 #[test]
 fn flags_tell_armed_and_changing() {
     use crate::telemetry::Flags;

@@ -23,7 +23,7 @@ fn plan() -> SafetyPlan {
     SETTINGS.build(&DESIGN).unwrap()
 }
 
-/// That much above the limit.
+/// This much above the limit.
 fn above(bits: i32) -> Force {
     Force::saturating_from_bits(PUSH_FORCE + bits)
 }
@@ -52,7 +52,7 @@ fn a_dead_count_is_found_after_50_ms() {
     assert_eq!(fails_at(|_| (out(), false, 7)), Some(50));
 }
 
-/// As far as the heaviest handle is far enough, and a count less is not.
+/// Moving as far as the heaviest handle is enough; a count less is not.
 #[test]
 fn the_way_of_the_heaviest_handle_itself_is_enough() {
     for (moved, fails) in [(5, false), (4, true)] {
@@ -67,7 +67,7 @@ fn the_way_of_the_heaviest_handle_itself_is_enough() {
     }
 }
 
-/// At 10 % and a little the heaviest handle does not move either.
+/// At slightly more than 10 % the heaviest handle does not move either.
 #[test]
 fn a_flicker_of_two_counts_is_no_motion_and_three_are() {
     let flicker =
@@ -87,8 +87,8 @@ fn small_forces_contact_and_changes_of_direction_start_it_anew() {
     assert!((0..200).all(|_| !watch.failed(&plan(), None, false, Position::default())));
 }
 
-/// Places, counts, at each output, of a handle of that mass and damping under that part of full scale less 10 %, from
-/// rest.
+/// Positions at each output, counts: a handle of that mass and damping, from rest, under that part of full scale less
+/// 10 %.
 fn moves(design: &Design, kg: f64, damping: f64, force: f64) -> impl FnMut(u32) -> i32 {
     let steps = 100;
     let step_s = design.period_s() / f64::from(steps);
@@ -115,7 +115,7 @@ fn a_count_that_moves_less_than_the_heaviest_handle_is_found() {
             (7.7, 105.0, None),
             (8.4, 115.0, Some(50)),
             (20.0, 0.0, Some(50)),
-            // as far at first, later not
+            // as far at first, but not later
             (2.0, 140.0, Some(150)),
         ] {
             let mut place = moves(&DESIGN, kg, damping, force);
@@ -123,12 +123,12 @@ fn a_count_that_moves_less_than_the_heaviest_handle_is_found() {
             assert_eq!(at, found, "{force} {kg} {damping}");
         }
     }
-    // One that drifts a count in 10 ms, either way.
+    // An encoder that drifts a count in 10 ms, in either direction.
     for sign in [1, -1] {
         let drift = |n: u32| (part(0.5), false, sign * (n / 10).cast_signed());
         assert_eq!(fails_at(drift), Some(50));
     }
-    // One that follows a fiftieth from some time on.
+    // An encoder that follows only a fiftieth from some time on.
     let mut place = moves(&DESIGN, 0.416, 5.5195, 0.5);
     let from = 70;
     let (mut kept, mut last) = (0, 0);
@@ -141,7 +141,7 @@ fn a_count_that_moves_less_than_the_heaviest_handle_is_found() {
     assert!(at.is_some_and(|at| at - from <= 100), "{at:?}");
 }
 
-/// Whatever the rate of the outputs, it takes 50 ms and the same handle.
+/// At any rate of the outputs it takes 50 ms and the same handle.
 #[test]
 #[cfg_attr(miri, ignore = "handles in steps of 1 us")]
 fn the_handle_is_the_same_at_every_period() {
@@ -186,10 +186,11 @@ fn no_plan_overflows_it() {
     }
 }
 
-/// A push by the motor until the handle is at the wall, or for a second: true if it is called a push without motion,
-/// and the time that it took, s. The handle is the paper's, with Coulomb friction; an arm (a mass with damper and spring to
-/// the ground, as a scene's `[arm]`) holds it by a grip, a spring and damper, relaxed at the start: from a third of what the
-/// lighter, softer of the simulator's two arms has to three times what the other one has. Semi-implicit Euler, 10 kHz.
+/// The motor pushes until the handle is at the wall, or for a second. Returns whether that is found as a push without
+/// motion, and after which time, s. The handle is the paper's, with Coulomb friction. An arm (a mass with damper and
+/// spring to the ground, as a scene's `[arm]`) holds it with a grip, a spring and damper that is relaxed at the start:
+/// from a third of the values of the simulator's lighter, softer arm to three times those of the other one.
+/// Semi-implicit Euler, 10 kHz.
 fn push(random: &mut TestRng) -> (bool, f64) {
     const STEP_S: f64 = 1e-4;
     const MASS_KG: f64 = 0.416;
@@ -204,7 +205,7 @@ fn push(random: &mut TestRng) -> (bool, f64) {
     let way_m = between(0.002, 0.04);
     let (arm_kg, arm_damping) = (between(0.17, 3.3), between(1.7, 15.0));
     let (grip, grip_damping) = (between(300.0, 9e3), between(5.0, 75.0));
-    // A spring that holds the handle off the wall is a hand that holds it.
+    // A spring that keeps the handle from the wall acts like a hand.
     let stiffness = between(0.01, 0.5) * (force * full_n - friction_n) / way_m;
     let (mut x_m, mut v, mut hand_m, mut hand_v) = (0.0, 0.0, 0.0, 0.0);
     let mut watch = StuckEncoder::default();

@@ -15,7 +15,7 @@ fn supervisor() -> Supervisor {
     Supervisor::new(SETTINGS.build(&DESIGN).unwrap(), None)
 }
 
-/// Any one of them that is not what it was is enough.
+/// A change in any one of them is enough.
 #[test]
 fn it_is_whole_until_a_copy_differs() {
     assert!(supervisor().is_whole());
@@ -29,7 +29,7 @@ fn it_is_whole_until_a_copy_differs() {
     let mut broken = supervisor();
     broken.unlocked.spoil(true);
     assert!(!broken.is_whole());
-    // A fault that nobody has latched, though force is on.
+    // A fault that was not latched, although force is on.
     let mut broken = supervisor();
     broken.fault = Some(FaultRecord::bare(Fault::OverSpeed));
     assert!(broken.is_whole());
@@ -50,7 +50,7 @@ fn it_is_whole_until_a_copy_differs() {
     assert!(!broken.is_whole());
 }
 
-/// An output that comes to another state writes both of its copies anew: it looks at them first.
+/// An output that changes the state writes both of its copies again, so it checks them first.
 #[test]
 fn a_flipped_state_is_found_by_an_output_that_changes_it() {
     const STATES: [State; 5] =
@@ -87,7 +87,7 @@ fn a_flipped_state_is_found_by_an_output_that_changes_it() {
     }
 }
 
-/// By a report with a cause in it, or by events that were not dealt with.
+/// By a report with a cause, or by events that `clear` has not dealt with.
 #[test]
 fn it_is_cut_by_what_is_there_or_was_not_cleared() {
     let mut supervisor = supervisor();
@@ -103,7 +103,7 @@ fn it_is_cut_by_what_is_there_or_was_not_cleared() {
     assert!(supervisor.is_cut(&quiet, &none));
 }
 
-/// What the sampling task found first is the name, not what has the lowest code of all that it found.
+/// The fault is named after the sampling task's first finding, not after the lowest code of all its findings.
 #[test]
 fn a_fault_of_the_guard_is_named_after_what_it_found_first() {
     let mut supervisor = supervisor();
@@ -125,14 +125,14 @@ fn beyond_travel_is_beyond_its_ends() {
         let position = Position::from_counts(counts);
         let motion = Motion { sample: 0, position, velocity: Velocity::ZERO };
         let up = SampleReport { motion, present: FaultSet::EMPTY };
-        // The speed is not to be asked: it was here before.
+        // The speed must not be found here: the handle was here before.
         supervisor.look(&up, &Guard::NOTHING, GOOD, (false, true));
         let found = supervisor.status().fault.map(|record| record.fault);
         assert_eq!(found, beyond.then_some(Fault::BeyondTravel), "{counts}");
     }
 }
 
-/// A fault that is asked for has the last output's facts.
+/// A requested fault has the facts of the last output.
 #[test]
 fn a_trip_keeps_what_the_last_output_was() {
     let mut supervisor = supervisor();
@@ -152,7 +152,7 @@ fn a_trip_keeps_what_the_last_output_was() {
     assert_eq!(record.flags, supervisor.record.flags);
 }
 
-/// Whoever asks is told of the bit, not of a fault that never was.
+/// The caller is told of the bit, not of a fault that never was.
 #[test]
 fn a_fault_that_a_bit_has_made_gives_way_to_what_found_it() {
     let mut broken = supervisor();
@@ -164,7 +164,7 @@ fn a_fault_that_a_bit_has_made_gives_way_to_what_found_it() {
     broken.trip(Some(record));
     assert_eq!((*broken.state, broken.fault, broken.causes), (State::Fault, Some(record), memory));
     assert_eq!(broken.take_memory_update(), Some(MemoryUpdate::Write(record)));
-    // One that was latched stays the first.
+    // A fault that was latched stays the first one.
     broken.trip(Some(FaultRecord::bare(Fault::CountJump)));
     assert_eq!(broken.fault, Some(record));
 }
