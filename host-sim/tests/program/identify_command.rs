@@ -278,14 +278,14 @@ fn bad_input_is_refused_in_one_line() {
         (with("log.csv", &["--gain", "nan"]), "--gain is NaN, allowed 0.000001 to 1000000"),
         (with("log.csv", &["--gain", "0"]), "--gain is 0, allowed"),
         (with("log.csv", &["--gain", "1", "--added-mass", "1"]), "cannot be used with"),
-        (with("log.csv", &["--torque-constant", "1"]), "--amplifier-gain <A_PER_V>"),
+        (with("log.csv", &["--torque-constant", "1"]), "--drum-radius <M>"),
         (with("log.csv", &["--drum-radius", "1"]), "--torque-constant"),
         (with("log.csv", &["--calibration-mass", "1"]), "--calibration-voltage <V>"),
         (with("log.csv", &["--added-mass", "0.1"]), "--added-mass needs two records, not 1"),
         (with("log.csv", &["log.csv", "--added-mass", "0.1"]), "does not show more mass"),
         (
             with("log.csv", &["--gain", "1", "--latency", "-1"]),
-            "--latency is -1, allowed 0 to 1000 samples",
+            "--latency is -1, allowed 0 to 1000 rows",
         ),
         (with("log.csv", &["--gain", "1", "--resolution", "1"]), "--resolution is 1, allowed"),
         (

@@ -145,7 +145,7 @@ fn what_is_wrong_with_a_record_is_said_about_the_axis() {
             "fit.csv",
             "--resolution",
             "0.01",
-            "counts of 0.573 deg; give the encoder's --resolution in rad",
+            "counts of 0.573 deg from the first; give the encoder's --resolution in rad",
         ),
         (
             "fit.csv",
