@@ -1,11 +1,12 @@
 //! Random sessions against the firmware's own library, and stop, supply and reset at the instants of an output period.
 //! `cargo board fuzz` runs as many as one likes.
 
+use board_trials::fuzz;
 use host_sim::scene::NamedScene;
 use virtual_board::{
     board::{BOARDS, Board, NUCLEO_F446RE},
     elf::Elf,
-    fuzz, image, log,
+    image, log,
     session::Session,
 };
 

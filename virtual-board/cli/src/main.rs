@@ -1,16 +1,18 @@
 //! The command line: `cargo board run|hit|walk|serve SCENE`, `cargo board fuzz|campaign`.
+#![forbid(unsafe_code)]
 
 mod typed;
 
 use std::{
     io::IsTerminal as _,
-    path::{Path, PathBuf},
+    path::PathBuf,
     process::ExitCode,
     sync::mpsc::RecvTimeoutError,
     thread,
     time::{Duration, Instant},
 };
 
+use board_trials::{campaign, fuzz};
 use clap::{Args, Parser, Subcommand};
 use host_sim::{
     error::Error,
@@ -20,24 +22,21 @@ use host_sim::{
         in_units::{self, InUnits},
         terminal::{self, note, print_json, print_text},
     },
-    scene::{NamedScene, record},
+    scene::NamedScene,
     study::asked,
 };
 use serde::Serialize;
-use zwidth::period::PERIODS;
-
-use typed::{place_name, stdin, typed};
-
-use crate::{
+use virtual_board::{
     board::{Board, NUCLEO_F446RE},
-    campaign::{self, report::Campaign},
     device,
-    fuzz::report::{self, Fuzz},
     link::serve::{self, Ports},
     mcu::{LINK, RENDER, SAMPLE},
     session::{BoardHit, Failed, Session, ask},
     world::World,
 };
+use zwidth::period::PERIODS;
+
+use typed::{place_name, stdin, typed};
 
 /// Runs the firmware's release ELF in closed loop with a simulated device.
 #[derive(Parser)]
@@ -85,9 +84,9 @@ enum Command {
         force: bool,
     },
     /// Faults with the force on, in free motion and in contact: how long until it is off.
-    Campaign(Campaign),
+    Campaign(campaign::report::Campaign),
     /// Random sessions of console, hand, switches and resets, held against the firmware's library.
-    Fuzz(Fuzz),
+    Fuzz(fuzz::report::Fuzz),
     /// The board in real time for other tools: RTT over TCP on 127.0.0.1, channel n on port PORT + n.
     /// The first line on stdout is the address of channel 0.
     Serve {
@@ -137,8 +136,8 @@ struct Common {
     period: Option<u32>,
 }
 
-/// Runs the command line; exit codes as of the simulator.
-pub fn main() -> ExitCode {
+/// Exit codes as of the simulator.
+fn main() -> ExitCode {
     ExitCode::from(terminal::run(|cli: Cli| execute(cli.command)))
 }
 
@@ -167,7 +166,7 @@ fn execute(command: Command) -> Result<(), Error> {
             hit(&session, [cutoff, wall[0], wall[1]], (&report, &world), json)
         }
         Command::Campaign(options) => campaign::report::execute(&options),
-        Command::Fuzz(options) => report::execute(&options),
+        Command::Fuzz(options) => fuzz::report::execute(&options),
         Command::Serve { common, rtt, gdb } => {
             let (scene, _) = common.open(false)?;
             serve::serve(common.session(scene)?, common.period, Ports { rtt, gdb })
@@ -205,7 +204,7 @@ impl Common {
         let board = Board::asked(&self.board)?;
         match &self.device {
             Some(path) => {
-                let bytes = given(path, board, &scene)?;
+                let bytes = device::given(path, board, &scene)?;
                 Session::open_with(board, self.elf.as_ref(), scene, Some(bytes))
             }
             None => Session::open(board, self.elf.as_ref(), scene),
@@ -220,17 +219,6 @@ fn check_period(name: &str, period: u32) -> Result<(), Error> {
     }
     let known = PERIODS.map(|period| period.to_string()).join(", ");
     Err(Error::Input(format!("{name} is {period}, allowed on a board {known}")))
-}
-
-/// The record that `--device` names, for a device of that scene.
-///
-/// # Errors
-/// It cannot be read, or has other units than the scene.
-pub fn given(path: &Path, board: Board, scene: &NamedScene) -> Result<Vec<u8>, Error> {
-    let bytes = record::load(path)?;
-    device::same_units(&bytes, board, &scene.scene)
-        .map_err(|text| Error::Input(format!("--device {}: {text}", path.display())))?;
-    Ok(bytes)
 }
 
 /// Samples between two looks at the keyboard.

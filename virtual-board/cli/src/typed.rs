@@ -8,8 +8,9 @@ use std::{
 
 use host_sim::{error::Error, interrupt, output::terminal::print_text, scene::Units};
 
-use super::SLICE;
-use crate::{session::Failed, world::World};
+use virtual_board::{session::Failed, world::World};
+
+use crate::SLICE;
 
 /// Longest time of `wait`, s.
 const WAIT_MAX_S: f64 = 3600.0;

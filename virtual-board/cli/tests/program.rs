@@ -24,7 +24,7 @@ fn board(folder: &Path, args: &[&str]) -> Command {
 
 fn folder() -> TempDir {
     let folder = TempDir::new().unwrap();
-    let scene = include_str!("../../scenes/nucleo-f446re.toml");
+    let scene = include_str!("../../../scenes/nucleo-f446re.toml");
     fs::write(folder.path().join("mine.toml"), scene).unwrap();
     folder
 }
@@ -81,7 +81,7 @@ fn bad_input_is_one_line_and_writes_nothing() {
 fn a_scene_that_goes_with_no_record_is_refused_before_anything_runs() {
     let folder = folder();
     let path = folder.path();
-    let text = include_str!("../../scenes/nucleo-f446re.toml");
+    let text = include_str!("../../../scenes/nucleo-f446re.toml");
     for (from, to, wanted) in [
         ("rate_hz = 10000", "rate_hz = 9000", "control.rate_hz on the board nucleo-f446re is 9000"),
         ("start_position_m = 0.0", "start_position_m = -0.1", "start_m is -0.1, allowed -0.04"),

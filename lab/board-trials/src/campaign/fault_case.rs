@@ -1,12 +1,13 @@
 //! What goes wrong, and how it is brought about without touching the program.
 
-use super::place::flip_word;
-use crate::{
+use virtual_board::{
     elf::{Elf, SAMPLE_STATE},
     mcu::{LINK, RENDER, SAMPLE},
     session::{Failed, ask},
     world::{Ended, World},
 };
+
+use super::place::flip_word;
 
 /// Where the device is when it happens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

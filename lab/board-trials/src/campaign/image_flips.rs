@@ -6,13 +6,14 @@ use std::collections::BTreeMap;
 use host_sim::error::Error;
 use seal::SEAL;
 use serde::Serialize;
+use virtual_board::{elf::Elf, world::World};
 use zwidth::{image::LONGEST, safety::Fault};
 
 use super::{
     situation::Stage,
     verdict::{Class, Measure, SHORT_S, Verdict, Watched},
 };
-use crate::{elf::Elf, random::Random, world::World};
+use crate::random::Random;
 
 /// Longest pass of the check at output period 10, s: no force may be wrong for longer.
 pub const PASS_S: f64 = 0.2;

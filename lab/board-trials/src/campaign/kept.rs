@@ -1,6 +1,13 @@
 //! What is kept without a supply or over a reset is damaged: settings in flash, by power cuts too, and backup RAM. From
 //! off: the force never comes on, and the settings are some that were saved, or the defaults.
 
+use virtual_board::{
+    board::{Board, Powered},
+    device::built_in,
+    mcu::Mcu,
+    session::{Failed, ask},
+    world::World,
+};
 use zwidth::{
     Settings, VelocitySettings, WallSettings,
     experiment::{Criterion, WalkSettings},
@@ -8,14 +15,7 @@ use zwidth::{
 };
 
 use super::row::Row;
-use crate::{
-    board::{Board, Powered},
-    device::built_in,
-    mcu::Mcu,
-    random::Random,
-    session::{Failed, ask},
-    world::World,
-};
+use crate::random::Random;
 
 /// Sectors 1 and 2, 16 KiB each.
 const SECTOR_A: u32 = 0x0800_4000;
@@ -225,7 +225,7 @@ fn save(
     let mut states: Vec<[u32; RECORD_WORDS]> = vec![look(mcu)];
     let limit = mcu.now() + mcu.core_hz() / 20;
     while states.len() <= RECORD_WORDS && mcu.now() < limit {
-        mcu.run_until(mcu.now() + 1000).map_err(crate::world::Ended::from)?;
+        mcu.run_until(mcu.now() + 1000).map_err(virtual_board::world::Ended::from)?;
         let state = look(mcu);
         if states.last() != Some(&state) {
             states.push(state);

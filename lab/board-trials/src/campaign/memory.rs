@@ -1,14 +1,15 @@
 //! Faults in which a value in RAM is changed.
 
+use virtual_board::{
+    elf::{Elf, SAMPLE_STATE},
+    session::{Failed, ask},
+    world::World,
+};
+
 use super::{
     place::{flip_word, words_of},
     row::{Row, SOON_S},
     situation::Situation,
-};
-use crate::{
-    elf::{Elf, SAMPLE_STATE},
-    session::{Failed, ask},
-    world::World,
 };
 
 /// All of the motor's force, in the firmware's unit.

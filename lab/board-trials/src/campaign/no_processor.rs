@@ -1,18 +1,19 @@
 //! The processor, its interrupts or the sampling stop, by themselves or because a debugger halts the core: hardware
 //! alone has to switch off.
 
+use virtual_board::{
+    elf::{Elf, SAMPLE_STATE},
+    mcu::{AfterHalt, LINK, SAMPLE},
+    session::Failed,
+    world::{Ended, World},
+};
+
 use super::{
     fault_case::{
         AT_ONCE_US, BROWN_OUT_US, Cause, FaultCase, LOOP, OUTPUT_WATCHDOG_US, PLAIN, RENDER_US,
         SAMPLE_US, UNUSED, WATCHDOG_US, lose_the_way,
     },
     place::{WATCHDOG_RELOAD, flip_register, words_of},
-};
-use crate::{
-    elf::{Elf, SAMPLE_STATE},
-    mcu::{AfterHalt, LINK, SAMPLE},
-    session::Failed,
-    world::{Ended, World},
 };
 
 /// Base address of TIM5's registers.

@@ -1,14 +1,15 @@
 //! What goes wrong outside of the chip, at its host and in RTT's block, and two faults at once: with the emergency stop.
 
-use super::{
-    memory::memory_rows,
-    row::{Row, SOON_S},
-};
-use crate::{
+use virtual_board::{
     board::{Board, Force, Powered},
     elf::Elf,
     session::Failed,
     world::{Ended, World},
+};
+
+use super::{
+    memory::memory_rows,
+    row::{Row, SOON_S},
 };
 
 /// An encoder whose count stays: the check of a push without motion, and an output.

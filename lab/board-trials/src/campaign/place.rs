@@ -1,6 +1,6 @@
 //! Where a bit can flip: what the program reads of RAM, the core's registers, the peripherals' registers.
 
-use crate::{
+use virtual_board::{
     elf::{Elf, SAMPLE_STATE},
     session::Failed,
     world::World,

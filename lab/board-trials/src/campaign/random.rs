@@ -1,6 +1,7 @@
 //! Single bits that flip at random: where, when, and what came of it.
 
 use host_sim::error::Error;
+use virtual_board::world::World;
 
 use super::{
     place::{
@@ -10,7 +11,7 @@ use super::{
     situation::{Situation, Stage},
     verdict::{Measure, Verdict, Watched},
 };
-use crate::{random::Random, world::World};
+use crate::random::Random;
 
 /// Samples for which a flip is watched: longer than the independent watchdog takes, and twice that where the force is
 /// not right by then.

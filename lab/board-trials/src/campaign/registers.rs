@@ -1,6 +1,6 @@
 //! Registers that are not as the program has set them.
 
-use crate::{
+use virtual_board::{
     board::{Board, Force},
     world::World,
 };

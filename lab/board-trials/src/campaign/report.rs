@@ -9,6 +9,10 @@ use host_sim::{
     scene::{MotorTable, NamedScene},
 };
 use serde::Serialize;
+use virtual_board::{
+    board::{BOARDS, Board},
+    session::Session,
+};
 
 use super::{
     image_flips::{ENDS, End, Ends, ImageFlip, PARTS, Part},
@@ -19,10 +23,7 @@ use super::{
     situation::Situation,
     verdict::{CLASSES, Class, Counts, Verdict},
 };
-use crate::{
-    board::{BOARDS, Board},
-    session::Session,
-};
+
 /// Options of the fault campaign.
 #[derive(Args)]
 pub struct Campaign {

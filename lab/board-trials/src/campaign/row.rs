@@ -1,7 +1,8 @@
 //! A named fault, and how long it may take.
 
+use virtual_board::{elf::Elf, session::Failed, world::World};
+
 use super::situation::Situation;
-use crate::{elf::Elf, session::Failed, world::World};
 
 /// Whatever need not wait for the plant is off within so long, s; the world's grid is a sample.
 pub const SOON_S: f64 = 3e-3;

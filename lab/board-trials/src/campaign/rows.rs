@@ -1,5 +1,7 @@
 //! The named faults, and how long each may take.
 
+use virtual_board::{board::Board, elf::Elf, world::World};
+
 use super::{
     fault_case::{Before, FAULT_CASES, FaultCase},
     kept::kept_rows,
@@ -8,7 +10,6 @@ use super::{
     registers::register_rows,
     row::{GRID_S, Row, SOON_S},
 };
-use crate::{board::Board, elf::Elf, world::World};
 
 pub fn fault_cases() -> Vec<&'static FaultCase> {
     FAULT_CASES.iter().chain(&NO_PROCESSOR).collect()

@@ -9,6 +9,10 @@ use std::{
 };
 
 use host_sim::{error::Error, interrupt, output::terminal::note};
+use virtual_board::{
+    session::{Failed, Session, ask},
+    world::World,
+};
 
 use super::{
     image_flips::{self, Image, ImageFlip},
@@ -17,10 +21,6 @@ use super::{
     row::Row,
     situation::{FULL_SAMPLES, SITUATIONS, Situation, Stage},
     verdict::{Class, Measure, Verdict, Watched},
-};
-use crate::{
-    session::{Failed, Session, ask},
-    world::World,
 };
 
 /// Samples for which a row is watched at least, and those of the longest.

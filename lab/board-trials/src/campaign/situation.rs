@@ -1,6 +1,6 @@
 //! Where the handle is when a fault comes, and what the force is from then on if none does.
 
-use crate::{
+use virtual_board::{
     session::{Failed, Session, ask},
     world::{Seen, Snapshot, World},
 };

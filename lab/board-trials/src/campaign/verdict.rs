@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
+use virtual_board::world::{Seen, World};
 use zwidth::{
     safety::{Fault, FaultRecord},
     telemetry::{Decoder, Flags},
 };
 
 use super::{kept::BACKUP, row::SOON_S};
-use crate::world::{Seen, World};
 
 /// How a fault ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]

@@ -11,6 +11,7 @@ use std::{
 };
 
 use host_sim::{error::Error, input, interrupt};
+use virtual_board::{device, session::Session};
 use zwidth::period::PERIODS;
 
 use super::{
@@ -19,7 +20,7 @@ use super::{
     run::{Counts, End, Run},
     shrink::shrink,
 };
-use crate::{device, random::Random, session::Session};
+use crate::random::Random;
 
 /// Commands of one session, about.
 const SESSION: u64 = 150;

@@ -11,12 +11,11 @@ use std::{
 };
 
 use host_sim::{error::Error, interrupt};
-use zwidth::telemetry::Decoder;
-
-use crate::{
+use virtual_board::{
     session::{Session, ask},
     world::{Ended, World},
 };
+use zwidth::telemetry::Decoder;
 
 /// What is done to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -9,6 +9,10 @@ use std::{
     ops::RangeInclusive,
 };
 
+use virtual_board::{
+    core_program::{CoreProgram, Memories},
+    mcu::{Entry, LINK, RENDER, SAMPLE},
+};
 use zwidth::{
     device::Device,
     port::Exchanged,
@@ -16,11 +20,6 @@ use zwidth::{
     telemetry::{Decoder, InForce, Key, Record},
     units::{Force, Position},
     velocity::EstimatorName,
-};
-
-use crate::{
-    core_program::{CoreProgram, Memories},
-    mcu::{Entry, LINK, RENDER, SAMPLE},
 };
 
 /// Places of the queue of reports, as on a board.

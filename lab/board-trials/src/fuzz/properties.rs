@@ -1,12 +1,11 @@
 //! What has to hold whatever the library says, because the library could be wrong as well: rules over the board's pins
 //! and registers, its resets, its replies and the frames of its telemetry.
 
+use virtual_board::{board::Force as Wired, world::World};
 use zwidth::{
     telemetry::{Decoder, Flags, Frame},
     units::Force,
 };
-
-use crate::{board::Force as Wired, world::World};
 
 /// Longest time from one feeding of the watchdog to the next, ms.
 const FED_MS: u64 = 20;

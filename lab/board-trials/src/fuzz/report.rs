@@ -9,14 +9,14 @@ use host_sim::{
     scene::NamedScene,
 };
 use serde::Serialize;
+use virtual_board::{
+    board::{Board, NUCLEO_F446RE},
+    session::Session,
+};
 
 use super::{
     campaign::{self, Outcome},
     instants::{self, EVENTS, Sweep, Wrong},
-};
-use crate::{
-    board::{Board, NUCLEO_F446RE},
-    session::Session,
 };
 
 /// Options of the fuzz campaign.

@@ -1,18 +1,18 @@
 //! A session: actions done to a board, and everything that it says and puts out held against the library and the rules.
 
 use host_sim::interrupt;
+use virtual_board::{
+    device,
+    mcu::{LINK, RENDER, SAMPLE},
+    session::Session,
+    world::{Ended, Snapshot, World},
+};
 use zwidth::safety::ResetCause;
 
 use super::{
     action::Action,
     oracle::{Observed, Oracle},
     properties::{Properties, Seen, output_code},
-};
-use crate::{
-    device,
-    mcu::{LINK, RENDER, SAMPLE},
-    session::Session,
-    world::{Ended, Snapshot, World},
 };
 
 /// Why a session ended early.

@@ -3,12 +3,12 @@
 use std::time::{Duration, Instant};
 
 use host_sim::interrupt;
+use virtual_board::world::Snapshot;
 
 use super::{
     action::Action,
     run::{Checks, End, Run},
 };
-use crate::world::Snapshot;
 
 /// A board before an action.
 type Before = (Snapshot, Checks);
