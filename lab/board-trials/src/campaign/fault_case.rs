@@ -7,7 +7,7 @@ use virtual_board::{
     world::{Ended, World},
 };
 
-use super::place::flip_word;
+use super::place::{flip_word, word_at};
 
 /// Where the device is when it happens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,8 +60,53 @@ pub struct FaultCase {
     pub short: bool,
 }
 
-fn nothing(_: &mut World<'_>) -> Result<(), Failed> {
-    Ok(())
+impl FaultCase {
+    /// Pressed into the wall, and as most are; the fault that is expected is `code` alone.
+    pub(super) const fn of(name: &'static str, code: u32, limit_us: f64, begin: Begin) -> Self {
+        Self {
+            name,
+            code,
+            all: &[],
+            limit_us,
+            halted_us: 0.0,
+            before: Before::Pressed,
+            begin,
+            cause: None,
+            end: |_| Ok(()),
+            stays: false,
+            resets: false,
+            short: true,
+        }
+    }
+
+    pub(super) const fn all(self, all: &'static [u32]) -> Self {
+        Self { all, ..self }
+    }
+
+    const fn before(self, before: Before) -> Self {
+        Self { before, ..self }
+    }
+
+    const fn until(self, end: End) -> Self {
+        Self { end, ..self }
+    }
+
+    const fn stays(self) -> Self {
+        Self { stays: true, ..self }
+    }
+
+    pub(super) const fn halted(self, halted_us: f64) -> Self {
+        Self { halted_us, ..self }
+    }
+
+    pub(super) const fn resets(self) -> Self {
+        Self { resets: true, ..self }
+    }
+
+    /// Not part of the short campaign.
+    pub(super) const fn long(self) -> Self {
+        Self { short: false, ..self }
+    }
 }
 
 /// The world moves in samples: what is seen may be up to one sample old.
@@ -82,104 +127,40 @@ pub const WATCHDOG_US: f64 = 51_000.0;
 /// Without the processor: the output watchdog (contract.rs), and the world's grid.
 pub const OUTPUT_WATCHDOG_US: f64 = zwidth::period::OUTPUT_WATCHDOG_US as f64 + GRID_US;
 
-/// Default values, which most cases share.
-pub(super) const PLAIN: FaultCase = FaultCase {
-    name: "",
-    code: 0,
-    all: &[],
-    limit_us: 0.0,
-    halted_us: 0.0,
-    before: Before::Pressed,
-    begin: |_, world| Ok(world.powered.mcu.now()),
-    cause: None,
-    end: nothing,
-    stays: false,
-    resets: false,
-    short: true,
-};
-
 pub(super) const FAULT_CASES: [FaultCase; 29] = [
-    FaultCase {
-        name: "count jump",
-        code: 10,
-        all: &[],
-        limit_us: SAMPLE_US,
-        begin: |_, world| {
-            // Between two outputs.
-            while world.powered.mcu.events() % 10 != 4 {
-                world.sample()?;
+    FaultCase::of("count jump", 10, SAMPLE_US, |_, world| {
+        // Between two outputs.
+        while world.powered.mcu.events() % 10 != 4 {
+            world.sample()?;
+        }
+        let begun = world.powered.mcu.now();
+        world.hold(world.position_m() + 700e-6, true);
+        Ok(begun)
+    }),
+    // Of its time the estimator takes a part.
+    FaultCase::of("over-speed", 11, RENDER_US, |_, world| {
+        let begun = world.powered.mcu.now();
+        let start_m = world.position_m();
+        for n in 1..=20 {
+            world.hold(start_m + 250e-6 * f64::from(n), true);
+            world.sample()?;
+            if !world.powered.amplifier.is_enabled() {
+                break;
             }
-            let begun = world.powered.mcu.now();
-            world.hold(world.position_m() + 700e-6, true);
-            Ok(begun)
-        },
-        ..PLAIN
-    },
-    FaultCase {
-        name: "over-speed",
-        code: 11,
-        limit_us: RENDER_US, // of which the estimator takes a part
-        begin: |_, world| {
-            let begun = world.powered.mcu.now();
-            let start_m = world.position_m();
-            for n in 1..=20 {
-                world.hold(start_m + 250e-6 * f64::from(n), true);
-                world.sample()?;
-                if !world.powered.amplifier.is_enabled() {
-                    break;
-                }
-            }
-            Ok(begun)
-        },
-        ..PLAIN
-    },
-    FaultCase {
-        name: "out of range",
-        code: 12,
-        all: &[12, 15, 44],
-        limit_us: RENDER_US,
-        begin: |elf, world| {
-            let places = position_words(elf, world)?;
-            let begun = world.powered.mcu.now();
-            for place in places {
-                flip_word(world, place, 30);
-            }
-            Ok(begun)
-        },
-        end: |world| ask(world, "zero").map(drop),
-        stays: true,
-        ..PLAIN
-    },
-    FaultCase {
-        name: "dead channel A, in free motion",
-        code: 13,
-        limit_us: 50_000.0 + RENDER_US,
-        before: Before::Moving,
-        begin: |_, world| {
-            world.powered.mcu.kill_channel(0, true);
-            Ok(world.powered.mcu.now())
-        },
-        end: |world| {
-            world.powered.mcu.kill_channel(0, false);
-            Ok(())
-        },
-        ..PLAIN
-    },
-    FaultCase {
-        name: "dead channel B, in free motion",
-        code: 13,
-        limit_us: 50_000.0 + RENDER_US,
-        before: Before::Moving,
-        begin: |_, world| {
-            world.powered.mcu.kill_channel(1, true);
-            Ok(world.powered.mcu.now())
-        },
-        end: |world| {
-            world.powered.mcu.kill_channel(1, false);
-            Ok(())
-        },
-        ..PLAIN
-    },
+        }
+        Ok(begun)
+    }),
+    FaultCase::of("out of range", 12, RENDER_US, |elf, world| {
+        for place in position_words(elf, world)? {
+            flip_word(world, place, 30);
+        }
+        Ok(world.powered.mcu.now())
+    })
+    .all(&[12, 15, 44])
+    .until(|world| ask(world, "zero").map(drop))
+    .stays(),
+    dead_channel("dead channel A, in free motion", kill::<0>, revive::<0>),
+    dead_channel("dead channel B, in free motion", kill::<1>, revive::<1>),
     at_arm(
         "swapped channels at arm",
         |_, world| {
@@ -190,7 +171,6 @@ pub(super) const FAULT_CASES: [FaultCase; 29] = [
             world.swap_channels(false);
             Ok(())
         },
-        true,
     ),
     at_arm(
         "wrong motor sign at arm",
@@ -202,149 +182,82 @@ pub(super) const FAULT_CASES: [FaultCase; 29] = [
             world.motor_reversed = false;
             Ok(())
         },
-        true,
     ),
-    FaultCase {
-        name: "beyond travel",
-        code: 15,
-        limit_us: RENDER_US,
-        begin: |_, world| {
-            let zero_m = world.position_m() - 1e-6 * f64::from(counts(world)?);
-            world.lead_to(zero_m - 0.039_99)?;
-            let begun = world.powered.mcu.now();
-            world.lead_to(zero_m - 0.040_02)?;
-            Ok(begun)
-        },
-        end: |world| Ok(world.lead_to(world.position_m() + 0.1)?),
-        ..PLAIN
-    },
-    FaultCase {
-        name: "late render",
-        code: 20,
-        limit_us: RENDER_US,
-        begin: |_, world| mask_render(world, 15),
-        ..PLAIN
-    },
-    FaultCase {
-        name: "stuck render, 15 periods",
-        code: 20,
-        all: &[20, 21],
-        limit_us: RENDER_US,
-        begin: |_, world| mask_render(world, 150),
-        ..PLAIN
-    },
-    FaultCase {
-        name: "stuck render, for ever",
-        code: 22, // `render` itself would have written 20 into the fault memory
-        limit_us: RENDER_US,
-        begin: |_, world| mask_render(world, 700),
-        resets: true,
-        short: false,
-        ..PLAIN
-    },
-    FaultCase {
-        name: "reset while armed",
-        code: 23,
-        limit_us: AT_ONCE_US,
-        begin: |_, world| {
-            let begun = world.powered.mcu.now();
-            world.reset();
-            Ok(begun)
-        },
-        resets: true,
-        ..PLAIN
-    },
-    FaultCase {
-        name: "emergency stop, 0.2 ms",
-        code: 30,
-        limit_us: AT_ONCE_US,
-        begin: |_, world| {
-            let begun = world.powered.mcu.now();
-            world.emergency_stop(true);
-            world.run(2)?;
-            world.emergency_stop(false);
-            Ok(begun)
-        },
-        ..PLAIN
-    },
-    FaultCase {
-        name: "emergency stop",
-        code: 30,
-        limit_us: AT_ONCE_US,
-        begin: |_, world| {
-            let begun = world.powered.mcu.now();
-            world.emergency_stop(true);
-            Ok(begun)
-        },
-        end: |world| {
+    FaultCase::of("beyond travel", 15, RENDER_US, |_, world| {
+        let zero_m = world.position_m() - 1e-6 * f64::from(counts(world)?);
+        world.lead_to(zero_m - 0.039_99)?;
+        let begun = world.powered.mcu.now();
+        world.lead_to(zero_m - 0.040_02)?;
+        Ok(begun)
+    })
+    .until(|world| Ok(world.lead_to(world.position_m() + 0.1)?)),
+    FaultCase::of("late render", 20, RENDER_US, |_, world| mask_render(world, 15)),
+    FaultCase::of("stuck render, 15 periods", 20, RENDER_US, |_, world| mask_render(world, 150))
+        .all(&[20, 21]),
+    // `render` itself would have written 20 into the fault memory.
+    FaultCase::of("stuck render, for ever", 22, RENDER_US, |_, world| mask_render(world, 700))
+        .resets()
+        .long(),
+    FaultCase::of("reset while armed", 23, AT_ONCE_US, |_, world| {
+        let begun = world.powered.mcu.now();
+        world.reset();
+        Ok(begun)
+    })
+    .resets(),
+    FaultCase::of("emergency stop, 0.2 ms", 30, AT_ONCE_US, |_, world| {
+        let begun = stop(world)?;
+        world.run(2)?;
+        world.emergency_stop(false);
+        Ok(begun)
+    }),
+    FaultCase::of("emergency stop", 30, AT_ONCE_US, |_, world| stop(world))
+        .until(|world| {
             world.emergency_stop(false);
             Ok(())
-        },
-        stays: true,
-        ..PLAIN
-    },
-    FaultCase {
-        stays: false,
-        ..brown_out("brown-out, 0.2 ms", |_, world| {
-            let begun = sag(world)?;
-            world.run(2)?;
-            recover(world)?;
-            Ok(begun)
         })
-    },
+        .stays(),
+    brown_out("brown-out, 0.2 ms", |_, world| {
+        let begun = sag(world)?;
+        world.run(2)?;
+        recover(world)?;
+        Ok(begun)
+    }),
     brown_out("brown-out while the logger masks", |_, world| {
         world.send("help\n")?;
         world.powered.mcu.run_into_mask().map_err(Ended::from)?;
         sag(world)
-    }),
-    brown_out("brown-out", |_, world| sag(world)),
-    panic("panic in idle", |elf, world| panic_in(elf, world, 0), true),
-    panic("panic in link", |elf, world| panic_in(elf, world, LINK), false),
-    panic("panic in render", |elf, world| panic_in(elf, world, RENDER), false),
-    panic("panic in sample", |elf, world| panic_in(elf, world, SAMPLE), false),
-    hard_fault("HardFault in idle", |_, world| lose_the_way(world, 0, NOWHERE), false),
-    hard_fault("HardFault in link", |_, world| lose_the_way(world, LINK, NOWHERE), false),
-    hard_fault("HardFault in render", |_, world| lose_the_way(world, RENDER, NOWHERE), true),
-    hard_fault("HardFault in sample", |_, world| lose_the_way(world, SAMPLE, NOWHERE), false),
-    hard_fault("undefined instruction", |_, world| lose_the_way(world, LINK, ERASED), false),
-    FaultCase {
-        name: "crystal stops",
-        code: 33,
-        all: &[23, 33],
-        limit_us: AT_ONCE_US,
-        begin: |_, world| {
-            let begun = world.powered.mcu.now();
-            world.powered.mcu.kill_hse();
-            world.run(700)?; // until the watchdog's reset
-            Ok(begun)
-        },
-        resets: true,
-        ..PLAIN
-    },
+    })
+    .stays(),
+    brown_out("brown-out", |_, world| sag(world)).stays(),
+    panic("panic in idle", |elf, world| panic_in(elf, world, 0)),
+    panic("panic in link", |elf, world| panic_in(elf, world, LINK)).long(),
+    panic("panic in render", |elf, world| panic_in(elf, world, RENDER)).long(),
+    panic("panic in sample", |elf, world| panic_in(elf, world, SAMPLE)).long(),
+    hard_fault("HardFault in idle", |_, world| lose_the_way(world, 0, NOWHERE)).long(),
+    hard_fault("HardFault in link", |_, world| lose_the_way(world, LINK, NOWHERE)).long(),
+    hard_fault("HardFault in render", |_, world| lose_the_way(world, RENDER, NOWHERE)),
+    hard_fault("HardFault in sample", |_, world| lose_the_way(world, SAMPLE, NOWHERE)).long(),
+    hard_fault("undefined instruction", |_, world| lose_the_way(world, LINK, ERASED)).long(),
+    FaultCase::of("crystal stops", 33, AT_ONCE_US, |_, world| {
+        let begun = world.powered.mcu.now();
+        world.powered.mcu.kill_hse();
+        world.run(700)?; // until the watchdog's reset
+        Ok(begun)
+    })
+    .all(&[23, 33])
+    .resets(),
     at_arm(
         "dead channel A at arm",
-        |_, world| {
-            world.powered.mcu.kill_channel(0, true);
-            enabled_by_arm(world)
-        },
-        |world| {
-            world.powered.mcu.kill_channel(0, false);
-            Ok(())
-        },
-        false,
-    ),
+        |elf, world| kill::<0>(elf, world).and_then(|_| enabled_by_arm(world)),
+        revive::<0>,
+    )
+    .long(),
     at_arm(
         "dead channel B at arm",
-        |_, world| {
-            world.powered.mcu.kill_channel(1, true);
-            enabled_by_arm(world)
-        },
-        |world| {
-            world.powered.mcu.kill_channel(1, false);
-            Ok(())
-        },
-        false,
-    ),
+        |elf, world| kill::<1>(elf, world).and_then(|_| enabled_by_arm(world)),
+        revive::<1>,
+    )
+    .long(),
 ];
 
 /// RAM that the program does not have, and a branch to itself.
@@ -355,22 +268,43 @@ const NOWHERE: u32 = 0x1000_0000;
 /// Erased flash, beyond the code: all ones is no instruction.
 const ERASED: u32 = 0x0807_0000;
 
-const fn panic(name: &'static str, begin: Begin, short: bool) -> FaultCase {
-    FaultCase {
-        name,
-        code: 41,
-        all: &[23, 41],
-        limit_us: HANDLER_US,
-        begin,
-        resets: true,
-        short,
-        ..PLAIN
-    }
+const fn panic(name: &'static str, begin: Begin) -> FaultCase {
+    FaultCase::of(name, 41, HANDLER_US, begin).all(&[23, 41]).resets()
 }
 
-/// The supply sags, and stays so.
+const fn hard_fault(name: &'static str, begin: Begin) -> FaultCase {
+    FaultCase::of(name, 42, HANDLER_US, begin).all(&[23, 42]).resets()
+}
+
+/// The sign test has to find it.
+const fn at_arm(name: &'static str, begin: Begin, end: End) -> FaultCase {
+    FaultCase::of(name, 14, 100_000.0 + RENDER_US, begin).before(Before::Off).until(end)
+}
+
+const fn dead_channel(name: &'static str, begin: Begin, end: End) -> FaultCase {
+    FaultCase::of(name, 13, 50_000.0 + RENDER_US, begin).before(Before::Moving).until(end)
+}
+
+fn kill<const CHANNEL: usize>(_: &Elf, world: &mut World<'_>) -> Result<u64, Failed> {
+    world.powered.mcu.kill_channel(CHANNEL, true);
+    Ok(world.powered.mcu.now())
+}
+
+fn revive<const CHANNEL: usize>(world: &mut World<'_>) -> Result<(), Failed> {
+    world.powered.mcu.kill_channel(CHANNEL, false);
+    Ok(())
+}
+
+/// The emergency stop opens.
+pub(super) fn stop(world: &mut World<'_>) -> Result<u64, Failed> {
+    let begun = world.powered.mcu.now();
+    world.emergency_stop(true);
+    Ok(begun)
+}
+
+/// The supply sags, and goes up again in the end.
 const fn brown_out(name: &'static str, begin: Begin) -> FaultCase {
-    FaultCase { name, code: 31, limit_us: BROWN_OUT_US, begin, end: recover, stays: true, ..PLAIN }
+    FaultCase::of(name, 31, BROWN_OUT_US, begin).until(recover)
 }
 
 fn sag(world: &mut World<'_>) -> Result<u64, Failed> {
@@ -381,25 +315,6 @@ fn sag(world: &mut World<'_>) -> Result<u64, Failed> {
 fn recover(world: &mut World<'_>) -> Result<(), Failed> {
     world.powered.mcu.set_supply_mv(world.powered.board.supply_mv);
     Ok(())
-}
-
-/// The sign test has to find it.
-const fn at_arm(name: &'static str, begin: Begin, end: End, short: bool) -> FaultCase {
-    let limit_us = 100_000.0 + RENDER_US;
-    FaultCase { name, code: 14, limit_us, before: Before::Off, begin, end, short, ..PLAIN }
-}
-
-const fn hard_fault(name: &'static str, begin: Begin, short: bool) -> FaultCase {
-    FaultCase {
-        name,
-        code: 42,
-        all: &[23, 42],
-        limit_us: HANDLER_US,
-        begin,
-        resets: true,
-        short,
-        ..PLAIN
-    }
 }
 
 /// The position that the firmware has, counts from its zero.
@@ -417,12 +332,8 @@ fn position_words(elf: &Elf, world: &mut World<'_>) -> Result<Vec<u32>, Failed> 
     let before = world.snapshot();
     world.hold(world.position_m(), true);
     world.run(20)?;
-    let position = counts(world)?.to_le_bytes();
-    let holds = |address: &u32| {
-        let mut word = [0; 4];
-        world.powered.mcu.read(*address, &mut word);
-        word == position
-    };
+    let position = counts(world)?.cast_unsigned();
+    let holds = |address: &u32| word_at(world, *address) == position;
     let places: Vec<_> = (from..from + size).step_by(4).filter(holds).collect();
     world.restore(&before);
     match places.len() {

@@ -1,8 +1,6 @@
 //! Single bits of the program in flash that flip with the force on and the handle in contact: what finds them, and what
 //! the force is until then.
 
-use std::collections::BTreeMap;
-
 use host_sim::error::Error;
 use seal::SEAL;
 use serde::Serialize;
@@ -11,7 +9,7 @@ use zwidth::{image::LONGEST, safety::Fault};
 
 use super::{
     situation::Stage,
-    verdict::{Class, Measure, SHORT_S, Verdict, Watched},
+    verdict::{Class, Measure, SHORT_S, Verdict},
 };
 use crate::random::Random;
 
@@ -101,9 +99,6 @@ impl End {
     }
 }
 
-/// How many of each.
-pub type Ends = BTreeMap<End, u64>;
-
 /// One flip.
 pub struct ImageFlip {
     /// Where in flash.
@@ -182,11 +177,18 @@ pub fn flip(
     let (part, address) = place.ok_or_else(|| Error::Internal("a word of none".into()))?;
     let flipped = world.powered.mcu.peek(address) ^ 1 << bit;
     world.powered.mcu.program(address, &flipped.to_le_bytes());
-    let watched = Watched::observe_memory(world, begun, WATCHED);
-    let seen = world.seen.take().unwrap_or_default();
-    let (allowed_s, from_fault, free) = (PASS_S, false, false);
-    let measure = Measure { begun, allowed_s, from_fault, free, full_m_per_s2 };
-    let verdict = watched.judge(&seen, &stage.seen[start.index..], sample, &measure);
+    let measure = Measure {
+        begun,
+        samples: WATCHED,
+        half_if_right: false,
+        reference: &stage.seen[start.index..],
+        from_memory: true,
+        allowed_s: PASS_S,
+        from_fault: false,
+        free: false,
+        full_m_per_s2,
+    };
+    let verdict = measure.verdict(world);
     let cycle = begun - begin;
     let what = format!(
         "{}: {address:#x} bit {bit} at cycle {cycle} of start {}",

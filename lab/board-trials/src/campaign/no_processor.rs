@@ -10,10 +10,10 @@ use virtual_board::{
 
 use super::{
     fault_case::{
-        AT_ONCE_US, BROWN_OUT_US, Cause, FaultCase, LOOP, OUTPUT_WATCHDOG_US, PLAIN, RENDER_US,
+        AT_ONCE_US, BROWN_OUT_US, Begin, Cause, FaultCase, LOOP, OUTPUT_WATCHDOG_US, RENDER_US,
         SAMPLE_US, UNUSED, WATCHDOG_US, lose_the_way,
     },
-    place::{WATCHDOG_RELOAD, flip_register, words_of},
+    place::{WATCHDOG_RELOAD, flip_register, flip_word, words_of},
 };
 
 /// Base address of TIM5's registers.
@@ -33,95 +33,58 @@ const TIM7: u16 = 16 + 55;
 const WATCHDOG_STOPS: u32 = 1 << 12;
 
 pub(super) const NO_PROCESSOR: [FaultCase; 18] = [
-    FaultCase {
-        name: "watchdog: link does not run",
-        code: 22,
-        limit_us: WATCHDOG_US,
-        begin: |_, world| {
-            world.powered.mcu.write(UNUSED, &LOOP);
-            lose_the_way(world, LINK, UNUSED)
-        },
-        resets: true,
-        ..PLAIN
-    },
-    FaultCase {
-        name: "watchdog: its time is another, then link does not run",
-        code: 22,
-        limit_us: WATCHDOG_US,
-        begin: |_, world| {
+    FaultCase::of("watchdog: link does not run", 22, WATCHDOG_US, |_, world| {
+        world.powered.mcu.write(UNUSED, &LOOP);
+        lose_the_way(world, LINK, UNUSED)
+    })
+    .resets(),
+    FaultCase::of(
+        "watchdog: its time is another, then link does not run",
+        22,
+        WATCHDOG_US,
+        |_, world| {
             flip_register(world, WATCHDOG_RELOAD, 10); // a second more
             world.run(20)?;
             world.powered.mcu.write(UNUSED, &LOOP);
             lose_the_way(world, LINK, UNUSED)
         },
-        resets: true,
-        short: false,
-        ..PLAIN
-    },
-    FaultCase {
-        name: "debugger halt, 1.5 ms",
-        code: 32,
-        halted_us: 1_500.0,
-        limit_us: 1_500.0 + RENDER_US,
-        begin: |_, world| halt(world, 15, AfterHalt::Kept),
-        ..PLAIN
-    },
-    FaultCase {
-        name: "debugger halt, 30 ms",
-        code: 32,
-        halted_us: 30_000.0,
-        limit_us: AT_ONCE_US,
-        begin: |_, world| halt(world, 300, AfterHalt::Kept),
-        ..PLAIN
-    },
-    FaultCase {
-        name: "debugger halt, 30 ms, MOE reset",
-        code: 32,
-        halted_us: 30_000.0,
-        limit_us: AT_ONCE_US,
-        begin: |_, world| halt(world, 300, AfterHalt::Reset),
-        ..PLAIN
-    },
-    FaultCase {
-        name: "debugger halt, 200 ms",
-        code: 22,
-        halted_us: 200_000.0,
-        limit_us: AT_ONCE_US,
-        begin: |_, world| {
-            // As a script does on connecting: what the program says of the watchdog holds again soon.
-            world.powered.mcu.stop_in_halts(WATCHDOG_STOPS);
-            world.run(20)?;
-            halt(world, 2_000, AfterHalt::Kept)
-        },
-        resets: true,
-        short: false,
-        ..PLAIN
-    },
-    FaultCase {
-        name: "debugger halt, 200 ms, watchdog stopped",
-        code: 32,
-        halted_us: 200_000.0,
-        limit_us: AT_ONCE_US,
-        begin: |_, world| {
-            world.powered.mcu.stop_in_halts(WATCHDOG_STOPS);
-            halt(world, 2_000, AfterHalt::Kept)
-        },
-        short: false,
-        ..PLAIN
-    },
+    )
+    .resets()
+    .long(),
+    FaultCase::of("debugger halt, 1.5 ms", 32, 1_500.0 + RENDER_US, |_, world| {
+        halt(world, 15, AfterHalt::Kept)
+    })
+    .halted(1_500.0),
+    FaultCase::of("debugger halt, 30 ms", 32, AT_ONCE_US, |_, world| {
+        halt(world, 300, AfterHalt::Kept)
+    })
+    .halted(30_000.0),
+    FaultCase::of("debugger halt, 30 ms, MOE reset", 32, AT_ONCE_US, |_, world| {
+        halt(world, 300, AfterHalt::Reset)
+    })
+    .halted(30_000.0),
+    FaultCase::of("debugger halt, 200 ms", 22, AT_ONCE_US, |_, world| {
+        // As a script does on connecting: what the program says of the watchdog holds again soon.
+        world.powered.mcu.stop_in_halts(WATCHDOG_STOPS);
+        world.run(20)?;
+        halt(world, 2_000, AfterHalt::Kept)
+    })
+    .halted(200_000.0)
+    .resets()
+    .long(),
+    FaultCase::of("debugger halt, 200 ms, watchdog stopped", 32, AT_ONCE_US, |_, world| {
+        world.powered.mcu.stop_in_halts(WATCHDOG_STOPS);
+        halt(world, 2_000, AfterHalt::Kept)
+    })
+    .halted(200_000.0)
+    .long(),
     stopped("TIM5 disabled in the NVIC", |_, world| {
         world.powered.mcu.mask(SAMPLE, true);
         Ok(())
     }),
     stopped("TIM5 stands still", |_, world| poke(world, TIM5 + CR1, 0)),
-    FaultCase {
-        short: false,
-        ..stopped("TIM5 asks for no interrupt", |_, world| poke(world, TIM5 + DIER, 0))
-    },
-    FaultCase {
-        short: false,
-        ..stopped("TIM5 asks all the time", |_, world| poke(world, TIM5 + ARR, 10))
-    },
+    stopped("TIM5 asks for no interrupt", |_, world| poke(world, TIM5 + DIER, 0)).long(),
+    stopped("TIM5 asks all the time", |_, world| poke(world, TIM5 + ARR, 10)).long(),
     stopped("interrupts masked", |_, world| {
         world.powered.mcu.run_into(0).map_err(Ended::from)?;
         world.powered.mcu.set_registers(|registers| registers.primask = true);
@@ -132,38 +95,28 @@ pub(super) const NO_PROCESSOR: [FaultCase; 18] = [
         world.powered.mcu.set_registers(|registers| registers.msp = 0x10);
         Ok(())
     }),
-    FaultCase {
-        code: 42,
-        all: &[23, 42],
-        limit_us: SAMPLE_US, // with the next exception, which has to be stacked
-        short: false,
-        ..stopped("stack overrun", |elf, world| {
-            world.powered.mcu.outlive_lock_up();
-            let end = elf.place_of("__sheap")?.0.next_multiple_of(256);
-            world.powered.mcu.set_registers(|registers| registers.msp = end + 0x80);
-            Ok(())
-        })
-    },
-    FaultCase {
-        short: false,
-        ..stopped("vector table lost", |_, world| {
-            world.powered.mcu.outlive_lock_up();
-            poke(world, VTOR, ERASED)
-        })
-    },
-    FaultCase {
-        short: false,
-        ..stopped("no sample is due", |elf, world| {
-            let address = next_due(elf, world)?;
-            let mut word = [0; 4];
-            world.powered.mcu.read(address, &mut word);
-            word[3] ^= 1 << 6;
-            world.powered.mcu.write(address, &word);
-            Ok(())
-        })
-    },
-    FaultCase { short: false, ..unexpected("PendSV", |_, world| pend(world, PEND_SV)) },
-    FaultCase { short: false, ..unexpected("an unused interrupt", |_, world| pend(world, TIM7)) },
+    // With the next exception, which has to be stacked.
+    at_once("stack overrun", 42, SAMPLE_US, |elf, world| {
+        world.powered.mcu.outlive_lock_up();
+        let end = elf.place_of("__sheap")?.0.next_multiple_of(256);
+        world.powered.mcu.set_registers(|registers| registers.msp = end + 0x80);
+        Ok(())
+    })
+    .all(&[23, 42])
+    .long(),
+    stopped("vector table lost", |_, world| {
+        world.powered.mcu.outlive_lock_up();
+        poke(world, VTOR, ERASED)
+    })
+    .long(),
+    stopped("no sample is due", |elf, world| {
+        let address = next_due(elf, world)?;
+        flip_word(world, address, 30);
+        Ok(())
+    })
+    .long(),
+    unexpected("PendSV", |_, world| pend(world, PEND_SV)).long(),
+    unexpected("an unused interrupt", |_, world| pend(world, TIM7)).long(),
 ];
 
 /// A debugger halts the core for so many samples.
@@ -184,23 +137,20 @@ fn halt(world: &mut World<'_>, samples: u64, moe: AfterHalt) -> Result<u64, Fail
     Ok(begun)
 }
 
+/// By `cause`, and it ends in a reset.
+const fn at_once(name: &'static str, code: u32, limit_us: f64, cause: Cause) -> FaultCase {
+    let begin: Begin = |_, world| Ok(world.powered.mcu.now());
+    FaultCase { cause: Some(cause), ..FaultCase::of(name, code, limit_us, begin).resets() }
+}
+
 /// Nothing runs any more that could switch off; in the end the watchdog resets.
 const fn stopped(name: &'static str, cause: Cause) -> FaultCase {
-    let limit_us = OUTPUT_WATCHDOG_US;
-    FaultCase { name, code: 22, limit_us, cause: Some(cause), resets: true, ..PLAIN }
+    at_once(name, 22, OUTPUT_WATCHDOG_US, cause)
 }
 
 /// `DefaultHandler` switches off, as soon as no task runs.
 const fn unexpected(name: &'static str, cause: Cause) -> FaultCase {
-    FaultCase {
-        name,
-        code: 45,
-        all: &[23, 45],
-        limit_us: BROWN_OUT_US,
-        cause: Some(cause),
-        resets: true,
-        ..PLAIN
-    }
+    at_once(name, 45, BROWN_OUT_US, cause).all(&[23, 45])
 }
 
 fn poke(world: &mut World<'_>, address: u32, value: u32) -> Result<(), Failed> {

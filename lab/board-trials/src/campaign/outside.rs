@@ -3,12 +3,13 @@
 use virtual_board::{
     board::{Board, Force, Powered},
     elf::Elf,
-    session::Failed,
     world::{Ended, World},
 };
 
 use super::{
+    fault_case::stop,
     memory::memory_rows,
+    place::flip_word,
     row::{Row, SOON_S},
 };
 
@@ -30,46 +31,51 @@ pub fn outside(board: Board, current_sense: bool) -> Vec<Row> {
     rows.extend(everywhere());
     let stuck_rows = [("amplifier gives all", 1.0), ("amplifier gives all, away", -1.0)];
     rows.extend(stuck_rows.map(|(name, part)| {
-        let limit_s = if current_sense { SENSED_S } else { EVER_S };
-        let row = Row::of(name, limit_s, move |_, world| stuck(world, part));
+        let stuck = move |_: &Elf, world: &mut World<'_>| {
+            world.defects.stuck = Some(part);
+            Ok(())
+        };
         if current_sense {
-            row
+            Row::at_once(name, SENSED_S, stuck)
         } else {
-            row.never_in_contact("the hand leads the handle, whatever the force")
+            Row::at_once(name, EVER_S, stuck)
+                .never_in_contact("the hand leads the handle, whatever the force")
         }
     }));
     if matches!(board.wiring.force, Force::Dac { .. }) {
-        let more = Row::of("DAC gives 10 % more", SOON_S, |_, world| {
+        let more = Row::at_once("DAC gives 10 % more", SOON_S, |_, world| {
             world.defects.dac = 0.1;
-            Ok(world.powered.mcu.now())
+            Ok(())
         });
         rows.push(more.not_full());
     }
     rows
 }
 
+/// The encoder's count is off by so much, follows that part of the motion, and drifts.
+fn counts(name: &str, limit_s: f64, (offset, ratio, per_sample): (i32, f64, f64)) -> Row {
+    Row::at_once(name, limit_s, move |_, world| {
+        world.count_wrongly(offset, ratio, per_sample);
+        Ok(())
+    })
+}
+
 fn everywhere() -> Vec<Row> {
     let held = "a handle that is held looks the same";
     let moves = "a count that moves as a handle can is a handle that moves";
     vec![
-        Row::of("count frozen", STUCK_S, |_, world| counts(world, 0, 0.0, 0.0))
+        counts("count frozen", STUCK_S, (0, 0.0, 0.0)).never_in_contact(held),
+        counts("count frozen, drifts by 1 in 10 ms", SHORT_OF_S, (0, 0.0, 0.01))
             .never_in_contact(held),
-        Row::of("count frozen, drifts by 1 in 10 ms", SHORT_OF_S, |_, world| {
-            counts(world, 0, 0.0, 0.01)
-        })
-        .never_in_contact(held),
-        Row::of("count follows 1/50 of the motion", SHORT_OF_S, |_, world| {
-            counts(world, 0, 0.02, 0.0)
-        })
-        .never_in_contact(moves),
-        Row::of("1 false count a sample", EVER_S, |_, world| counts(world, 0, 1.0, 1.0))
+        counts("count follows 1/50 of the motion", SHORT_OF_S, (0, 0.02, 0.0))
+            .never_in_contact(moves),
+        counts("1 false count a sample", EVER_S, (0, 1.0, 1.0))
             .never_free(moves)
             .never_in_contact(moves),
-        Row::of("10 false counts a sample", EVER_S, |_, world| counts(world, 0, 1.0, 10.0))
-            .never_free(moves),
-        Row::of("60 false counts a sample", EVER_S, |_, world| counts(world, 0, 1.0, 60.0)),
-        Row::of("90 false counts a sample", EVER_S, |_, world| counts(world, 0, 1.0, 90.0)),
-        Row::of("jump of 280 counts", SOON_S, |_, world| counts(world, 280, 1.0, 0.0))
+        counts("10 false counts a sample", EVER_S, (0, 1.0, 10.0)).never_free(moves),
+        counts("60 false counts a sample", EVER_S, (0, 1.0, 60.0)),
+        counts("90 false counts a sample", EVER_S, (0, 1.0, 90.0)),
+        counts("jump of 280 counts", SOON_S, (280, 1.0, 0.0))
             .never_free(moves)
             .never_in_contact(moves),
         Row::of("RTT stall and flood, blocking", FLOOD_S, |_, world| {
@@ -77,23 +83,25 @@ fn everywhere() -> Vec<Row> {
             flood(world, FLOOD_SAMPLES)?;
             Ok(begun)
         }),
-        Row::of("a core that sleeps deep", SOON_S, |_, world| {
+        Row::at_once("a core that sleeps deep", SOON_S, |_, world| {
             let control = world.powered.mcu.peek(SCR);
             world.powered.mcu.poke(SCR, control | SLEEP_DEEP);
-            Ok(world.powered.mcu.now())
+            Ok(())
         }),
-        Row::of("RTT: up 1 larger", SOON_S, |elf, world| channel(elf, world, 8, 1 << 16)),
-        Row::of("RTT: up 1 elsewhere", SOON_S, |elf, world| {
+        Row::at_once("RTT: up 1 larger", SOON_S, |elf, world| {
+            flip_word(world, elf.place_of("_SEGGER_RTT")?.0 + CHANNEL_1 + 8, 16);
+            Ok(())
+        }),
+        Row::at_once("RTT: up 1 elsewhere", SOON_S, |elf, world| {
             let (render, _) = elf.place_of("local_resource_render")?;
-            let block = elf.place_of("_SEGGER_RTT")?.0;
-            let mut word = [0; 4];
-            world.powered.mcu.read(block + CHANNEL_1 + 4, &mut word);
-            channel(elf, world, 4, u32::from_le_bytes(word) ^ render)
+            let buffer = elf.place_of("_SEGGER_RTT")?.0 + CHANNEL_1 + 4;
+            world.powered.mcu.write(buffer, &render.to_le_bytes());
+            Ok(())
         }),
-        Row::of("RTT: block zeroed", SOON_S, |elf, world| {
+        Row::at_once("RTT: block zeroed", SOON_S, |elf, world| {
             let (from, size) = elf.place_of("_SEGGER_RTT")?;
             world.powered.mcu.write(from, &vec![0; size as usize]);
-            Ok(world.powered.mcu.now())
+            Ok(())
         }),
         Row::of("break input off, then stop", SOON_S, |_, world| {
             let bdtr = world.powered.mcu.peek(BDTR);
@@ -134,29 +142,4 @@ pub fn flood(world: &mut World<'_>, samples: u64) -> Result<(), Ended> {
         world.sample()?;
     }
     Ok(())
-}
-
-fn counts(world: &mut World<'_>, offset: i32, ratio: f64, per_sample: f64) -> Result<u64, Failed> {
-    world.count_wrongly(offset, ratio, per_sample);
-    Ok(world.powered.mcu.now())
-}
-
-fn stuck(world: &mut World<'_>, part: f64) -> Result<u64, Failed> {
-    world.defects.stuck = Some(part);
-    Ok(world.powered.mcu.now())
-}
-
-fn stop(world: &mut World<'_>) -> Result<u64, Failed> {
-    let begun = world.powered.mcu.now();
-    world.emergency_stop(true);
-    Ok(begun)
-}
-
-/// Bits of a word of up channel 1 flip.
-fn channel(elf: &Elf, world: &mut World<'_>, offset: u32, bits: u32) -> Result<u64, Failed> {
-    let at = elf.place_of("_SEGGER_RTT")?.0 + CHANNEL_1 + offset;
-    let mut word = [0; 4];
-    world.powered.mcu.read(at, &mut word);
-    world.powered.mcu.write(at, &(u32::from_le_bytes(word) ^ bits).to_le_bytes());
-    Ok(world.powered.mcu.now())
 }

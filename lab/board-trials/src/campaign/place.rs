@@ -74,11 +74,12 @@ impl Region {
 pub struct Places {
     /// By region, the RAM's.
     words: [Vec<u32>; REGIONS.len()],
-    bits: Vec<(u32, u8)>,
-    /// Of the independent watchdog.
-    watchdog: Vec<(u32, u8)>,
+    /// Bits of the peripherals' registers that can be other than they are.
+    pub bits: Vec<(u32, u8)>,
+    /// Those of the independent watchdog.
+    pub watchdog: Vec<(u32, u8)>,
     /// One behind the last word of the stack.
-    stack_end: u32,
+    pub stack_end: u32,
 }
 
 /// Registers of a block: its name, its base, and offsets.
@@ -169,21 +170,6 @@ impl Places {
     pub fn words(&self, region: Region) -> &[u32] {
         &self.words[region as usize]
     }
-
-    /// Bits of the peripherals' registers that can be other than they are.
-    pub fn bits(&self) -> &[(u32, u8)] {
-        &self.bits
-    }
-
-    /// Those of the independent watchdog.
-    pub fn watchdog(&self) -> &[(u32, u8)] {
-        &self.watchdog
-    }
-
-    /// One behind the last word of the stack.
-    pub fn stack_end(&self) -> u32 {
-        self.stack_end
-    }
 }
 
 /// A bit of a register is the other one. Where a register has one address to set and one to clear, by these; where a key
@@ -211,17 +197,20 @@ pub(super) fn words_of(
     name: &str,
 ) -> Result<(u32, Vec<u32>), Failed> {
     let (from, size) = elf.place_of(name)?;
-    let mut bytes = vec![0; size as usize];
-    world.powered.mcu.read(from, &mut bytes);
-    let words = bytes.as_chunks::<4>().0.iter().map(|word| u32::from_le_bytes(*word));
+    let words = (from..from + size / 4 * 4).step_by(4).map(|at| word_at(world, at));
     Ok((from, words.collect()))
+}
+
+/// A word of RAM.
+pub(super) fn word_at(world: &World<'_>, address: u32) -> u32 {
+    let mut word = [0; 4];
+    world.powered.mcu.read(address, &mut word);
+    u32::from_le_bytes(word)
 }
 
 /// A bit of RAM is the other one.
 pub(super) fn flip_word(world: &mut World<'_>, address: u32, bit: u8) {
-    let mut word = [0; 4];
-    world.powered.mcu.read(address, &mut word);
-    let flipped = u32::from_le_bytes(word) ^ 1 << bit;
+    let flipped = word_at(world, address) ^ 1 << bit;
     world.powered.mcu.write(address, &flipped.to_le_bytes());
 }
 
@@ -231,36 +220,28 @@ pub const CORE_REGISTERS: u8 = 20;
 /// A bit of a core register is the other one; its name.
 pub fn flip_core(world: &mut World<'_>, register: u8, bit: u8) -> String {
     let one = 1u32 << bit;
-    let mut name = format!("r{register}");
     world.powered.mcu.set_registers(|registers| match register {
         0..=12 | 14 => registers.r[usize::from(register)] ^= one,
         13 => {
-            name = "msp".into();
             registers.msp ^= one;
             registers.r[13] ^= one;
         }
-        15 => {
-            name = "pc".into();
-            registers.r[15] ^= one & !1;
-        }
-        16 => {
-            name = "xpsr".into();
-            registers.xpsr ^= one;
-        }
-        17 => {
-            name = "primask".into();
-            registers.primask ^= true;
-        }
-        18 => {
-            name = "basepri".into();
-            registers.basepri ^= 0x10 << (bit % 4);
-        }
-        _ => {
-            name = "faultmask".into();
-            registers.faultmask ^= true;
-        }
+        15 => registers.r[15] ^= one & !1,
+        16 => registers.xpsr ^= one,
+        17 => registers.primask ^= true,
+        18 => registers.basepri ^= 0x10 << (bit % 4),
+        _ => registers.faultmask ^= true,
     });
-    name
+    match register {
+        0..=12 | 14 => return format!("r{register}"),
+        13 => "msp",
+        15 => "pc",
+        16 => "xpsr",
+        17 => "primask",
+        18 => "basepri",
+        _ => "faultmask",
+    }
+    .into()
 }
 
 /// The same of S0 to S31 (0, and which), FPSCR (1) or CONTROL.

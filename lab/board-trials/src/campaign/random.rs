@@ -9,7 +9,7 @@ use super::{
         register_name,
     },
     situation::{Situation, Stage},
-    verdict::{Measure, Verdict, Watched},
+    verdict::{Measure, Verdict},
 };
 use crate::random::Random;
 
@@ -70,33 +70,37 @@ pub fn flip(
             format!("{name} bit {bit}")
         }
         Region::Peripheral => {
-            let at = random.one(places.bits());
+            let at = random.one(&places.bits);
             let &(address, bit) = match random.below(WATCHDOG) {
-                0 => random.one(places.watchdog()),
+                0 => random.one(&places.watchdog),
                 _ => at,
             };
             flip_register(world, address, bit);
             format!("{} bit {bit}", register_name(address))
         }
-        Region::Stack => {
-            let from = world.powered.mcu.stack_pointer() & !3;
-            let words: Vec<_> = (from..places.stack_end()).step_by(4).collect();
-            let address = *random.one(&words);
-            flip_word(world, address, bit);
-            format!("{address:#x} bit {bit}")
-        }
         _ => {
-            let address = *random.one(places.words(region));
+            let from = world.powered.mcu.stack_pointer() & !3;
+            let address = match region {
+                Region::Stack => random.of(&Vec::from_iter((from..places.stack_end).step_by(4))),
+                _ => random.of(places.words(region)),
+            };
             flip_word(world, address, bit);
             format!("{address:#x} bit {bit}")
         }
     };
     let cycle = begun - begin;
-    let watched = Watched::observe(world, begun, WATCHED, &stage.seen[start.index..]);
-    let seen = world.seen.take().unwrap_or_default();
-    let measure =
-        Measure { begun, allowed_s: ALLOWED_S, from_fault: false, free: !contact, full_m_per_s2 };
-    let verdict = watched.judge(&seen, &stage.seen[start.index..], sample, &measure);
+    let measure = Measure {
+        begun,
+        samples: WATCHED,
+        half_if_right: true,
+        reference: &stage.seen[start.index..],
+        from_memory: false,
+        allowed_s: ALLOWED_S,
+        from_fault: false,
+        free: !contact,
+        full_m_per_s2,
+    };
+    let verdict = measure.verdict(world);
     let what = format!("{}: {what} at cycle {cycle} of start {}", region.text(), start.index);
     Ok((situation, Flip { region, what, verdict }))
 }

@@ -1,6 +1,6 @@
 //! `cargo board campaign`: its options and what it prints.
 
-use std::{num::NonZero, path::PathBuf, thread, time::Instant};
+use std::{collections::BTreeMap, num::NonZero, path::PathBuf, thread, time::Instant};
 
 use clap::Args;
 use host_sim::{
@@ -15,13 +15,14 @@ use virtual_board::{
 };
 
 use super::{
-    image_flips::{ENDS, End, Ends, ImageFlip, PARTS, Part},
+    image_flips::{ENDS, End, ImageFlip, PARTS, Part},
     place::{REGIONS, Region},
+    random::Flip,
     row::{Row, slug},
     rows::rows,
     run::Ground,
     situation::Situation,
-    verdict::{CLASSES, Class, Counts, Verdict},
+    verdict::{CLASSES, Class, Verdict},
 };
 
 /// Options of the fault campaign.
@@ -82,11 +83,8 @@ struct RowJson {
     board: &'static str,
     name: String,
     situation: Situation,
-    class: Class,
-    off_s: Option<f64>,
-    speed_m_per_s: f64,
-    travel_m: f64,
-    code: Option<u8>,
+    #[serde(flatten)]
+    verdict: Verdict,
     /// At random, and where; null for a named one.
     region: Option<Region>,
     /// Why a named one is never found there.
@@ -110,7 +108,7 @@ struct RegionJson {
     /// Null: all of them.
     region: Option<Region>,
     flips: u64,
-    counts: Counts,
+    counts: Tally<Class>,
     /// Shares with their 95 % intervals.
     off_late: [f64; 3],
     unnoticed: [f64; 3],
@@ -123,7 +121,7 @@ struct PartJson {
     /// Null: all of them.
     part: Option<Part>,
     flips: u64,
-    ends: Ends,
+    ends: Tally<End>,
     /// The share with a wrong force until the check came by, with its 95 % interval.
     wrong: [f64; 3],
     /// The longest time of a wrong force, s.
@@ -144,6 +142,30 @@ struct ImageFlipJson {
     off_s: Option<f64>,
     wrong_s: f64,
     speed_m_per_s: f64,
+}
+
+/// How many of each.
+#[derive(Serialize)]
+struct Tally<K: Ord>(BTreeMap<K, u64>);
+
+impl<K: Ord> Tally<K> {
+    fn of(each: impl Iterator<Item = K>) -> Self {
+        let mut counts = BTreeMap::new();
+        each.for_each(|key| *counts.entry(key).or_default() += 1);
+        Self(counts)
+    }
+
+    fn count(&self, key: K) -> u64 {
+        self.0.get(&key).copied().unwrap_or_default()
+    }
+
+    fn all(&self) -> u64 {
+        self.0.values().sum()
+    }
+
+    fn share(&self, key: K) -> [f64; 3] {
+        share(self.count(key), self.all())
+    }
 }
 
 /// Runs it.
@@ -175,62 +197,17 @@ pub fn execute(options: &Campaign) -> Result<(), Error> {
     for (board, chosen) in boards.into_iter().zip(chosen) {
         let session = Session::open(board, options.elf.as_ref(), scene(board, options)?)?;
         let ground = Ground::new(&session, &chosen)?;
-        let mut counts = Counts::new();
-        for (row, situation, verdict) in ground.rows(&chosen, threads)? {
-            let row = &chosen[row];
-            json.on_in_fault += u64::from(verdict.on_in_fault);
-            let reason = row.reason(situation);
-            wrong.extend(
-                verdict
-                    .wrong(reason)
-                    .map(|why| format!("{} {}, {}: {why}", board.name, row.name, situation.text())),
-            );
-            *counts.entry(verdict.class).or_default() += 1;
-            json.rows.push(RowJson::new(
-                board,
-                row.name.clone(),
-                situation,
-                &verdict,
-                (None, reason),
-            ));
-        }
         if !chosen.is_empty() {
-            json.classes.push(ClassJson::new(board, false, &counts));
+            wrong.extend(json.add_rows(board, &chosen, ground.rows(&chosen, threads)?));
         }
+        let numbered = (options.seed, options.first);
         if options.image > 0 {
-            let seed = (options.seed, options.first);
-            let flips = ground.image_flips(seed, options.image, threads)?;
+            let flips = ground.image_flips(numbered, options.image, threads)?;
             wrong.extend(json.add_image(board, options.first, flips));
         }
-        if options.random == 0 {
-            continue;
-        }
-        let flips = ground.flips((options.seed, options.first), options.random, threads)?;
-        for region in [None].into_iter().chain(REGIONS.map(Some)) {
-            let of_it =
-                flips.iter().filter(|(_, flip)| region.is_none_or(|region| flip.region == region));
-            let mut counts = Counts::new();
-            of_it.for_each(|(_, flip)| *counts.entry(flip.verdict.class).or_default() += 1);
-            let told = RegionJson::new(board, region, counts);
-            if region.is_none() {
-                wrong.extend(told.wrong());
-                json.classes.push(ClassJson::new(board, true, &told.counts));
-            }
-            json.random.push(told);
-        }
-        for (n, (situation, flip)) in (options.first..).zip(flips) {
-            json.on_in_fault += u64::from(flip.verdict.on_in_fault);
-            if flip.verdict.on_in_fault {
-                wrong.push(format!("{} flip {n}, {}: on in a fault", board.name, flip.what));
-            }
-            let name = format!("flip {n}, {}", flip.what);
-            json.rows.push(RowJson::new(
-                board,
-                name,
-                situation,
-                &flip.verdict,
-                (Some(flip.region), None),
-            ));
+        if options.random > 0 {
+            let flips = ground.flips(numbered, options.random, threads)?;
+            wrong.extend(json.add_random(board, options.first, flips));
         }
     }
     json.wall_s = begun.elapsed().as_secs_f64();
@@ -242,25 +219,78 @@ pub fn execute(options: &Campaign) -> Result<(), Error> {
     if wrong.is_empty() { Ok(()) } else { Err(Error::Internal(wrong.join("; "))) }
 }
 
+/// What each adds returns what must not be among it.
 impl Json {
-    /// Takes flips in the program in flash; what must not be among them.
-    fn add_image(&mut self, board: Board, first: u64, flips: Vec<ImageFlip>) -> Vec<String> {
+    fn add_rows(
+        &mut self,
+        Board { name: board, .. }: Board,
+        rows: &[Row],
+        verdicts: Vec<(usize, Situation, Verdict)>,
+    ) -> Vec<String> {
+        let classes = Tally::of(verdicts.iter().map(|(.., verdict)| verdict.class));
+        self.classes.push(ClassJson::new(board, false, &classes));
+        let mut wrong = Vec::new();
+        for (row, situation, verdict) in verdicts {
+            let (name, reason) = (rows[row].name.clone(), rows[row].reason(situation));
+            self.on_in_fault += u64::from(verdict.on_in_fault);
+            let why = verdict.wrong(reason);
+            wrong.extend(why.map(|why| format!("{board} {name}, {}: {why}", situation.text())));
+            self.rows.push(RowJson { board, name, situation, verdict, region: None, reason });
+        }
+        wrong
+    }
+
+    fn add_random(
+        &mut self,
+        Board { name: board, .. }: Board,
+        first: u64,
+        flips: Vec<(Situation, Flip)>,
+    ) -> Vec<String> {
+        let mut wrong = Vec::new();
+        for region in [None].into_iter().chain(REGIONS.map(Some)) {
+            let of_it =
+                flips.iter().filter(|(_, flip)| region.is_none_or(|region| flip.region == region));
+            let counts = Tally::of(of_it.map(|(_, flip)| flip.verdict.class));
+            let (off_late, unnoticed) =
+                (counts.share(Class::OffLate), counts.share(Class::Unnoticed));
+            let flips = counts.all();
+            let told = RegionJson { board, region, flips, counts, off_late, unnoticed };
+            if region.is_none() {
+                wrong.extend(told.wrong());
+                self.classes.push(ClassJson::new(board, true, &told.counts));
+            }
+            self.random.push(told);
+        }
+        for (n, (situation, Flip { region, what, verdict })) in (first..).zip(flips) {
+            let name = format!("flip {n}, {what}");
+            self.on_in_fault += u64::from(verdict.on_in_fault);
+            if verdict.on_in_fault {
+                wrong.push(format!("{board} {name}: on in a fault"));
+            }
+            let (region, reason) = (Some(region), None);
+            self.rows.push(RowJson { board, name, situation, verdict, region, reason });
+        }
+        wrong
+    }
+
+    /// Flips in the program in flash.
+    fn add_image(
+        &mut self,
+        Board { name: board, .. }: Board,
+        first: u64,
+        flips: Vec<ImageFlip>,
+    ) -> Vec<String> {
         for part in [None].into_iter().chain(PARTS.map(Some)) {
-            let of_it: Vec<_> =
-                flips.iter().filter(|flip| part.is_none_or(|part| flip.part == part)).collect();
-            let mut ends = Ends::new();
-            of_it.iter().for_each(|flip| *ends.entry(flip.end).or_default() += 1);
-            let most = |of: fn(&Verdict) -> f64| {
-                of_it.iter().map(|flip| of(&flip.verdict)).fold(0.0, f64::max)
-            };
-            let flips = of_it.len() as u64;
-            let wrong = share(ends.get(&End::Wrong).copied().unwrap_or_default(), flips);
+            let of_it = || flips.iter().filter(|flip| part.is_none_or(|part| flip.part == part));
+            let most =
+                |of: fn(&Verdict) -> f64| of_it().map(|flip| of(&flip.verdict)).fold(0.0, f64::max);
+            let ends = Tally::of(of_it().map(|flip| flip.end));
             self.image.push(PartJson {
-                board: board.name,
+                board,
                 part,
-                flips,
+                flips: ends.all(),
+                wrong: ends.share(End::Wrong),
                 ends,
-                wrong,
                 wrong_s: most(|verdict| verdict.wrong_s),
                 speed_m_per_s: most(|verdict| verdict.speed_m_per_s),
                 off_s: most(|verdict| verdict.off_s.unwrap_or_default()),
@@ -272,19 +302,11 @@ impl Json {
             self.on_in_fault += u64::from(verdict.on_in_fault);
             let fault = verdict.on_in_fault.then_some("on in a fault");
             if let Some(why) = fault.or(end.is_bad().then(|| end.text())) {
-                bad.push(format!("{} {name}: {why}", board.name));
+                bad.push(format!("{board} {name}: {why}"));
             }
             let Verdict { code, off_s, wrong_s, speed_m_per_s, .. } = verdict;
-            let board = board.name;
-            self.image_flips.push(ImageFlipJson {
-                board,
-                name,
-                end,
-                code,
-                off_s,
-                wrong_s,
-                speed_m_per_s,
-            });
+            let told = ImageFlipJson { board, name, end, code, off_s, wrong_s, speed_m_per_s };
+            self.image_flips.push(told);
         }
         bad
     }
@@ -328,36 +350,15 @@ fn chosen(board: Board, options: &Campaign) -> Result<Vec<Row>, Error> {
     Ok(all.into_iter().filter(|row| asked.contains(&row.slug())).collect())
 }
 
-impl RowJson {
-    fn new(
-        board: Board,
-        name: String,
-        situation: Situation,
-        verdict: &Verdict,
-        (region, reason): (Option<Region>, Option<&'static str>),
-    ) -> Self {
-        let &Verdict { class, off_s, speed_m_per_s, travel_m, code, .. } = verdict;
-        let board = board.name;
-        Self { board, name, situation, class, off_s, speed_m_per_s, travel_m, code, region, reason }
-    }
-}
-
 impl ClassJson {
-    fn new(board: Board, random: bool, counts: &Counts) -> Self {
+    fn new(board: &'static str, random: bool, classes: &Tally<Class>) -> Self {
         let [no_effect, bounded, off_in_time, off_late, unnoticed] =
-            CLASSES.map(|class| counts.get(&class).copied().unwrap_or_default());
-        Self { board: board.name, random, no_effect, bounded, off_in_time, off_late, unnoticed }
+            CLASSES.map(|class| classes.count(class));
+        Self { board, random, no_effect, bounded, off_in_time, off_late, unnoticed }
     }
 }
 
 impl RegionJson {
-    fn new(board: Board, region: Option<Region>, counts: Counts) -> Self {
-        let flips = counts.values().sum();
-        let share = |class| share(counts.get(&class).copied().unwrap_or_default(), flips);
-        let (off_late, unnoticed) = (share(Class::OffLate), share(Class::Unnoticed));
-        Self { board: board.name, region, flips, counts, off_late, unnoticed }
-    }
-
     /// Describes which shares are above their limits; `None` if none is.
     fn wrong(&self) -> Option<String> {
         let much =
@@ -391,70 +392,67 @@ fn percent(share: f64) -> String {
     format!("{:.3} %", share * 100.0)
 }
 
+/// A share and its interval.
+fn interval(of: [f64; 3]) -> String {
+    let [share, low, high] = of.map(percent);
+    format!("{share} ({low} to {high})")
+}
+
+fn code_text(code: Option<u8>) -> String {
+    code.map_or_else(|| "-".to_owned(), |code| code.to_string())
+}
+
+fn ms(off_s: Option<f64>, digits: usize) -> String {
+    off_s.map_or_else(|| "never".to_owned(), |s| format!("{:.digits$} ms", s * 1e3))
+}
+
 fn say(json: &Json) -> Result<(), Error> {
-    for row in &json.rows {
-        let worth = row.region.is_none() || matches!(row.class, Class::OffLate | Class::Unnoticed);
-        if !worth {
+    for RowJson { board, name, situation, verdict, region, reason } in &json.rows {
+        let &Verdict { class, off_s, speed_m_per_s, travel_m, code, .. } = verdict;
+        if region.is_some() && !matches!(class, Class::OffLate | Class::Unnoticed) {
             continue;
         }
-        let off = row.off_s.map_or_else(|| "never".to_owned(), |s| format!("{:.3} ms", s * 1e3));
-        let code = row.code.map_or_else(|| "-".to_owned(), |code| code.to_string());
         print_text(&format!(
-            "{:14} {:44} {:8} {:12} off {off:>12}, speed {:.4} m/s, travel {:.3} mm, code {code}{}",
-            row.board,
-            row.name,
-            row.situation.text(),
-            row.class.text(),
-            row.speed_m_per_s,
-            row.travel_m * 1e3,
-            row.reason.map_or_else(String::new, |why| format!(" ({why})")),
+            "{board:14} {name:44} {:8} {:12} off {:>12}, speed {speed_m_per_s:.4} m/s, travel {:.3} mm, code {}{}",
+            situation.text(),
+            class.text(),
+            ms(off_s, 3),
+            travel_m * 1e3,
+            code_text(code),
+            reason.map_or_else(String::new, |why| format!(" ({why})")),
         ))?;
     }
-    for told in &json.random {
-        let n = |class| told.counts.get(&class).copied().unwrap_or_default();
-        let counts: Vec<_> = CLASSES.map(|class| format!("{} {}", class.text(), n(class))).into();
+    for RegionJson { board, region, flips, counts, off_late, unnoticed } in &json.random {
+        let counts = CLASSES.map(|class| format!("{} {}", class.text(), counts.count(class)));
         print_text(&format!(
-            "{:14} {:24} {} flips: {}; unnoticed {} ({} to {}), late {} ({} to {})",
-            told.board,
-            told.region.map_or("all regions", Region::text),
-            told.flips,
+            "{board:14} {:24} {flips} flips: {}; unnoticed {}, late {}",
+            region.map_or("all regions", Region::text),
             counts.join(", "),
-            percent(told.unnoticed[0]),
-            percent(told.unnoticed[1]),
-            percent(told.unnoticed[2]),
-            percent(told.off_late[0]),
-            percent(told.off_late[1]),
-            percent(told.off_late[2]),
+            interval(*unnoticed),
+            interval(*off_late),
         ))?;
     }
     for flip in
         json.image_flips.iter().filter(|flip| !matches!(flip.end, End::Harmless | End::Other))
     {
-        let off = flip.off_s.map_or_else(|| "never".to_owned(), |s| format!("{:.1} ms", s * 1e3));
+        let &ImageFlipJson { board, ref name, end, code, off_s, wrong_s, speed_m_per_s } = flip;
         print_text(&format!(
-            "{:14} {}: {}; off {off}, force wrong {:.1} ms, speed {:.4} m/s, code {}",
-            flip.board,
-            flip.name,
-            flip.end.text(),
-            flip.wrong_s * 1e3,
-            flip.speed_m_per_s,
-            flip.code.map_or_else(|| "-".to_owned(), |code| code.to_string()),
+            "{board:14} {name}: {}; off {}, force wrong {:.1} ms, speed {speed_m_per_s:.4} m/s, code {}",
+            end.text(),
+            ms(off_s, 1),
+            wrong_s * 1e3,
+            code_text(code),
         ))?;
     }
-    for told in &json.image {
-        let n = |end| told.ends.get(&end).copied().unwrap_or_default();
-        let ends: Vec<_> = ENDS.map(|end| format!("{} {}", end.text(), n(end))).into();
+    for PartJson { board, part, flips, ends, wrong, wrong_s, off_s, .. } in &json.image {
+        let ends = ENDS.map(|end| format!("{} {}", end.text(), ends.count(end)));
         print_text(&format!(
-            "{:14} {:16} {} flips: {}; wrong {} ({} to {}), for {:.1} ms at most; off after {:.1} ms at most",
-            told.board,
-            told.part.map_or("image", Part::text),
-            told.flips,
+            "{board:14} {:16} {flips} flips: {}; wrong {}, for {:.1} ms at most; off after {:.1} ms at most",
+            part.map_or("image", Part::text),
             ends.join("; "),
-            percent(told.wrong[0]),
-            percent(told.wrong[1]),
-            percent(told.wrong[2]),
-            told.wrong_s * 1e3,
-            told.off_s * 1e3,
+            interval(*wrong),
+            wrong_s * 1e3,
+            off_s * 1e3,
         ))?;
     }
     let image: u64 = json.image.iter().filter(|told| told.part.is_none()).map(|it| it.flips).sum();

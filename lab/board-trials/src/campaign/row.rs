@@ -51,10 +51,22 @@ impl Row {
         }
     }
 
+    /// The same of what takes no time.
+    pub fn at_once(
+        name: impl Into<String>,
+        limit_s: f64,
+        cause: impl Fn(&Elf, &mut World<'_>) -> Result<(), Failed> + Send + Sync + 'static,
+    ) -> Self {
+        let begin = move |elf: &Elf, world: &mut World<'_>| {
+            cause(elf, world)?;
+            Ok(world.powered.mcu.now())
+        };
+        Self::of(name, limit_s, begin)
+    }
+
     /// One from off: force stays off, and what was kept is what was saved, or nothing.
     pub fn keeping(name: &str, keeps: Keeps) -> Self {
-        let begin = |_: &Elf, world: &mut World<'_>| Ok(world.powered.mcu.now());
-        Self { from_off: true, keeps: Some(keeps), ..Self::of(name, SOON_S, begin) }
+        Self { from_off: true, keeps: Some(keeps), ..Self::at_once(name, SOON_S, |_, _| Ok(())) }
     }
 
     /// Marks a row that is not run in contact.

@@ -34,10 +34,9 @@ pub fn rows(board: Board, current_sense: bool) -> Vec<Row> {
         row
     });
     let registers = register_rows(board).into_iter().map(|register| {
-        Row::of(register.name, SOON_S, move |_: &Elf, world: &mut World<'_>| {
-            let begun = world.powered.mcu.now();
+        Row::at_once(register.name, SOON_S, move |_, world| {
             register.apply(world);
-            Ok(begun)
+            Ok(())
         })
     });
     cases.chain(registers).chain(outside(board, current_sense)).chain(kept_rows()).collect()

@@ -20,7 +20,7 @@ use super::{
     random::{self, Flip, STARTS, WATCHED},
     row::Row,
     situation::{FULL_SAMPLES, SITUATIONS, Situation, Stage},
-    verdict::{Class, Measure, Verdict, Watched},
+    verdict::{Class, Measure, Verdict},
 };
 
 /// Samples for which a row is watched at least, and those of the longest.
@@ -140,17 +140,18 @@ impl<'a> Ground<'a> {
             Situation::Full => FULL_SAMPLES,
             _ => samples(row),
         };
-        let watched = Watched::observe(world, begun, samples, &[]);
-        let seen = world.seen.take().unwrap_or_default();
         let measure = Measure {
             begun,
+            samples,
+            half_if_right: false,
+            reference: if row.from_off { &[] } else { &stage.seen[start.index..] },
+            from_memory: false,
             allowed_s: row.limit_s,
             from_fault: true,
             free: situation.is_free(),
             full_m_per_s2: self.full_m_per_s2,
         };
-        let reference = if row.from_off { &[] } else { &stage.seen[start.index..] };
-        Ok(watched.judge(&seen, reference, world.powered.board.cycles_per_sample(), &measure))
+        Ok(measure.verdict(world))
     }
 
     /// The same of flips in the program in flash, in contact.

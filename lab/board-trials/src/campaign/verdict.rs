@@ -1,7 +1,5 @@
 //! What came of a fault.
 
-use std::collections::BTreeMap;
-
 use serde::Serialize;
 use virtual_board::world::{Seen, World};
 use zwidth::{
@@ -42,16 +40,14 @@ impl Class {
     }
 }
 
-/// How many of each.
-pub type Counts = BTreeMap<Class, u64>;
-
-/// What came of one fault.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// What came of one fault; JSON has the columns of a row.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Verdict {
     pub class: Class,
     /// From the fault to enable inactive, s.
     pub off_s: Option<f64>,
     /// For which the force was wrong or old until then, s.
+    #[serde(skip)]
     pub wrong_s: f64,
     /// What the handle gets until then, m/s: in free motion more than its speed at the fault, while no hand holds it; in
     /// contact that of a handle that is let go at the fault, by the force that should not be there, over 5 mm at most.
@@ -61,6 +57,7 @@ pub struct Verdict {
     /// Code of the fault that the board tells.
     pub code: Option<u8>,
     /// Force is on, and a fault is latched; or it came back by itself.
+    #[serde(skip)]
     pub on_in_fault: bool,
 }
 
@@ -92,11 +89,19 @@ impl Verdict {
     }
 }
 
-/// What counts as time, and for which handle.
-#[derive(Clone, Copy, Debug)]
-pub struct Measure {
+/// How a fault is watched, what counts as time, and for which handle.
+#[derive(Clone, Copy)]
+pub struct Measure<'a> {
     /// Cycle of the fault.
     pub begun: u64,
+    /// Samples for which it is watched if it is not off before.
+    pub samples: u64,
+    /// Half of them do where the force is right then.
+    pub half_if_right: bool,
+    /// What the motor does without the fault.
+    pub reference: &'a [Seen],
+    /// The program may have become another, unable to say its code: what is in the backup RAM is told.
+    pub from_memory: bool,
     /// s until it has to be off: since the fault if it is known when the force began to be wrong (a row), else since
     /// the force is wrong or old.
     pub allowed_s: f64,
@@ -148,81 +153,131 @@ fn kept_code(world: &mut World<'_>) -> Option<u8> {
 }
 
 /// A fault being watched.
-pub struct Watched {
+#[derive(Default)]
+struct Watched {
     off_at: Option<u64>,
     back: bool,
     decoder: Decoder,
     code: Option<u8>,
     on_with_code: bool,
-    /// The program may be unable to say its code: what is in the backup RAM is told.
-    from_memory: bool,
 }
 
-impl Watched {
-    /// Runs on until it is off and has said why, or for `samples`; where `right` is given for half of them if the force
-    /// is that then.
-    pub fn observe(world: &mut World<'_>, begun: u64, samples: u64, right: &[Seen]) -> Self {
-        Self::new(false).on(world, begun, samples, right)
+impl Measure<'_> {
+    /// Runs on until it is off and has said why, or as long as it is watched; what came of it.
+    pub fn verdict(&self, world: &mut World<'_>) -> Verdict {
+        let watched = self.watch(world);
+        let seen = world.seen.take().unwrap_or_default();
+        self.judge(&watched, &seen, world.powered.board.cycles_per_sample())
     }
 
-    /// The same of a program that may have become another: its code is what is in the backup RAM.
-    pub fn observe_memory(world: &mut World<'_>, begun: u64, samples: u64) -> Self {
-        Self::new(true).on(world, begun, samples, &[])
-    }
-
-    fn new(from_memory: bool) -> Self {
-        Self {
-            off_at: None,
-            back: false,
-            decoder: Decoder::new(),
-            code: None,
-            on_with_code: false,
-            from_memory,
-        }
-    }
-
-    fn on(mut self, world: &mut World<'_>, begun: u64, samples: u64, right: &[Seen]) -> Self {
+    fn watch(&self, world: &mut World<'_>) -> Watched {
+        let &Self { begun, samples, from_memory, .. } = self;
+        let mut watched = Watched::default();
         let mut after = 0;
         for n in 1..=samples + TOLD {
             // A log that makes no sense, or a core that stands: what counts is the force.
             let _ = world.sample();
             if n % 50 == 0 {
-                self.listen(world);
+                watched.listen(world, from_memory);
             }
             let enabled = world.powered.amplifier.is_enabled();
-            match self.off_at {
+            match watched.off_at {
                 None if !enabled => {
                     let off = world.powered.amplifier.changes().disabled_at;
-                    self.off_at = Some(off.filter(|&at| at >= begun).unwrap_or(begun));
+                    watched.off_at = Some(off.filter(|&at| at >= begun).unwrap_or(begun));
                 }
-                None if n >= samples || n == samples / 2 && is_right(world, right) => break,
+                None if n >= samples
+                    || n == samples / 2
+                        && self.half_if_right
+                        && is_right(world, self.reference) =>
+                {
+                    break;
+                }
                 None => {}
                 Some(_) if enabled => {
-                    self.listen(world);
+                    watched.listen(world, from_memory);
                     // Without a fault it is an output that was left out: the force may go on.
-                    if self.code.is_none() {
-                        (self.off_at, after) = (None, 0);
+                    if watched.code.is_none() {
+                        (watched.off_at, after) = (None, 0);
                     } else {
-                        self.back = true;
+                        watched.back = true;
                         break;
                     }
                 }
                 Some(_) => {
                     after += 1;
-                    let least = if self.from_memory { AFTER_FROM_MEMORY } else { AFTER };
-                    if after >= least && (self.code.is_some() || after >= TOLD) {
+                    let least = if from_memory { AFTER_FROM_MEMORY } else { AFTER };
+                    if after >= least && (watched.code.is_some() || after >= TOLD) {
                         break;
                     }
                 }
             }
         }
-        self.listen(world);
-        self
+        watched.listen(world, from_memory);
+        watched
     }
 
-    fn listen(&mut self, world: &mut World<'_>) {
+    /// What came of it: the force that was seen, beside the one without the fault.
+    fn judge(&self, watched: &Watched, seen: &[Seen], cycles_per_sample: u64) -> Verdict {
+        let hz = cycles_per_sample as f64 / SAMPLE_S;
+        let (mut larger, mut other, mut stale) = (0u32, false, 0u32);
+        let (mut speed, mut travel, mut most) = (0.0f64, 0.0f64, 0.0f64);
+        let end = watched.off_at.unwrap_or(u64::MAX);
+        let fault = seen.iter().rposition(|now| now.at <= self.begun).unwrap_or_default();
+        for (n, now) in seen.iter().enumerate().skip(1) {
+            if n <= fault || seen[n - 1].at > end {
+                continue;
+            }
+            let away = self.reference.get(n).map_or(0.0, |right| (now.force - right.force).abs());
+            let on = now.enabled || now.force != 0.0;
+            let before_off = now.at <= end;
+            let wrong = on && before_off && away > SMALL;
+            let old = on && now.at.saturating_sub(now.written_at) > OLD * cycles_per_sample;
+            other |= on && before_off && away > SAME;
+            larger += u32::from(wrong);
+            stale += u32::from(old || wrong);
+            if self.free {
+                let moved =
+                    |n: usize| (seen[n].position_m - seen[n - 1].position_m).abs() / SAMPLE_S;
+                if !now.held {
+                    most = most.max(moved(n) - moved(fault.max(1)));
+                }
+                travel = now.position_m - seen[fault].position_m;
+            } else if travel.abs() < LET_GO_M {
+                if self.from_fault || wrong || old {
+                    speed += now.force * self.full_m_per_s2 * SAMPLE_S;
+                }
+                travel += speed * SAMPLE_S;
+                most = most.max(speed.abs());
+            }
+        }
+        let off_s = watched.off_at.map(|at| (at - self.begun.min(at)) as f64 / hz);
+        let class = match off_s {
+            Some(off_s) => {
+                let lasted_s = if self.from_fault { off_s } else { f64::from(stale) * SAMPLE_S };
+                if lasted_s <= self.allowed_s { Class::OffInTime } else { Class::OffLate }
+            }
+            None if f64::from(larger) * SAMPLE_S > SHORT_S => Class::Unnoticed,
+            None if other || stale > 0 => Class::Bounded,
+            None => Class::NoEffect,
+        };
+        let moved = class != Class::NoEffect;
+        Verdict {
+            class,
+            off_s,
+            wrong_s: f64::from(stale) * SAMPLE_S,
+            speed_m_per_s: if moved { most } else { 0.0 },
+            travel_m: if moved { travel.abs() } else { 0.0 },
+            code: watched.code,
+            on_in_fault: watched.back || watched.off_at.is_none() && watched.on_with_code,
+        }
+    }
+}
+
+impl Watched {
+    fn listen(&mut self, world: &mut World<'_>, from_memory: bool) {
         let _ = world.probe();
-        if self.from_memory && self.off_at.is_some() {
+        if from_memory && self.off_at.is_some() {
             self.code = self.code.or(kept_code(world));
         }
         for byte in std::mem::take(&mut world.telemetry) {
@@ -238,68 +293,6 @@ impl Watched {
         }
         world.lines.clear();
         world.replies.clear();
-    }
-
-    /// What came of it: the force that was seen, beside the one without the fault.
-    pub fn judge(
-        &self,
-        seen: &[Seen],
-        reference: &[Seen],
-        cycles_per_sample: u64,
-        measure: &Measure,
-    ) -> Verdict {
-        let hz = cycles_per_sample as f64 / SAMPLE_S;
-        let (mut larger, mut other, mut stale) = (0u32, false, 0u32);
-        let (mut speed, mut travel, mut most) = (0.0f64, 0.0f64, 0.0f64);
-        let end = self.off_at.unwrap_or(u64::MAX);
-        let fault = seen.iter().rposition(|now| now.at <= measure.begun).unwrap_or_default();
-        for (n, now) in seen.iter().enumerate().skip(1) {
-            if n <= fault || seen[n - 1].at > end {
-                continue;
-            }
-            let away = reference.get(n).map_or(0.0, |right| (now.force - right.force).abs());
-            let on = now.enabled || now.force != 0.0;
-            let before_off = now.at <= end;
-            let wrong = on && before_off && away > SMALL;
-            let old = on && now.at.saturating_sub(now.written_at) > OLD * cycles_per_sample;
-            other |= on && before_off && away > SAME;
-            larger += u32::from(wrong);
-            stale += u32::from(old || wrong);
-            if measure.free {
-                let moved =
-                    |n: usize| (seen[n].position_m - seen[n - 1].position_m).abs() / SAMPLE_S;
-                if !now.held {
-                    most = most.max(moved(n) - moved(fault.max(1)));
-                }
-                travel = now.position_m - seen[fault].position_m;
-            } else if travel.abs() < LET_GO_M {
-                if measure.from_fault || wrong || old {
-                    speed += now.force * measure.full_m_per_s2 * SAMPLE_S;
-                }
-                travel += speed * SAMPLE_S;
-                most = most.max(speed.abs());
-            }
-        }
-        let off_s = self.off_at.map(|at| (at - measure.begun.min(at)) as f64 / hz);
-        let class = match off_s {
-            Some(off_s) => {
-                let lasted_s = if measure.from_fault { off_s } else { f64::from(stale) * SAMPLE_S };
-                if lasted_s <= measure.allowed_s { Class::OffInTime } else { Class::OffLate }
-            }
-            None if f64::from(larger) * SAMPLE_S > SHORT_S => Class::Unnoticed,
-            None if other || stale > 0 => Class::Bounded,
-            None => Class::NoEffect,
-        };
-        let moved = class != Class::NoEffect;
-        Verdict {
-            class,
-            off_s,
-            wrong_s: f64::from(stale) * SAMPLE_S,
-            speed_m_per_s: if moved { most } else { 0.0 },
-            travel_m: if moved { travel.abs() } else { 0.0 },
-            code: self.code,
-            on_in_fault: self.back || self.off_at.is_none() && self.on_with_code,
-        }
     }
 }
 
