@@ -160,7 +160,8 @@ pub struct CoreProgram {
     /// A due sample whose output has not come yet.
     due: Option<SampleReport>,
     reports: VecDeque<Report>,
-    newest: Option<Report>,
+    /// The last output that the console has seen.
+    pub newest: Option<Report>,
     /// The sample of the last output.
     rendered: u64,
     /// What the last output has put out; none: it was off.
@@ -352,11 +353,6 @@ impl CoreProgram {
     /// The settings as the console has them.
     pub fn stored(&self) -> &Stored {
         self.console.stored()
-    }
-
-    /// The last output that the console has seen.
-    pub fn newest(&self) -> Option<&Report> {
-        self.newest.as_ref()
     }
 
     /// A due sample waits for its output.

@@ -400,6 +400,14 @@ pub fn ask(world: &mut World<'_>, line: &str) -> Result<String, Failed> {
     }
 }
 
+/// The same of several lines.
+///
+/// # Errors
+/// As [`ask`].
+pub fn ask_each(world: &mut World<'_>, lines: &[impl AsRef<str>]) -> Result<(), Failed> {
+    lines.iter().try_for_each(|line| ask(world, line.as_ref()).map(drop))
+}
+
 /// What the firmware is told of the scene's estimator: the commands that tune it, and its name. Whether
 /// it has that estimator is for the firmware to say.
 fn tuning(
@@ -422,6 +430,12 @@ fn tuning(
     };
     let lines = std::array::from_fn(line);
     Ok((lines, estimator))
+}
+
+impl From<Ended> for Error {
+    fn from(ended: Ended) -> Self {
+        Failed::Program(ended).into()
+    }
 }
 
 impl From<Failed> for Error {

@@ -5,3 +5,4 @@
 pub mod campaign;
 pub mod fuzz;
 mod random;
+mod threads;

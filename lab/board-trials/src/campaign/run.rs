@@ -1,16 +1,8 @@
 //! Faults on several threads: the results do not depend on how many.
 
-use std::{
-    sync::{
-        Mutex, PoisonError,
-        atomic::{AtomicUsize, Ordering::Relaxed},
-    },
-    thread,
-};
-
-use host_sim::{error::Error, interrupt, output::terminal::note};
+use host_sim::{error::Error, output::terminal::note};
 use virtual_board::{
-    session::{Failed, Session, ask},
+    session::{Failed, Session, ask_each},
     world::World,
 };
 
@@ -22,6 +14,7 @@ use super::{
     situation::{FULL_SAMPLES, SITUATIONS, Situation, Stage},
     verdict::{Class, Measure, Verdict},
 };
+use crate::threads::on_threads;
 
 /// Samples for which a row is watched at least, and those of the longest.
 const LEAST: u64 = 1_200;
@@ -126,9 +119,7 @@ impl<'a> Ground<'a> {
         if row.from_off {
             *world = self.session.boot()?;
             world.powered.mcu.outlive_lock_up();
-            for line in ["zero", "unlock envelope", "wall 0.005", "k 8000", "b 30"] {
-                ask(world, line)?;
-            }
+            ask_each(world, &["zero", "unlock envelope", "wall 0.005", "k 8000", "b 30"])?;
             world.probe()?;
             world.telemetry.clear();
             world.seen = Some(Vec::new());
@@ -204,36 +195,4 @@ fn boot(session: &Session) -> Result<World<'_>, Error> {
     let mut world = session.boot()?;
     world.powered.mcu.outlive_lock_up();
     Ok(world)
-}
-
-/// `count` jobs, one after another on each thread; what they give, in order.
-fn on_threads<S, T: Send>(
-    count: usize,
-    threads: usize,
-    begin: impl Fn() -> Result<S, Error> + Sync,
-    job: impl Fn(&mut S, usize) -> Result<T, Error> + Sync,
-) -> Result<Vec<T>, Error> {
-    let next = AtomicUsize::new(0);
-    let done = Mutex::new(Vec::new());
-    let work = || -> Result<(), Error> {
-        let mut state = begin()?;
-        loop {
-            let number = next.fetch_add(1, Relaxed);
-            if number >= count {
-                return Ok(());
-            }
-            interrupt::check()?;
-            let result = job(&mut state, number)?;
-            done.lock().unwrap_or_else(PoisonError::into_inner).push((number, result));
-        }
-    };
-    thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads.min(count)).map(|_| scope.spawn(work)).collect();
-        workers.into_iter().try_for_each(|worker| {
-            worker.join().unwrap_or_else(|_| Err(Error::Internal("a fault's run panicked".into())))
-        })
-    })?;
-    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
-    done.sort_by_key(|(number, _)| *number);
-    Ok(done.into_iter().map(|(_, result)| result).collect())
 }

@@ -1,7 +1,7 @@
 //! Where the handle is when a fault comes, and what the force is from then on if none does.
 
 use virtual_board::{
-    session::{Failed, Session, ask},
+    session::{Failed, Session, ask, ask_each},
     world::{Seen, Snapshot, World},
 };
 
@@ -63,9 +63,7 @@ pub fn ready(session: &Session, situation: Situation) -> Result<World<'_>, Faile
         Situation::Contact => "wall 0.005",
     };
     let push = format!("push {}", situation.push_n(world.full_scale_n()));
-    for line in ["zero", "unlock envelope", wall, "k 10000", "b 30", &push, "arm"] {
-        ask(&mut world, line)?;
-    }
+    ask_each(&mut world, &["zero", "unlock envelope", wall, "k 10000", "b 30", &push, "arm"])?;
     world.run(ARM_SAMPLES)?;
     match situation {
         Situation::Free | Situation::Full => {

@@ -2,6 +2,8 @@
 
 use std::{fmt, str::FromStr};
 
+use serde::{Serialize, Serializer};
+
 /// One thing that happens to a board.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
@@ -29,6 +31,13 @@ pub enum Action {
     Reset,
     /// The supply goes and comes back.
     Power,
+}
+
+/// As a line of a script.
+impl Serialize for Action {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
 }
 
 impl fmt::Display for Action {

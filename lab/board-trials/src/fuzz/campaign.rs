@@ -2,15 +2,12 @@
 
 use std::{
     path::Path,
-    sync::{
-        Mutex, PoisonError,
-        atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
-    },
-    thread,
+    sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
     time::Instant,
 };
 
 use host_sim::{error::Error, input, interrupt};
+use serde::Serialize;
 use virtual_board::{device, session::Session};
 use zwidth::period::PERIODS;
 
@@ -20,21 +17,24 @@ use super::{
     run::{Counts, End, Run},
     shrink::shrink,
 };
-use crate::random::Random;
+use crate::{random::Random, threads::on_threads};
 
 /// Commands of one session, about.
 const SESSION: u64 = 150;
 
 /// A session that went otherwise than the library.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize)]
 pub struct Failure {
     pub what: String,
-    /// The shortest session found that shows it.
-    pub actions: Vec<Action>,
     /// Number of the session.
     pub session: u64,
-    /// Commands that all sessions together had come to when it was found, and after how long, s.
-    pub found: (u64, f64),
+    /// Commands that all sessions together had come to when it was found.
+    pub after_commands: u64,
+    /// After how long it was found, s.
+    pub after_s: f64,
+    /// The shortest session found that shows it.
+    #[serde(rename = "script")]
+    pub actions: Vec<Action>,
 }
 
 /// All sessions of a campaign.
@@ -63,52 +63,40 @@ pub fn sessions(
 ) -> Result<Outcome, Error> {
     let begun = Instant::now();
     let (number, done, ended) = (AtomicU64::new(0), AtomicU64::new(0), AtomicBool::new(false));
-    let outcome = Mutex::new(Outcome::default());
-    let work = || -> Result<(), Error> {
-        let mut run = boot(session)?;
+    let work = |run: &mut Run<'_>, _| {
+        let mut outcome = Outcome::default();
         let start = run.snapshot();
         while done.load(Relaxed) < commands && !ended.load(Relaxed) {
-            let number = number.fetch_add(1, Relaxed);
+            let session_number = number.fetch_add(1, Relaxed);
             run.restore(&start);
-            let random = Random(seed.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(number));
-            let (actions, end) = one(&mut run, session, random, commands.min(SESSION));
+            let random =
+                Random(seed.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(session_number));
+            let (actions, end) = one(run, session, random, commands.min(SESSION));
             done.fetch_add(run.checks.counts.commands, Relaxed);
-            let failure = match end {
-                Ok(()) => None,
-                Err(End::Interrupted) => {
-                    ended.store(true, Relaxed);
-                    None
-                }
-                Err(End::Difference(what)) => {
-                    ended.store(true, Relaxed);
-                    let found = (done.load(Relaxed), begun.elapsed().as_secs_f64());
-                    let counts = run.checks.counts;
-                    let (actions, what) = shrink(&mut run, &start, actions, what);
-                    run.checks.counts = counts;
-                    Some(Failure { what, actions, session: number, found })
-                }
-            };
-            let mut outcome = outcome.lock().unwrap_or_else(PoisonError::into_inner);
             outcome.counts += run.checks.counts;
             outcome.sessions += 1;
-            if let Some(failure) = failure
-                && outcome.failure.as_ref().is_none_or(|other| failure.session < other.session)
-            {
-                outcome.failure = Some(failure);
+            let Err(end) = end else { continue };
+            ended.store(true, Relaxed);
+            if let End::Difference(what) = end {
+                let after_commands = done.load(Relaxed);
+                let after_s = begun.elapsed().as_secs_f64();
+                let (actions, what) = shrink(run, &start, actions, what);
+                let session = session_number;
+                outcome.failure = Some(Failure { what, session, after_commands, after_s, actions });
             }
         }
-        Ok(())
+        Ok(outcome)
     };
-    thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-        workers.into_iter().try_for_each(|worker| {
-            worker.join().unwrap_or_else(|_| Err(Error::Internal("a session panicked".into())))
-        })
-    })?;
-    let mut outcome = outcome.into_inner().unwrap_or_else(PoisonError::into_inner);
-    outcome.interrupted = interrupt::is_requested();
-    outcome.wall_s = begun.elapsed().as_secs_f64();
-    Ok(outcome)
+    let mut all = Outcome::default();
+    for outcome in on_threads(threads, threads, || boot(session), work)? {
+        all.counts += outcome.counts;
+        all.sessions += outcome.sessions;
+        let failures = all.failure.into_iter().chain(outcome.failure);
+        all.failure = failures.min_by_key(|failure| failure.session);
+    }
+    all.interrupted = interrupt::is_requested();
+    all.wall_s = begun.elapsed().as_secs_f64();
+    Ok(all)
 }
 
 /// One session of some commands: what was done, and how it ended.
@@ -158,8 +146,10 @@ pub fn replay(session: &Session, actions: &[Action]) -> Result<Outcome, Error> {
         Ok(()) => None,
         Err(End::Interrupted) => return Err(Error::Interrupted),
         Err(End::Difference(what)) => {
-            let found = (run.checks.counts.commands, begun.elapsed().as_secs_f64());
-            Some(Failure { what, actions: actions.to_vec(), session: 0, found })
+            let after_commands = run.checks.counts.commands;
+            let after_s = begun.elapsed().as_secs_f64();
+            let actions = actions.to_vec();
+            Some(Failure { what, session: 0, after_commands, after_s, actions })
         }
     };
     let wall_s = begun.elapsed().as_secs_f64();

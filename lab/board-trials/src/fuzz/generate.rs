@@ -3,9 +3,9 @@
 use zwidth::{
     console::usages,
     device::Device,
-    experiment::Activity,
+    experiment::{Activity, Report},
     period::PERIODS,
-    safety::{State, Status},
+    safety::State,
     store::Stored,
 };
 
@@ -35,34 +35,24 @@ const PIECES: [&str; 10] =
     ["#", "k", "\t", "\u{1b}[A", "é", "9e", "--", "hit;", "stop now", "\u{7f}"];
 
 /// A board as a person sees it who decides what to do next.
-pub struct Situation {
+pub struct Situation<'a> {
     device: &'static Device<'static>,
-    stored: Stored,
-    status: Status,
-    activity: Activity,
-    position: i32,
-    held: bool,
-    stop_open: bool,
-    supply_low: bool,
+    stored: &'a Stored,
+    newest: &'a Report,
+    checks: &'a Checks,
     good_mv: u32,
 }
 
-impl Situation {
+impl<'a> Situation<'a> {
     /// What is known of a board that has begun.
-    pub fn of(checks: &Checks, device: &'static Device<'static>, good_mv: u32) -> Option<Self> {
+    pub fn of(checks: &'a Checks, device: &'static Device<'static>, good_mv: u32) -> Option<Self> {
         let program = checks.oracle.program()?;
-        let newest = program.newest()?;
-        Some(Self {
-            device,
-            stored: *program.stored(),
-            status: newest.status,
-            activity: newest.activity,
-            position: newest.record.position.counts(),
-            held: checks.held,
-            stop_open: checks.properties.stop_open,
-            supply_low: checks.properties.is_supply_low(),
-            good_mv,
-        })
+        let (stored, newest) = (program.stored(), program.newest.as_ref()?);
+        Some(Self { device, stored, newest, checks, good_mv })
+    }
+
+    fn position_m(&self) -> f64 {
+        f64::from(self.newest.record.position.counts()) * 1e-6
     }
 
     fn wall_m(&self) -> f64 {
@@ -86,11 +76,11 @@ impl Situation {
 }
 
 /// The next actions of a session.
-pub fn next(random: &mut Random, seen: &Situation) -> Vec<Action> {
+pub fn next(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     if random.once_in(30) {
         return say("stream on");
     }
-    let on = seen.status.state.is_on();
+    let on = seen.newest.status.state.is_on();
     if random.once_in(60) {
         return burst(random, seen);
     }
@@ -100,7 +90,7 @@ pub fn next(random: &mut Random, seen: &Situation) -> Vec<Action> {
     if random.once_in(6) {
         return vec![Action::Say(any(random))];
     }
-    if seen.activity != Activity::None {
+    if seen.newest.activity != Activity::None {
         return match random.below(12) {
             0..6 => vec![Action::Wait(random.below(5_000))],
             6 => say("stop"),
@@ -109,7 +99,7 @@ pub fn next(random: &mut Random, seen: &Situation) -> Vec<Action> {
             _ => vec![Action::Say(several(random, seen, 6))],
         };
     }
-    match seen.status.state {
+    match seen.newest.status.state {
         State::Armed => armed(random, seen),
         State::SignTest | State::RampIn => match random.below(8) {
             0..4 => vec![Action::Wait(random.below(3_300))],
@@ -126,7 +116,7 @@ fn say(line: &str) -> Vec<Action> {
 }
 
 /// Actions while the board is armed and idle.
-fn armed(random: &mut Random, seen: &Situation) -> Vec<Action> {
+fn armed(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     match random.below(16) {
         0..6 => vec![Action::Say(several(random, seen, 12))],
         6..8 => lead(random, seen),
@@ -144,8 +134,8 @@ fn armed(random: &mut Random, seen: &Situation) -> Vec<Action> {
 }
 
 /// A hit to its end, with a wall ahead.
-fn hit(random: &mut Random, seen: &Situation) -> Vec<Action> {
-    let wall_m = f64::from(seen.position) * 1e-6 + random.between(0.001, 0.006);
+fn hit(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
+    let wall_m = seen.position_m() + random.between(0.001, 0.006);
     let any_n = random.between(-3.0, 6.2);
     let push_n = random.of(&[seen.stored.full_scale_n, 2.0, any_n]);
     let rms_m = 10f64.powf(random.between(-5.0, -2.5));
@@ -158,13 +148,13 @@ fn hit(random: &mut Random, seen: &Situation) -> Vec<Action> {
 }
 
 /// Commands typed at once.
-fn several(random: &mut Random, seen: &Situation, most: u64) -> String {
+fn several(random: &mut Random, seen: &Situation<'_>, most: u64) -> String {
     let lines: Vec<String> = (0..1 + random.below(most)).map(|_| useful(random, seen)).collect();
     lines.join("\n")
 }
 
 /// Many lines without a pause, off or armed; with the force off often at another output period before.
-fn burst(random: &mut Random, seen: &Situation) -> Vec<Action> {
+fn burst(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     let mut actions = Vec::new();
     if random.once_in(2) {
         let period = format!("period {}", random.of(&PERIODS));
@@ -186,20 +176,20 @@ fn burst(random: &mut Random, seen: &Situation) -> Vec<Action> {
 }
 
 /// The hand leads the handle towards the wall, or anywhere.
-fn lead(random: &mut Random, seen: &Situation) -> Vec<Action> {
+fn lead(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     let target_m = match random.below(4) {
         0 => random.between(-0.03, 0.09),
         _ => seen.wall_m().clamp(-0.03, 0.1) + random.between(-1e-3, 1.5e-3),
     };
-    let way_m = target_m - f64::from(seen.position) * 1e-6;
+    let way_m = target_m - seen.position_m();
     let speed = random.between(0.05, 0.6);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few thousand")]
     let samples = (way_m.abs() / speed * 1e4) as u64;
     vec![Action::Lead(speed.copysign(way_m), samples.min(4_000))]
 }
 
-fn off(random: &mut Random, seen: &Situation) -> Vec<Action> {
-    let Situation { status, stored, .. } = seen;
+fn off(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
+    let (status, stored) = (&seen.newest.status, seen.stored);
     match random.below(12) {
         0 | 1 => vec![Action::Say(several(random, seen, 16))],
         2 => say(random.of(&["save", "load", "zero", "stream off", "unlock envelope"])),
@@ -212,10 +202,12 @@ fn off(random: &mut Random, seen: &Situation) -> Vec<Action> {
         _ if stored.signs.motor_reversed != stored.signs.encoder_reversed => {
             say(random.of(&["motor +", "motor -", "encoder +", "encoder -"]))
         }
-        _ if seen.stop_open => vec![Action::Stop(false), Action::Wait(30)],
-        _ if seen.supply_low => vec![Action::Supply(seen.good_mv), Action::Wait(30)],
+        _ if seen.checks.properties.stop_open => vec![Action::Stop(false), Action::Wait(30)],
+        _ if seen.checks.properties.is_supply_low() => {
+            vec![Action::Supply(seen.good_mv), Action::Wait(30)]
+        }
         _ if !status.zeroed || random.once_in(6) => say("zero"),
-        _ if seen.held && !random.once_in(4) => vec![Action::Free, Action::Wait(300)],
+        _ if seen.checks.held && !random.once_in(4) => vec![Action::Free, Action::Wait(300)],
         _ if status.contact => vec![Action::Say(format!("wall {}", random.between(0.003, 0.02)))],
         _ if !status.inputs.settings_valid && !status.unlocked && !random.once_in(6) => {
             say(random.of(&["unlock envelope", "k 500\nb 5\nestimator butterworth\ncutoff 1500"]))
@@ -231,19 +223,23 @@ fn off(random: &mut Random, seen: &Situation) -> Vec<Action> {
     }
 }
 
-fn faulted(random: &mut Random, seen: &Situation) -> Vec<Action> {
+fn faulted(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     match random.below(8) {
         0 => say("faults"),
         1 => vec![Action::Say(several(random, seen, 8))],
         2 => say(random.of(&["arm", "zero", "unlock envelope", "clear"])),
-        _ if seen.stop_open => vec![Action::Stop(false), Action::Wait(random.below(40))],
-        _ if seen.supply_low => vec![Action::Supply(seen.good_mv), Action::Wait(random.below(40))],
+        _ if seen.checks.properties.stop_open => {
+            vec![Action::Stop(false), Action::Wait(random.below(40))]
+        }
+        _ if seen.checks.properties.is_supply_low() => {
+            vec![Action::Supply(seen.good_mv), Action::Wait(random.below(40))]
+        }
         _ => say("clear"),
     }
 }
 
 /// The world: switches, supply, resets, the hand, at any cycle, with or without a command under way.
-fn world(random: &mut Random, seen: &Situation) -> Vec<Action> {
+fn world(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     let mut actions = Vec::new();
     if random.once_in(3) {
         let line = useful(random, seen);
@@ -281,7 +277,7 @@ fn world(random: &mut Random, seen: &Situation) -> Vec<Action> {
 }
 
 /// A command with a value that may well be taken.
-fn useful(random: &mut Random, seen: &Situation) -> String {
+fn useful(random: &mut Random, seen: &Situation<'_>) -> String {
     let [cutoff_hz, high, b] = seen.border(random.below(1_000)).unwrap_or([1500.0, 2000.0, 10.0]);
     let k = (high * random.of(&[0.1, 0.4, 0.9, 1.0, 1.0, 1.001, 1.5])).round();
     let near = |random: &mut Random| seen.wall_m() + random.between(-2e-3, 2e-3);

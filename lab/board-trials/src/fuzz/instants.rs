@@ -1,21 +1,17 @@
 //! Stop, supply and reset at each instant of an output period: between every two instructions of an armed board in its
 //! wall, and while it sleeps now and then. Each must end in its own fault, with enable inactive in time.
 
-use std::{
-    sync::{
-        Mutex, PoisonError,
-        atomic::{AtomicUsize, Ordering::Relaxed},
-    },
-    thread,
-    time::Instant,
-};
+use std::time::Instant;
 
 use host_sim::{error::Error, interrupt};
+use serde::Serialize;
 use virtual_board::{
-    session::{Session, ask},
+    session::{Session, ask, ask_each},
     world::{Ended, World},
 };
 use zwidth::telemetry::Decoder;
+
+use crate::threads::on_threads;
 
 /// What is done to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,10 +38,10 @@ const STARTED: u64 = 600;
 /// A supply that is too low, mV.
 const LOW_MV: u32 = 2_000;
 /// Pieces that the period is cut into, for the cores to share.
-const PIECES: u64 = 64;
+const PIECES: usize = 64;
 
 /// One instant that went wrong.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Wrong {
     pub event: &'static str,
     /// Cycles from the start of the period.
@@ -54,18 +50,20 @@ pub struct Wrong {
 }
 
 /// Sweep of a board over all instants.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Sweep {
     /// Instants tried, each with every event.
     pub instants: u64,
     /// Cycles of the period in which code runs; all of them are covered.
+    #[serde(rename = "cycles_of_code")]
     pub cycles: u64,
     /// Cycles of the whole period.
+    #[serde(rename = "cycles")]
     pub period: u64,
-    /// What went wrong, in the order of the cycles.
-    pub wrong: Vec<Wrong>,
     /// Time that it took, s.
     pub wall_s: f64,
+    /// What went wrong, in the order of the cycles.
+    pub wrong: Vec<Wrong>,
 }
 
 /// The sweep of a board; `part`: only one instant of so many.
@@ -76,33 +74,23 @@ pub fn sweep(session: &Session, part: u64, threads: usize) -> Result<Sweep, Erro
     let begun = Instant::now();
     let start = pressed(session)?.snapshot();
     let period = 10 * session.board.cycles_per_sample();
-    let next = AtomicUsize::new(0);
-    let found = Mutex::new(Sweep { period, ..Sweep::default() });
-    let work = || -> Result<(), Error> {
-        let mut world = session.boot()?;
-        loop {
-            let piece = next.fetch_add(1, Relaxed) as u64;
-            if piece >= PIECES {
-                return Ok(());
-            }
+    let pieces = on_threads(
+        PIECES,
+        threads,
+        || Ok(session.boot()?),
+        |world, piece| {
             world.restore(&start);
             let begin = world.powered.mcu.now();
-            let ends = [piece, piece + 1].map(|piece| begin + piece * period / PIECES);
-            let done = stretch(&mut world, begin, ends, part)?;
-            let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
-            found.instants += done.instants;
-            found.cycles += done.cycles;
-            found.wrong.extend(done.wrong);
-        }
-    };
-    thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-        workers.into_iter().try_for_each(|worker| {
-            worker.join().unwrap_or_else(|_| Err(Error::Internal("a sweep panicked".into())))
-        })
-    })?;
-    let mut sweep = found.into_inner().unwrap_or_else(PoisonError::into_inner);
-    sweep.wrong.sort_by_key(|wrong| wrong.cycle);
+            let ends = [piece, piece + 1].map(|n| begin + n as u64 * period / PIECES as u64);
+            stretch(world, begin, ends, part)
+        },
+    )?;
+    let mut sweep = Sweep { period, ..Sweep::default() };
+    for piece in pieces {
+        sweep.instants += piece.instants;
+        sweep.cycles += piece.cycles;
+        sweep.wrong.extend(piece.wrong);
+    }
     sweep.wall_s = begun.elapsed().as_secs_f64();
     Ok(sweep)
 }
@@ -110,15 +98,12 @@ pub fn sweep(session: &Session, part: u64, threads: usize) -> Result<Sweep, Erro
 /// An armed board, its handle held 0.3 mm inside a wall.
 fn pressed(session: &Session) -> Result<World<'_>, Error> {
     let mut world = session.boot()?;
-    for line in ["zero", "unlock envelope", "wall 0.005", "k 4000", "b 20", "arm"] {
-        ask(&mut world, line)?;
-    }
-    let failed = |ended: Ended| Error::Internal(format!("the firmware: {ended:?}"));
-    world.run(4_000).map_err(failed)?;
+    ask_each(&mut world, &["zero", "unlock envelope", "wall 0.005", "k 4000", "b 20", "arm"])?;
+    world.run(4_000)?;
     world.lead(0.1);
-    world.run(530).map_err(failed)?;
+    world.run(530)?;
     world.lead(0.0);
-    world.run(100).map_err(failed)?;
+    world.run(100)?;
     let status = ask(&mut world, "status")?;
     let ready = status.starts_with("ok status armed, fault none") && status.contains("in contact");
     if ready {
@@ -131,10 +116,9 @@ fn pressed(session: &Session) -> Result<World<'_>, Error> {
 /// The instants from the first to the second of `ends`; the period began at `begin`.
 fn stretch(world: &mut World<'_>, begin: u64, ends: [u64; 2], part: u64) -> Result<Sweep, Error> {
     let [from, to] = ends;
-    let failed = |ended: Ended| Error::Internal(format!("the firmware: {ended:?}"));
     let mut sweep = Sweep::default();
     let (mut last, mut number) = (from, 0);
-    world.run_to(from).map_err(failed)?;
+    world.run_to(from)?;
     loop {
         let now = world.powered.mcu.now();
         if now >= to {
@@ -154,7 +138,7 @@ fn stretch(world: &mut World<'_>, begin: u64, ends: [u64; 2], part: u64) -> Resu
                 world.restore(&here);
             }
         }
-        world.run_to(now + 1).map_err(failed)?;
+        world.run_to(now + 1)?;
         if !asleep {
             sweep.cycles += world.powered.mcu.now() - now;
         }

@@ -22,6 +22,8 @@ use zwidth::{
     velocity::EstimatorName,
 };
 
+use super::run::Counts;
+
 /// Places of the queue of reports, as on a board.
 const REPORTS: u32 = 16;
 
@@ -116,8 +118,6 @@ pub struct Oracle {
     given: bool,
     stop_open: bool,
     supply_low: bool,
-    /// Frames and lines that were the same.
-    pub compared: [u64; 2],
 }
 
 impl Oracle {
@@ -137,7 +137,6 @@ impl Oracle {
             given: true,
             stop_open: false,
             supply_low: false,
-            compared: [0; 2],
         }
     }
 
@@ -166,12 +165,12 @@ impl Oracle {
 
     /// The board starts anew.
     pub fn reset(&mut self, cause: ResetCause) {
-        let Self { device, stop_open, supply_low, compared, .. } = *self;
+        let Self { device, stop_open, supply_low, .. } = *self;
         let mut memories = self.program.as_mut().map_or(self.memories, CoreProgram::memories);
         if cause == ResetCause::Power {
             memories.lose_power();
         }
-        *self = Self { memories, cause, stop_open, supply_low, compared, ..Self::new(device) };
+        *self = Self { memories, cause, stop_open, supply_low, ..Self::new(device) };
     }
 
     /// The emergency stop opens or closes.
@@ -190,7 +189,12 @@ impl Oracle {
     ///
     /// # Errors
     /// The image has done something else than the library.
-    pub fn follow(&mut self, observed: Observed, size: u32) -> Result<(), String> {
+    pub fn follow(
+        &mut self,
+        observed: Observed,
+        size: u32,
+        counts: &mut Counts,
+    ) -> Result<(), String> {
         self.counts.extend(observed.counts);
         self.entries.extend(observed.entries);
         self.image.take(&observed.replies, &observed.telemetry);
@@ -203,7 +207,7 @@ impl Oracle {
         let [replies, telemetry] = [take(program.replies()), take(program.telemetry())];
         self.library.take(&replies, &telemetry);
         self.program = Some(program);
-        ran.and_then(|()| self.compare())
+        ran.and_then(|()| self.compare(counts))
     }
 
     fn begin(&mut self) -> Result<Option<CoreProgram>, String> {
@@ -302,8 +306,8 @@ impl Oracle {
     }
 
     /// What both have said.
-    fn compare(&mut self) -> Result<(), String> {
-        let Self { image, library, compared, .. } = self;
+    fn compare(&mut self, counts: &mut Counts) -> Result<(), String> {
+        let Self { image, library, .. } = self;
         while let (Some(said), Some(meant)) = (line(&image.replies), line(&library.replies)) {
             let replies = [&image.replies[..said], &library.replies[..meant]]
                 .map(|bytes| String::from_utf8_lossy(bytes).trim_end().to_owned());
@@ -315,7 +319,7 @@ impl Oracle {
             }
             image.replies.drain(..said);
             library.replies.drain(..meant);
-            compared[1] += 1;
+            counts.replies += 1;
         }
         while let (Some(said), Some(meant)) = (image.frames.front(), library.frames.front()) {
             if let Some(what) = said.difference(meant) {
@@ -323,7 +327,7 @@ impl Oracle {
             }
             image.frames.pop_front();
             library.frames.pop_front();
-            compared[0] += 1;
+            counts.frames += 1;
         }
         Ok(())
     }

@@ -7,6 +7,8 @@ use zwidth::{
     units::Force,
 };
 
+use super::{oracle::Observed, run::Counts};
+
 /// Longest time from one feeding of the watchdog to the next, ms.
 const FED_MS: u64 = 20;
 /// Samples in which a line has to be answered, those before it, and flash that is erased.
@@ -17,7 +19,7 @@ const SAVED: u64 = 25_000;
 const LOW_MV: u32 = 2_800;
 
 /// What the rules go by.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Properties {
     /// Lines without a reply, and samples since the last one.
     asked: u64,
@@ -37,41 +39,11 @@ pub struct Properties {
     line: String,
     /// The last frame of an output.
     pub frame: Option<Frame>,
-    pub seen: Seen,
-}
-
-/// What a session came to, so that one that does nothing is noticed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Seen {
-    /// Commands answered with `ok`.
-    pub obeyed: u64,
-    /// Commands answered with `error`.
-    pub refused: u64,
-    pub faults: u64,
-    /// Outputs with the full force on.
-    pub armed: u64,
-    /// Outputs with a force other than zero.
-    pub forces: u64,
 }
 
 impl Properties {
     pub fn new(supply_mv: u32) -> Self {
-        Self {
-            asked: 0,
-            waited: 0,
-            arms: false,
-            saves: false,
-            armed: false,
-            stop_open: false,
-            supply_mv,
-            low_for: 0,
-            resets: 0,
-            decoder: Decoder::new(),
-            sequence: None,
-            line: String::new(),
-            frame: None,
-            seen: Seen::default(),
-        }
+        Self { supply_mv, ..Self::default() }
     }
 
     /// A line was typed.
@@ -87,8 +59,8 @@ impl Properties {
 
     /// The board starts anew, because it was told to.
     pub fn reset(&mut self) {
-        let Self { stop_open, supply_mv, resets, seen, .. } = *self;
-        *self = Self { stop_open, resets: resets + 1, seen, ..Self::new(supply_mv) };
+        let Self { stop_open, supply_mv, resets, .. } = *self;
+        *self = Self { stop_open, resets: resets + 1, ..Self::new(supply_mv) };
     }
 
     pub fn sample(&mut self) {
@@ -117,19 +89,19 @@ impl Properties {
     pub fn check(
         &mut self,
         world: &World<'_>,
-        replies: &[u8],
-        telemetry: &[u8],
+        observed: &Observed,
+        counts: &mut Counts,
     ) -> Result<(), String> {
         let enabled = world.powered.amplifier.is_enabled();
-        self.line.push_str(&String::from_utf8_lossy(replies));
+        self.line.push_str(&String::from_utf8_lossy(&observed.replies));
         while let Some((line, rest)) = self.line.split_once('\n') {
             let (line, rest) = (line.to_owned(), rest.to_owned());
             self.line = rest;
-            self.reply(&line, enabled)?;
+            self.reply(&line, enabled, counts)?;
         }
-        for byte in telemetry {
+        for byte in &observed.telemetry {
             if let Some(newest) = self.decoder.push(*byte) {
-                self.frame(newest, enabled)?;
+                self.frame(newest, enabled, counts)?;
             }
         }
         if self.decoder.garbage > 0 {
@@ -174,15 +146,14 @@ impl Properties {
         Ok(())
     }
 
-    fn reply(&mut self, line: &str, enabled: bool) -> Result<(), String> {
+    fn reply(&mut self, line: &str, enabled: bool, counts: &mut Counts) -> Result<(), String> {
         let is_reply = line.starts_with("ok ") || line.starts_with("error: ");
         if !is_reply || is_report(line) || self.asked == 0 {
             return Ok(()); // what it says by itself
         }
         self.waited = 0;
         self.asked -= 1;
-        let count =
-            if line.starts_with("ok ") { &mut self.seen.obeyed } else { &mut self.seen.refused };
+        let count = if line.starts_with("ok ") { &mut counts.obeyed } else { &mut counts.refused };
         *count += 1;
         match line {
             "ok arm" => self.armed = true,
@@ -200,7 +171,7 @@ impl Properties {
         Ok(())
     }
 
-    fn frame(&mut self, newest: Frame, enabled: bool) -> Result<(), String> {
+    fn frame(&mut self, newest: Frame, enabled: bool, counts: &mut Counts) -> Result<(), String> {
         if self.sequence.is_some_and(|next| next != newest.sequence) {
             return Err(format!("a frame is missing before sample {}", newest.record.sample));
         }
@@ -226,9 +197,9 @@ impl Properties {
                 return Err(format!("a force at sample {at} while it is off"));
             }
             let before = last.map_or(0, |last| last.fault);
-            self.seen.faults += u64::from(record.fault != before && record.fault != 0);
-            self.seen.armed += u64::from(is(Flags::ARMED));
-            self.seen.forces += u64::from(record.force != Force::ZERO);
+            counts.faults += u64::from(record.fault != before && record.fault != 0);
+            counts.armed += u64::from(is(Flags::ARMED));
+            counts.forces += u64::from(record.force != Force::ZERO);
             self.frame = Some(Frame { record: *record, ..newest });
         }
         if newest.record.fault != 0 && enabled && !newest.record.flags.contains(Flags::REPLAY) {

@@ -15,8 +15,9 @@ use virtual_board::{
 };
 
 use super::{
-    campaign::{self, Outcome},
+    campaign::{self, Failure, Outcome},
     instants::{self, EVENTS, Sweep, Wrong},
+    run::Counts,
 };
 
 /// Options of the fuzz campaign.
@@ -49,24 +50,19 @@ struct Json<'a> {
     board: &'static str,
     seed: u64,
     sessions: u64,
-    commands: u64,
-    replies: u64,
-    frames: u64,
-    outputs: u64,
-    faults: u64,
-    resets: u64,
+    #[serde(flatten)]
+    counts: Counts,
     virtual_s: f64,
     wall_s: f64,
-    difference: Option<Difference<'a>>,
+    difference: Option<&'a Failure>,
 }
 
 #[derive(Serialize)]
-struct Difference<'a> {
-    what: &'a str,
-    session: u64,
-    after_commands: u64,
-    after_s: f64,
-    script: Vec<String>,
+struct SweepJson {
+    board: &'static str,
+    events: [&'static str; 3],
+    #[serde(flatten)]
+    sweep: Sweep,
 }
 
 /// Runs it.
@@ -86,13 +82,7 @@ pub fn execute(options: &Fuzz) -> Result<(), Error> {
         Some(actions) => campaign::replay(&session, actions)?,
         None => campaign::sessions(&session, options.seed, options.commands, threads)?,
     };
-    #[expect(clippy::cast_precision_loss, reason = "for people")]
-    let virtual_s = outcome.counts.cycles as f64 / board.chip.core_hz as f64;
-    if options.json {
-        print(options.seed, board, &outcome, virtual_s)?;
-    } else {
-        say(options.seed, board, &outcome, virtual_s)?;
-    }
+    say(options, board, &outcome)?;
     match outcome.failure {
         _ if outcome.interrupted => Err(Error::Interrupted),
         Some(failure) => {
@@ -102,45 +92,18 @@ pub fn execute(options: &Fuzz) -> Result<(), Error> {
     }
 }
 
-#[derive(Serialize)]
-struct SweepJson {
-    board: &'static str,
-    events: [&'static str; 3],
-    instants: u64,
-    cycles_of_code: u64,
-    cycles: u64,
-    wall_s: f64,
-    wrong: Vec<WrongJson>,
-}
-
-#[derive(Serialize)]
-struct WrongJson {
-    event: &'static str,
-    cycle: u64,
-    what: String,
-}
-
 fn instants_of(session: &Session, json: bool, threads: usize) -> Result<(), Error> {
-    let Sweep { instants, cycles, period, wrong, wall_s } = instants::sweep(session, 1, threads)?;
-    let (name, count) = (session.board.name, wrong.len());
+    let sweep = instants::sweep(session, 1, threads)?;
+    let (board, count) = (session.board.name, sweep.wrong.len());
     if json {
-        let wrong =
-            wrong.into_iter().map(|Wrong { event, cycle, what }| WrongJson { event, cycle, what });
-        print_json(&SweepJson {
-            board: name,
-            events: EVENTS.map(|(_, name)| name),
-            instants,
-            cycles_of_code: cycles,
-            cycles: period,
-            wall_s,
-            wrong: wrong.collect(),
-        })?;
+        print_json(&SweepJson { board, events: EVENTS.map(|(_, name)| name), sweep })?;
     } else {
+        let Sweep { instants, cycles, period, wrong, wall_s } = sweep;
         for Wrong { event, cycle, what } in &wrong {
             print_text(&format!("{event} at cycle {cycle}: {what}"))?;
         }
         note(&format!(
-            "{name}: stop, supply, reset at {instants} instants each: all {cycles} cycles of code of the {period} of \
+            "{board}: stop, supply, reset at {instants} instants each: all {cycles} cycles of code of the {period} of \
              an output period, and asleep; {count} wrong; {wall_s:.0} s"
         ));
     }
@@ -151,54 +114,31 @@ fn instants_of(session: &Session, json: bool, threads: usize) -> Result<(), Erro
     }
 }
 
-fn say(seed: u64, board: Board, outcome: &Outcome, virtual_s: f64) -> Result<(), Error> {
-    if let Some(failure) = &outcome.failure {
-        print_text(&format!("# {}, seed {seed}, session {}", board.name, failure.session))?;
-        print_text(&format!("# {}", failure.what.escape_default()))?;
-        for action in &failure.actions {
+fn say(
+    options: &Fuzz,
+    Board { name: board, chip, .. }: Board,
+    outcome: &Outcome,
+) -> Result<(), Error> {
+    let &Outcome { counts, sessions, ref failure, wall_s, .. } = outcome;
+    let seed = options.seed;
+    #[expect(clippy::cast_precision_loss, reason = "for people")]
+    let virtual_s = counts.cycles as f64 / chip.core_hz as f64;
+    if options.json {
+        let difference = failure.as_ref();
+        return print_json(&Json { board, seed, sessions, counts, virtual_s, wall_s, difference });
+    }
+    if let Some(Failure { what, session, after_commands, after_s, actions }) = failure {
+        print_text(&format!("# {board}, seed {seed}, session {session}"))?;
+        print_text(&format!("# {}", what.escape_default()))?;
+        for action in actions {
             print_text(&action.to_string())?;
         }
-        let (commands, seconds) = failure.found;
-        note(&format!("found after {commands} commands, {seconds:.1} s"));
+        note(&format!("found after {after_commands} commands, {after_s:.1} s"));
     }
-    let c = outcome.counts;
+    let Counts { commands, replies, frames, outputs, faults, resets, .. } = counts;
     note(&format!(
-        "{}: {} sessions, {} commands; {} replies, {} frames and {} outputs are the library's; {} faults, {} resets; \
-         {virtual_s:.0} s on the board, {:.0} s here",
-        board.name,
-        outcome.sessions,
-        c.commands,
-        c.replies,
-        c.frames,
-        c.outputs,
-        c.seen.faults,
-        c.resets,
-        outcome.wall_s,
+        "{board}: {sessions} sessions, {commands} commands; {replies} replies, {frames} frames and {outputs} outputs are \
+         the library's; {faults} faults, {resets} resets; {virtual_s:.0} s on the board, {wall_s:.0} s here"
     ));
     Ok(())
-}
-
-fn print(seed: u64, board: Board, outcome: &Outcome, virtual_s: f64) -> Result<(), Error> {
-    let c = outcome.counts;
-    let difference = outcome.failure.as_ref().map(|failure| Difference {
-        what: &failure.what,
-        session: failure.session,
-        after_commands: failure.found.0,
-        after_s: failure.found.1,
-        script: failure.actions.iter().map(ToString::to_string).collect(),
-    });
-    print_json(&Json {
-        board: board.name,
-        seed,
-        sessions: outcome.sessions,
-        commands: c.commands,
-        replies: c.replies,
-        frames: c.frames,
-        outputs: c.outputs,
-        faults: c.seen.faults,
-        resets: c.resets,
-        virtual_s,
-        wall_s: outcome.wall_s,
-        difference,
-    })
 }

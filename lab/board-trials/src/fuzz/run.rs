@@ -1,6 +1,7 @@
 //! A session: actions done to a board, and everything that it says and puts out held against the library and the rules.
 
 use host_sim::interrupt;
+use serde::Serialize;
 use virtual_board::{
     device,
     mcu::{LINK, RENDER, SAMPLE},
@@ -12,7 +13,7 @@ use zwidth::safety::ResetCause;
 use super::{
     action::Action,
     oracle::{Observed, Oracle},
-    properties::{Properties, Seen, output_code},
+    properties::{Properties, output_code},
 };
 
 /// Why a session ended early.
@@ -41,8 +42,8 @@ const ORDERS: u32 = 312;
 /// Samples that a board needs to begin.
 const BEGIN: u64 = 1_000;
 
-/// What a session has shown so far.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// What a session has shown so far; JSON has what people are told.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
     /// Lines that were typed.
     pub commands: u64,
@@ -52,22 +53,24 @@ pub struct Counts {
     pub frames: u64,
     /// Samples at which code and enable were the library's.
     pub outputs: u64,
-    /// What the rules saw.
-    pub seen: Seen,
+    pub faults: u64,
     /// Resets and power cycles.
     pub resets: u64,
     /// Cycles of the core.
+    #[serde(skip)]
     pub cycles: u64,
-}
-
-impl std::ops::AddAssign for Seen {
-    fn add_assign(&mut self, other: Self) {
-        self.obeyed += other.obeyed;
-        self.refused += other.refused;
-        self.faults += other.faults;
-        self.armed += other.armed;
-        self.forces += other.forces;
-    }
+    /// Commands answered with `ok`.
+    #[serde(skip)]
+    pub obeyed: u64,
+    /// Commands answered with `error`.
+    #[serde(skip)]
+    pub refused: u64,
+    /// Outputs with the full force on.
+    #[serde(skip)]
+    pub armed: u64,
+    /// Outputs with a force other than zero.
+    #[serde(skip)]
+    pub forces: u64,
 }
 
 impl std::ops::AddAssign for Counts {
@@ -76,9 +79,13 @@ impl std::ops::AddAssign for Counts {
         self.replies += other.replies;
         self.frames += other.frames;
         self.outputs += other.outputs;
-        self.seen += other.seen;
+        self.faults += other.faults;
         self.resets += other.resets;
         self.cycles += other.cycles;
+        self.obeyed += other.obeyed;
+        self.refused += other.refused;
+        self.armed += other.armed;
+        self.forces += other.forces;
     }
 }
 
@@ -190,10 +197,7 @@ impl<'a> Run<'a> {
             Action::Reset => self.reset(ResetCause::Pin)?,
             Action::Power => self.reset(ResetCause::Power)?,
         }
-        let Checks { oracle, properties, counts, .. } = &mut self.checks;
-        [counts.frames, counts.replies] = oracle.compared;
-        counts.seen = properties.seen;
-        counts.cycles += self.world.powered.mcu.now() - begun;
+        self.checks.counts.cycles += self.world.powered.mcu.now() - begun;
         Ok(())
     }
 
@@ -319,14 +323,14 @@ impl<'a> Run<'a> {
         };
         let Checks { oracle, properties, counts, .. } = &mut self.checks;
         let saved = properties.saves();
-        let held = properties.check(&self.world, &observed.replies, &observed.telemetry);
+        let held = properties.check(&self.world, &observed, counts);
         if saved && !properties.saves() {
             self.world.powered.mcu.watch_mut().clear();
         }
         let code = output_code(&self.world);
         let enabled = self.world.powered.amplifier.is_enabled();
         let within = self.world.powered.mcu.watch().innermost();
-        held.and_then(|()| oracle.follow(observed, size.max(1)))
+        held.and_then(|()| oracle.follow(observed, size.max(1), counts))
             .and_then(|()| {
                 if matches!(within, 0 | LINK) {
                     counts.outputs += 1;
