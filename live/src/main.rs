@@ -130,7 +130,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
             });
             let (board, elf) = started?;
             let board = live.insert(board);
-            (Box::new(board.link()), Some(board.wires()), elf)
+            (Box::new(board.wires.link()), Some(Arc::clone(&board.wires)), elf)
         }
     };
     let device = match &record_bytes {

@@ -41,14 +41,19 @@ impl Memories {
     }
 }
 
+/// What the console reads and writes.
 #[derive(Clone)]
-struct Channels {
-    typed: VecDeque<u8>,
-    replies: Vec<u8>,
-    telemetry: Vec<u8>,
+pub struct Channels {
+    /// Bytes that the console has not read yet, to be added to.
+    pub typed: VecDeque<u8>,
+    /// Lines of replies that the host has not taken yet.
+    pub replies: Vec<u8>,
+    /// Frames of telemetry that the host has not taken yet.
+    pub telemetry: Vec<u8>,
     positions: VecDeque<Position>,
     sampler: GuardedSampler,
-    order: Option<Order>,
+    /// The console has given it, and no output has met it.
+    pub order: Option<Order>,
     flash: Option<Stored>,
     in_force: LoopParameters,
 }
@@ -158,7 +163,7 @@ pub struct CoreProgram {
     view: GuardView,
     down: Down,
     /// A due sample whose output has not come yet.
-    due: Option<SampleReport>,
+    pub due: Option<SampleReport>,
     reports: VecDeque<Report>,
     /// The last output that the console has seen.
     pub newest: Option<Report>,
@@ -325,24 +330,9 @@ impl CoreProgram {
         self.console.pass(listens);
     }
 
-    /// Bytes that the console has not read yet, to be added to.
-    pub fn typed(&mut self) -> &mut VecDeque<u8> {
-        &mut self.console.port().typed
-    }
-
-    /// Lines of replies that the host has not taken yet.
-    pub fn replies(&mut self) -> &mut Vec<u8> {
-        &mut self.console.port().replies
-    }
-
-    /// Frames of telemetry that the host has not taken yet.
-    pub fn telemetry(&mut self) -> &mut Vec<u8> {
-        &mut self.console.port().telemetry
-    }
-
-    /// The console has given an order that no output has met.
-    pub fn has_order(&mut self) -> bool {
-        self.console.port().order.is_some()
+    /// Its ends of the link.
+    pub fn channels(&mut self) -> &mut Channels {
+        self.console.port()
     }
 
     /// The console waits for what the output task says to an order.
@@ -353,11 +343,6 @@ impl CoreProgram {
     /// The settings as the console has them.
     pub fn stored(&self) -> &Stored {
         self.console.stored()
-    }
-
-    /// A due sample waits for its output.
-    pub fn is_due(&self) -> bool {
-        self.due.is_some()
     }
 
     /// What a reset would leave.

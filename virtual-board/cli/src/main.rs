@@ -31,7 +31,7 @@ use virtual_board::{
     device,
     link::serve::{self, Ports},
     mcu::{LINK, RENDER, SAMPLE},
-    session::{BoardHit, Failed, Session, ask},
+    session::{BoardHit, BoardPush, Session, WalkReport, ask},
     world::World,
 };
 use zwidth::period::PERIODS;
@@ -278,7 +278,7 @@ fn run(
         for line in world.lines.drain(..) {
             print_text(&line)?;
         }
-        stepped.map_err(Failed::Program)?;
+        stepped?;
         world.replies.clear();
         let ahead = Duration::from_micros(100 * samples).saturating_sub(start.elapsed());
         if live && ahead > Duration::from_millis(20) {
@@ -299,24 +299,15 @@ struct HitJson<'a> {
     rms_m: f64,
     mean_m: f64,
     #[serde(flatten)]
-    quiet: Option<QuietJson>,
+    quiet: Option<QuietJson<'a>>,
 }
 
 /// What a hit by the criterion `quiet` says more: of the push that decides, and of each.
 #[derive(Serialize)]
-struct QuietJson {
+struct QuietJson<'a> {
     force_rms_n: f64,
     penetration_ratio: Option<f64>,
-    pushes: Vec<PushJson>,
-}
-
-#[derive(Serialize)]
-struct PushJson {
-    push_n: f64,
-    verdict: &'static str,
-    rms_m: f64,
-    force_rms_n: f64,
-    penetration_ratio: Option<f64>,
+    pushes: &'a [BoardPush],
 }
 
 #[derive(Serialize)]
@@ -324,12 +315,8 @@ struct WalkJson<'a> {
     scene: &'a str,
     board: &'static str,
     cutoff_hz: f64,
-    area_n2_s_per_m2: f64,
-    stiffness_peak_n_per_m: f64,
-    damping_max_n_s_per_m: f64,
-    hits: u32,
-    ended_by: &'a str,
-    virtual_s: f64,
+    #[serde(flatten)]
+    report: WalkReport,
 }
 
 fn hit(
@@ -352,17 +339,7 @@ fn hit(
     let quiet = report.deciding().map(|deciding| QuietJson {
         force_rms_n: deciding.force_rms_n,
         penetration_ratio: deciding.penetration_ratio,
-        pushes: report
-            .pushes
-            .iter()
-            .map(|push| PushJson {
-                push_n: push.push_n,
-                verdict: push.verdict.name(),
-                rms_m: push.rms_m,
-                force_rms_n: push.force_rms_n,
-                penetration_ratio: push.penetration_ratio,
-            })
-            .collect(),
+        pushes: &report.pushes,
     });
     let [cutoff_hz, stiffness_n_per_m, damping_n_s_per_m] = wall;
     let json = HitJson {
@@ -412,16 +389,6 @@ fn walk(
     if !json {
         return Ok(());
     }
-    let json = WalkJson {
-        scene: &session.scene.name,
-        board: session.board.name,
-        cutoff_hz,
-        area_n2_s_per_m2: report.area,
-        stiffness_peak_n_per_m: report.stiffness_peak_n_per_m,
-        damping_max_n_s_per_m: report.damping_max_n_s_per_m,
-        hits: report.hits,
-        ended_by: &report.ended_by,
-        virtual_s: report.virtual_s,
-    };
-    print_json(InUnits(units, json))
+    let (scene, board) = (&session.scene.name, session.board.name);
+    print_json(InUnits(units, WalkJson { scene, board, cutoff_hz, report }))
 }

@@ -8,7 +8,7 @@ use std::{
 
 use host_sim::{error::Error, interrupt, output::terminal::print_text, scene::Units};
 
-use virtual_board::{session::Failed, world::World};
+use virtual_board::world::World;
 
 use crate::SLICE;
 
@@ -49,7 +49,7 @@ pub(super) fn typed(world: &mut World<'_>, units: Units, line: &str) -> Result<u
         },
         _ => {
             let line = if line.is_empty() { "status" } else { line };
-            world.send(&format!("{line}\n")).map_err(Failed::Program)?;
+            world.send(&format!("{line}\n"))?;
         }
     }
     Ok(SLICE)
@@ -70,7 +70,7 @@ fn move_by_hand(world: &mut World<'_>, place_m: f64) -> Result<(), Error> {
     while at_m != place_m {
         at_m += (place_m - at_m).clamp(-HAND_M, HAND_M);
         world.hold(at_m, true);
-        world.run(1).map_err(Failed::Program)?;
+        world.run(1)?;
         interrupt::check()?;
     }
     Ok(())

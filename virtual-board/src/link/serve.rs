@@ -92,7 +92,7 @@ pub fn serve(session: Session, period: Option<u32>, ports: Ports) -> Result<(), 
         first + 1,
         first + 2
     ));
-    let link = server.board.link();
+    let link = server.board.wires.link();
     loop {
         thread::sleep(Duration::from_millis(20));
         interrupt::check()?;
@@ -142,7 +142,7 @@ fn channel_of(channel: usize, listener: &TcpListener, board: &LiveBoard, over: &
             Ok((client, _)) => {
                 // A client that breaks off is its own business.
                 let _ = attend(channel, client, board, over);
-                board.wires().attend(channel, false);
+                board.wires.attend(channel, false);
             }
             Err(_) => thread::sleep(Duration::from_millis(5)),
         }
@@ -157,7 +157,7 @@ fn attend(
 ) -> io::Result<()> {
     client.set_nonblocking(true)?;
     client.set_nodelay(true)?;
-    let mut link = board.link();
+    let mut link = board.wires.link();
     let (mut up, mut down, mut bytes) = (Vec::new(), Vec::new(), [0; 4096]);
     let mut stuck = Duration::ZERO;
     while !over.load(Relaxed) {

@@ -160,7 +160,7 @@ impl Oracle {
     /// No output is under way: from outside, what happens now happens between two of them.
     pub fn is_between_outputs(&self) -> bool {
         !self.entries.iter().any(|entry| entry.exception != LINK)
-            && !self.program.as_ref().is_some_and(CoreProgram::is_due)
+            && !self.program.as_ref().is_some_and(|program| program.due.is_some())
     }
 
     /// The board starts anew.
@@ -204,8 +204,8 @@ impl Oracle {
             return Ok(());
         };
         let ran = self.run(&mut program, size);
-        let [replies, telemetry] = [take(program.replies()), take(program.telemetry())];
-        self.library.take(&replies, &telemetry);
+        let said = program.channels();
+        self.library.take(&take(&mut said.replies), &take(&mut said.telemetry));
         self.program = Some(program);
         ran.and_then(|()| self.compare(counts))
     }
@@ -244,7 +244,7 @@ impl Oracle {
         match self.entries.front().map(|entry| entry.exception) {
             Some(SAMPLE) => {
                 let Some(count) = self.counts.pop_front() else { return Ok(false) };
-                let was_due = program.is_due();
+                let was_due = program.due.is_some();
                 if program.sample(count) && was_due {
                     return Err("an output is missing".into());
                 }
@@ -273,7 +273,7 @@ impl Oracle {
         }
         self.catch_up(program, end, &mut bytes)?;
         pass(program, &mut bytes);
-        match program.has_order() && !self.given {
+        match program.channels().order.is_some() && !self.given {
             true => Err("the library gives an order that the image does not".into()),
             false => Ok(()),
         }
@@ -287,17 +287,17 @@ impl Oracle {
         bytes: &mut Option<Vec<u8>>,
     ) -> Result<(), String> {
         let [_, reports, orders] = replace(&mut self.words, words);
-        self.given &= program.has_order();
+        self.given &= program.channels().order.is_some();
         for _ in 0..(words[1] + REPORTS - reports) % REPORTS {
             if !program.report() {
                 return Err("the image has an output that the library has not".into());
             }
         }
         if words[2] != orders {
-            if !program.has_order() {
+            if !program.channels().order.is_some() {
                 pass(program, bytes);
             }
-            if !program.has_order() {
+            if !program.channels().order.is_some() {
                 return Err("the image gives an order that the library does not".into());
             }
             self.given = true;
@@ -342,7 +342,7 @@ impl Oracle {
         };
         let (output, active) = (program.output().unwrap_or_default(), program.is_enabled());
         // Off, what is left in the register gives no force.
-        if program.is_due() || active == enabled && (code == output || !enabled && code == 0) {
+        if program.due.is_some() || active == enabled && (code == output || !enabled && code == 0) {
             return Ok(());
         }
         Err(format!(
@@ -367,7 +367,7 @@ impl Oracle {
 /// The end of a run of `link`, with what the image has read in it.
 fn pass(program: &mut CoreProgram, bytes: &mut Option<Vec<u8>>) {
     if let Some(bytes) = bytes.take() {
-        program.typed().extend(&bytes);
+        program.channels().typed.extend(&bytes);
         program.pass(!bytes.is_empty());
     }
 }
