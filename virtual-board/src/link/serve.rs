@@ -17,7 +17,7 @@ use host_sim::{
     output::terminal::{note, print_text},
 };
 
-use super::{Begin, LOOK, Link as _, LiveBoard, PATIENCE};
+use super::{Begin, LOOK, Link as _, LiveBoard, PATIENCE, at_once};
 use crate::session::Session;
 
 /// Tries to find as many free ports in a row as there are channels, where any will do.
@@ -165,24 +165,21 @@ fn attend(
             link.read(channel, &mut up);
         }
         let mut idle = true;
-        match client.write(&up) {
-            Ok(count) => {
+        match at_once(client.write(&up))? {
+            Some(count) => {
                 up.drain(..count);
                 stuck = Duration::ZERO;
             }
-            Err(error) if error.kind() == ErrorKind::WouldBlock => stuck += LOOK,
-            Err(error) => return Err(error),
+            None => stuck += LOOK,
         }
         if stuck > PATIENCE {
             return Err(ErrorKind::TimedOut.into());
         }
         // What the board has no room for stays in the socket, and at last with the client.
         if down.is_empty() {
-            match client.read(&mut bytes) {
-                Ok(0) => return Ok(()),
-                Ok(count) => down.extend_from_slice(&bytes[..count]),
-                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
-                Err(error) => return Err(error),
+            match at_once(client.read(&mut bytes))? {
+                Some(0) => return Ok(()),
+                count => down.extend_from_slice(&bytes[..count.unwrap_or(0)]),
             }
         }
         if !down.is_empty() {

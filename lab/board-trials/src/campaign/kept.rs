@@ -10,8 +10,7 @@ use virtual_board::{
 };
 use zwidth::{
     Settings, VelocitySettings, WallSettings,
-    experiment::{Criterion, WalkSettings},
-    store::{RECORD_WORDS, Signs, Stored},
+    store::{RECORD_WORDS, Stored},
 };
 
 use super::row::Row;
@@ -47,7 +46,6 @@ pub(super) fn kept_rows() -> Vec<Row> {
 
 fn stored(board: Board, stiffness_n_per_m: f64) -> Stored {
     Stored {
-        device: built_in(board).key,
         settings: Settings {
             velocity: VelocitySettings::Butterworth { cutoff_hz: 1200.0 },
             wall: WallSettings {
@@ -57,24 +55,7 @@ fn stored(board: Board, stiffness_n_per_m: f64) -> Stored {
                 push_only: true,
             },
         },
-        period: 10,
-        push_n: 1.5,
-        signs: Signs::default(),
-        start_m: 0.0,
-        settle_s: 4.0,
-        window_s: 2.0,
-        rms_limit_m: 1.5e-5,
-        criterion: Criterion::Rms,
-        force_rms_limit_n: None,
-        full_scale_n: 5.906,
-        grid: WalkSettings {
-            stiffness_start_n_per_m: 2000.0,
-            stiffness_step_n_per_m: 2000.0,
-            stiffness_max_n_per_m: 1e5,
-            damping_start_n_s_per_m: 10.0,
-            damping_step_n_s_per_m: 10.0,
-            damping_max_n_s_per_m: 1000.0,
-        },
+        ..built_in(board).defaults()
     }
 }
 

@@ -11,6 +11,7 @@ use virtual_board::{
 };
 use zwidth::telemetry::Decoder;
 
+use super::rule;
 use crate::threads::on_threads;
 
 /// What is done to the board.
@@ -174,32 +175,23 @@ fn try_event(world: &mut World<'_>, event: Event) -> Result<(), String> {
     };
     let off_by = world.powered.mcu.now() + within;
     world.run_to(off_by).map_err(ended)?;
-    if world.powered.amplifier.is_enabled() {
-        return Err("enable is still active".into());
-    }
+    rule(!world.powered.amplifier.is_enabled(), || "enable is still active".into())?;
     let mut decoder = Decoder::new();
     for _ in 0..samples {
         world.sample().map_err(ended)?;
         world.probe().map_err(ended)?;
-        if world.powered.amplifier.is_enabled() {
-            return Err("enable is active again".into());
+        rule(!world.powered.amplifier.is_enabled(), || "enable is active again".into())?;
+        let bytes = std::mem::take(&mut world.telemetry);
+        let faults: Vec<u8> = bytes
+            .into_iter()
+            .filter_map(|byte| decoder.push(byte))
+            .map(|frame| frame.record.fault)
+            .collect();
+        if let Some(&fault) = faults.iter().find(|fault| **fault != 0) {
+            return rule(fault == code, || format!("fault {fault}, should be {code}"));
         }
-        let mut frames = 0;
-        for byte in std::mem::take(&mut world.telemetry) {
-            let Some(frame) = decoder.push(byte) else { continue };
-            frames += 1;
-            let fault = frame.record.fault;
-            if fault != 0 {
-                return if fault == code {
-                    Ok(())
-                } else {
-                    Err(format!("fault {fault}, should be {code}"))
-                };
-            }
-        }
-        if event == Event::Reset && frames > 0 {
-            return Err("no fault after the reset".into());
-        }
+        let is_silent = event != Event::Reset || faults.is_empty();
+        rule(is_silent, || "no fault after the reset".into())?;
     }
     Err(format!("fault {code} does not come"))
 }

@@ -22,6 +22,11 @@ pub mod report;
 mod run;
 mod shrink;
 
+/// What is wrong, unless the rule holds.
+fn rule(holds: bool, otherwise: impl FnOnce() -> String) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(otherwise()) }
+}
+
 pub use action::Action;
 pub use campaign::{Failure, Outcome, replay, script, sessions};
 pub use instants::{Sweep, Wrong, sweep};

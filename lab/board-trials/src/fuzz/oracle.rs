@@ -22,7 +22,7 @@ use zwidth::{
     velocity::EstimatorName,
 };
 
-use super::run::Counts;
+use super::{rule, run::Counts};
 
 /// Places of the queue of reports, as on a board.
 const REPORTS: u32 = 16;
@@ -245,9 +245,8 @@ impl Oracle {
             Some(SAMPLE) => {
                 let Some(count) = self.counts.pop_front() else { return Ok(false) };
                 let was_due = program.due.is_some();
-                if program.sample(count) && was_due {
-                    return Err("an output is missing".into());
-                }
+                let is_due = program.sample(count);
+                rule(!(is_due && was_due), || "an output is missing".into())?;
             }
             Some(RENDER) => drop(program.render(self.given)),
             _ => {}
@@ -273,10 +272,9 @@ impl Oracle {
         }
         self.catch_up(program, end, &mut bytes)?;
         pass(program, &mut bytes);
-        match program.channels().order.is_some() && !self.given {
-            true => Err("the library gives an order that the image does not".into()),
-            false => Ok(()),
-        }
+        rule(self.given || program.channels().order.is_none(), || {
+            "the library gives an order that the image does not".into()
+        })
     }
 
     /// `link` as far as the image has come in it.
@@ -289,18 +287,14 @@ impl Oracle {
         let [_, reports, orders] = replace(&mut self.words, words);
         self.given &= program.channels().order.is_some();
         for _ in 0..(words[1] + REPORTS - reports) % REPORTS {
-            if !program.report() {
-                return Err("the image has an output that the library has not".into());
-            }
+            rule(program.report(), || "the image has an output that the library has not".into())?;
         }
         if words[2] != orders {
             if !program.channels().order.is_some() {
                 pass(program, bytes);
             }
-            if !program.channels().order.is_some() {
-                return Err("the image gives an order that the library does not".into());
-            }
-            self.given = true;
+            self.given = program.channels().order.is_some();
+            rule(self.given, || "the image gives an order that the library does not".into())?;
         }
         Ok(())
     }
@@ -311,12 +305,9 @@ impl Oracle {
         while let (Some(said), Some(meant)) = (line(&image.replies), line(&library.replies)) {
             let replies = [&image.replies[..said], &library.replies[..meant]]
                 .map(|bytes| String::from_utf8_lossy(bytes).trim_end().to_owned());
-            if !is_same(&replies[0], &replies[1]) {
-                return Err(format!(
-                    "the image says {:?}, the library {:?}",
-                    replies[0], replies[1]
-                ));
-            }
+            rule(is_same(&replies[0], &replies[1]), || {
+                format!("the image says {:?}, the library {:?}", replies[0], replies[1])
+            })?;
             image.replies.drain(..said);
             library.replies.drain(..meant);
             counts.replies += 1;
@@ -342,12 +333,12 @@ impl Oracle {
         };
         let (output, active) = (program.output().unwrap_or_default(), program.is_enabled());
         // Off, what is left in the register gives no force.
-        if program.due.is_some() || active == enabled && (code == output || !enabled && code == 0) {
-            return Ok(());
-        }
-        Err(format!(
-            "the output is {code} codes from zero, enable {enabled}; the library's is {output}, enable {active}"
-        ))
+        let is_same = active == enabled && (code == output || !enabled && code == 0);
+        rule(program.due.is_some() || is_same, || {
+            format!(
+                "the output is {code} codes from zero, enable {enabled}; the library's is {output}, enable {active}"
+            )
+        })
     }
 
     /// With all that is typed answered both have said the same, and nobody more.
@@ -357,10 +348,9 @@ impl Oracle {
     pub fn is_complete(&self) -> Result<(), String> {
         let waiting = [&self.image, &self.library]
             .map(|said| (String::from_utf8_lossy(&said.replies), said.frames.len()));
-        match waiting.iter().all(|(replies, frames)| replies.is_empty() && *frames == 0) {
-            true => Ok(()),
-            false => Err(format!("only one of both has said {waiting:?}")),
-        }
+        rule(waiting.iter().all(|(replies, frames)| replies.is_empty() && *frames == 0), || {
+            format!("only one of both has said {waiting:?}")
+        })
     }
 }
 

@@ -7,7 +7,7 @@ use zwidth::{
     units::Force,
 };
 
-use super::{oracle::Observed, run::Counts};
+use super::{oracle::Observed, rule, run::Counts};
 
 /// Longest time from one feeding of the watchdog to the next, ms.
 const FED_MS: u64 = 20;
@@ -104,46 +104,33 @@ impl Properties {
                 self.frame(newest, enabled, counts)?;
             }
         }
-        if self.decoder.garbage > 0 {
-            return Err("telemetry has bytes of no frame".into());
-        }
+        rule(self.decoder.garbage == 0, || "telemetry has bytes of no frame".into())?;
         self.outside(world, enabled)
     }
 
     /// Pins, registers and resets.
-    fn outside(&mut self, world: &World<'_>, enabled: bool) -> Result<(), String> {
+    fn outside(&self, world: &World<'_>, enabled: bool) -> Result<(), String> {
         let mcu = &world.powered.mcu;
-        if mcu.resets() != self.resets {
-            return Err("the board has reset itself".into());
-        }
-        if enabled && self.stop_open {
-            return Err("enable is active with the stop open".into());
-        }
-        if enabled && self.low_for > 1 {
-            return Err("enable is active with a low supply".into());
-        }
-        if enabled && !self.armed && !(self.arms && self.asked > 0) {
-            return Err("enable is active without arm".into());
-        }
-        let (code, most) = (
-            output_code(world),
-            match world.powered.board.wiring.force {
-                Wired::Dac { .. } => 2047,
-                Wired::Pwm { .. } => 4200,
-            },
-        );
-        if enabled && code.abs() > most {
-            return Err(format!("the output is {code} codes from zero, beyond full scale"));
-        }
+        rule(mcu.resets() == self.resets, || "the board has reset itself".into())?;
+        let off =
+            |holds: bool, why: &str| rule(!enabled || holds, || format!("enable is active {why}"));
+        off(!self.stop_open, "with the stop open")?;
+        off(self.low_for <= 1, "with a low supply")?;
+        off(self.armed || self.arms && self.asked > 0, "without arm")?;
+        let most = match world.powered.board.wiring.force {
+            Wired::Dac { .. } => 2047,
+            Wired::Pwm { .. } => 4200,
+        };
+        let code = output_code(world);
+        rule(!enabled || code.abs() <= most, || {
+            format!("the output is {code} codes from zero, beyond full scale")
+        })?;
         let fed = mcu.watch().longest_unfed * 1000 / mcu.core_hz();
-        if fed > FED_MS && !self.saves {
-            return Err(format!("the watchdog was fed after {fed} ms"));
-        }
+        rule(fed <= FED_MS || self.saves, || format!("the watchdog was fed after {fed} ms"))?;
         let patience = ANSWER + LINE * self.asked + if self.saves { SAVED } else { 0 };
-        if self.asked > 0 && self.waited > patience {
-            return Err(format!("{} lines are not answered", self.asked));
-        }
-        Ok(())
+        rule(self.asked == 0 || self.waited <= patience, || {
+            format!("{} lines are not answered", self.asked)
+        })
     }
 
     fn reply(&mut self, line: &str, enabled: bool, counts: &mut Counts) -> Result<(), String> {
@@ -159,9 +146,9 @@ impl Properties {
             "ok arm" => self.armed = true,
             "ok disarm" => {
                 self.armed = false;
-                if enabled && !self.arms {
-                    return Err("disarm is answered before the force is off".into());
-                }
+                rule(!enabled || self.arms, || {
+                    "disarm is answered before the force is off".into()
+                })?;
             }
             _ => {}
         }
@@ -172,9 +159,9 @@ impl Properties {
     }
 
     fn frame(&mut self, newest: Frame, enabled: bool, counts: &mut Counts) -> Result<(), String> {
-        if self.sequence.is_some_and(|next| next != newest.sequence) {
-            return Err(format!("a frame is missing before sample {}", newest.record.sample));
-        }
+        rule(self.sequence.is_none_or(|next| next == newest.sequence), || {
+            format!("a frame is missing before sample {}", newest.record.sample)
+        })?;
         self.sequence = Some(newest.sequence.wrapping_add(1));
         let outputs: Vec<Frame> = self.decoder.outputs(newest).collect();
         for Frame { record, .. } in &outputs {
@@ -184,28 +171,28 @@ impl Properties {
             }
             let at = record.sample;
             let last = self.frame.map(|frame| frame.record);
-            if last.is_some_and(|last| last.sample >= at) {
-                return Err(format!("sample {at} comes late"));
-            }
-            if is(Flags::ON) && (record.fault != 0 || !is(Flags::STOP_CLOSED)) {
-                return Err(format!("on at sample {at} with a fault or the stop open"));
-            }
-            if is(Flags::ARMED) && !is(Flags::ON) || is(Flags::FAULT) != (record.fault != 0) {
-                return Err(format!("flags {:?} at sample {at}", record.flags));
-            }
-            if !is(Flags::ON) && record.force != Force::ZERO {
-                return Err(format!("a force at sample {at} while it is off"));
-            }
+            rule(last.is_none_or(|last| last.sample < at), || format!("sample {at} comes late"))?;
+            let may_be_on = record.fault == 0 && is(Flags::STOP_CLOSED);
+            rule(!is(Flags::ON) || may_be_on, || {
+                format!("on at sample {at} with a fault or the stop open")
+            })?;
+            let is_told = is(Flags::FAULT) == (record.fault != 0);
+            rule((!is(Flags::ARMED) || is(Flags::ON)) && is_told, || {
+                format!("flags {:?} at sample {at}", record.flags)
+            })?;
+            rule(is(Flags::ON) || record.force == Force::ZERO, || {
+                format!("a force at sample {at} while it is off")
+            })?;
             let before = last.map_or(0, |last| last.fault);
             counts.faults += u64::from(record.fault != before && record.fault != 0);
             counts.armed += u64::from(is(Flags::ARMED));
             counts.forces += u64::from(record.force != Force::ZERO);
             self.frame = Some(Frame { record: *record, ..newest });
         }
-        if newest.record.fault != 0 && enabled && !newest.record.flags.contains(Flags::REPLAY) {
-            return Err(format!("enable is active with fault {}", newest.record.fault));
-        }
-        Ok(())
+        let is_now = enabled && !newest.record.flags.contains(Flags::REPLAY);
+        rule(newest.record.fault == 0 || !is_now, || {
+            format!("enable is active with fault {}", newest.record.fault)
+        })
     }
 }
 
