@@ -15,7 +15,6 @@ use zwidth::{
     },
     self_test::{Found, Part},
     store::{Loaded, Source, Stored},
-    telemetry::Record,
     units::{OutputCode, Position},
     velocity::Senses,
 };
@@ -248,10 +247,10 @@ impl CoreProgram {
         step.due
     }
 
-    /// `render` for the newest due sample, and the output's record. It `meets` an order that waits, or comes before the
+    /// `render` for the newest due sample, if there is one. It `meets` an order that waits, or comes before the
     /// order is given.
-    pub fn render(&mut self, meets: bool) -> Option<Record> {
-        let up = self.due.take()?;
+    pub fn render(&mut self, meets: bool) {
+        let Some(up) = self.due.take() else { return };
         let Enable { active, stop_open, stop_noted, supply_low, supply_noted } = &mut self.enable;
         let sensed = Sensed {
             switched_on: self.written.is_some(),
@@ -295,7 +294,6 @@ impl CoreProgram {
         if self.reports.len() < REPORTS {
             self.reports.push_back(self.renderer.report(record));
         }
-        Some(record)
     }
 
     fn put_out(&mut self, grant: OutputCommand) {
@@ -309,12 +307,6 @@ impl CoreProgram {
             self.enable.active = !self.enable.stop_open;
         }
         self.written = Some(granted.command());
-    }
-
-    /// `link`: what `render` has reported, then up to a line of what was typed if it `listens`.
-    pub fn link(&mut self, listens: bool) {
-        while self.report() {}
-        self.pass(listens);
     }
 
     /// The next report of `render`, if there is one.

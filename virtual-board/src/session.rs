@@ -159,9 +159,6 @@ pub struct WalkReport {
     pub virtual_s: f64,
 }
 
-/// Switches a board on, with the handle held at that place.
-type NewWorld<'a> = fn(Board, &Elf, &'a Table, &Scene, f64) -> Result<World<'a>, String>;
-
 /// Samples until the handle has come to rest after it was let go.
 const REST_SAMPLES: u64 = 15_000;
 /// Samples that `arm` takes.
@@ -238,7 +235,7 @@ impl Session {
     /// # Errors
     /// As [`boot`](Self::boot), or `zero` was refused.
     pub fn boot_at_zero(&self) -> Result<World<'_>, Failed> {
-        self.zeroed(World::new)
+        self.zeroed(false)
     }
 
     /// The same at the moment in which it is let go.
@@ -246,16 +243,17 @@ impl Session {
     /// # Errors
     /// As [`boot_at_zero`](Self::boot_at_zero).
     pub fn boot_and_let_go(&self) -> Result<World<'_>, Failed> {
-        self.let_go(World::new)
+        self.let_go(false)
     }
 
-    fn zeroed<'a>(&'a self, new: NewWorld<'a>) -> Result<World<'a>, Failed> {
-        let mut world = self.let_go(new)?;
+    fn zeroed(&self, edge_times: bool) -> Result<World<'_>, Failed> {
+        let mut world = self.let_go(edge_times)?;
         world.run(REST_SAMPLES)?;
         Ok(world)
     }
 
-    fn let_go<'a>(&'a self, new: NewWorld<'a>) -> Result<World<'a>, Failed> {
+    fn let_go(&self, edge_times: bool) -> Result<World<'_>, Failed> {
+        let new = if edge_times { World::with_edge_times } else { World::new };
         let mut world = new(self.board, &self.elf, &self.table, &self.scene.scene, 0.0)?;
         world.run(500)?;
         ask(&mut world, "zero")?;
@@ -268,7 +266,7 @@ impl Session {
         let scene = &self.scene.scene;
         let (tunings, estimator) = tuning(self.board, scene, cutoff_hz)?;
         let of_edges = estimator.missing(&[Sense::Force]) == Some(Sense::Edge);
-        let mut world = self.zeroed(if of_edges { World::with_edge_times } else { World::new })?;
+        let mut world = self.zeroed(of_edges)?;
         let said = |key: &str, value: f64| scene.units.command(key, value);
         let mut lines = vec![
             "unlock envelope".to_owned(),

@@ -1,6 +1,7 @@
 //! Many runs of a board, on several threads.
 
 use std::{
+    num::NonZero,
     sync::{
         Mutex, PoisonError,
         atomic::{AtomicUsize, Ordering::Relaxed},
@@ -9,6 +10,11 @@ use std::{
 };
 
 use host_sim::{error::Error, interrupt};
+
+/// One for each core.
+pub fn cores() -> usize {
+    thread::available_parallelism().map_or(1, NonZero::get)
+}
 
 /// `count` jobs, one after another on each thread; what they give, in order.
 pub fn on_threads<S, T: Send>(

@@ -202,13 +202,11 @@ impl Common {
     fn session(&self, scene: NamedScene) -> Result<Session, Error> {
         check_period("actuator.period", scene.scene.actuator.period)?;
         let board = Board::asked(&self.board)?;
-        match &self.device {
-            Some(path) => {
-                let bytes = device::given(path, board, &scene)?;
-                Session::open_with(board, self.elf.as_ref(), scene, Some(bytes))
-            }
-            None => Session::open(board, self.elf.as_ref(), scene),
-        }
+        let Some(path) = &self.device else {
+            return Session::open(board, self.elf.as_ref(), scene);
+        };
+        let record = device::given(path, board, &scene)?;
+        Session::open_with(board, self.elf.as_ref(), scene, Some(record))
     }
 }
 

@@ -163,7 +163,8 @@ impl CoreBoard {
                 let at = index + u64::from(self.parts.latency);
                 self.on_the_way.push_back((at, part * self.parts.full_scale_n));
             }
-            self.program.link(true);
+            while self.program.report() {}
+            self.program.pass(true);
         }
         let finger_n = self.finger_n();
         let before_n = self.acting_n + finger_n;

@@ -1,6 +1,6 @@
 //! `cargo board campaign`: its options and what it prints.
 
-use std::{collections::BTreeMap, num::NonZero, path::PathBuf, thread, time::Instant};
+use std::{collections::BTreeMap, path::PathBuf, time::Instant};
 
 use clap::Args;
 use host_sim::{
@@ -24,6 +24,7 @@ use super::{
     situation::Situation,
     verdict::{CLASSES, Class, Verdict},
 };
+use crate::threads::cores;
 
 /// Options of the fault campaign.
 #[derive(Args)]
@@ -178,9 +179,7 @@ pub fn execute(options: &Campaign) -> Result<(), Error> {
         Some(name) => vec![Board::asked(name)?],
         None => BOARDS.to_vec(),
     };
-    let threads = options
-        .threads
-        .map_or_else(|| thread::available_parallelism().map_or(1, NonZero::get), usize::from);
+    let threads = options.threads.map_or_else(cores, usize::from);
     let chosen =
         boards.iter().map(|&board| chosen(board, options)).collect::<Result<Vec<_>, _>>()?;
     let mut json = Json {

@@ -11,7 +11,7 @@ use super::{
     place::Places,
     random::{self, Flip, STARTS, WATCHED},
     row::Row,
-    situation::{FULL_SAMPLES, SITUATIONS, Situation, Stage},
+    situation::{FULL_SAMPLES, SITUATIONS, Situation, Stage, boot},
     verdict::{Class, Measure, Verdict},
 };
 use crate::threads::on_threads;
@@ -81,7 +81,7 @@ impl<'a> Ground<'a> {
         let verdicts = on_threads(
             jobs.len(),
             threads,
-            || boot(self.session),
+            || Ok(boot(self.session)?),
             |world, n| {
                 let (row, situation) = jobs[n];
                 let failed = |failed: Failed| {
@@ -90,11 +90,8 @@ impl<'a> Ground<'a> {
                 self.row(world, &rows[row], situation).map_err(failed)
             },
         )?;
-        Ok(jobs
-            .into_iter()
-            .zip(verdicts)
-            .map(|((row, situation), verdict)| (row, situation, verdict))
-            .collect())
+        let told = jobs.into_iter().zip(verdicts);
+        Ok(told.map(|((row, situation), verdict)| (row, situation, verdict)).collect())
     }
 
     fn row(
@@ -117,8 +114,7 @@ impl<'a> Ground<'a> {
             };
         }
         if row.from_off {
-            *world = self.session.boot()?;
-            world.powered.mcu.outlive_lock_up();
+            *world = boot(self.session)?;
             ask_each(world, &["zero", "unlock envelope", "wall 0.005", "k 8000", "b 30"])?;
             world.probe()?;
             world.telemetry.clear();
@@ -151,17 +147,14 @@ impl<'a> Ground<'a> {
     /// The image has no seal, or Ctrl-C.
     pub fn image_flips(
         &self,
-        (seed, first): (u64, u64),
+        numbered: (u64, u64),
         count: u64,
         threads: usize,
     ) -> Result<Vec<ImageFlip>, Error> {
         let image = Image::of(&self.session.elf)?;
-        let count = usize::try_from(count).unwrap_or(usize::MAX);
-        let begin = || boot(self.session);
-        on_threads(count, threads, begin, |world, number| {
-            let ground = (&self.stages[Situation::Contact as usize], &image);
-            let number = first + number as u64;
-            image_flips::flip(world, ground, (seed, number), self.full_m_per_s2)
+        let ground = (&self.stages[Situation::Contact as usize], &image);
+        self.numbered(numbered, count, threads, |world, number| {
+            image_flips::flip(world, ground, number, self.full_m_per_s2)
         })
     }
 
@@ -171,17 +164,26 @@ impl<'a> Ground<'a> {
     /// Ctrl-C.
     pub fn flips(
         &self,
-        (seed, first): (u64, u64),
+        numbered: (u64, u64),
         count: u64,
         threads: usize,
     ) -> Result<Vec<(Situation, Flip)>, Error> {
-        let count = usize::try_from(count).unwrap_or(usize::MAX);
-        let begin = || boot(self.session);
-        on_threads(count, threads, begin, |world, number| {
-            let ground = (&self.stages[..], &self.places);
-            let number = first + number as u64;
-            random::flip(world, ground, (seed, number), self.full_m_per_s2)
+        let ground = (&self.stages[..], &self.places);
+        self.numbered(numbered, count, threads, |world, number| {
+            random::flip(world, ground, number, self.full_m_per_s2)
         })
+    }
+
+    fn numbered<T: Send>(
+        &self,
+        (seed, first): (u64, u64),
+        count: u64,
+        threads: usize,
+        flip: impl Fn(&mut World<'a>, (u64, u64)) -> Result<T, Error> + Sync,
+    ) -> Result<Vec<T>, Error> {
+        let count = usize::try_from(count).unwrap_or(usize::MAX);
+        let begin = || Ok(boot(self.session)?);
+        on_threads(count, threads, begin, |world, n| flip(world, (seed, first + n as u64)))
     }
 }
 
@@ -189,10 +191,4 @@ impl<'a> Ground<'a> {
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some thousand")]
 fn samples(row: &Row) -> u64 {
     ((row.limit_s * 1e4) as u64 + 200).clamp(LEAST, LONGEST)
-}
-
-fn boot(session: &Session) -> Result<World<'_>, Error> {
-    let mut world = session.boot()?;
-    world.powered.mcu.outlive_lock_up();
-    Ok(world)
 }

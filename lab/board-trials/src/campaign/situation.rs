@@ -53,10 +53,16 @@ pub const FULL_SAMPLES: u64 = 250;
 /// Samples that `arm` takes.
 const ARM_SAMPLES: u64 = 4_000;
 
-/// A board with its force on.
-pub fn ready(session: &Session, situation: Situation) -> Result<World<'_>, Failed> {
+/// A board that goes on being looked at when its core locks up.
+pub(super) fn boot(session: &Session) -> Result<World<'_>, Failed> {
     let mut world = session.boot()?;
     world.powered.mcu.outlive_lock_up();
+    Ok(world)
+}
+
+/// A board with its force on.
+pub fn ready(session: &Session, situation: Situation) -> Result<World<'_>, Failed> {
+    let mut world = boot(session)?;
     let zero_m = world.position_m();
     let wall = match situation {
         Situation::Free | Situation::Full => "wall 0.1",

@@ -248,7 +248,7 @@ impl Oracle {
                 let is_due = program.sample(count);
                 rule(!(is_due && was_due), || "an output is missing".into())?;
             }
-            Some(RENDER) => drop(program.render(self.given)),
+            Some(RENDER) => program.render(self.given),
             _ => {}
         }
         self.entries.pop_front();

@@ -1,6 +1,6 @@
 //! `cargo board fuzz`: its options and what it prints.
 
-use std::{num::NonZero, path::PathBuf, thread};
+use std::path::PathBuf;
 
 use clap::Args;
 use host_sim::{
@@ -19,6 +19,7 @@ use super::{
     instants::{self, EVENTS, Sweep, Wrong},
     run::Counts,
 };
+use crate::threads::cores;
 
 /// Options of the fuzz campaign.
 #[derive(Args)]
@@ -74,7 +75,7 @@ pub fn execute(options: &Fuzz) -> Result<(), Error> {
     let actions = options.script.as_ref().map(|path| campaign::script(path)).transpose()?;
     let board = Board::asked(&options.board)?;
     let session = Session::open(board, options.elf.as_ref(), NamedScene::load(board.name)?)?;
-    let threads = thread::available_parallelism().map_or(1, NonZero::get);
+    let threads = cores();
     if options.instants {
         return instants_of(&session, options.json, threads);
     }
