@@ -160,7 +160,7 @@ impl Oracle {
     /// No output is under way: from outside, what happens now happens between two of them.
     pub fn is_between_outputs(&self) -> bool {
         !self.entries.iter().any(|entry| entry.exception != LINK)
-            && !self.program.as_ref().is_some_and(|program| program.due.is_some())
+            && self.program.as_ref().is_none_or(|program| program.due.is_none())
     }
 
     /// The board starts anew.
@@ -290,7 +290,7 @@ impl Oracle {
             rule(program.report(), || "the image has an output that the library has not".into())?;
         }
         if words[2] != orders {
-            if !program.channels().order.is_some() {
+            if program.channels().order.is_none() {
                 pass(program, bytes);
             }
             self.given = program.channels().order.is_some();

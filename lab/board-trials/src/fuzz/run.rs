@@ -95,6 +95,8 @@ pub struct Checks {
     pub oracle: Oracle,
     pub properties: Properties,
     pub counts: Counts,
+    /// What library and rules have seen, which counts when an action is over.
+    seen: Counts,
     pub held: bool,
     samples: u64,
 }
@@ -123,6 +125,7 @@ impl<'a> Run<'a> {
             oracle: Oracle::new(device::built_in(session.board)),
             properties: Properties::new(session.board.supply_mv),
             counts: Counts::default(),
+            seen: Counts::default(),
             held: true,
             samples: 0,
         };
@@ -197,7 +200,10 @@ impl<'a> Run<'a> {
             Action::Reset => self.reset(ResetCause::Pin)?,
             Action::Power => self.reset(ResetCause::Power)?,
         }
-        self.checks.counts.cycles += self.world.powered.mcu.now() - begun;
+        let Checks { counts, seen, .. } = &mut self.checks;
+        let Counts { commands, outputs, resets, mut cycles, .. } = *counts;
+        cycles += self.world.powered.mcu.now() - begun;
+        *counts = Counts { commands, outputs, resets, cycles, ..*seen };
         Ok(())
     }
 
@@ -321,16 +327,16 @@ impl<'a> Run<'a> {
             replies: std::mem::take(&mut self.world.replies).into_bytes(),
             telemetry: std::mem::take(&mut self.world.telemetry),
         };
-        let Checks { oracle, properties, counts, .. } = &mut self.checks;
+        let Checks { oracle, properties, counts, seen, .. } = &mut self.checks;
         let saved = properties.saves();
-        let held = properties.check(&self.world, &observed, counts);
+        let held = properties.check(&self.world, &observed, seen);
         if saved && !properties.saves() {
             self.world.powered.mcu.watch_mut().clear();
         }
         let code = output_code(&self.world);
         let enabled = self.world.powered.amplifier.is_enabled();
         let within = self.world.powered.mcu.watch().innermost();
-        held.and_then(|()| oracle.follow(observed, size.max(1), counts))
+        held.and_then(|()| oracle.follow(observed, size.max(1), seen))
             .and_then(|()| {
                 if matches!(within, 0 | LINK) {
                     counts.outputs += 1;
