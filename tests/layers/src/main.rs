@@ -57,7 +57,7 @@ const BOARD: &[&[&str]] = &[
     &["amplifier", "rtt"],
     &["wiring"],
     &["mcu"],
-    &["image", "elf", "log", "random"],
+    &["image", "elf", "log", "random", "threads"],
 ];
 
 /// The layers of the live page's server.
