@@ -79,7 +79,7 @@ def shown(text):
 
 @functools.cache
 def usage(program, command):
-    binary = {"sim": "host-sim", "board": "virtual-board"}[program]
+    binary = {"sim": "host-sim", "board": "virtual-board-cli"}[program]
     ran = shell(f"cargo run --quiet --release --package {binary} -- {command} --help")
     return ran.stdout if ran.returncode == 0 else ""
 

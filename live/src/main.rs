@@ -36,7 +36,7 @@ use live::{
 };
 use virtual_board::{
     board::{Board, NUCLEO_F446RE},
-    cli, device,
+    device,
     elf::Elf,
     image,
     link::{Begin, Link, LiveBoard, RttTcp},
@@ -90,7 +90,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
     let mut outputs = Outputs::new(cli.force, &inputs);
     let record = outputs.option(cli.record.as_ref())?;
     let mut record_bytes = match &cli.device {
-        Some(path) => Some(cli::given(path, board, &scene)?),
+        Some(path) => Some(device::given(path, board, &scene)?),
         None => made(&scene, board)?,
     };
     let mut live = None; // runs until the program ends
@@ -130,7 +130,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
             });
             let (board, elf) = started?;
             let board = live.insert(board);
-            (Box::new(board.link()), Some(board.wires()), elf)
+            (Box::new(board.wires.link()), Some(Arc::clone(&board.wires)), elf)
         }
     };
     let device = match &record_bytes {

@@ -30,7 +30,7 @@ LINES = ["zero", "wall 0.01", "push 2.835", "settle 0.5", "window 0.3", "k 8000"
 @pytest.fixture(scope="module")
 def program() -> Path:
     """The program ``virtual-board``."""
-    subprocess.run(["cargo", "build", "--quiet", "--release", "--package", "virtual-board"], cwd=ROOT, check=True)
+    subprocess.run(["cargo", "build", "--quiet", "--release", "--package", "virtual-board-cli"], cwd=ROOT, check=True)
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
     return target / "release" / ("virtual-board.exe" if sys.platform == "win32" else "virtual-board")
 

@@ -1,19 +1,14 @@
 //! `cargo board campaign` in small: what its classes mean on the image, and that threads change nothing.
 
-use host_sim::scene::NamedScene;
-use virtual_board::{
-    board::NUCLEO_F446RE,
-    campaign::{
-        row::Row,
-        rows::rows,
-        run::Ground,
-        situation::SITUATIONS,
-        verdict::{Class, Verdict},
-    },
-    elf::Elf,
-    image, log,
-    session::Session,
+use board_trials::campaign::{
+    row::Row,
+    rows::rows,
+    run::Ground,
+    situation::SITUATIONS,
+    verdict::{Class, Verdict},
 };
+use host_sim::scene::NamedScene;
+use virtual_board::{board::NUCLEO_F446RE, elf::Elf, image, log, session::Session};
 
 #[test]
 fn a_fault_is_off_in_time_bounded_or_unnoticed_as_the_plant_says() {

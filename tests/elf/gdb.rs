@@ -91,20 +91,20 @@ fn a_halt_takes_the_force_away() {
     link.write(COMMANDS, b"zero\nk 200\nb 2\nwall 0.005\narm\n");
     until(&mut link, "ok arm");
     let mut gdb = Gdb::attach(&server);
-    let before = server.board.wires().seen();
+    let before = server.board.wires.seen();
     thread::sleep(Duration::from_millis(300));
-    let now = server.board.wires().seen();
+    let now = server.board.wires.seen();
     assert!(now.enabled && now.time_s > before.time_s + 0.02, "{before:?} {now:?}");
 
     let first = gdb.ask("?");
     assert!(first.starts_with("S05") || first.starts_with("T05"), "{first}");
     thread::sleep(Duration::from_millis(30));
-    let halted = server.board.wires().seen();
+    let halted = server.board.wires.seen();
     assert!(!halted.enabled, "{halted:?}");
     let registers = gdb.ask("g");
     assert_eq!(registers.len(), 2 * 4 * (16 + 1 + 6 + 32 + 1));
     thread::sleep(Duration::from_millis(30));
-    assert_eq!(server.board.wires().seen().position_m, halted.position_m);
+    assert_eq!(server.board.wires.seen().position_m, halted.position_m);
     assert_eq!(gdb.ask("g"), registers, "the core stands");
     assert_eq!(gdb.ask("me0042000,4"), "21040000", "the chip's id");
     assert_eq!(gdb.ask("m60000000,4"), "E0e", "there is nothing");
@@ -119,7 +119,7 @@ fn a_halt_takes_the_force_away() {
     link.write(COMMANDS, b"faults\n");
     let said = until(&mut link, "ok faults");
     assert!(said.contains("faults 32 (debugger halt)"), "{said}");
-    assert!(!server.board.wires().seen().enabled);
+    assert!(!server.board.wires.seen().enabled);
 }
 
 /// A run that is halted while a hand leads the handle is the one that is not: what the counts say, sample by sample.

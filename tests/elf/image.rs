@@ -1,13 +1,13 @@
 //! The image against its seal: at boot, and while the board runs.
 
+use board_trials::campaign::{
+    image_flips::{End, Part},
+    run::Ground,
+};
 use object::{Object as _, ObjectSection as _};
 use rayon::prelude::*;
 use virtual_board::{
     board::{Board, NUCLEO_F446RE, Powered},
-    campaign::{
-        image_flips::{End, Part},
-        run::Ground,
-    },
     elf::Elf,
     session::Session,
     world::World,

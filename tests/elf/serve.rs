@@ -51,15 +51,15 @@ fn three_ports_are_a_board() {
     until(&mut link, REPLIES, &mut replies, "ok arm");
     // Never faster than the time here; slower where others want the processor, and for how long nobody knows.
     let begun = Instant::now();
-    let before = server.board.wires().seen().time_s;
+    let before = server.board.wires.seen().time_s;
     let mut ran_s = 0.0;
     while ran_s < 0.3 {
         thread::sleep(Duration::from_millis(20));
-        ran_s = server.board.wires().seen().time_s - before;
+        ran_s = server.board.wires.seen().time_s - before;
         let here_s = begun.elapsed().as_secs_f64();
         assert!(ran_s < here_s + 0.05 && here_s < 30.0, "{ran_s} s in {here_s} s");
     }
-    assert!(server.board.wires().seen().enabled);
+    assert!(server.board.wires.seen().enabled);
     link.write(COMMANDS, b"disarm\n");
     until(&mut link, REPLIES, &mut replies, "ok disarm");
     link.read(LOG, &mut log);

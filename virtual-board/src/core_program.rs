@@ -15,7 +15,6 @@ use zwidth::{
     },
     self_test::{Found, Part},
     store::{Loaded, Source, Stored},
-    telemetry::Record,
     units::{OutputCode, Position},
     velocity::Senses,
 };
@@ -41,14 +40,19 @@ impl Memories {
     }
 }
 
+/// What the console reads and writes.
 #[derive(Clone)]
-struct Channels {
-    typed: VecDeque<u8>,
-    replies: Vec<u8>,
-    telemetry: Vec<u8>,
+pub struct Channels {
+    /// Bytes that the console has not read yet, to be added to.
+    pub typed: VecDeque<u8>,
+    /// Lines of replies that the host has not taken yet.
+    pub replies: Vec<u8>,
+    /// Frames of telemetry that the host has not taken yet.
+    pub telemetry: Vec<u8>,
     positions: VecDeque<Position>,
     sampler: GuardedSampler,
-    order: Option<Order>,
+    /// The console has given it, and no output has met it.
+    pub order: Option<Order>,
     flash: Option<Stored>,
     in_force: LoopParameters,
 }
@@ -158,9 +162,10 @@ pub struct CoreProgram {
     view: GuardView,
     down: Down,
     /// A due sample whose output has not come yet.
-    due: Option<SampleReport>,
+    pub due: Option<SampleReport>,
     reports: VecDeque<Report>,
-    newest: Option<Report>,
+    /// The last output that the console has seen.
+    pub newest: Option<Report>,
     /// The sample of the last output.
     rendered: u64,
     /// What the last output has put out; none: it was off.
@@ -242,10 +247,10 @@ impl CoreProgram {
         step.due
     }
 
-    /// `render` for the newest due sample, and the output's record. It `meets` an order that waits, or comes before the
+    /// `render` for the newest due sample, if there is one. It `meets` an order that waits, or comes before the
     /// order is given.
-    pub fn render(&mut self, meets: bool) -> Option<Record> {
-        let up = self.due.take()?;
+    pub fn render(&mut self, meets: bool) {
+        let Some(up) = self.due.take() else { return };
         let Enable { active, stop_open, stop_noted, supply_low, supply_noted } = &mut self.enable;
         let sensed = Sensed {
             switched_on: self.written.is_some(),
@@ -289,7 +294,6 @@ impl CoreProgram {
         if self.reports.len() < REPORTS {
             self.reports.push_back(self.renderer.report(record));
         }
-        Some(record)
     }
 
     fn put_out(&mut self, grant: OutputCommand) {
@@ -305,12 +309,6 @@ impl CoreProgram {
         self.written = Some(granted.command());
     }
 
-    /// `link`: what `render` has reported, then up to a line of what was typed if it `listens`.
-    pub fn link(&mut self, listens: bool) {
-        while self.report() {}
-        self.pass(listens);
-    }
-
     /// The next report of `render`, if there is one.
     pub fn report(&mut self) -> bool {
         let Some(report) = self.reports.pop_front() else { return false };
@@ -324,24 +322,9 @@ impl CoreProgram {
         self.console.pass(listens);
     }
 
-    /// Bytes that the console has not read yet, to be added to.
-    pub fn typed(&mut self) -> &mut VecDeque<u8> {
-        &mut self.console.port().typed
-    }
-
-    /// Lines of replies that the host has not taken yet.
-    pub fn replies(&mut self) -> &mut Vec<u8> {
-        &mut self.console.port().replies
-    }
-
-    /// Frames of telemetry that the host has not taken yet.
-    pub fn telemetry(&mut self) -> &mut Vec<u8> {
-        &mut self.console.port().telemetry
-    }
-
-    /// The console has given an order that no output has met.
-    pub fn has_order(&mut self) -> bool {
-        self.console.port().order.is_some()
+    /// Its ends of the link.
+    pub fn channels(&mut self) -> &mut Channels {
+        self.console.port()
     }
 
     /// The console waits for what the output task says to an order.
@@ -352,16 +335,6 @@ impl CoreProgram {
     /// The settings as the console has them.
     pub fn stored(&self) -> &Stored {
         self.console.stored()
-    }
-
-    /// The last output that the console has seen.
-    pub fn newest(&self) -> Option<&Report> {
-        self.newest.as_ref()
-    }
-
-    /// A due sample waits for its output.
-    pub fn is_due(&self) -> bool {
-        self.due.is_some()
     }
 
     /// What a reset would leave.

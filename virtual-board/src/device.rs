@@ -1,12 +1,12 @@
 //! The device record in a virtual board's flash.
 
-use std::sync::OnceLock;
+use std::{path::Path, sync::OnceLock};
 
 use host_sim::{
     error::Error,
     scene::{
         NamedScene, Scene,
-        record::{board_facts, words},
+        record::{board_facts, load, words},
     },
 };
 use zwidth::{VelocitySettings, device::Device};
@@ -84,6 +84,17 @@ pub fn same_units(record: &[u8], board: Board, scene: &Scene) -> Result<(), Stri
     Err(format!(
         "its handle_radius_m is {has}, allowed that of the scene, {wanted} (0: a linear device); the console has its units"
     ))
+}
+
+/// The record that `--device` names, for a device of that scene.
+///
+/// # Errors
+/// It cannot be read, or has other units than the scene.
+pub fn given(path: &Path, board: Board, scene: &NamedScene) -> Result<Vec<u8>, Error> {
+    let bytes = load(path)?;
+    same_units(&bytes, board, &scene.scene)
+        .map_err(|text| Error::Input(format!("--device {}: {text}", path.display())))?;
+    Ok(bytes)
 }
 
 /// That is the board's own scene, whose record its image has.

@@ -4,17 +4,13 @@
 
 pub mod amplifier;
 pub mod board;
-pub mod campaign;
-pub mod cli;
 pub mod core_program;
 pub mod device;
 pub mod elf;
-pub mod fuzz;
 pub mod image;
 pub mod link;
 pub mod log;
 pub mod mcu;
-mod random;
 pub mod rtt;
 pub mod session;
 mod wiring;

@@ -7,6 +7,7 @@ use host_sim::{
     error::Error,
     scene::{Criterion, NamedScene, Scene, Units},
 };
+use serde::{Serialize, Serializer};
 use zwidth::{
     experiment::Verdict,
     velocity::{EstimatorName, PARAMETERS, Sense},
@@ -93,12 +94,14 @@ impl BoardHit {
 }
 
 /// One push of a quiet hit, as the firmware reports it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BoardPush {
     /// Line that the firmware said.
+    #[serde(skip)]
     pub line: String,
     pub push_n: f64,
     /// Verdict on the wall at this push.
+    #[serde(serialize_with = "name_of")]
     pub verdict: Verdict,
     /// RMS of the position about its mean, m.
     pub rms_m: f64,
@@ -127,6 +130,10 @@ impl BoardPush {
     }
 }
 
+fn name_of<S: Serializer>(verdict: &Verdict, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(verdict.name())
+}
+
 /// The verdict that begins a text.
 fn verdict(text: &str) -> Option<Verdict> {
     let text = text.split(',').next().unwrap_or_default();
@@ -134,9 +141,10 @@ fn verdict(text: &str) -> Option<Verdict> {
 }
 
 /// A walk as the firmware reports it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WalkReport {
     /// Sum of K dB over the points, N^2 s/m^2.
+    #[serde(rename = "area_n2_s_per_m2")]
     pub area: f64,
     /// Largest K of the boundary, N/m.
     pub stiffness_peak_n_per_m: f64,
@@ -144,14 +152,12 @@ pub struct WalkReport {
     pub damping_max_n_s_per_m: f64,
     pub hits: u32,
     /// B, K of each point of the boundary.
+    #[serde(skip)]
     pub points: Vec<[f64; 2]>,
     pub ended_by: String,
     /// Time that it took on the board, s.
     pub virtual_s: f64,
 }
-
-/// Switches a board on, with the handle held at that place.
-type NewWorld<'a> = fn(Board, &Elf, &'a Table, &Scene, f64) -> Result<World<'a>, String>;
 
 /// Samples until the handle has come to rest after it was let go.
 const REST_SAMPLES: u64 = 15_000;
@@ -229,7 +235,7 @@ impl Session {
     /// # Errors
     /// As [`boot`](Self::boot), or `zero` was refused.
     pub fn boot_at_zero(&self) -> Result<World<'_>, Failed> {
-        self.zeroed(World::new)
+        self.zeroed(false)
     }
 
     /// The same at the moment in which it is let go.
@@ -237,16 +243,17 @@ impl Session {
     /// # Errors
     /// As [`boot_at_zero`](Self::boot_at_zero).
     pub fn boot_and_let_go(&self) -> Result<World<'_>, Failed> {
-        self.let_go(World::new)
+        self.let_go(false)
     }
 
-    fn zeroed<'a>(&'a self, new: NewWorld<'a>) -> Result<World<'a>, Failed> {
-        let mut world = self.let_go(new)?;
+    fn zeroed(&self, edge_times: bool) -> Result<World<'_>, Failed> {
+        let mut world = self.let_go(edge_times)?;
         world.run(REST_SAMPLES)?;
         Ok(world)
     }
 
-    fn let_go<'a>(&'a self, new: NewWorld<'a>) -> Result<World<'a>, Failed> {
+    fn let_go(&self, edge_times: bool) -> Result<World<'_>, Failed> {
+        let new = if edge_times { World::with_edge_times } else { World::new };
         let mut world = new(self.board, &self.elf, &self.table, &self.scene.scene, 0.0)?;
         world.run(500)?;
         ask(&mut world, "zero")?;
@@ -259,31 +266,28 @@ impl Session {
         let scene = &self.scene.scene;
         let (tunings, estimator) = tuning(self.board, scene, cutoff_hz)?;
         let of_edges = estimator.missing(&[Sense::Force]) == Some(Sense::Edge);
-        let mut world = self.zeroed(if of_edges { World::with_edge_times } else { World::new })?;
+        let mut world = self.zeroed(of_edges)?;
         let said = |key: &str, value: f64| scene.units.command(key, value);
-        let before = [
+        let mut lines = vec![
             "unlock envelope".to_owned(),
             format!("period {}", scene.actuator.period),
             format!("estimator {}", estimator.text()),
         ];
-        let behind = [
+        lines.extend(tunings);
+        lines.extend([
             format!("wall {}", said("position_m", scene.wall.position_m)),
             format!("start {}", said("start_m", scene.device.start_position_m)),
             format!("push {}", said("push_n", scene.wall_hit.push_n)),
             format!("settle {}", scene.wall_hit.settle_s),
             format!("window {}", scene.wall_hit.window_s),
             format!("rms {}", said("rms_limit_m", scene.wall_hit.rms_limit_m)),
-        ];
-        let quiet =
-            (scene.wall_hit.criterion == Criterion::Quiet).then(|| "criterion quiet".to_owned());
-        let limit_n = scene.wall_hit.force_rms_limit_n;
-        let limit =
-            limit_n.map(|limit_n| format!("force_rms {}", said("force_rms_limit_n", limit_n)));
-        for line in before.into_iter().chain(tunings).chain(behind).chain(quiet).chain(limit) {
-            if !line.is_empty() {
-                ask(&mut world, &line)?;
-            }
+        ]);
+        if scene.wall_hit.criterion == Criterion::Quiet {
+            lines.push("criterion quiet".to_owned());
         }
+        let limit_n = scene.wall_hit.force_rms_limit_n;
+        lines.extend(limit_n.map(|n| format!("force_rms {}", said("force_rms_limit_n", n))));
+        ask_each(&mut world, &lines)?;
         Ok(world)
     }
 
@@ -295,9 +299,7 @@ impl Session {
         let mut world = self.ready(cutoff_hz)?;
         let units = self.scene.scene.units;
         let (k, b) = (units.command(K, k), units.command(B, b));
-        for line in [format!("k {k}"), format!("b {b}"), "arm".to_owned()] {
-            ask(&mut world, &line)?;
-        }
+        ask_each(&mut world, &[format!("k {k}"), format!("b {b}"), "arm".to_owned()])?;
         world.run(ARM_SAMPLES)?;
         ask(&mut world, "hit")?;
         let mut pushes = vec![];
@@ -318,11 +320,8 @@ impl Session {
     /// The firmware refused a value, its walk ended with an error, or its program ended.
     pub fn walk(&self, cutoff_hz: f64, mut each: impl FnMut(&str)) -> Result<WalkReport, Failed> {
         let mut world = self.ready(cutoff_hz)?;
-        for line in grid(&self.scene.scene) {
-            ask(&mut world, &line)?;
-        }
-        ask(&mut world, "stream off")?;
-        ask(&mut world, "arm")?;
+        ask_each(&mut world, &grid(&self.scene.scene))?;
+        ask_each(&mut world, &["stream off", "arm"])?;
         world.run(ARM_SAMPLES)?;
         ask(&mut world, "walk")?;
         let begun = world.powered.mcu.now();
@@ -400,13 +399,21 @@ pub fn ask(world: &mut World<'_>, line: &str) -> Result<String, Failed> {
     }
 }
 
+/// The same of several lines.
+///
+/// # Errors
+/// As [`ask`].
+pub fn ask_each(world: &mut World<'_>, lines: &[impl AsRef<str>]) -> Result<(), Failed> {
+    lines.iter().try_for_each(|line| ask(world, line.as_ref()).map(drop))
+}
+
 /// What the firmware is told of the scene's estimator: the commands that tune it, and its name. Whether
 /// it has that estimator is for the firmware to say.
 fn tuning(
     board: Board,
     scene: &Scene,
     cutoff_hz: f64,
-) -> Result<([String; PARAMETERS], EstimatorName), Failed> {
+) -> Result<(Vec<String>, EstimatorName), Failed> {
     let settings = scene.velocity.at(cutoff_hz);
     let estimator = settings.name();
     let edges = usize::from(board.wiring.captured.is_some());
@@ -417,11 +424,15 @@ fn tuning(
     }
     let line = |place: usize| {
         let name = if place == 0 { "tuning".into() } else { format!("tuning{}", place + 1) };
-        let parameter = settings.parameter(place);
-        parameter.map_or_else(String::new, |(_, value)| format!("{name} {value}"))
+        settings.parameter(place).map(|(_, value)| format!("{name} {value}"))
     };
-    let lines = std::array::from_fn(line);
-    Ok((lines, estimator))
+    Ok(((0..PARAMETERS).filter_map(line).collect(), estimator))
+}
+
+impl From<Ended> for Error {
+    fn from(ended: Ended) -> Self {
+        Failed::Program(ended).into()
+    }
 }
 
 impl From<Failed> for Error {

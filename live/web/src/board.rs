@@ -20,7 +20,7 @@ use virtual_board::{
     board::Board,
     device,
     elf::Elf,
-    link::{CoreBoard, SteppedBoard, WiredLink, Wires},
+    link::{CoreBoard, SteppedBoard, Wires},
     session::{Failed, Session},
 };
 
@@ -47,17 +47,10 @@ impl Runs {
         }
     }
 
-    fn wires(&self) -> Arc<Wires> {
+    fn wires(&self) -> &Arc<Wires> {
         match self {
-            Self::Elf(board) => board.wires(),
-            Self::Core(board) => board.wires(),
-        }
-    }
-
-    fn link(&self) -> WiredLink {
-        match self {
-            Self::Elf(board) => board.link(),
-            Self::Core(board) => board.link(),
+            Self::Elf(board) => &board.wires,
+            Self::Core(board) => &board.wires,
         }
     }
 }
@@ -110,7 +103,8 @@ impl Running {
         let time_us = Arc::new(AtomicU64::new(0));
         let clock = Arc::clone(&time_us);
         let clock = Box::new(move || Duration::from_micros(clock.load(Relaxed)));
-        let (hub, talk) = Hub::new(Box::new(board.link()), Some(board.wires()), elf, clock);
+        let (hub, talk) =
+            Hub::new(Box::new(board.wires().link()), Some(Arc::clone(board.wires())), elf, clock);
         hub.attended.store(true, Relaxed); // the page and this worker live and end together
         let shared = Arc::new(Shared::new(hub, scene, of, None));
         let page = Page::enter(&shared);

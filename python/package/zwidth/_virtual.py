@@ -59,7 +59,7 @@ class Program:
     ) -> int:
         if program is None:
             folder: Path | None = _checkout()
-            begin = ["cargo", "run", "--quiet", "--release", "--package", "virtual-board", "--"]
+            begin = ["cargo", "run", "--quiet", "--release", "--package", "virtual-board-cli", "--"]
         else:
             folder, begin = None, [os.fspath(program)]
         command = [*begin, "serve", self._named(scene), "--rtt", "0", *options]

@@ -11,14 +11,14 @@ mod registers;
 mod run_case;
 
 use self::run_case::{Depth, prepare, run_case};
+use board_trials::campaign::{
+    fault_case::{Before, FaultCase},
+    kept, outside,
+    rows::fault_cases,
+};
 use rayon::prelude::*;
 use virtual_board::{
     board::{BOARDS, Board, NUCLEO_F446RE},
-    campaign::{
-        fault_case::{Before, FaultCase},
-        kept, outside,
-        rows::fault_cases,
-    },
     session::Failed,
     world::World,
 };

@@ -1,11 +1,8 @@
 //! Bits of registers that flip: force has to be off within 3 ms, and the board says what it found. And a sample timer
 //! that runs at another rate.
 
-use virtual_board::{
-    board::Board,
-    campaign::registers::{RegisterRow, register_rows},
-    world::World,
-};
+use board_trials::campaign::registers::{RegisterRow, register_rows};
+use virtual_board::{board::Board, world::World};
 
 use crate::{
     figure::figure,

@@ -1,9 +1,7 @@
 //! One fault case from `arm` to `arm`.
 
-use virtual_board::{
-    campaign::fault_case::{Before, FaultCase, RENDER_US, WATCHDOG_US},
-    world::{Snapshot, World},
-};
+use board_trials::campaign::fault_case::{Before, FaultCase, RENDER_US, WATCHDOG_US};
+use virtual_board::world::{Snapshot, World};
 use zwidth::telemetry::{Decoder, Flags, Record};
 
 use crate::firmware::{Firmware, arm, ok};

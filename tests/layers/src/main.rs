@@ -42,10 +42,12 @@ const CORE: &[&[&str]] = &[
     &["units", "gain", "range", "crc"],
 ];
 
-/// The layers of the virtual board.
+const BOARD_CRATES: &[&str] =
+    &["virtual-board/cli/src", "lab/board-trials/src", "virtual-board/src"];
+
+/// The layers of the virtual board, with its command line and the laboratory's commands.
 const BOARD: &[&[&str]] = &[
-    &["main"],
-    &["cli"],
+    &["typed"],
     &["campaign", "fuzz"],
     &["link"],
     &["session"],
@@ -55,7 +57,7 @@ const BOARD: &[&[&str]] = &[
     &["amplifier", "rtt"],
     &["wiring"],
     &["mcu"],
-    &["image", "elf", "log", "random"],
+    &["image", "elf", "log", "random", "threads"],
 ];
 
 /// The layers of the live page's server.
@@ -70,14 +72,19 @@ const LIVE: &[&[&str]] = &[
 ];
 
 /// Crates of the laboratory, and the files that lend them a command.
-const LABORATORY: &[&str] = &["lab_trade", "filter_forms", "host_sim_bench"];
-const LENDERS: &[&str] = &["host-sim/src/cli/trade.rs", "host-sim/src/output/trade_figures.rs"];
+const LABORATORY: &[&str] = &["board_trials", "lab_trade", "filter_forms", "host_sim_bench"];
+const LENDERS: &[&str] = &[
+    "host-sim/src/cli/trade.rs",
+    "host-sim/src/output/trade_figures.rs",
+    "virtual-board/cli/src/main.rs",
+];
 /// Kernel and product, by the folders of their crates.
 const PRODUCT: &[&str] = &[
     "src",
     "host-sim/src",
     "host-sim/studies/src",
     "host-sim/loop/src",
+    "virtual-board/cli/src",
     "virtual-board/src",
     "live/src",
     "live/web/src",
@@ -137,7 +144,8 @@ fn main() -> ExitCode {
     let core = Source::read(&["src"], &["zwidth"]);
     let mut found = offences(&simulator, SIMULATOR);
     found.extend(offences(&core, CORE));
-    found.extend(offences(&Source::read(&["virtual-board/src"], &["virtual_board"]), BOARD));
+    let board = Source::read(BOARD_CRATES, &["virtual_board", "board_trials"]);
+    found.extend(offences(&board, BOARD));
     found.extend(offences(&Source::read(&["live/src"], &["live"]), LIVE));
     for folder in PRODUCT {
         for (file, line) in Source::read(&[folder], LABORATORY).mentions() {

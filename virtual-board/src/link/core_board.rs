@@ -7,10 +7,7 @@ use std::{collections::VecDeque, sync::Arc};
 use host_sim::{
     error::Error,
     plant::{AnyPlant, AnyState, Moment, Plant as _},
-    scene::{
-        NamedScene,
-        record::{board_facts, words},
-    },
+    scene::NamedScene,
     simulation::{Parts, prepared::PreparedScene},
 };
 use zwidth::{device::Device, safety::ResetCause};
@@ -20,7 +17,7 @@ mod tests;
 
 use super::{
     REPLIES, TELEMETRY,
-    wires::{SLICE, Seen, WiredLink, Wires},
+    wires::{SLICE, Seen, Wires},
 };
 use crate::{
     board::Board,
@@ -37,9 +34,7 @@ const HELD_SAMPLES: u64 = 600;
 /// The device of a scene on a board, kept for good as an image's record is; of the board's own scene the image's.
 fn device_of(scene: &NamedScene, board: Board) -> Result<&'static Device<'static>, Error> {
     let Some(record) = device::record(scene, board)? else { return Ok(device::built_in(board)) };
-    let words = words(&record).leak();
-    let device = Device::from_record(words, &board_facts(board.name)?).map_err(Error::input)?;
-    Ok(Box::leak(Box::new(device)))
+    Ok(Box::leak(Box::new(device::read(&record, board)?)))
 }
 
 /// The library in a loop with a device.
@@ -56,7 +51,7 @@ pub struct CoreBoard {
     acting_n: f64,
     finger: Option<Finger>,
     line: Vec<u8>,
-    wires: Arc<Wires>,
+    pub wires: Arc<Wires>,
 }
 
 impl CoreBoard {
@@ -95,11 +90,11 @@ impl CoreBoard {
             self.sample();
             self.state = self.parts.plant.at_rest(0.0);
             if n == HELD_SAMPLES / 2 {
-                self.program.typed().extend(b"zero\n");
+                self.program.channels().typed.extend(b"zero\n");
             }
         }
-        self.program.replies().clear();
-        self.program.telemetry().clear();
+        self.program.channels().replies.clear();
+        self.program.channels().telemetry.clear();
     }
 
     /// Runs the board for 1 ms; `speed`, only shown, is simulated seconds per real second.
@@ -114,14 +109,14 @@ impl CoreBoard {
         for _ in 0..SLICE {
             self.sample();
         }
-        self.wires.take(REPLIES, self.program.replies());
-        self.wires.take(TELEMETRY, self.program.telemetry());
+        self.wires.take(REPLIES, &mut self.program.channels().replies);
+        self.wires.take(TELEMETRY, &mut self.program.channels().telemetry);
         self.look(speed);
     }
 
     /// What is typed; a board that is none has nothing to test.
     fn hear(&mut self) {
-        let room = TYPED.saturating_sub(self.program.typed().len());
+        let room = TYPED.saturating_sub(self.program.channels().typed.len());
         for byte in self.wires.typed(room) {
             if byte != b'\n' {
                 self.line.push(byte);
@@ -129,10 +124,10 @@ impl CoreBoard {
             }
             if self.line.trim_ascii() == b"selftest" {
                 let said = b"error: selftest: the core runs here without a board\n";
-                self.program.replies().extend(said);
+                self.program.channels().replies.extend(said);
             } else {
-                self.program.typed().extend(&self.line);
-                self.program.typed().push_back(b'\n');
+                self.program.channels().typed.extend(&self.line);
+                self.program.channels().typed.push_back(b'\n');
             }
             self.line.clear();
         }
@@ -168,7 +163,8 @@ impl CoreBoard {
                 let at = index + u64::from(self.parts.latency);
                 self.on_the_way.push_back((at, part * self.parts.full_scale_n));
             }
-            self.program.link(true);
+            while self.program.report() {}
+            self.program.pass(true);
         }
         let finger_n = self.finger_n();
         let before_n = self.acting_n + finger_n;
@@ -202,14 +198,5 @@ impl CoreBoard {
             disabled_s: self.disabled_at.map(seconds),
             speed,
         });
-    }
-
-    pub fn wires(&self) -> Arc<Wires> {
-        Arc::clone(&self.wires)
-    }
-
-    /// An end of its link.
-    pub fn link(&self) -> WiredLink {
-        WiredLink(self.wires())
     }
 }

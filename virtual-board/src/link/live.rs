@@ -13,7 +13,7 @@ use std::{
 
 use super::{
     gdb,
-    wires::{SLICE, Slices, WiredLink, Wires},
+    wires::{SLICE, Slices, Wires},
 };
 use crate::{
     mcu::{Met, Stops},
@@ -48,7 +48,7 @@ impl Begin {
 
 /// A virtual board in real time. It is switched off when the last of its handles is dropped.
 pub struct LiveBoard {
-    wires: Arc<Wires>,
+    pub wires: Arc<Wires>,
     ended: Arc<AtomicBool>,
     thread: Option<thread::JoinHandle<()>>,
 }
@@ -89,15 +89,6 @@ impl LiveBoard {
         let over = || Failed::Refused("the board's thread ended".to_owned());
         wait.recv().map_err(|_| over())??;
         Ok(Self { wires, ended, thread: Some(thread) })
-    }
-
-    pub fn wires(&self) -> Arc<Wires> {
-        Arc::clone(&self.wires)
-    }
-
-    /// Another end of the same link.
-    pub fn link(&self) -> WiredLink {
-        WiredLink(self.wires())
     }
 }
 

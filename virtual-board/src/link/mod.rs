@@ -10,7 +10,10 @@ pub mod serve;
 mod stepped;
 mod wires;
 
-use std::time::Duration;
+use std::{
+    io::{self, ErrorKind},
+    time::Duration,
+};
 
 pub use crate::world::Finger;
 pub use core_board::CoreBoard;
@@ -35,6 +38,16 @@ pub const COMMANDS: usize = 0;
 const LOOK: Duration = Duration::from_millis(1);
 /// A client that takes nothing for so long is let go: the board does not wait for it meanwhile.
 const PATIENCE: Duration = Duration::from_secs(10);
+
+/// What a read or write of a stream that does not wait came to; none: not now.
+fn at_once(done: io::Result<usize>) -> io::Result<Option<usize>> {
+    match done {
+        Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
+            Ok(None)
+        }
+        done => done.map(Some),
+    }
+}
 
 /// The channels of a board. Nothing here waits.
 pub trait Link: Send {

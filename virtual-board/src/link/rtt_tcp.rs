@@ -1,12 +1,12 @@
 //! RTT over TCP: a port for each channel, as OpenOCD's `rtt server` has them.
 
 use std::{
-    io::{ErrorKind, Read as _, Write as _},
+    io::{Read as _, Write as _},
     net::{TcpStream, ToSocketAddrs as _},
     time::Duration,
 };
 
-use super::{Link, UP_CHANNELS};
+use super::{Link, UP_CHANNELS, at_once};
 
 /// How long a server may take to answer.
 const CONNECT: Duration = Duration::from_secs(3);
@@ -53,11 +53,10 @@ impl Link for RttTcp {
         let Some(stream) = self.channels.get_mut(channel) else { return };
         let mut bytes = [0; 4096];
         while self.lost.is_none() {
-            match stream.read(&mut bytes) {
-                Ok(0) => self.lost = Some("the server closed the connection".to_owned()),
-                Ok(count) => into.extend_from_slice(&bytes[..count]),
-                Err(error) if error.kind() == ErrorKind::WouldBlock => return,
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+            match at_once(stream.read(&mut bytes)) {
+                Ok(Some(0)) => self.lost = Some("the server closed the connection".to_owned()),
+                Ok(Some(count)) => into.extend_from_slice(&bytes[..count]),
+                Ok(None) => return,
                 Err(error) => self.lost = Some(error.to_string()),
             }
         }
@@ -65,18 +64,8 @@ impl Link for RttTcp {
 
     fn write(&mut self, channel: usize, bytes: &[u8]) -> usize {
         let Some(stream) = self.channels.get_mut(channel) else { return 0 };
-        match stream.write(bytes) {
-            Ok(count) => count,
-            Err(error)
-                if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) =>
-            {
-                0
-            }
-            Err(error) => {
-                self.lost = Some(error.to_string());
-                0
-            }
-        }
+        let written = at_once(stream.write(bytes));
+        written.map_err(|error| self.lost = Some(error.to_string())).ok().flatten().unwrap_or(0)
     }
 
     fn lost(&self) -> Option<String> {

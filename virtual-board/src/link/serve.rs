@@ -17,7 +17,7 @@ use host_sim::{
     output::terminal::{note, print_text},
 };
 
-use super::{Begin, LOOK, Link as _, LiveBoard, PATIENCE};
+use super::{Begin, LOOK, Link as _, LiveBoard, PATIENCE, at_once};
 use crate::session::Session;
 
 /// Tries to find as many free ports in a row as there are channels, where any will do.
@@ -92,7 +92,7 @@ pub fn serve(session: Session, period: Option<u32>, ports: Ports) -> Result<(), 
         first + 1,
         first + 2
     ));
-    let link = server.board.link();
+    let link = server.board.wires.link();
     loop {
         thread::sleep(Duration::from_millis(20));
         interrupt::check()?;
@@ -142,7 +142,7 @@ fn channel_of(channel: usize, listener: &TcpListener, board: &LiveBoard, over: &
             Ok((client, _)) => {
                 // A client that breaks off is its own business.
                 let _ = attend(channel, client, board, over);
-                board.wires().attend(channel, false);
+                board.wires.attend(channel, false);
             }
             Err(_) => thread::sleep(Duration::from_millis(5)),
         }
@@ -157,7 +157,7 @@ fn attend(
 ) -> io::Result<()> {
     client.set_nonblocking(true)?;
     client.set_nodelay(true)?;
-    let mut link = board.link();
+    let mut link = board.wires.link();
     let (mut up, mut down, mut bytes) = (Vec::new(), Vec::new(), [0; 4096]);
     let mut stuck = Duration::ZERO;
     while !over.load(Relaxed) {
@@ -165,24 +165,21 @@ fn attend(
             link.read(channel, &mut up);
         }
         let mut idle = true;
-        match client.write(&up) {
-            Ok(count) => {
+        match at_once(client.write(&up))? {
+            Some(count) => {
                 up.drain(..count);
                 stuck = Duration::ZERO;
             }
-            Err(error) if error.kind() == ErrorKind::WouldBlock => stuck += LOOK,
-            Err(error) => return Err(error),
+            None => stuck += LOOK,
         }
         if stuck > PATIENCE {
             return Err(ErrorKind::TimedOut.into());
         }
         // What the board has no room for stays in the socket, and at last with the client.
         if down.is_empty() {
-            match client.read(&mut bytes) {
-                Ok(0) => return Ok(()),
-                Ok(count) => down.extend_from_slice(&bytes[..count]),
-                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
-                Err(error) => return Err(error),
+            match at_once(client.read(&mut bytes))? {
+                Some(0) => return Ok(()),
+                count => down.extend_from_slice(&bytes[..count.unwrap_or(0)]),
             }
         }
         if !down.is_empty() {

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::wires::{Slices, WiredLink, Wires};
+use super::wires::{Slices, Wires};
 use crate::{
     session::{Failed, Session},
     world::World,
@@ -12,7 +12,7 @@ use crate::{
 pub struct SteppedBoard {
     world: World<'static>,
     slices: Slices,
-    wires: Arc<Wires>,
+    pub wires: Arc<Wires>,
 }
 
 impl SteppedBoard {
@@ -35,14 +35,5 @@ impl SteppedBoard {
         self.slices.run(&mut self.world)?;
         self.wires.look(&self.world, speed);
         Ok(())
-    }
-
-    pub fn wires(&self) -> Arc<Wires> {
-        Arc::clone(&self.wires)
-    }
-
-    /// An end of its link.
-    pub fn link(&self) -> WiredLink {
-        WiredLink(self.wires())
     }
 }

@@ -66,6 +66,11 @@ impl Wires {
         }
     }
 
+    /// An end of the link.
+    pub fn link(self: &Arc<Self>) -> WiredLink {
+        WiredLink(Arc::clone(self))
+    }
+
     /// A finger pulls at the handle from now on, or none.
     pub fn touch(&self, finger: Option<Finger>) {
         *lock(&self.finger) = finger;
@@ -148,7 +153,7 @@ impl Wires {
 
 /// An end of the link over [`Wires`].
 #[derive(Clone)]
-pub struct WiredLink(pub(super) Arc<Wires>);
+pub struct WiredLink(Arc<Wires>);
 
 impl Link for WiredLink {
     fn read(&mut self, channel: usize, into: &mut Vec<u8>) {

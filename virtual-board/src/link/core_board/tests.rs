@@ -9,7 +9,7 @@ use zwidth::telemetry::Decoder;
 
 struct Bench {
     board: CoreBoard,
-    link: WiredLink,
+    link: crate::link::WiredLink,
     heard: Vec<u8>,
 }
 
@@ -17,7 +17,7 @@ impl Bench {
     fn new(scene: &str) -> Self {
         let scene = NamedScene::load(scene).unwrap();
         let board = CoreBoard::start(&scene, NUCLEO_F446RE).unwrap();
-        let link = board.link();
+        let link = board.wires.link();
         Self { board, link, heard: vec![] }
     }
 
@@ -73,7 +73,7 @@ fn stop_and_finger_are_as_on_a_board() {
     for _ in 0..500 {
         bench.board.millisecond(1.0); // the sign test moves the handle by itself
     }
-    let wires = bench.board.wires();
+    let wires = Arc::clone(&bench.board.wires);
     let target_m = 0.08;
     wires.touch(Some(Finger {
         target_m,

@@ -8,7 +8,7 @@ use std::{
 
 use gdbstub::conn;
 
-use super::super::{LOOK, PATIENCE};
+use super::super::{LOOK, PATIENCE, at_once};
 
 /// A client of the port. Reading never waits.
 pub(super) struct Wire {
@@ -26,12 +26,9 @@ impl Wire {
     pub(super) fn byte(&mut self) -> io::Result<Option<u8>> {
         if self.taken.is_empty() {
             let mut bytes = [0; 4096];
-            match self.stream.read(&mut bytes) {
-                Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
-                Ok(count) => self.taken.extend(bytes[..count].iter().rev()),
-                Err(error)
-                    if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
-                Err(error) => return Err(error),
+            match at_once(self.stream.read(&mut bytes))? {
+                Some(0) => return Err(ErrorKind::UnexpectedEof.into()),
+                count => self.taken.extend(bytes[..count.unwrap_or(0)].iter().rev()),
             }
         }
         Ok(self.taken.pop())
@@ -50,19 +47,16 @@ impl conn::Connection for Wire {
     fn flush(&mut self) -> io::Result<()> {
         let mut looks = 0;
         while !self.out.is_empty() {
-            match io::Write::write(&mut self.stream, &self.out) {
-                Ok(count) => {
+            match at_once(io::Write::write(&mut self.stream, &self.out))? {
+                Some(count) => {
                     self.out.drain(..count);
                     looks = 0;
                 }
-                Err(error) if error.kind() == ErrorKind::WouldBlock => {
-                    if LOOK * looks > PATIENCE {
-                        return Err(ErrorKind::TimedOut.into());
-                    }
+                None if LOOK * looks > PATIENCE => return Err(ErrorKind::TimedOut.into()),
+                None => {
                     looks += 1;
                     thread::sleep(LOOK);
                 }
-                Err(error) => return Err(error),
             }
         }
         Ok(())

@@ -1,0 +1,187 @@
+//! Faults in which a value in RAM is changed.
+
+use virtual_board::{
+    elf::{Elf, SAMPLE_STATE},
+    session::{Failed, ask},
+    world::World,
+};
+
+use super::{
+    place::{flip_word, words_of},
+    row::{Row, SOON_S},
+    situation::Situation,
+};
+
+/// All of the motor's force, in the firmware's unit.
+const FULL_SCALE: u32 = 1 << 30;
+/// Names the queues, and the state of `render`, among the symbols.
+const QUEUES: &str = "queues";
+const RENDER_STATE: &str = "local_resource_render";
+
+pub fn memory_rows() -> Vec<Row> {
+    vec![
+        Row::at_once("motor's sign in memory", SOON_S, motor_sign),
+        Row::at_once("push of a hit in memory", SOON_S, push).only_free(),
+        Row::at_once("phase of a hit in memory", SOON_S, phase).only_free(),
+        Row::at_once("encoder's origin in memory", SOON_S, origin),
+        Row::at_once("supervisor's state in memory", SOON_S, state),
+        Row::at_once("an order comes again", SOON_S, order),
+    ]
+}
+
+/// What was looked for, as an offset from where the search began.
+fn found(place: Option<usize>, nothing: &str) -> Result<u32, Failed> {
+    let place = place.and_then(|place| u32::try_from(place).ok());
+    place.ok_or_else(|| Failed::Refused(nothing.into()))
+}
+
+/// Types each line, and gives after each a look at the board.
+fn after_each<T>(
+    world: &mut World<'_>,
+    lines: &[&str],
+    look: impl Fn(&World<'_>) -> T,
+) -> Result<Vec<T>, Failed> {
+    let look = |line: &&str| {
+        ask(world, line)?;
+        world.run(37)?;
+        Ok(look(world))
+    };
+    lines.iter().map(look).collect()
+}
+
+/// The byte that says how the motor is wired: found by turning it with the force off, and then turned with the force on.
+fn motor_sign(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
+    let before = world.snapshot();
+    let (from, size) = elf.place_of(RENDER_STATE)?;
+    let lines = ["disarm", "motor +", "motor -", "motor +", "motor -"];
+    let seen = after_each(world, &lines, |world| bytes_of(world, from, size))?;
+    let turns = |at: &usize| seen[1..].iter().map(|bytes| bytes[*at]).eq([0, 1, 0, 1]);
+    let place = found((0..size as usize).find(turns), "nothing in `render` turns with the motor")?;
+    world.restore(&before);
+    world.powered.mcu.write(from + place, &[1]);
+    Ok(())
+}
+
+fn bytes_of(world: &World<'_>, from: u32, size: u32) -> Vec<u8> {
+    let mut bytes = vec![0; size as usize];
+    world.powered.mcu.read(from, &mut bytes);
+    bytes
+}
+
+/// A bit of the running hit's push, worth half of full scale.
+fn push(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
+    let (plan, words) = hit_plan(elf, world)?;
+    let full_n = world.full_scale_n();
+    let is_push = |&word: &u32| {
+        [Situation::Free, Situation::Full].into_iter().any(|situation| {
+            let wanted = situation.push_n(full_n) / full_n * f64::from(FULL_SCALE);
+            (f64::from(word.cast_signed()) - wanted).abs() <= 1.0
+        })
+    };
+    let place = found(words.iter().position(is_push), "no push is kept twice in `render`")?;
+    flip_word(world, plan + 4 * place, 29); // half of FULL_SCALE
+    Ok(())
+}
+
+/// A bit of the word that says whether a hit is on its way to its start or pushes: the push would go, and it would never
+/// end. It is before the hit's plan, has a small value while it pushes, and 0 or 1 on the way there.
+fn phase(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
+    let pushes = words_of(elf, world, RENDER_STATE)?.1;
+    let before = world.snapshot();
+    ask(world, "stop")?;
+    world.run(2_000)?;
+    ask(world, "hit")?;
+    world.run(50)?;
+    let (from, comes) = words_of(elf, world, RENDER_STATE)?;
+    world.restore(&before);
+    let place = comes.iter().zip(&pushes).position(|pair| matches!(pair, (0 | 1, 2)));
+    let place = found(place, "no word says that a hit pushes")?;
+    flip_word(world, from + 4 * place, 7);
+    Ok(())
+}
+
+/// Where the running hit's plan stands in the memory of `render`, and its words: they stand there twice, one after the
+/// other.
+fn hit_plan(elf: &Elf, world: &World<'_>) -> Result<(u32, [u32; 4]), Failed> {
+    let (from, words) = words_of(elf, world, RENDER_STATE)?;
+    let twice = |pair: &[u32]| {
+        pair[..4] == pair[4..] && pair[..4].iter().all(|&word| word.cast_signed() > 1)
+    };
+    let place = words.windows(8).position(twice);
+    let offset = found(place, "no plan is kept twice in `render`")?;
+    Ok((from + 4 * offset, [0, 1, 2, 3].map(|n| words[offset as usize + n])))
+}
+
+/// A bit of the count at position 0, worth 128 counts. Found with the force off: it turns with each `zero`, stays while
+/// the handle moves, and is always the difference of two other words, last count and position.
+fn origin(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
+    let before = world.snapshot();
+    let (from, _) = elf.place_of(SAMPLE_STATE)?;
+    let mut seen = Vec::new();
+    ask(world, "disarm")?;
+    for (offset, zero) in [(40, true), (110, true), (70, true), (15, false)] {
+        world.count_wrongly(offset, 1.0, 0.0);
+        world.run(37)?;
+        if zero {
+            ask(world, "zero")?;
+            world.run(37)?;
+        }
+        seen.push(words_of(elf, world, SAMPLE_STATE)?.1);
+    }
+    let words = seen[0].len();
+    let turns = |a: usize| seen[0][a] != seen[1][a] && seen[1][a] != seen[2][a];
+    let stays = |a: usize| seen[2][a] == seen[3][a];
+    let moves = |a: usize| seen[2][a] != seen[3][a];
+    let differ = |a: usize, count: usize, position: usize| {
+        seen.iter().all(|words| words[count].wrapping_sub(words[position]) == words[a])
+    };
+    let place = (0..words).filter(|&a| turns(a) && stays(a)).find(|&a| {
+        let moving = || (0..words).filter(|&b| moves(b));
+        moving().any(|count| moving().any(|position| differ(a, count, position)))
+    });
+    let place = found(place, "nothing in `sample` follows `zero`")?;
+    world.restore(&before);
+    flip_word(world, from + 4 * place, 7);
+    Ok(())
+}
+
+/// A bit of what the supervisor does: armed becomes the sign test, which was passed, so that the next output comes to yet
+/// another state. Two equal bytes are it, which are 0 when it is off, 1 in the sign test, and 3 now.
+fn state(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
+    let before = world.snapshot();
+    let (from, size) = elf.place_of(RENDER_STATE)?;
+    let look = |world: &World<'_>| bytes_of(world, from, size);
+    let mut seen = vec![look(world)];
+    seen.extend(after_each(world, &["disarm", "wall 0.1", "arm"], look)?);
+    world.restore(&before);
+    let is_state = |&at: &usize| {
+        [3, 0, 0, 1].iter().zip(&seen).all(|(state, bytes)| bytes[at..at + 2] == [*state, *state])
+    };
+    let place = (1..size as usize).map(|after| after - 1).find(is_state);
+    let place = found(place, "no state is kept twice in `render`")?;
+    world.powered.mcu.write(from + place, &[1]);
+    Ok(())
+}
+
+/// An index of the queue of orders points to the other of its two places: what stands there was met before. The index is
+/// found with the force off: it turns with each order, and with nothing else.
+fn order(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
+    let before = world.snapshot();
+    ask(world, "disarm")?;
+    world.run(200)?; // an experiment says that it ended
+    let (from, words) = words_of(elf, world, QUEUES)?;
+    let mut seen = vec![words];
+    for line in ["k 9000", "k 10000", "k 9000", "k 10000", "k 9000"] {
+        ask(world, line)?;
+        world.run(37)?;
+        seen.push(words_of(elf, world, QUEUES)?.1);
+    }
+    let turns = |a: &usize| {
+        let small = seen.iter().all(|words| words[*a] < 2);
+        small && seen.windows(2).all(|pair| pair[0][*a] != pair[1][*a])
+    };
+    let place = (0..seen[0].len()).find(turns);
+    world.restore(&before);
+    flip_word(world, from + 4 * found(place, "no index turns with each order")?, 0);
+    Ok(())
+}

@@ -1,0 +1,145 @@
+//! What goes wrong outside of the chip, at its host and in RTT's block, and two faults at once: with the emergency stop.
+
+use virtual_board::{
+    board::{Board, Force, Powered},
+    elf::Elf,
+    world::{Ended, World},
+};
+
+use super::{
+    fault_case::stop,
+    memory::memory_rows,
+    place::flip_word,
+    row::{Row, SOON_S},
+};
+
+/// An encoder whose count stays: the check of a push without motion, and an output.
+const STUCK_S: f64 = 0.0525;
+/// A count that moves too little: the rest of a span of 50 ms, and the next.
+const SHORT_OF_S: f64 = 0.1025;
+/// A current that differs by a third of full scale, in the mean of 13 ms.
+const SENSED_S: f64 = 0.018;
+/// For which the host stalls and floods.
+const FLOOD_SAMPLES: u64 = 4_000;
+const FLOOD_S: f64 = FLOOD_SAMPLES as f64 * 1e-4;
+/// Whatever the plant allows.
+const EVER_S: f64 = 1.3;
+
+/// All of them. `current_sense`: the amplifier says its current.
+pub fn outside(board: Board, current_sense: bool) -> Vec<Row> {
+    let mut rows = memory_rows();
+    rows.extend(everywhere());
+    let stuck_rows = [("amplifier gives all", 1.0), ("amplifier gives all, away", -1.0)];
+    rows.extend(stuck_rows.map(|(name, part)| {
+        let stuck = move |_: &Elf, world: &mut World<'_>| {
+            world.defects.stuck = Some(part);
+            Ok(())
+        };
+        if current_sense {
+            Row::at_once(name, SENSED_S, stuck)
+        } else {
+            Row::at_once(name, EVER_S, stuck)
+                .never_in_contact("the hand leads the handle, whatever the force")
+        }
+    }));
+    if matches!(board.wiring.force, Force::Dac { .. }) {
+        let more = Row::at_once("DAC gives 10 % more", SOON_S, |_, world| {
+            world.defects.dac = 0.1;
+            Ok(())
+        });
+        rows.push(more.not_full());
+    }
+    rows
+}
+
+/// The encoder's count is off by so much, follows that part of the motion, and drifts.
+fn counts(name: &str, limit_s: f64, (offset, ratio, per_sample): (i32, f64, f64)) -> Row {
+    Row::at_once(name, limit_s, move |_, world| {
+        world.count_wrongly(offset, ratio, per_sample);
+        Ok(())
+    })
+}
+
+fn everywhere() -> Vec<Row> {
+    let held = "a handle that is held looks the same";
+    let moves = "a count that moves as a handle can is a handle that moves";
+    vec![
+        counts("count frozen", STUCK_S, (0, 0.0, 0.0)).never_in_contact(held),
+        counts("count frozen, drifts by 1 in 10 ms", SHORT_OF_S, (0, 0.0, 0.01))
+            .never_in_contact(held),
+        counts("count follows 1/50 of the motion", SHORT_OF_S, (0, 0.02, 0.0))
+            .never_in_contact(moves),
+        counts("1 false count a sample", EVER_S, (0, 1.0, 1.0))
+            .never_free(moves)
+            .never_in_contact(moves),
+        counts("10 false counts a sample", EVER_S, (0, 1.0, 10.0)).never_free(moves),
+        counts("60 false counts a sample", EVER_S, (0, 1.0, 60.0)),
+        counts("90 false counts a sample", EVER_S, (0, 1.0, 90.0)),
+        counts("jump of 280 counts", SOON_S, (280, 1.0, 0.0))
+            .never_free(moves)
+            .never_in_contact(moves),
+        Row::of("RTT stall and flood, blocking", FLOOD_S, |_, world| {
+            let begun = world.powered.mcu.now();
+            flood(world, FLOOD_SAMPLES)?;
+            Ok(begun)
+        }),
+        Row::at_once("a core that sleeps deep", SOON_S, |_, world| {
+            let control = world.powered.mcu.peek(SCR);
+            world.powered.mcu.poke(SCR, control | SLEEP_DEEP);
+            Ok(())
+        }),
+        Row::at_once("RTT: up 1 larger", SOON_S, |elf, world| {
+            flip_word(world, elf.place_of("_SEGGER_RTT")?.0 + CHANNEL_1 + 8, 16);
+            Ok(())
+        }),
+        Row::at_once("RTT: up 1 elsewhere", SOON_S, |elf, world| {
+            let (render, _) = elf.place_of("local_resource_render")?;
+            let buffer = elf.place_of("_SEGGER_RTT")?.0 + CHANNEL_1 + 4;
+            world.powered.mcu.write(buffer, &render.to_le_bytes());
+            Ok(())
+        }),
+        Row::at_once("RTT: block zeroed", SOON_S, |elf, world| {
+            let (from, size) = elf.place_of("_SEGGER_RTT")?;
+            world.powered.mcu.write(from, &vec![0; size as usize]);
+            Ok(())
+        }),
+        Row::of("break input off, then stop", SOON_S, |_, world| {
+            let bdtr = world.powered.mcu.peek(BDTR);
+            world.powered.mcu.poke(BDTR, bdtr & !BREAK_ENABLE);
+            stop(world)
+        }),
+        Row::of("enable's pin high, then stop", SOON_S, |_, world| {
+            let pin = world.powered.board.wiring.enable;
+            let port = GPIO + 0x400 * (pin.port as u32 - 'A' as u32);
+            let (mode, set) = (world.powered.mcu.peek(port), 1u32 << pin.number);
+            world.powered.mcu.poke(port + 0x18, set);
+            world.powered.mcu.poke(port, mode & !(3 << (2 * pin.number)) | 1 << (2 * pin.number));
+            stop(world)
+        }),
+    ]
+}
+
+const SCR: u32 = 0xE000_ED10;
+const SLEEP_DEEP: u32 = 1 << 2;
+const BDTR: u32 = 0x4001_0044;
+const BREAK_ENABLE: u32 = 1 << 12;
+const GPIO: u32 = 0x4002_0000;
+/// Of RTT's block: up channel 1.
+const CHANNEL_1: u32 = 24 + 24;
+
+/// A host that reads nothing and sends without a pause, with every channel set to blocking.
+///
+/// # Errors
+/// The program ended.
+pub fn flood(world: &mut World<'_>, samples: u64) -> Result<(), Ended> {
+    for channel in 0..3 {
+        let Powered { mcu, rtt, .. } = &mut world.powered;
+        rtt.set_mode(mcu, channel, 2);
+    }
+    for n in 0..samples {
+        let Powered { mcu, rtt, .. } = &mut world.powered;
+        rtt.write(mcu, 0, if n % 2 == 0 { b"help\nget\n" } else { b"\xff\x00k 1e\n~~" });
+        world.sample()?;
+    }
+    Ok(())
+}

@@ -1,0 +1,120 @@
+//! A named fault, and how long it may take.
+
+use virtual_board::{elf::Elf, session::Failed, world::World};
+
+use super::situation::Situation;
+
+/// Whatever need not wait for the plant is off within so long, s; the world's grid is a sample.
+pub const SOON_S: f64 = 3e-3;
+pub(super) const GRID_S: f64 = 1e-4;
+
+type Begin = dyn Fn(&Elf, &mut World<'_>) -> Result<u64, Failed> + Send + Sync;
+/// How many cases were tried, or what was wrong with one of them.
+type Keeps = fn(&mut World<'_>) -> Result<usize, Failed>;
+
+/// A fault with its name and limits.
+pub struct Row {
+    /// Name in reports, unique among the rows.
+    pub name: String,
+    /// Brings it about; the cycle at which it began.
+    pub begin: Box<Begin>,
+    /// Longest time to off, s.
+    pub limit_s: f64,
+    /// Why it is never found, free and in contact.
+    pub never: [Option<&'static str>; 2],
+    /// The force is off before.
+    pub from_off: bool,
+    /// The fault is injected in free motion only, since its target does not exist in contact.
+    pub only_free: bool,
+    /// The fault is not injected at the full force.
+    pub not_full: bool,
+    /// In place of `begin`: damages what is kept, over and over, from off.
+    pub keeps: Option<Keeps>,
+}
+
+impl Row {
+    pub fn of(
+        name: impl Into<String>,
+        limit_s: f64,
+        begin: impl Fn(&Elf, &mut World<'_>) -> Result<u64, Failed> + Send + Sync + 'static,
+    ) -> Self {
+        let begin = Box::new(begin);
+        Self {
+            name: name.into(),
+            begin,
+            limit_s,
+            never: [None; 2],
+            from_off: false,
+            only_free: false,
+            not_full: false,
+            keeps: None,
+        }
+    }
+
+    /// The same of what takes no time.
+    pub fn at_once(
+        name: impl Into<String>,
+        limit_s: f64,
+        cause: impl Fn(&Elf, &mut World<'_>) -> Result<(), Failed> + Send + Sync + 'static,
+    ) -> Self {
+        let begin = move |elf: &Elf, world: &mut World<'_>| {
+            cause(elf, world)?;
+            Ok(world.powered.mcu.now())
+        };
+        Self::of(name, limit_s, begin)
+    }
+
+    /// One from off: force stays off, and what was kept is what was saved, or nothing.
+    pub fn keeping(name: &str, keeps: Keeps) -> Self {
+        Self { from_off: true, keeps: Some(keeps), ..Self::at_once(name, SOON_S, |_, _| Ok(())) }
+    }
+
+    /// Marks a row that is not run in contact.
+    pub fn only_free(self) -> Self {
+        Self { only_free: true, ..self }
+    }
+
+    /// Marks a row that is not run at the full force, because its fault would add to it.
+    pub fn not_full(self) -> Self {
+        Self { not_full: true, ..self }
+    }
+
+    /// In free motion it cannot be found, because of that.
+    pub fn never_free(mut self, why: &'static str) -> Self {
+        self.never[0] = Some(why);
+        self
+    }
+
+    /// The same in contact.
+    pub fn never_in_contact(mut self, why: &'static str) -> Self {
+        self.never[1] = Some(why);
+        self
+    }
+
+    /// Why it cannot be found there.
+    pub fn reason(&self, situation: Situation) -> Option<&'static str> {
+        self.never[usize::from(!situation.is_free())]
+    }
+
+    /// Whether the row is run in this situation; at the full force only rows that have to be off soon.
+    pub fn is_in(&self, situation: Situation) -> bool {
+        let soon = self.limit_s <= SOON_S + GRID_S && self.never[0].is_none();
+        match situation {
+            Situation::Free => true,
+            Situation::Contact => !self.from_off && !self.only_free,
+            Situation::Full => !self.from_off && !self.not_full && soon,
+        }
+    }
+
+    /// What to type for it: words with a dash between.
+    pub fn slug(&self) -> String {
+        slug(&self.name)
+    }
+}
+
+/// Letters and digits, a dash for all else.
+pub fn slug(name: &str) -> String {
+    let lower = name.to_lowercase();
+    let words = lower.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
+    words.collect::<Vec<_>>().join("-")
+}

@@ -1,0 +1,176 @@
+//! Where the handle is when a fault comes, and what the force is from then on if none does.
+
+use virtual_board::{
+    session::{Failed, Session, ask, ask_each},
+    world::{Seen, Snapshot, World},
+};
+
+/// Where the handle is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Situation {
+    /// On its way to a wall that is far, pushed by the motor with 48 % of full scale. Nobody holds it.
+    Free,
+    /// A hand swings it inside a wall, whatever the force: 0.1 to 0.5 mm deep, at 20 Hz. So the force that should be
+    /// there is known, and a force that stays is wrong soon.
+    Contact,
+    /// As free, with all of the motor's force: it is at the wall 0.14 s later, and fast. So faults that have to be off
+    /// soon are looked at, and shortly.
+    Full,
+}
+
+/// All of them, in the order of their numbers.
+pub const SITUATIONS: [Situation; 3] = [Situation::Free, Situation::Contact, Situation::Full];
+
+impl Situation {
+    pub const fn text(self) -> &'static str {
+        match self {
+            Self::Free => "free",
+            Self::Contact => "contact",
+            Self::Full => "full",
+        }
+    }
+
+    /// Nobody holds the handle.
+    pub const fn is_free(self) -> bool {
+        !matches!(self, Self::Contact)
+    }
+
+    /// Push of the hit, N; in digits that can be typed.
+    pub fn push_n(self, full_scale_n: f64) -> f64 {
+        if self == Self::Full { (full_scale_n * 1e6).round() / 1e6 } else { PUSH_N }
+    }
+}
+
+/// Swings of the hand: depth, m, about a mean, and how often, Hz.
+const DEPTH_M: f64 = 0.3e-3;
+const SWING_M: f64 = 0.2e-3;
+const SWING_HZ: f64 = 20.0;
+/// Push of the hit in free motion, N.
+const PUSH_N: f64 = 2.835;
+/// Samples for which a fault is watched with the whole force.
+pub const FULL_SAMPLES: u64 = 250;
+/// Samples that `arm` takes.
+const ARM_SAMPLES: u64 = 4_000;
+
+/// A board that goes on being looked at when its core locks up.
+pub(super) fn boot(session: &Session) -> Result<World<'_>, Failed> {
+    let mut world = session.boot()?;
+    world.powered.mcu.outlive_lock_up();
+    Ok(world)
+}
+
+/// A board with its force on.
+pub fn ready(session: &Session, situation: Situation) -> Result<World<'_>, Failed> {
+    let mut world = boot(session)?;
+    let zero_m = world.position_m();
+    let wall = match situation {
+        Situation::Free | Situation::Full => "wall 0.1",
+        Situation::Contact => "wall 0.005",
+    };
+    let push = format!("push {}", situation.push_n(world.full_scale_n()));
+    ask_each(&mut world, &["zero", "unlock envelope", wall, "k 10000", "b 30", &push, "arm"])?;
+    world.run(ARM_SAMPLES)?;
+    match situation {
+        Situation::Free | Situation::Full => {
+            ask(&mut world, "hit")?;
+            let start_m = world.position_m();
+            while world.position_m() < start_m + 1e-3 {
+                world.sample()?;
+            }
+        }
+        Situation::Contact => {
+            world.lead_to(zero_m + 5e-3 + DEPTH_M)?;
+            world.swing(SWING_M, SWING_HZ);
+            world.run(500)?;
+        }
+    }
+    world.probe()?;
+    forget(&mut world);
+    if world.powered.amplifier.is_enabled() {
+        Ok(world)
+    } else {
+        Err(Failed::Refused("the board cannot be armed".into()))
+    }
+}
+
+/// What the host has read so far.
+fn forget(world: &mut World<'_>) {
+    world.telemetry.clear();
+    world.lines.clear();
+    world.replies.clear();
+}
+
+/// A moment at which a fault can come.
+pub struct Start {
+    /// State of the board at that moment.
+    pub snapshot: Snapshot,
+    /// Samples of the reference before it.
+    pub index: usize,
+    /// Cycles of the output period after it at which an instruction begins.
+    pub code: Vec<u64>,
+}
+
+/// A situation without a fault.
+pub struct Stage {
+    /// Moments, spread over some output periods.
+    pub starts: Vec<Start>,
+    /// What the motor does from the first of them on.
+    pub seen: Vec<Seen>,
+    /// RAM that the program reads meanwhile.
+    pub read: Vec<u32>,
+}
+
+/// Samples from one start to the next: the second clock's comparison of 64 outputs is spread over.
+const BETWEEN: u64 = 41;
+
+impl Stage {
+    /// With so many starts, followed by so many samples.
+    ///
+    /// # Errors
+    /// The board does not come so far.
+    pub fn new(
+        session: &Session,
+        situation: Situation,
+        starts: usize,
+        samples: u64,
+    ) -> Result<Self, Failed> {
+        let mut world = ready(session, situation)?;
+        let begin = world.snapshot();
+        world.powered.mcu.note_reads();
+        world.restore(&begin);
+        let mut stage = Self { starts: Vec::new(), seen: Vec::new(), read: Vec::new() };
+        for _ in 0..starts {
+            world.seen = Some(Vec::new());
+            forget(&mut world);
+            let snapshot = world.snapshot();
+            let code = code(&mut world)?;
+            world.restore(&snapshot);
+            stage.starts.push(Start { snapshot, index: stage.seen.len(), code });
+            world.run(BETWEEN)?;
+            stage.seen.extend(world.seen.take().unwrap_or_default());
+        }
+        world.seen = Some(Vec::new());
+        world.run(samples)?;
+        stage.seen.extend(world.seen.take().unwrap_or_default());
+        if !stage.seen.iter().all(|seen| seen.enabled) {
+            return Err(Failed::Refused(format!("{}: off without a fault", situation.text())));
+        }
+        stage.read = world.powered.mcu.words_read();
+        Ok(stage)
+    }
+}
+
+/// Cycles at which an instruction begins, for one output period.
+fn code(world: &mut World<'_>) -> Result<Vec<u64>, Failed> {
+    let mut cycles = Vec::new();
+    let end = world.powered.mcu.now() + 10 * world.powered.board.cycles_per_sample();
+    while world.powered.mcu.now() < end {
+        let (now, before) = (world.powered.mcu.now(), world.powered.mcu.instructions());
+        world.run_to(now + 1)?;
+        if world.powered.mcu.instructions() != before {
+            cycles.push(now);
+        }
+    }
+    Ok(cycles)
+}

@@ -1,0 +1,155 @@
+//! What a session does to a board, and its form in a script: one action a line.
+
+use std::{fmt, str::FromStr};
+
+use serde::{Serialize, Serializer};
+
+/// One thing that happens to a board.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Action {
+    /// Lines typed, all at once, and their answers awaited.
+    Say(String),
+    /// Lines typed; what comes next comes before their answers.
+    Type(String),
+    /// So many samples pass.
+    Wait(u64),
+    /// Cycles pass: what comes next happens within a sample.
+    Cycles(u64),
+    /// The hand leads the handle at this speed, m/s, for so many samples, and holds it.
+    Lead(f64, u64),
+    /// The hand holds the handle where it is.
+    Hold,
+    /// The hand lets go.
+    Free,
+    /// The handle is farther by so many metres at once, and held.
+    Jump(f64),
+    /// The emergency stop opens, or closes.
+    Stop(bool),
+    /// Voltage of the supply, mV.
+    Supply(u32),
+    /// The reset pin is pulled.
+    Reset,
+    /// The supply goes and comes back.
+    Power,
+}
+
+/// As a line of a script.
+impl Serialize for Action {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl fmt::Display for Action {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Say(text) => write!(f, "> {}", text.escape_default()),
+            Self::Type(text) => write!(f, "~ {}", text.escape_default()),
+            Self::Wait(samples) => write!(f, "wait {samples}"),
+            Self::Cycles(cycles) => write!(f, "cycles {cycles}"),
+            Self::Lead(speed, samples) => write!(f, "lead {speed} {samples}"),
+            Self::Hold => f.write_str("hold"),
+            Self::Free => f.write_str("free"),
+            Self::Jump(metres) => write!(f, "jump {metres}"),
+            Self::Stop(true) => f.write_str("emergency open"),
+            Self::Stop(false) => f.write_str("emergency closed"),
+            Self::Supply(mv) => write!(f, "supply {mv}"),
+            Self::Reset => f.write_str("reset"),
+            Self::Power => f.write_str("power"),
+        }
+    }
+}
+
+/// What the lines of a script may be.
+pub const FORMS: &str = "> LINE, ~ LINE, wait SAMPLES, cycles CYCLES, lead M_PER_S SAMPLES, hold, free, jump METRES, \
+                         emergency open|closed, supply MILLIVOLTS, reset, power";
+
+/// Longest that one action may take, samples: ten minutes.
+const LONGEST: u64 = 6_000_000;
+
+impl FromStr for Action {
+    type Err = ();
+
+    fn from_str(line: &str) -> Result<Self, ()> {
+        if let Some(text) = line.strip_prefix("> ") {
+            return unescape(text).map(Self::Say).ok_or(());
+        }
+        if let Some(text) = line.strip_prefix("~ ") {
+            return unescape(text).map(Self::Type).ok_or(());
+        }
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let whole =
+            |word: &str, most: u64| word.parse().ok().filter(|value| *value <= most).ok_or(());
+        let real = |word: &str, most: f64| {
+            word.parse().ok().filter(|value: &f64| value.abs() <= most).ok_or(())
+        };
+        Ok(match words[..] {
+            ["wait", samples] => Self::Wait(whole(samples, LONGEST)?),
+            ["cycles", cycles] => Self::Cycles(whole(cycles, 1_000_000_000)?),
+            ["lead", speed, samples] => Self::Lead(real(speed, 10.0)?, whole(samples, LONGEST)?),
+            ["hold"] => Self::Hold,
+            ["free"] => Self::Free,
+            ["jump", metres] => Self::Jump(real(metres, 1.0)?),
+            ["emergency", "open"] => Self::Stop(true),
+            ["emergency", "closed"] => Self::Stop(false),
+            ["supply", mv] => Self::Supply(u32::try_from(whole(mv, 5_000)?).map_err(|_| ())?),
+            ["reset"] => Self::Reset,
+            ["power"] => Self::Power,
+            _ => return Err(()),
+        })
+    }
+}
+
+/// The reverse of [`str::escape_default`].
+fn unescape(text: &str) -> Option<String> {
+    let mut plain = String::new();
+    let mut rest = text.chars();
+    while let Some(character) = rest.next() {
+        if character != '\\' {
+            plain.push(character);
+            continue;
+        }
+        plain.push(match rest.next()? {
+            'n' => '\n',
+            't' => '\t',
+            'r' => '\r',
+            'u' => {
+                let digits: String = rest.by_ref().take_while(|c| *c != '}').skip(1).collect();
+                char::from_u32(u32::from_str_radix(&digits, 16).ok()?)?
+            }
+            other => other,
+        });
+    }
+    Some(plain)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_script_says_what_was_done() {
+        for action in [
+            Action::Say("k 2000\nb 5\r\n\t\u{1b}[A é \\ '".into()),
+            Action::Type("arm".into()),
+            Action::Wait(12),
+            Action::Cycles(17_999),
+            Action::Lead(-0.05, 300),
+            Action::Hold,
+            Action::Free,
+            Action::Jump(0.0007),
+            Action::Stop(true),
+            Action::Stop(false),
+            Action::Supply(2500),
+            Action::Reset,
+            Action::Power,
+        ] {
+            assert_eq!(action.to_string().parse(), Ok(action));
+        }
+        for bad in
+            ["", "wait", "wait -1", "wait 1e9", "jump nan", "supply 6000", "reset now", "k 5"]
+        {
+            assert_eq!(bad.parse::<Action>(), Err(()), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,197 @@
+//! Stop, supply and reset at each instant of an output period: between every two instructions of an armed board in its
+//! wall, and while it sleeps now and then. Each must end in its own fault, with enable inactive in time.
+
+use std::time::Instant;
+
+use host_sim::{error::Error, interrupt};
+use serde::Serialize;
+use virtual_board::{
+    session::{Session, ask, ask_each},
+    world::{Ended, World},
+};
+use zwidth::telemetry::Decoder;
+
+use super::rule;
+use crate::threads::on_threads;
+
+/// What is done to the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// The emergency stop opens.
+    Stop,
+    /// The supply falls too low.
+    Supply,
+    /// The reset pin is pulled.
+    Reset,
+}
+
+/// All of them, with their names.
+pub const EVENTS: [(Event, &str); 3] =
+    [(Event::Stop, "stop"), (Event::Supply, "supply"), (Event::Reset, "reset")];
+
+/// Cycles of sleep between two instants that are tried.
+const SLEEP: u64 = 500;
+/// The supply's detector has so long, s (docs/faults.md).
+const SUPPLY_S: f64 = 60e-6;
+/// Samples within which the fault is told, and those that a start takes at most.
+const TOLD: u64 = 25;
+const STARTED: u64 = 600;
+/// A supply that is too low, mV.
+const LOW_MV: u32 = 2_000;
+/// Pieces that the period is cut into, for the cores to share.
+const PIECES: usize = 64;
+
+/// One instant that went wrong.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Wrong {
+    pub event: &'static str,
+    /// Cycles from the start of the period.
+    pub cycle: u64,
+    pub what: String,
+}
+
+/// Sweep of a board over all instants.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Sweep {
+    /// Instants tried, each with every event.
+    pub instants: u64,
+    /// Cycles of the period in which code runs; all of them are covered.
+    #[serde(rename = "cycles_of_code")]
+    pub cycles: u64,
+    /// Cycles of the whole period.
+    #[serde(rename = "cycles")]
+    pub period: u64,
+    /// Time that it took, s.
+    pub wall_s: f64,
+    /// What went wrong, in the order of the cycles.
+    pub wrong: Vec<Wrong>,
+}
+
+/// The sweep of a board; `part`: only one instant of so many.
+///
+/// # Errors
+/// The board does not come to the state in which the events are to be tried, or Ctrl-C.
+pub fn sweep(session: &Session, part: u64, threads: usize) -> Result<Sweep, Error> {
+    let begun = Instant::now();
+    let start = pressed(session)?.snapshot();
+    let period = 10 * session.board.cycles_per_sample();
+    let pieces = on_threads(
+        PIECES,
+        threads,
+        || Ok(session.boot()?),
+        |world, piece| {
+            world.restore(&start);
+            let begin = world.powered.mcu.now();
+            let ends = [piece, piece + 1].map(|n| begin + n as u64 * period / PIECES as u64);
+            stretch(world, begin, ends, part)
+        },
+    )?;
+    let mut sweep = Sweep { period, ..Sweep::default() };
+    for piece in pieces {
+        sweep.instants += piece.instants;
+        sweep.cycles += piece.cycles;
+        sweep.wrong.extend(piece.wrong);
+    }
+    sweep.wall_s = begun.elapsed().as_secs_f64();
+    Ok(sweep)
+}
+
+/// An armed board, its handle held 0.3 mm inside a wall.
+fn pressed(session: &Session) -> Result<World<'_>, Error> {
+    let mut world = session.boot()?;
+    ask_each(&mut world, &["zero", "unlock envelope", "wall 0.005", "k 4000", "b 20", "arm"])?;
+    world.run(4_000)?;
+    world.lead(0.1);
+    world.run(530)?;
+    world.lead(0.0);
+    world.run(100)?;
+    let status = ask(&mut world, "status")?;
+    let ready = status.starts_with("ok status armed, fault none") && status.contains("in contact");
+    if ready {
+        Ok(world)
+    } else {
+        Err(Error::Internal(format!("not pressed into its wall: {status}")))
+    }
+}
+
+/// The instants from the first to the second of `ends`; the period began at `begin`.
+fn stretch(world: &mut World<'_>, begin: u64, ends: [u64; 2], part: u64) -> Result<Sweep, Error> {
+    let [from, to] = ends;
+    let mut sweep = Sweep::default();
+    let (mut last, mut number) = (from, 0);
+    world.run_to(from)?;
+    loop {
+        let now = world.powered.mcu.now();
+        if now >= to {
+            return Ok(sweep);
+        }
+        interrupt::check()?;
+        let asleep = world.powered.mcu.is_asleep();
+        number += 1;
+        if if asleep { now >= last + SLEEP } else { number % part == 0 } {
+            last = now;
+            sweep.instants += 1;
+            let here = world.snapshot();
+            for (event, name) in EVENTS {
+                if let Err(what) = try_event(world, event) {
+                    sweep.wrong.push(Wrong { event: name, cycle: now - begin, what });
+                }
+                world.restore(&here);
+            }
+        }
+        world.run_to(now + 1)?;
+        if !asleep {
+            sweep.cycles += world.powered.mcu.now() - now;
+        }
+    }
+}
+
+/// Does it, and looks for its fault.
+fn try_event(world: &mut World<'_>, event: Event) -> Result<(), String> {
+    let ended = |ended: Ended| format!("the program ended: {ended:?}");
+    world.probe().map_err(ended)?;
+    world.telemetry.clear();
+    let mcu = &mut world.powered.mcu;
+    let (code, samples, within) = match event {
+        Event::Stop => {
+            world.emergency_stop(true);
+            (30, TOLD, 0)
+        }
+        Event::Supply => {
+            mcu.set_supply_mv(LOW_MV);
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                clippy::cast_precision_loss,
+                reason = "some ten thousand"
+            )]
+            let within = (SUPPLY_S * mcu.core_hz() as f64) as u64;
+            (31, TOLD, within)
+        }
+        Event::Reset => {
+            world.reset();
+            (23, STARTED, 0)
+        }
+    };
+    let off_by = world.powered.mcu.now() + within;
+    world.run_to(off_by).map_err(ended)?;
+    rule(!world.powered.amplifier.is_enabled(), || "enable is still active".into())?;
+    let mut decoder = Decoder::new();
+    for _ in 0..samples {
+        world.sample().map_err(ended)?;
+        world.probe().map_err(ended)?;
+        rule(!world.powered.amplifier.is_enabled(), || "enable is active again".into())?;
+        let bytes = std::mem::take(&mut world.telemetry);
+        let faults: Vec<u8> = bytes
+            .into_iter()
+            .filter_map(|byte| decoder.push(byte))
+            .map(|frame| frame.record.fault)
+            .collect();
+        if let Some(&fault) = faults.iter().find(|fault| **fault != 0) {
+            return rule(fault == code, || format!("fault {fault}, should be {code}"));
+        }
+        let is_silent = event != Event::Reset || faults.is_empty();
+        rule(is_silent, || "no fault after the reset".into())?;
+    }
+    Err(format!("fault {code} does not come"))
+}

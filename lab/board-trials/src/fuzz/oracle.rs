@@ -1,0 +1,405 @@
+//! The oracle: the firmware's own library without a chip ([`CoreProgram`]) beside the image on the virtual board. Its
+//! tasks run when those of the image run, on the counts that the image has read, with the bytes, the reports and the
+//! orders that the image had taken and given by then. Then both have to say and to put out the same.
+
+use std::{
+    collections::VecDeque,
+    fmt::Debug,
+    mem::{replace, take},
+    ops::RangeInclusive,
+};
+
+use virtual_board::{
+    core_program::{CoreProgram, Memories},
+    mcu::{Entry, LINK, RENDER, SAMPLE},
+};
+use zwidth::{
+    device::Device,
+    port::Exchanged,
+    safety::ResetCause,
+    telemetry::{Decoder, InForce, Key, Record},
+    units::{Force, Position},
+    velocity::EstimatorName,
+};
+
+use super::{rule, run::Counts};
+
+/// Places of the queue of reports, as on a board.
+const REPORTS: u32 = 16;
+
+/// What the image has read and done since it was last looked at.
+pub struct Observed {
+    /// Readings of the encoder's counter.
+    pub counts: Vec<u32>,
+    /// Tasks that began, each with how far the channel of commands and the reports were read, and orders were written.
+    pub entries: Vec<Entry>,
+    /// What it has said.
+    pub replies: Vec<u8>,
+    pub telemetry: Vec<u8>,
+}
+
+/// A frame, and what it has beside its outputs.
+#[derive(Clone)]
+struct Told {
+    sequence: u32,
+    /// With what was pushed.
+    outputs: Vec<(Record, Force)>,
+    positions: Vec<Position>,
+    settings: Vec<Option<InForce>>,
+    port: Option<Exchanged>,
+    key: Option<Key>,
+}
+
+impl Told {
+    /// Where the image differs. Which sample a key is of depends on when `link` was preempted; so does which of two frames
+    /// has one.
+    fn difference(&self, library: &Self) -> Option<String> {
+        let keys = self.key.as_ref().zip(library.key.as_ref());
+        let keys = keys.filter(|(key, its)| key.sample == its.sample);
+        let both = [self, library];
+        let mut outputs = self.outputs.iter().zip(&library.outputs);
+        different(both.map(|told| told.sequence))
+            .or_else(|| outputs.find_map(|(output, its)| different([output, its])))
+            .or_else(|| different(both.map(|told| told.outputs.len())))
+            .or_else(|| different(both.map(|told| &told.positions)))
+            .or_else(|| different(<[_; 2]>::from(keys?)))
+            .or_else(|| keys.and_then(|_| different(both.map(|told| (&told.settings, told.port)))))
+    }
+}
+
+/// What the image has, and what the library, unless that is the same.
+fn different<T: PartialEq + Debug>([image, library]: [T; 2]) -> Option<String> {
+    (image != library).then(|| format!("the image tells {image:?}, the library {library:?}"))
+}
+
+/// Lines and frames that the other one has not said yet.
+#[derive(Clone, Default)]
+struct Said {
+    replies: Vec<u8>,
+    decoder: Decoder,
+    frames: VecDeque<Told>,
+}
+
+impl Said {
+    fn take(&mut self, replies: &[u8], telemetry: &[u8]) {
+        self.replies.extend(replies);
+        for byte in telemetry {
+            let Some(newest) = self.decoder.push(*byte) else { continue };
+            let (parts, mut places) = (self.decoder.parts(), [Position::default(); _]);
+            let outputs = self.decoder.outputs(newest).enumerate();
+            self.frames.push_back(Told {
+                sequence: newest.sequence,
+                outputs: outputs.map(|(n, frame)| (frame.record, parts.push(n))).collect(),
+                positions: parts.positions(newest.record.position, &mut places).to_vec(),
+                settings: parts.settings().collect(),
+                port: parts.port(),
+                key: parts.key(),
+            });
+        }
+    }
+}
+
+/// The library beside the image.
+#[derive(Clone)]
+pub struct Oracle {
+    device: &'static Device<'static>,
+    memories: Memories,
+    cause: ResetCause,
+    /// None until the image has read its first count.
+    program: Option<CoreProgram>,
+    image: Said,
+    library: Said,
+    counts: VecDeque<u32>,
+    entries: VecDeque<Entry>,
+    /// Bytes that the image has not read yet, and how far it has come.
+    sent: VecDeque<u8>,
+    words: [u32; 3],
+    /// The order that the library has given was given by the image as well.
+    given: bool,
+    stop_open: bool,
+    supply_low: bool,
+}
+
+impl Oracle {
+    /// Beside a board that has just been switched on for the first time.
+    pub fn new(device: &'static Device<'static>) -> Self {
+        Self {
+            device,
+            memories: Memories::default(),
+            cause: ResetCause::Power,
+            program: None,
+            image: Said::default(),
+            library: Said::default(),
+            counts: VecDeque::new(),
+            entries: VecDeque::new(),
+            sent: VecDeque::new(),
+            words: [0; 3],
+            given: true,
+            stop_open: false,
+            supply_low: false,
+        }
+    }
+
+    /// The library, once the image has begun.
+    pub fn program(&self) -> Option<&CoreProgram> {
+        self.program.as_ref()
+    }
+
+    /// Bytes that were typed.
+    pub fn send(&mut self, bytes: &[u8]) {
+        self.sent.extend(bytes);
+    }
+
+    /// Everything that was typed is read and answered.
+    pub fn is_idle(&self) -> bool {
+        self.sent.is_empty()
+            && self.entries.is_empty()
+            && self.program.as_ref().is_some_and(|program| !program.is_waiting())
+    }
+
+    /// No output is under way: from outside, what happens now happens between two of them.
+    pub fn is_between_outputs(&self) -> bool {
+        !self.entries.iter().any(|entry| entry.exception != LINK)
+            && self.program.as_ref().is_none_or(|program| program.due.is_none())
+    }
+
+    /// The board starts anew.
+    pub fn reset(&mut self, cause: ResetCause) {
+        let Self { device, stop_open, supply_low, .. } = *self;
+        let mut memories = self.program.as_mut().map_or(self.memories, CoreProgram::memories);
+        if cause == ResetCause::Power {
+            memories.lose_power();
+        }
+        *self = Self { memories, cause, stop_open, supply_low, ..Self::new(device) };
+    }
+
+    /// The emergency stop opens or closes.
+    pub fn emergency_stop(&mut self, open: bool) {
+        self.stop_open = open;
+        self.program.iter_mut().for_each(|program| program.emergency_stop(open));
+    }
+
+    /// The supply falls below the detector's level or rises above it.
+    pub fn supply(&mut self, low: bool) {
+        self.supply_low = low;
+        self.program.iter_mut().for_each(|program| program.supply(low));
+    }
+
+    /// Follows the image, whose channel of commands has `size` bytes.
+    ///
+    /// # Errors
+    /// The image has done something else than the library.
+    pub fn follow(
+        &mut self,
+        observed: Observed,
+        size: u32,
+        counts: &mut Counts,
+    ) -> Result<(), String> {
+        self.counts.extend(observed.counts);
+        self.entries.extend(observed.entries);
+        self.image.take(&observed.replies, &observed.telemetry);
+        let Some(mut program) =
+            self.program.take().map_or_else(|| self.begin(), |known| Ok(Some(known)))?
+        else {
+            return Ok(());
+        };
+        let ran = self.run(&mut program, size);
+        let said = program.channels();
+        self.library.take(&take(&mut said.replies), &take(&mut said.telemetry));
+        self.program = Some(program);
+        ran.and_then(|()| self.compare(counts))
+    }
+
+    fn begin(&mut self) -> Result<Option<CoreProgram>, String> {
+        let Some(count) = self.counts.pop_front() else { return Ok(None) };
+        let mut program = CoreProgram::start(self.device, &self.memories, self.cause, count)
+            .map_err(|error| error.to_string())?;
+        program.emergency_stop(self.stop_open);
+        program.supply(self.supply_low);
+        Ok(Some(program))
+    }
+
+    /// Runs the tasks of the image in the library, as far as all that they went by is there.
+    fn run(&mut self, program: &mut CoreProgram, size: u32) -> Result<(), String> {
+        while let Some(entry) = self.entries.front() {
+            if entry.exception != LINK {
+                if !self.preempt(program)? {
+                    break;
+                }
+                continue;
+            }
+            let ends = |entry: &Entry| matches!(entry.exception, LINK | 0);
+            let Some(inside) = self.entries.iter().skip(1).position(ends) else { break };
+            let samples = self.entries.range(1..=inside).filter(|e| e.exception == SAMPLE);
+            if samples.count() > self.counts.len() {
+                break;
+            }
+            self.link(program, inside, size)?;
+        }
+        Ok(())
+    }
+
+    /// The next task, which is not `link`; whether it could be run.
+    fn preempt(&mut self, program: &mut CoreProgram) -> Result<bool, String> {
+        match self.entries.front().map(|entry| entry.exception) {
+            Some(SAMPLE) => {
+                let Some(count) = self.counts.pop_front() else { return Ok(false) };
+                let was_due = program.due.is_some();
+                let is_due = program.sample(count);
+                rule(!(is_due && was_due), || "an output is missing".into())?;
+            }
+            Some(RENDER) => program.render(self.given),
+            _ => {}
+        }
+        self.entries.pop_front();
+        Ok(true)
+    }
+
+    /// A run of `link`, and the tasks that have preempted it, which are the next `inside` entries behind its own.
+    fn link(&mut self, program: &mut CoreProgram, inside: usize, size: u32) -> Result<(), String> {
+        let Some(end) = self.entries.get(inside + 1).map(|entry| entry.words) else {
+            return Ok(());
+        };
+        let Some(Entry { words, .. }) = self.entries.pop_front() else { return Ok(()) };
+        let count = (end[0] + size - words[0]) % size;
+        let count = usize::try_from(count).unwrap_or_default().min(self.sent.len());
+        let mut bytes = Some(self.sent.drain(..count).collect());
+        self.words = words;
+        for _ in 0..inside {
+            let words = self.entries.front().map_or(end, |entry| entry.words);
+            self.catch_up(program, words, &mut bytes)?;
+            self.preempt(program)?;
+        }
+        self.catch_up(program, end, &mut bytes)?;
+        pass(program, &mut bytes);
+        rule(self.given || program.channels().order.is_none(), || {
+            "the library gives an order that the image does not".into()
+        })
+    }
+
+    /// `link` as far as the image has come in it.
+    fn catch_up(
+        &mut self,
+        program: &mut CoreProgram,
+        words: [u32; 3],
+        bytes: &mut Option<Vec<u8>>,
+    ) -> Result<(), String> {
+        let [_, reports, orders] = replace(&mut self.words, words);
+        self.given &= program.channels().order.is_some();
+        for _ in 0..(words[1] + REPORTS - reports) % REPORTS {
+            rule(program.report(), || "the image has an output that the library has not".into())?;
+        }
+        if words[2] != orders {
+            if program.channels().order.is_none() {
+                pass(program, bytes);
+            }
+            self.given = program.channels().order.is_some();
+            rule(self.given, || "the image gives an order that the library does not".into())?;
+        }
+        Ok(())
+    }
+
+    /// What both have said.
+    fn compare(&mut self, counts: &mut Counts) -> Result<(), String> {
+        let Self { image, library, .. } = self;
+        while let (Some(said), Some(meant)) = (line(&image.replies), line(&library.replies)) {
+            let replies = [&image.replies[..said], &library.replies[..meant]]
+                .map(|bytes| String::from_utf8_lossy(bytes).trim_end().to_owned());
+            rule(is_same(&replies[0], &replies[1]), || {
+                format!("the image says {:?}, the library {:?}", replies[0], replies[1])
+            })?;
+            image.replies.drain(..said);
+            library.replies.drain(..meant);
+            counts.replies += 1;
+        }
+        while let (Some(said), Some(meant)) = (image.frames.front(), library.frames.front()) {
+            if let Some(what) = said.difference(meant) {
+                return Err(format!("frame {}: {what}", said.sequence));
+            }
+            image.frames.pop_front();
+            library.frames.pop_front();
+            counts.frames += 1;
+        }
+        Ok(())
+    }
+
+    /// What the hardware puts out against the library, where no task is under way: codes from zero, and enable.
+    ///
+    /// # Errors
+    /// Something else.
+    pub fn outputs(&mut self, code: i32, enabled: bool) -> Result<(), String> {
+        let Some(program) = self.program.as_ref().filter(|_| self.entries.is_empty()) else {
+            return Ok(());
+        };
+        let (output, active) = (program.output().unwrap_or_default(), program.is_enabled());
+        // Off, what is left in the register gives no force.
+        let is_same = active == enabled && (code == output || !enabled && code == 0);
+        rule(program.due.is_some() || is_same, || {
+            format!(
+                "the output is {code} codes from zero, enable {enabled}; the library's is {output}, enable {active}"
+            )
+        })
+    }
+
+    /// With all that is typed answered both have said the same, and nobody more.
+    ///
+    /// # Errors
+    /// Something is missing.
+    pub fn is_complete(&self) -> Result<(), String> {
+        let waiting = [&self.image, &self.library]
+            .map(|said| (String::from_utf8_lossy(&said.replies), said.frames.len()));
+        rule(waiting.iter().all(|(replies, frames)| replies.is_empty() && *frames == 0), || {
+            format!("only one of both has said {waiting:?}")
+        })
+    }
+}
+
+/// The end of a run of `link`, with what the image has read in it.
+fn pass(program: &mut CoreProgram, bytes: &mut Option<Vec<u8>>) {
+    if let Some(bytes) = bytes.take() {
+        program.channels().typed.extend(&bytes);
+        program.pass(!bytes.is_empty());
+    }
+}
+
+/// Length of the first line.
+fn line(bytes: &[u8]) -> Option<usize> {
+    bytes.iter().position(|byte| *byte == b'\n').map(|at| at + 1)
+}
+
+/// Replies that list what a build has, and what is between the items.
+const LISTS: [(&str, &str); 2] = [("ok help, ", ", "), ("error: unknown estimator, allowed ", " ")];
+/// Numbers of the estimators that every build has.
+const EVERYWHERE: RangeInclusive<u32> = 1..=5;
+
+/// Whether the image has an item of the library's lists, which have all estimators and the commands that tune them.
+pub fn is_in_image(item: &str) -> bool {
+    let tunes = item.strip_prefix("tuning").is_some_and(|number| number >= "3");
+    !tunes && item.parse::<EstimatorName>().map_or(true, |name| EVERYWHERE.contains(&name.id()))
+}
+
+/// Whether the image says what the library does, of its own commit and its own lists.
+fn is_same(said: &str, meant: &str) -> bool {
+    let around = |text: &str| -> Option<[String; 3]> {
+        let (before, rest) = text.split_once(", commit ")?;
+        let (commit, after) = rest.split_once(", ")?;
+        Some([before, commit, after].map(str::to_owned))
+    };
+    let is_commit = |commit: &str| {
+        let hash = commit.strip_suffix("-dirty").unwrap_or(commit);
+        hash == "unknown" || hash.len() == 12 && hash.bytes().all(|byte| byte.is_ascii_hexdigit())
+    };
+    let is_list = |(begin, between): &(&str, &str)| {
+        let lists = said.strip_prefix(begin).zip(meant.strip_prefix(begin));
+        lists.is_some_and(|(said, meant)| {
+            said.split(between).eq(meant.split(between).filter(|item| is_in_image(item)))
+        })
+    };
+    said == meant
+        || LISTS.iter().any(is_list)
+        || matches!(
+            (around(said), around(meant)),
+            (Some([before, commit, after]), Some([meant, _, then]))
+                if before == meant && is_commit(&commit) && after == then
+        )
+}

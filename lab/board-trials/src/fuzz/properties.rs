@@ -1,0 +1,214 @@
+//! What has to hold whatever the library says, because the library could be wrong as well: rules over the board's pins
+//! and registers, its resets, its replies and the frames of its telemetry.
+
+use virtual_board::{board::Force as Wired, world::World};
+use zwidth::{
+    telemetry::{Decoder, Flags, Frame},
+    units::Force,
+};
+
+use super::{oracle::Observed, rule, run::Counts};
+
+/// Longest time from one feeding of the watchdog to the next, ms.
+const FED_MS: u64 = 20;
+/// Samples in which a line has to be answered, those before it, and flash that is erased.
+const ANSWER: u64 = 3_000;
+const LINE: u64 = 200;
+const SAVED: u64 = 25_000;
+/// A supply between this and what a board has is good, one below it is not, mV.
+const LOW_MV: u32 = 2_800;
+
+/// What the rules go by.
+#[derive(Clone, Debug, Default)]
+pub struct Properties {
+    /// Lines without a reply, and samples since the last one.
+    asked: u64,
+    waited: u64,
+    /// One of them is `arm`, or `save`.
+    arms: bool,
+    saves: bool,
+    /// `arm` was met, and `disarm` not since.
+    armed: bool,
+    pub stop_open: bool,
+    pub supply_mv: u32,
+    /// Samples since the supply fell.
+    low_for: u64,
+    resets: u64,
+    decoder: Decoder,
+    sequence: Option<u32>,
+    line: String,
+    /// The last frame of an output.
+    pub frame: Option<Frame>,
+}
+
+impl Properties {
+    pub fn new(supply_mv: u32) -> Self {
+        Self { supply_mv, ..Self::default() }
+    }
+
+    /// A line was typed.
+    pub fn ask(&mut self, line: &str) {
+        let word = line.split_whitespace().next().unwrap_or_default();
+        if self.asked == 0 {
+            self.waited = 0;
+        }
+        self.asked += 1;
+        self.arms |= word.eq_ignore_ascii_case("arm");
+        self.saves |= word.eq_ignore_ascii_case("save");
+    }
+
+    /// The board starts anew, because it was told to.
+    pub fn reset(&mut self) {
+        let Self { stop_open, supply_mv, resets, .. } = *self;
+        *self = Self { stop_open, resets: resets + 1, ..Self::new(supply_mv) };
+    }
+
+    pub fn sample(&mut self) {
+        self.waited += 1;
+        self.low_for = if self.is_supply_low() { self.low_for + 1 } else { 0 };
+    }
+
+    pub fn is_supply_low(&self) -> bool {
+        self.supply_mv <= LOW_MV
+    }
+
+    /// Every line has its reply.
+    pub fn is_answered(&self) -> bool {
+        self.asked == 0
+    }
+
+    /// Flash may be being written.
+    pub fn saves(&self) -> bool {
+        self.saves
+    }
+
+    /// What the board has said since, and how it is now.
+    ///
+    /// # Errors
+    /// A rule does not hold.
+    pub fn check(
+        &mut self,
+        world: &World<'_>,
+        observed: &Observed,
+        counts: &mut Counts,
+    ) -> Result<(), String> {
+        let enabled = world.powered.amplifier.is_enabled();
+        self.line.push_str(&String::from_utf8_lossy(&observed.replies));
+        while let Some((line, rest)) = self.line.split_once('\n') {
+            let (line, rest) = (line.to_owned(), rest.to_owned());
+            self.line = rest;
+            self.reply(&line, enabled, counts)?;
+        }
+        for byte in &observed.telemetry {
+            if let Some(newest) = self.decoder.push(*byte) {
+                self.frame(newest, enabled, counts)?;
+            }
+        }
+        rule(self.decoder.garbage == 0, || "telemetry has bytes of no frame".into())?;
+        self.outside(world, enabled)
+    }
+
+    /// Pins, registers and resets.
+    fn outside(&self, world: &World<'_>, enabled: bool) -> Result<(), String> {
+        let mcu = &world.powered.mcu;
+        rule(mcu.resets() == self.resets, || "the board has reset itself".into())?;
+        let off =
+            |holds: bool, why: &str| rule(!enabled || holds, || format!("enable is active {why}"));
+        off(!self.stop_open, "with the stop open")?;
+        off(self.low_for <= 1, "with a low supply")?;
+        off(self.armed || self.arms && self.asked > 0, "without arm")?;
+        let most = match world.powered.board.wiring.force {
+            Wired::Dac { .. } => 2047,
+            Wired::Pwm { .. } => 4200,
+        };
+        let code = output_code(world);
+        rule(!enabled || code.abs() <= most, || {
+            format!("the output is {code} codes from zero, beyond full scale")
+        })?;
+        let fed = mcu.watch().longest_unfed * 1000 / mcu.core_hz();
+        rule(fed <= FED_MS || self.saves, || format!("the watchdog was fed after {fed} ms"))?;
+        let patience = ANSWER + LINE * self.asked + if self.saves { SAVED } else { 0 };
+        rule(self.asked == 0 || self.waited <= patience, || {
+            format!("{} lines are not answered", self.asked)
+        })
+    }
+
+    fn reply(&mut self, line: &str, enabled: bool, counts: &mut Counts) -> Result<(), String> {
+        let is_reply = line.starts_with("ok ") || line.starts_with("error: ");
+        if !is_reply || is_report(line) || self.asked == 0 {
+            return Ok(()); // what it says by itself
+        }
+        self.waited = 0;
+        self.asked -= 1;
+        let count = if line.starts_with("ok ") { &mut counts.obeyed } else { &mut counts.refused };
+        *count += 1;
+        match line {
+            "ok arm" => self.armed = true,
+            "ok disarm" => {
+                self.armed = false;
+                rule(!enabled || self.arms, || {
+                    "disarm is answered before the force is off".into()
+                })?;
+            }
+            _ => {}
+        }
+        if self.asked == 0 {
+            (self.arms, self.saves) = (false, false);
+        }
+        Ok(())
+    }
+
+    fn frame(&mut self, newest: Frame, enabled: bool, counts: &mut Counts) -> Result<(), String> {
+        rule(self.sequence.is_none_or(|next| next == newest.sequence), || {
+            format!("a frame is missing before sample {}", newest.record.sample)
+        })?;
+        self.sequence = Some(newest.sequence.wrapping_add(1));
+        let outputs: Vec<Frame> = self.decoder.outputs(newest).collect();
+        for Frame { record, .. } in &outputs {
+            let is = |flag| record.flags.contains(flag);
+            if is(Flags::REPLAY) {
+                continue;
+            }
+            let at = record.sample;
+            let last = self.frame.map(|frame| frame.record);
+            rule(last.is_none_or(|last| last.sample < at), || format!("sample {at} comes late"))?;
+            let may_be_on = record.fault == 0 && is(Flags::STOP_CLOSED);
+            rule(!is(Flags::ON) || may_be_on, || {
+                format!("on at sample {at} with a fault or the stop open")
+            })?;
+            let is_told = is(Flags::FAULT) == (record.fault != 0);
+            rule((!is(Flags::ARMED) || is(Flags::ON)) && is_told, || {
+                format!("flags {:?} at sample {at}", record.flags)
+            })?;
+            rule(is(Flags::ON) || record.force == Force::ZERO, || {
+                format!("a force at sample {at} while it is off")
+            })?;
+            let before = last.map_or(0, |last| last.fault);
+            counts.faults += u64::from(record.fault != before && record.fault != 0);
+            counts.armed += u64::from(is(Flags::ARMED));
+            counts.forces += u64::from(record.force != Force::ZERO);
+            self.frame = Some(Frame { record: *record, ..newest });
+        }
+        let is_now = enabled && !newest.record.flags.contains(Flags::REPLAY);
+        rule(newest.record.fault == 0 || !is_now, || {
+            format!("enable is active with fault {}", newest.record.fault)
+        })
+    }
+}
+
+/// What the hardware puts out, codes from zero.
+pub fn output_code(world: &World<'_>) -> i32 {
+    let [magnitude, sign, dac] = world.powered.mcu.force_registers().map(u32::cast_signed);
+    match world.powered.board.wiring.force {
+        Wired::Dac { .. } => dac - 2048,
+        Wired::Pwm { .. } if sign == 0 => magnitude,
+        Wired::Pwm { .. } => -magnitude,
+    }
+}
+
+/// What an experiment says by itself: the name of the command that began it, and more.
+fn is_report(line: &str) -> bool {
+    ["hit", "walk", "pulses", "calibrate"].iter().any(|name| {
+        line.starts_with(&format!("ok {name} ")) || line.starts_with(&format!("error: {name}: "))
+    })
+}

@@ -1,0 +1,349 @@
+//! A session: actions done to a board, and everything that it says and puts out held against the library and the rules.
+
+use host_sim::interrupt;
+use serde::Serialize;
+use virtual_board::{
+    device,
+    mcu::{LINK, RENDER, SAMPLE},
+    session::Session,
+    world::{Ended, Snapshot, World},
+};
+use zwidth::safety::ResetCause;
+
+use super::{
+    action::Action,
+    oracle::{Observed, Oracle},
+    properties::{Properties, output_code},
+};
+
+/// Why a session ended early.
+#[derive(Clone, Debug, PartialEq)]
+pub enum End {
+    /// The board did something else than the library, or a rule does not hold.
+    Difference(String),
+    /// Ctrl-C has ended it.
+    Interrupted,
+}
+
+impl From<Ended> for End {
+    fn from(ended: Ended) -> Self {
+        Self::Difference(format!("the program ended: {ended:?}"))
+    }
+}
+
+/// Samples in which the library has to have said what the image has said, once every line is answered.
+const LATE: u64 = 400;
+/// Cycles within which a supply that has fallen takes enable away: 60 us (docs/faults.md).
+const DETECTED: u64 = 10_000;
+/// What the tasks share, as the compiler lays it out: at the end the queue of orders, of so many bytes, before it that of
+/// reports. Each ends in the numbers of the places that are read and written next.
+const QUEUES: &str = "init_queues";
+const ORDERS: u32 = 312;
+/// Samples that a board needs to begin.
+const BEGIN: u64 = 1_000;
+
+/// What a session has shown so far; JSON has what people are told.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// Lines that were typed.
+    pub commands: u64,
+    /// Lines of the board that were the library's.
+    pub replies: u64,
+    /// Frames that were the library's.
+    pub frames: u64,
+    /// Samples at which code and enable were the library's.
+    pub outputs: u64,
+    pub faults: u64,
+    /// Resets and power cycles.
+    pub resets: u64,
+    /// Cycles of the core.
+    #[serde(skip)]
+    pub cycles: u64,
+    /// Commands answered with `ok`.
+    #[serde(skip)]
+    pub obeyed: u64,
+    /// Commands answered with `error`.
+    #[serde(skip)]
+    pub refused: u64,
+    /// Outputs with the full force on.
+    #[serde(skip)]
+    pub armed: u64,
+    /// Outputs with a force other than zero.
+    #[serde(skip)]
+    pub forces: u64,
+}
+
+impl std::ops::AddAssign for Counts {
+    fn add_assign(&mut self, other: Self) {
+        self.commands += other.commands;
+        self.replies += other.replies;
+        self.frames += other.frames;
+        self.outputs += other.outputs;
+        self.faults += other.faults;
+        self.resets += other.resets;
+        self.cycles += other.cycles;
+        self.obeyed += other.obeyed;
+        self.refused += other.refused;
+        self.armed += other.armed;
+        self.forces += other.forces;
+    }
+}
+
+/// What is held against the board, and the hand at its handle.
+#[derive(Clone)]
+pub struct Checks {
+    pub oracle: Oracle,
+    pub properties: Properties,
+    pub counts: Counts,
+    /// What library and rules have seen, which counts when an action is over.
+    seen: Counts,
+    pub held: bool,
+    samples: u64,
+}
+
+/// A board, and what is held against it.
+pub struct Run<'a> {
+    world: World<'a>,
+    pub checks: Checks,
+}
+
+impl<'a> Run<'a> {
+    /// A board that has just been switched on, with the handle at rest.
+    ///
+    /// # Errors
+    /// It says something else than it should.
+    pub fn boot(session: &'a Session) -> Result<Self, End> {
+        let scene = &session.scene.scene;
+        let rest_m = scene.device.rest_position_m;
+        let world = World::new(session.board, &session.elf, &session.table, scene, rest_m);
+        let mut world = world.map_err(End::Difference)?;
+        let (queues, size) = session.elf.place_of(QUEUES).map_err(End::Difference)?;
+        let orders = queues + size - ORDERS;
+        let words = [world.powered.rtt.commands_read(), orders - 8, queues + size - 4];
+        world.powered.mcu.watch_mut().note_entries(words);
+        let checks = Checks {
+            oracle: Oracle::new(device::built_in(session.board)),
+            properties: Properties::new(session.board.supply_mv),
+            counts: Counts::default(),
+            seen: Counts::default(),
+            held: true,
+            samples: 0,
+        };
+        let mut run = Self { world, checks };
+        run.begun()?;
+        run.act(&Action::Free)?;
+        Ok(run)
+    }
+
+    pub fn snapshot(&mut self) -> (Snapshot, Checks) {
+        (self.world.snapshot(), self.checks.clone())
+    }
+
+    /// Everything as it was then.
+    pub fn restore(&mut self, (world, checks): &(Snapshot, Checks)) {
+        self.world.restore(world);
+        self.checks = checks.clone();
+    }
+
+    /// Does one thing.
+    ///
+    /// # Errors
+    /// The board does something else than it should, or Ctrl-C.
+    pub fn act(&mut self, action: &Action) -> Result<(), End> {
+        let begun = self.world.powered.mcu.now();
+        match action {
+            Action::Say(text) => {
+                self.send(text)?;
+                self.answered()?;
+            }
+            Action::Type(text) => self.send(text)?,
+            Action::Wait(samples) => self.pass(*samples)?,
+            Action::Cycles(cycles) => {
+                self.world.run_to(begun + cycles)?;
+                self.probe()?;
+            }
+            Action::Lead(speed, samples) => {
+                self.world.lead(*speed);
+                self.checks.held = true;
+                self.pass(*samples)?;
+                self.world.lead(0.0);
+            }
+            Action::Hold => self.hold(0.0, true),
+            Action::Free => self.hold(0.0, false),
+            Action::Jump(metres) => self.hold(*metres, true),
+            Action::Stop(open) => {
+                self.between_outputs()?;
+                self.world.emergency_stop(*open);
+                self.checks.properties.stop_open = *open;
+                self.checks.oracle.emergency_stop(*open);
+                self.probe()?;
+            }
+            Action::Supply(mv) => {
+                self.between_outputs()?;
+                self.world.powered.mcu.set_supply_mv(*mv);
+                self.checks.properties.supply_mv = *mv;
+                let low = self.checks.properties.is_supply_low();
+                self.checks.oracle.supply(low);
+                // The detector calls a task, which comes within a few cycles.
+                let until = self.world.powered.mcu.now() + DETECTED;
+                while low && self.world.powered.amplifier.is_enabled() {
+                    let now = self.world.powered.mcu.now();
+                    if now > until {
+                        return Err(End::Difference(
+                            "enable stays active with a low supply".into(),
+                        ));
+                    }
+                    self.world.run_to(now + 1)?;
+                }
+                self.probe()?;
+            }
+            Action::Reset => self.reset(ResetCause::Pin)?,
+            Action::Power => self.reset(ResetCause::Power)?,
+        }
+        let Checks { counts, seen, .. } = &mut self.checks;
+        let Counts { commands, outputs, resets, mut cycles, .. } = *counts;
+        cycles += self.world.powered.mcu.now() - begun;
+        *counts = Counts { commands, outputs, resets, cycles, ..*seen };
+        Ok(())
+    }
+
+    /// The end of a session: every answer is in, and everything that was said is compared.
+    ///
+    /// # Errors
+    /// As [`act`](Self::act).
+    pub fn finish(&mut self) -> Result<(), End> {
+        self.answered()?;
+        self.pass(100)?;
+        let mut late = 0;
+        while let Err(what) = self.checks.oracle.is_complete() {
+            if late == LATE {
+                return Err(End::Difference(what));
+            }
+            late += 1;
+            self.pass(1)?;
+        }
+        Ok(())
+    }
+
+    fn hold(&mut self, farther_m: f64, held: bool) {
+        let place_m = self.world.position_m() + farther_m;
+        self.world.hold(place_m, held);
+        self.checks.held = held;
+    }
+
+    /// Types lines; what finds no room in the channel waits for it.
+    fn send(&mut self, text: &str) -> Result<(), End> {
+        self.probe()?;
+        for line in text.split(['\n', '\r']).filter(|line| !line.trim_ascii().is_empty()) {
+            self.checks.counts.commands += 1;
+            self.checks.properties.ask(line);
+        }
+        let bytes = format!("{text}\n").into_bytes();
+        let mut rest = &bytes[..];
+        loop {
+            let powered = &mut self.world.powered;
+            let (sent, after) = rest.split_at(powered.rtt.write(&mut powered.mcu, 0, rest));
+            self.checks.oracle.send(sent);
+            rest = after;
+            if rest.is_empty() {
+                return Ok(());
+            }
+            self.pass(1)?;
+        }
+    }
+
+    fn answered(&mut self) -> Result<(), End> {
+        while !(self.checks.properties.is_answered() && self.checks.oracle.is_idle()) {
+            self.pass(1)?;
+        }
+        Ok(())
+    }
+
+    /// The program runs and has said which one it is.
+    fn begun(&mut self) -> Result<(), End> {
+        for _ in 0..BEGIN {
+            self.pass(1)?;
+            if self.checks.oracle.is_idle() && self.checks.oracle.is_complete().is_ok() {
+                return Ok(());
+            }
+        }
+        Err(End::Difference("the program does not begin".into()))
+    }
+
+    /// Goes on until no output is under way: there an event has one effect. `--instants` tries all the others.
+    fn between_outputs(&mut self) -> Result<(), End> {
+        self.probe()?;
+        loop {
+            let innermost = self.world.powered.mcu.watch().innermost();
+            let quiet =
+                !matches!(innermost, SAMPLE | RENDER) && (innermost == 0 || innermost == LINK);
+            if quiet && self.checks.oracle.is_between_outputs() {
+                return Ok(());
+            }
+            let now = self.world.powered.mcu.now();
+            self.world.run_to(now + 1)?;
+            self.probe()?;
+        }
+    }
+
+    /// The board starts anew, by its pin or by its supply.
+    fn reset(&mut self, cause: ResetCause) -> Result<(), End> {
+        self.between_outputs()?;
+        match cause {
+            ResetCause::Power => self.world.power_cycle(),
+            _ => self.world.reset(),
+        }
+        self.checks.properties.reset();
+        self.checks.oracle.reset(cause);
+        self.checks.counts.resets += 1;
+        self.world.replies.clear();
+        self.world.telemetry.clear();
+        self.begun()
+    }
+
+    fn pass(&mut self, samples: u64) -> Result<(), End> {
+        for _ in 0..samples {
+            self.world.sample()?;
+            self.checks.samples += 1;
+            self.checks.properties.sample();
+            self.probe()?;
+            if self.checks.samples.is_multiple_of(16) && interrupt::is_requested() {
+                return Err(End::Interrupted);
+            }
+        }
+        Ok(())
+    }
+
+    /// Looks at what the board has said and done.
+    fn probe(&mut self) -> Result<(), End> {
+        self.world.probe()?;
+        self.world.lines.clear();
+        let powered = &mut self.world.powered;
+        let Ok(block) = powered.rtt.look(&mut powered.mcu);
+        let [.., [_, size]] = block.map_or([[0, 1]; 4], |block| block.buffers());
+        let observed = Observed {
+            counts: powered.mcu.take_counter_readings(),
+            entries: powered.mcu.watch_mut().take_entries(),
+            replies: std::mem::take(&mut self.world.replies).into_bytes(),
+            telemetry: std::mem::take(&mut self.world.telemetry),
+        };
+        let Checks { oracle, properties, counts, seen, .. } = &mut self.checks;
+        let saved = properties.saves();
+        let held = properties.check(&self.world, &observed, seen);
+        if saved && !properties.saves() {
+            self.world.powered.mcu.watch_mut().clear();
+        }
+        let code = output_code(&self.world);
+        let enabled = self.world.powered.amplifier.is_enabled();
+        let within = self.world.powered.mcu.watch().innermost();
+        held.and_then(|()| oracle.follow(observed, size.max(1), seen))
+            .and_then(|()| {
+                if matches!(within, 0 | LINK) {
+                    counts.outputs += 1;
+                    return oracle.outputs(code, enabled);
+                }
+                Ok(())
+            })
+            .map_err(End::Difference)
+    }
+}
