@@ -13,8 +13,9 @@ use zwidth::period::PERIODS;
 
 use super::{
     action::{Action, FORMS},
+    counts::Counts,
     generate::{Situation, next},
-    run::{Counts, End, Run},
+    run::{End, Run},
     shrink::shrink,
 };
 use crate::{random::Random, threads::on_threads};

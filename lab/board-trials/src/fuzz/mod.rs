@@ -5,7 +5,7 @@
 //! | `action` | what is done to a board, and scripts of it |
 //! | `oracle` | the library beside the image |
 //! | `properties` | rules that hold whatever the library says |
-//! | `run` | a session |
+//! | `run`, `counts` | a session, and what it came to |
 //! | `generate` | sessions at random |
 //! | `shrink` | the shortest session that still fails |
 //! | `campaign` | many of them |
@@ -14,6 +14,7 @@
 
 mod action;
 mod campaign;
+mod counts;
 mod generate;
 mod instants;
 mod oracle;
@@ -29,5 +30,5 @@ fn rule(holds: bool, otherwise: impl FnOnce() -> String) -> Result<(), String> {
 
 pub use action::Action;
 pub use campaign::{Failure, Outcome, replay, script, sessions};
+pub use counts::Counts;
 pub use instants::{Sweep, Wrong, sweep};
-pub use run::Counts;

@@ -22,7 +22,7 @@ use zwidth::{
     velocity::EstimatorName,
 };
 
-use super::{rule, run::Counts};
+use super::{counts::Counts, rule};
 
 /// Places of the queue of reports, as on a board.
 const REPORTS: u32 = 16;

@@ -7,7 +7,7 @@ use zwidth::{
     units::Force,
 };
 
-use super::{oracle::Observed, rule, run::Counts};
+use super::{counts::Counts, oracle::Observed, rule};
 
 /// Longest time from one feeding of the watchdog to the next, ms.
 const FED_MS: u64 = 20;

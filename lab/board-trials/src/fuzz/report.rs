@@ -16,8 +16,8 @@ use virtual_board::{
 
 use super::{
     campaign::{self, Failure, Outcome},
+    counts::Counts,
     instants::{self, EVENTS, Sweep, Wrong},
-    run::Counts,
 };
 use crate::threads::cores;
 

@@ -1,7 +1,6 @@
 //! A session: actions done to a board, and everything that it says and puts out held against the library and the rules.
 
 use host_sim::interrupt;
-use serde::Serialize;
 use virtual_board::{
     device,
     mcu::{LINK, RENDER, SAMPLE},
@@ -12,6 +11,7 @@ use zwidth::safety::ResetCause;
 
 use super::{
     action::Action,
+    counts::Counts,
     oracle::{Observed, Oracle},
     properties::{Properties, output_code},
 };
@@ -41,53 +41,6 @@ const QUEUES: &str = "init_queues";
 const ORDERS: u32 = 312;
 /// Samples that a board needs to begin.
 const BEGIN: u64 = 1_000;
-
-/// What a session has shown so far; JSON has what people are told.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Counts {
-    /// Lines that were typed.
-    pub commands: u64,
-    /// Lines of the board that were the library's.
-    pub replies: u64,
-    /// Frames that were the library's.
-    pub frames: u64,
-    /// Samples at which code and enable were the library's.
-    pub outputs: u64,
-    pub faults: u64,
-    /// Resets and power cycles.
-    pub resets: u64,
-    /// Cycles of the core.
-    #[serde(skip)]
-    pub cycles: u64,
-    /// Commands answered with `ok`.
-    #[serde(skip)]
-    pub obeyed: u64,
-    /// Commands answered with `error`.
-    #[serde(skip)]
-    pub refused: u64,
-    /// Outputs with the full force on.
-    #[serde(skip)]
-    pub armed: u64,
-    /// Outputs with a force other than zero.
-    #[serde(skip)]
-    pub forces: u64,
-}
-
-impl std::ops::AddAssign for Counts {
-    fn add_assign(&mut self, other: Self) {
-        self.commands += other.commands;
-        self.replies += other.replies;
-        self.frames += other.frames;
-        self.outputs += other.outputs;
-        self.faults += other.faults;
-        self.resets += other.resets;
-        self.cycles += other.cycles;
-        self.obeyed += other.obeyed;
-        self.refused += other.refused;
-        self.armed += other.armed;
-        self.forces += other.forces;
-    }
-}
 
 /// What is held against the board, and the hand at its handle.
 #[derive(Clone)]

@@ -1,0 +1,52 @@
+//! What sessions come to.
+
+use std::ops::AddAssign;
+
+use serde::Serialize;
+
+/// What a session has shown so far; JSON has what people are told.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// Lines that were typed.
+    pub commands: u64,
+    /// Lines of the board that were the library's.
+    pub replies: u64,
+    /// Frames that were the library's.
+    pub frames: u64,
+    /// Samples at which code and enable were the library's.
+    pub outputs: u64,
+    pub faults: u64,
+    /// Resets and power cycles.
+    pub resets: u64,
+    /// Cycles of the core.
+    #[serde(skip)]
+    pub cycles: u64,
+    /// Commands answered with `ok`.
+    #[serde(skip)]
+    pub obeyed: u64,
+    /// Commands answered with `error`.
+    #[serde(skip)]
+    pub refused: u64,
+    /// Outputs with the full force on.
+    #[serde(skip)]
+    pub armed: u64,
+    /// Outputs with a force other than zero.
+    #[serde(skip)]
+    pub forces: u64,
+}
+
+impl AddAssign for Counts {
+    fn add_assign(&mut self, other: Self) {
+        self.commands += other.commands;
+        self.replies += other.replies;
+        self.frames += other.frames;
+        self.outputs += other.outputs;
+        self.faults += other.faults;
+        self.resets += other.resets;
+        self.cycles += other.cycles;
+        self.obeyed += other.obeyed;
+        self.refused += other.refused;
+        self.armed += other.armed;
+        self.forces += other.forces;
+    }
+}
