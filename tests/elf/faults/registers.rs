@@ -11,10 +11,13 @@ use crate::{
 
 each_board!(
     a_register_that_changes_takes_the_force_away_within_3_ms,
+    any_bit_of_the_output_watchdog_ends_in_off_or_leaves_it_at_work,
     a_rate_that_is_off_by_more_than_2_percent_is_found_from_both_sides
 );
 
 const TIM1: u32 = 0x4001_0000;
+const TIM8: u32 = 0x4001_0400;
+const DMA2: u32 = 0x4002_6400;
 const TIM5: u32 = 0x4000_0C00;
 
 /// Longest time until enable is inactive, s.
@@ -77,6 +80,67 @@ fn a_register_that_changes_takes_the_force_away_within_3_ms(board: Board) {
     assert_eq!(world.powered.mcu.peek(TIM1 + 0x44), bdtr);
     world.run(100).unwrap();
     assert!(world.powered.amplifier.is_enabled());
+}
+
+/// What the output watchdog is made of, and what makes enable: TIM8, DMA2's first flags and its stream 1, TIM1.
+const CHAIN: [(u32, &[u32]); 3] = [
+    (TIM8, &[0x00, 0x04, 0x08, 0x0C, 0x10, 0x24, 0x28, 0x2C, 0x30]),
+    (DMA2, &[0x00, 0x28, 0x2C, 0x30, 0x34, 0x3C]),
+    (
+        TIM1,
+        &[
+            0x00, 0x04, 0x08, 0x0C, 0x10, 0x18, 0x1C, 0x20, 0x24, 0x28, 0x2C, 0x30, 0x34, 0x38,
+            0x3C, 0x40, 0x44,
+        ],
+    ),
+];
+
+/// From `begun` until enable is inactive, s; none while it is active.
+fn off_after(world: &World<'_>, begun: u64) -> Option<f64> {
+    let off = world.powered.amplifier.changes().disabled_at.filter(|&at| at >= begun)?;
+    let is_off = !world.powered.amplifier.is_enabled();
+    is_off.then(|| (off - begun) as f64 / world.powered.board.chip.core_hz as f64)
+}
+
+/// Enable is off within so long after the core is gone, s: a period of the output watchdog.
+fn dead_core_is_off_within(world: &mut World<'_>, limit_s: f64, what: &str) {
+    let begun = world.powered.mcu.now();
+    world.powered.mcu.set_registers(|registers| registers.primask = true);
+    world.run(60).unwrap();
+    let off_s = off_after(world, begun).unwrap_or_else(|| panic!("{what}: a dead core stays on"));
+    assert!(off_s <= limit_s, "{what}: a dead core is off after {off_s} s");
+}
+
+fn any_bit_of_the_output_watchdog_ends_in_off_or_leaves_it_at_work(board: Board) {
+    let firmware = Firmware::of(board);
+    let mut world = pressed(&firmware);
+    world.powered.mcu.outlive_lock_up();
+    let before = world.snapshot();
+    let mut counts = [0; 2];
+    for (base, offsets) in CHAIN {
+        for (address, bit) in offsets.iter().flat_map(|at| (0..32).map(move |bit| (base + at, bit)))
+        {
+            let what = format!("{address:#x} bit {bit}");
+            world.restore(&before);
+            let begun = world.powered.mcu.now();
+            world.powered.mcu.flip_behind_the_bus(address, bit);
+            world.run(30).unwrap();
+            let off_s = off_after(&world, begun);
+            counts[usize::from(off_s.is_some())] += 1;
+            match off_s {
+                Some(off_s) => assert!(off_s <= OFF_S, "{what}: off after {off_s} s"),
+                None => dead_core_is_off_within(&mut world, OFF_S, &what),
+            }
+        }
+    }
+    println!("{}: {} bits end in off, {} do nothing", board.name, counts[1], counts[0]);
+    assert!(counts[1] > 150, "{counts:?}");
+    // The word that waits in the stream cannot be read: a wrong one is stored once, and the next is right.
+    for bit in 0..32 {
+        world.restore(&before);
+        world.powered.mcu.flip_fetched(bit);
+        dead_core_is_off_within(&mut world, 2.0 * OFF_S, &format!("fetched word, bit {bit}"));
+    }
 }
 
 /// The sample timer's counter is moved at each sample, so that no register is other than it was set up.

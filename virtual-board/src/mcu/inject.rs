@@ -1,6 +1,8 @@
 //! What can go wrong inside the chip, done to it from outside: bits that flip, an interrupt that stays
 //! away, a program counter that is somewhere else. The program itself is left as it is.
 
+use std::sync::atomic::Ordering::Relaxed;
+
 use rsemu::{
     core::{space::MemAttrs, value::Width},
     cpu::arm::v7m::sys::{Exception, in_ppb},
@@ -10,6 +12,9 @@ use super::{Mcu, Stopped, exception_of};
 
 /// ITSTATE and the Thumb bit in xPSR.
 const IT_BITS: u32 = super::IT_BITS;
+const TIM1: u32 = 0x4001_0000;
+const TIM8: u32 = 0x4001_0400;
+const DMA2: u32 = 0x4002_6400;
 
 impl Mcu {
     /// Keeps an interrupt from being taken: its enable bit in the NVIC is 0, or 1 again.
@@ -67,6 +72,32 @@ impl Mcu {
             let _ = self.soc.space.write(at, Width::U32, value, MemAttrs::default());
         }
         self.service();
+    }
+
+    /// A bit of a register of TIM1, TIM8 or DMA2 is the other one, also where no store could make it so.
+    ///
+    /// # Panics
+    /// The address is of no such register.
+    pub fn flip_behind_the_bus(&mut self, address: u32, bit: u8) {
+        self.clock.set(self.now);
+        let (offset, one) = (u64::from(address & 0x3FF), 1 << bit);
+        let timer = match address & !0x3FF {
+            DMA2 => {
+                let registers = &self.soc.dma.registers;
+                registers.set(offset, registers.get(offset) ^ one);
+                return self.service();
+            }
+            TIM1 => &self.soc.pwm,
+            TIM8 => &self.soc.output_timer,
+            _ => panic!("{address:#x} is of none of these"),
+        };
+        timer.poke(offset, timer.peek(offset) ^ one);
+        self.service();
+    }
+
+    /// A bit of the word that waits in DMA2's stream is the other one.
+    pub fn flip_fetched(&mut self, bit: u8) {
+        self.soc.dma.fetched.fetch_xor(1 << bit, Relaxed);
     }
 
     /// What stands in flash from `address` on is something else.

@@ -71,7 +71,7 @@ pub(super) struct Soc {
     pub(super) dbgmcu: Arc<Storage>,
     halt_timer: Lazy,
     /// TIM8, which asks DMA2 to switch off.
-    output_timer: Lazy,
+    pub(super) output_timer: Lazy,
     pub(super) crystal: Arc<Crystal>,
     pub(super) dma: Arc<Dma>,
     pub(super) dma_gate: Arc<Gate>,

@@ -7,6 +7,7 @@ use virtual_board::{
 
 const RCC: u32 = 0x4002_3800;
 const GPIOA: u32 = 0x4002_0000;
+const GPIOB: u32 = 0x4002_0400;
 const GPIOE: u32 = 0x4002_1000;
 const TIM1: u32 = 0x4001_0000;
 const TIM2: u32 = 0x4000_0000;
@@ -69,6 +70,14 @@ pub fn register_rows(board: Board) -> Vec<RegisterRow> {
         ("TIM5 without clock asleep", RCC + 0x60, Flip(1 << 3), true),
         ("clock divider of APB1", RCC + 0x08, Flip(1 << 10), true),
         ("clock security system", RCC, Flip(1 << 19), true),
+        ("TIM1 in reset", RCC + 0x24, Flip(1), true),
+        ("TIM8 in reset", RCC + 0x24, Flip(1 << 1), true),
+        ("TIM2 in reset", RCC + 0x20, Flip(1), false), // its count jumps to 0 as well
+        ("TIM5 in reset", RCC + 0x20, Flip(1 << 3), false),
+        ("TIM6 in reset", RCC + 0x20, Flip(1 << 4), false), // a halt as well
+        ("DMA2 in reset", RCC + 0x10, Flip(1 << 22), true),
+        ("converters in reset", RCC + 0x24, Flip(1 << 8), true),
+        ("port A in reset", RCC + 0x10, Flip(1), false), // the encoder's pins as well
         ("encoder's pin", GPIOA, Flip(1 << 2), true),
         ("voltage detector", 0x4000_7000, Flip(1 << 4), true),
         ("`sample` at the lowest priority", NVIC_PRIORITIES + 48, Flip(0x00E0_0000), true),
@@ -82,6 +91,8 @@ pub fn register_rows(board: Board) -> Vec<RegisterRow> {
     ];
     match board.wiring.force {
         Force::Dac { .. } => rows.extend([
+            ("the stop's pin", GPIOB, Flip(0b11 << 24), true),
+            ("DAC in reset", RCC + 0x20, Flip(1 << 29), true),
             ("enable's pin a GPIO", GPIOA, Flip(0b11 << 20), true),
             ("enable open drain", GPIOA + 0x04, Flip(1 << 10), true),
             ("DAC off", 0x4000_7400, Flip(1), true),
@@ -89,6 +100,8 @@ pub fn register_rows(board: Board) -> Vec<RegisterRow> {
             ("ADC1's channel", ADC + 0x34, Flip(1), true),
         ]),
         Force::Pwm { .. } => rows.extend([
+            ("the stop's pin", GPIOE, Flip(0b11 << 30), true),
+            ("port E in reset", RCC + 0x10, Flip(1 << 4), true),
             ("enable's pin a GPIO", GPIOE, Flip(0b11 << 26), true),
             ("enable open drain", GPIOE + 0x04, Flip(1 << 13), true),
             ("sign open drain", GPIOE + 0x04, Flip(1 << 11), true),
