@@ -159,13 +159,15 @@ pub struct CurrentWatch {
 impl CurrentWatch {
     /// Largest mean that is no fault, part of full scale.
     pub const ALLOWED: f64 = 0.25;
+    /// Error of a converter that does not answer, codes.
+    const NO_ANSWER: i32 = 4095;
     /// Bits behind the point of the slope.
     const SLOPE_BITS: u32 = 16;
     /// The mean's time, 2^7 samples: 12.8 ms.
     const MEAN_BITS: u32 = 7;
 
     /// Takes a reading of what was `written` (none: the output is off), with the samples since the reading before.
-    /// Returns whether the current is wrong. A converter that does not answer reads as 0. `mean`: mean error so far,
+    /// Returns whether the current is wrong. A converter that does not answer is as wrong as can be. `mean`: mean error so far,
     /// 2^-7 codes.
     #[inline]
     pub fn follow(
@@ -181,7 +183,7 @@ impl CurrentWatch {
         let asked = i64::from(self.slope) * i64::from(written.codes(self.zero));
         #[expect(clippy::cast_possible_truncation, reason = "at most the range of the converter")]
         let expected = self.rest + (asked >> Self::SLOPE_BITS) as i32;
-        let error = i32::from(read.unwrap_or(0)) - expected;
+        let error = read.map_or(Self::NO_ANSWER, |read| i32::from(read) - expected);
         let weight = samples.min(SAMPLES_PER_MS).cast_signed();
         *mean += weight * (error - (*mean >> Self::MEAN_BITS));
         (*mean >> Self::MEAN_BITS).abs() > self.allowed
@@ -355,6 +357,19 @@ mod tests {
         assert!(CurrentSettings { rest: 0.3, full: 0.6 }.build(DAC).unwrap().is_some());
         let error = CurrentSettings { rest: 0.5, full: 0.5 }.build(DAC).unwrap_err();
         assert!(*error.range.start() > 0.5, "rising is what people wire: {:?}", error.range);
+    }
+
+    #[test]
+    fn a_converter_that_does_not_answer_is_found_whatever_the_code() {
+        for settings in [SENSE, CurrentSettings { rest: 0.5, full: 0.05 }] {
+            let watch = settings.build(DAC).unwrap().unwrap();
+            for code in [0, 1, 1024, 2048, 4095] {
+                let mut mean = 0;
+                let mut silent =
+                    (0..8).map(|_| watch.follow(&mut mean, written(code, false), (None, 10)));
+                assert!(silent.any(|wrong| wrong), "{code}");
+            }
+        }
     }
 
     #[test]

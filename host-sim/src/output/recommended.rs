@@ -95,9 +95,13 @@ impl Answer {
 /// Why it is that cutoff.
 fn reason(units: Units, study: &QuietStudy, of: &Recommended) -> String {
     let mut text = format!(
-        "the largest area of quiet walls, {}, of {} cutoffs that were tried; those of the range have at least {} % of it",
+        "the largest area of quiet walls, {}, of {} tried; those of the range have at least {} % of it",
         units.said(of.area, "N^2 s/m^2"),
-        study.cutoffs.len(),
+        if let [_] = study.cutoffs[..] {
+            "1 cutoff that was".into()
+        } else {
+            format!("{} cutoffs that were", study.cutoffs.len())
+        },
         100.0 * AS_GOOD
     );
     let ends = match of.is_open {
@@ -135,7 +139,7 @@ pub fn sentences(scene: &NamedScene, study: &QuietStudy) -> Vec<String> {
         units.said(of.damping_max_n_s_per_m, "N s/m"),
     );
     let next = format!(
-        "Next: `cargo sim explain {name}` says what limits these walls, `cargo sim prepare` makes the board's record"
+        "Next: `cargo sim explain {name}` says what limits these walls, `cargo sim prepare` makes a board's record of a scene"
     );
     let has = format!("It has {}.", reason(units, study, of));
     let free = study.free.map(|free| {
@@ -157,7 +161,7 @@ fn by_protocols(units: Units, study: &QuietStudy, of: &Recommended) -> Option<St
     let said = |protocol: Protocol| match protocol {
         Protocol::Paper => "a constant push",
         Protocol::Press => "a press of a minute",
-        Protocol::Taps => "taps, two a second,",
+        Protocol::Taps => "taps (two a second)",
         Protocol::Hand => "a hand that sways by 30 %",
     };
     let (unit, factor) = units.written("N/m");

@@ -193,6 +193,39 @@ fn walls(boundaries: &Boundaries, velocity: VelocitySettings) -> Vec<WallHit> {
     first.points.iter().step_by(step).map(hit).collect()
 }
 
+/// What a wall's force does along the true motion, anew for each contact.
+struct MotionAccount {
+    /// Samples from a force to its effect, at most.
+    until_it_acts: u64,
+    /// Samples since the wall asked for a force.
+    free: u64,
+    /// The output without the wall: the push as its code has it.
+    rest_n: f64,
+    energy_j: f64,
+    /// Largest surplus so far.
+    given_j: f64,
+}
+
+impl MotionAccount {
+    fn new(until_it_acts: u64) -> Self {
+        Self { until_it_acts, free: u64::MAX / 2, rest_n: 0.0, energy_j: 0.0, given_j: 0.0 }
+    }
+
+    /// From `sample` on the handle moved by so much.
+    fn take(&mut self, sample: &Sample, moved_m: f64) {
+        match sample.rendered {
+            Some(output) if output.force != output.push => self.free = 0,
+            _ => self.free += 1,
+        }
+        if self.free > self.until_it_acts {
+            (self.rest_n, self.energy_j) = (sample.output_n, 0.0);
+        } else {
+            self.energy_j += (self.rest_n - sample.output_n) * moved_m;
+            self.given_j = self.given_j.max(-self.energy_j);
+        }
+    }
+}
+
 /// The walls, hit for as long as the scene says.
 fn length(
     prepared: &PreparedScene,
@@ -204,17 +237,17 @@ fn length(
     let damping_n_s_per_m = prepared.scene().device.damping_n_s_per_m;
     let (surface_m, rate_hz) = (prepared.scene().wall.position_m, prepared.design().rate_hz);
     let settle = u64::from(prepared.plan().settle);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1000 at most")]
+    let latency = prepared.scene().actuator.latency.ceil() as u64;
+    let until_it_acts = latency + u64::from(prepared.design().period);
     let of_wall = |wall: &WallHit| {
         interrupt::unless(stop)?;
         let mut before: Option<Sample> = None;
-        let (mut energy_j, mut given_j, mut squares, mut samples) = (0.0, 0.0, 0.0, 0.0);
+        let (mut account, mut squares, mut samples) = (MotionAccount::new(until_it_acts), 0.0, 0.0);
         let report = prepared.hit(Numeric::Fixed, wall, |sample| {
             if let Some(before) = before {
-                let (moved_m, wall_n) =
-                    (sample.position_m - before.position_m, hit.push_n - before.output_n);
-                // a contact has its own account
-                energy_j = if wall_n == 0.0 { 0.0 } else { energy_j + wall_n * moved_m };
-                given_j = f64::max(given_j, -energy_j);
+                let moved_m = sample.position_m - before.position_m;
+                account.take(&before, moved_m);
                 if sample.index > settle {
                     squares += (moved_m * rate_hz).powi(2);
                     samples += 1.0;
@@ -224,7 +257,7 @@ fn length(
         })?;
         let fed_w = damping_n_s_per_m * squares / f64::max(samples, 1.0);
         let sag = wall.stiffness_n_per_m * (report.mean_m - surface_m) / hit.push_n;
-        Ok::<_, Error>((report.port, given_j, fed_w, sag))
+        Ok::<_, Error>((report.port, account.given_j, fed_w, sag))
     };
     let all: Vec<_> = walls.par_iter().map(of_wall).collect::<Result<_, _>>()?;
     #[expect(clippy::cast_precision_loss, reason = "at most 24")]
