@@ -195,9 +195,11 @@ fn walls(boundaries: &Boundaries, velocity: VelocitySettings) -> Vec<WallHit> {
 
 /// What a wall's force does along the true motion, anew for each contact.
 struct MotionAccount {
-    /// Samples from a force to its effect, at most.
+    /// Samples from a count to its force, at most.
     until_it_acts: u64,
-    /// Samples since the wall asked for a force.
+    /// Counts and with them contact begin here, m.
+    contact_m: f64,
+    /// Samples since the handle was in contact.
     free: u64,
     /// The output without the wall: the push as its code has it.
     rest_n: f64,
@@ -207,16 +209,20 @@ struct MotionAccount {
 }
 
 impl MotionAccount {
-    fn new(until_it_acts: u64) -> Self {
-        Self { until_it_acts, free: u64::MAX / 2, rest_n: 0.0, energy_j: 0.0, given_j: 0.0 }
+    fn new(until_it_acts: u64, contact_m: f64) -> Self {
+        Self {
+            until_it_acts,
+            contact_m,
+            free: u64::MAX / 2,
+            rest_n: 0.0,
+            energy_j: 0.0,
+            given_j: 0.0,
+        }
     }
 
     /// From `sample` on the handle moved by so much.
     fn take(&mut self, sample: &Sample, moved_m: f64) {
-        match sample.rendered {
-            Some(output) if output.force != output.push => self.free = 0,
-            _ => self.free += 1,
-        }
+        self.free = if sample.position_m > self.contact_m { 0 } else { self.free + 1 };
         if self.free > self.until_it_acts {
             (self.rest_n, self.energy_j) = (sample.output_n, 0.0);
         } else {
@@ -239,11 +245,13 @@ fn length(
     let settle = u64::from(prepared.plan().settle);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1000 at most")]
     let latency = prepared.scene().actuator.latency.ceil() as u64;
+    let contact_m = surface_m - prepared.scene().encoder.resolution_m;
     let until_it_acts = latency + u64::from(prepared.design().period);
     let of_wall = |wall: &WallHit| {
         interrupt::unless(stop)?;
         let mut before: Option<Sample> = None;
-        let (mut account, mut squares, mut samples) = (MotionAccount::new(until_it_acts), 0.0, 0.0);
+        let (mut account, mut squares, mut samples) =
+            (MotionAccount::new(until_it_acts, contact_m), 0.0, 0.0);
         let report = prepared.hit(Numeric::Fixed, wall, |sample| {
             if let Some(before) = before {
                 let moved_m = sample.position_m - before.position_m;
