@@ -13,7 +13,7 @@ use pyo3::{
 use sim_loop::{error::Error, scene::Units};
 use sim_studies::analysis::{
     agree as walks,
-    identify::{self as records, Asked, GainAsked, Json, Made, Planned, Record, Span, Term, Terms},
+    identify::{self as records, Asked, GainAsked, Json, Made, Planned, Span, Term, Terms},
     replay as counts,
 };
 use zwidth::units::Velocity;
@@ -199,7 +199,9 @@ result! { table
         step_s: f64,
         /// That of the intervals, 0.95.
         confidence: f64,
-        /// `given`, `motor`, `weight` or `added_mass`.
+        /// What the command of the records is: `voltage`, `force` or `current`.
+        drive: String,
+        /// `given`, `motor`, `weight`, `added_mass`, or `force` where the records have the force.
         gain_source: String,
         /// Mass of the device, kg.
         mass_kg: Part<Estimate>,
@@ -209,9 +211,11 @@ result! { table
         stiffness_n_per_m: Option<Part<Estimate>>,
         /// Where the spring rests, m; None without one.
         rest_position_m: Option<Part<Estimate>>,
-        /// Force per volt, N/V.
-        gain_n_per_v: Part<Estimate>,
-        /// From a row's time to its voltage's effect, s.
+        /// Force per volt, N/V; None of records without a voltage.
+        gain_n_per_v: Option<Part<Estimate>>,
+        /// Force per ampere, N/A; None of records without a current.
+        gain_n_per_a: Option<Part<Estimate>>,
+        /// From a row's time to its command's effect, s.
         latency_s: Part<Estimate>,
         /// Dry friction, N; None where it is not in the model.
         friction_n: Option<Part<Estimate>>,
@@ -233,7 +237,7 @@ result! { table
         warnings: Tuple<String>,
         /// What a reader should know of the scene.
         notes: Tuple<String>,
-        /// Of each record: `time_s`, `voltage_v`, `position_m`, `model_m`, `residual_m`; the residual is the position, with
+        /// Of each record: `time_s`, the command (`voltage_v`, `force_n` or `current_a`), `position_m`, `model_m`, `residual_m`; the residual is the position, with
         /// half a count added for a floor encoder, less the model.
         fits: Tuple<Table>,
         /// The base scene with the device, or why no scene may have it.
@@ -308,7 +312,7 @@ fn turn<'py, const N: usize>(
 /// base : Scene
 ///     Gives encoder, voltage limit, latency and sample rate, and all else that a scene needs.
 /// gain : float, optional
-///     Force per volt, N/V.
+///     Force per volt, N/V; of records with a current per ampere, N/A; of records with a force there is none.
 /// torque_constant, amplifier_gain, drum_radius : float, optional
 ///     The force per volt as torque constant, N m/A, times amplifier gain, A/V, over radius, m.
 /// calibration_mass, calibration_voltage : float, optional
@@ -316,7 +320,7 @@ fn turn<'py, const N: usize>(
 /// added_mass : float, optional
 ///     The second of two records was made with this much more mass, kg: the force per volt is found too.
 /// latency : float, optional
-///     From a row's time to its voltage's effect, samples of the base scene; by default its own.
+///     From a row's time to its command's effect, rows of the log; by default the base scene's time.
 /// fit_latency : bool
 ///     Find the latency too, beginning with that.
 /// spring : bool
@@ -375,9 +379,6 @@ pub fn identify(
         calibration_voltage,
         added_mass,
     };
-    // Lengths and forces are said at the handle, of a rotary scene too.
-    let gain = gain.source(&base.scene, Units::Linear);
-    let gain = gain.map_err(|error| raised(here(error)))?;
     let span = Span { from_s: span.0, to_s: span.1 };
     let asked = Asked {
         latency,
@@ -389,12 +390,10 @@ pub fn identify(
         resolution,
         span,
     };
-    let options = asked.options(&base.scene, gain, Units::Linear);
-    let options = options.map_err(|error| raised(here(error)))?;
     let identified = move |course: &Course| {
         let of_base = (&*base, base.name.as_str());
-        let read = |log: &PathBuf| records::read(log, of_base, &options, asked.span);
-        let read: Vec<Record> = logs.iter().map(read).collect::<Result<_, Error>>()?;
+        // Lengths and forces are said at the handle, of a rotary scene too.
+        let (read, options) = records::read_all(&logs, of_base, (&asked, &gain), Units::Linear)?;
         let mut found = records::identify_in(base.scene.units, &read, &options, &course.stop)?;
         found.warnings.iter_mut().for_each(|warning| *warning = with_arguments(warning));
         let made = Made::new(&base, &found, &options)?;
@@ -410,9 +409,12 @@ pub fn identify(
     } else {
         told.set_item("tests", PyTuple::empty(py))?;
     }
+    if !told.cast::<PyDict>()?.contains("gain_n_per_a")? {
+        told.set_item("gain_n_per_a", py.None())?;
+    }
     turn(&told, "initial", ["time_s", "position_m", "speed_m_per_s"])?;
     let fits = records.iter().zip(&found.fits).map(|(record, fit)| {
-        let names = ["time_s", "voltage_v", "position_m", "model_m", "residual_m"];
+        let names = ["time_s", record.command_column(), "position_m", "model_m", "residual_m"];
         let column = |(n, name)| {
             Ok((name, Array::new(py, fit.rows(record).map(|row| row[n]).collect())?.bound(py)))
         };
