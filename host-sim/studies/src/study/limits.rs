@@ -16,11 +16,13 @@ use zwidth::{VelocitySettings, experiment::Verdict};
 
 use super::{
     boundary::{Boundaries, Boundary, Progress},
-    sweep::{CutoffResult, SweepResult, on_all_threads, start_offset_counts},
+    sweep::{CutoffResult, SweepResult, start_offset_counts},
+    walk_lanes::on_all_threads,
 };
 use crate::{
     engine::{Depth, Engine, Outcome, Work, run},
     error::Error,
+    interrupt,
     scene::{self, Criterion, PushBy, RmsOf, Scene, Walk},
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
@@ -230,9 +232,7 @@ pub fn limits(
         };
         run(engine, &field.prepared, numeric, depth, &mut work);
     });
-    if stop.load(Ordering::Relaxed) {
-        return Err(Error::Interrupted);
-    }
+    interrupt::unless(stop)?;
     let mut of = |place: usize| -> Result<Vec<Vec<Boundaries>>, Error> {
         // by limit, filter, repeat
         let field = &fields[place];

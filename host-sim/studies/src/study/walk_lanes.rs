@@ -6,18 +6,21 @@ use std::{
     sync::atomic::{AtomicBool, AtomicUsize, Ordering},
 };
 
+use rayon::prelude::*;
 use zwidth::{
     VelocitySettings,
     experiment::{Cell, Verdict, Walk},
 };
 
 use super::{
+    How,
     ahead::{Guide, Walking, likeliest},
     boundary::{Boundary, Progress},
 };
 use crate::{
     engine::{Depth, Engine, Outcome, Work, run},
     error::Error,
+    interrupt,
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
@@ -62,6 +65,62 @@ pub fn walks(
     let (running, lanes, last) = (BTreeMap::new(), vec![], Guide::default());
     let mut work = Walks { queue, numeric, stop, running, lanes, last, done };
     run(engine, queue.prepared, numeric, Depth::Verdict, &mut work);
+}
+
+/// Results by queue and number.
+pub(super) type Made = Vec<((usize, usize), Result<Boundary, Error>)>;
+
+/// `work` through all queues on each thread of the current pool; each thread begins with another queue, so that fewer
+/// of them share the end of one. Every walk runs to its end or to the interruption, so that the error that is reported
+/// is the first in this order, not the first in time.
+pub(super) fn on_all_threads(
+    queues: usize,
+    work: impl Fn(usize, &mut Made) + Sync,
+) -> BTreeMap<(usize, usize), Result<Boundary, Error>> {
+    let threads = rayon::current_num_threads();
+    let on_one = |thread: usize| {
+        let mut made = vec![];
+        for n in 0..queues {
+            work((n + thread * queues / threads) % queues, &mut made);
+        }
+        made
+    };
+    let made: Made = (0..threads).into_par_iter().with_max_len(1).flat_map_iter(on_one).collect();
+    made.into_iter().collect()
+}
+
+/// The walks of several scenes on all threads of the current pool, in order. The result depends neither on the number
+/// of threads nor on the engine; `done` is called after each walk.
+///
+/// # Errors
+/// `stop` was set.
+pub(super) fn all_walks(
+    how: How<'_>,
+    scenes: &[(&PreparedScene, Vec<Start>)],
+    done: impl Fn(&Boundary) + Sync,
+) -> Result<Vec<Vec<Result<Boundary, Error>>>, Error> {
+    let How { engine, numeric, stop } = how;
+    let queues: Vec<Queue<'_>> =
+        scenes.iter().map(|(prepared, starts)| Queue::new(prepared, starts)).collect();
+    let made = on_all_threads(queues.len(), |place, made| {
+        walks(engine, numeric, &queues[place], stop, |walk, boundary| {
+            boundary.iter().for_each(&done);
+            made.push(((place, walk), boundary));
+        });
+    });
+    interrupt::unless(stop)?;
+    let mut made = made.into_values();
+    let mut next =
+        || made.next().unwrap_or_else(|| Err(Error::Internal("a walk has no result".into())));
+    Ok(scenes.iter().map(|(_, starts)| starts.iter().map(|_| next()).collect()).collect())
+}
+
+/// The walks of each filter from each start.
+pub(super) fn each(filters: &[VelocitySettings], starts: &[f64]) -> Vec<Start> {
+    let of_filter = |&velocity: &VelocitySettings| {
+        starts.iter().map(move |&start_offset_counts| Start { velocity, start_offset_counts })
+    };
+    filters.iter().flat_map(of_filter).collect()
 }
 
 /// A walk that has begun.

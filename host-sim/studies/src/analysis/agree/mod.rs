@@ -30,7 +30,7 @@ use crate::{
     error::Error,
     scene::{NamedScene, Scene},
     simulation::prepared::{Numeric, PreparedScene},
-    study::{asked, boundary::Boundary, walk::walk},
+    study::{asked, boundary::Boundary, sweep::starts, walk::walk},
 };
 
 /// Walks of the scene as it is.
@@ -139,10 +139,6 @@ impl<D: Fn() + Sync> Walker<'_, D> {
             Err(_) => Ok(None),
         }
     }
-}
-
-fn starts(number: u32) -> Vec<f64> {
-    (0..number).map(|start| f64::from(start) / f64::from(number)).collect()
 }
 
 fn stiffnesses(scene: &Scene, boundary: &Boundary) -> Stiffnesses {

@@ -33,7 +33,7 @@ use crate::{
         boundary::{Boundaries, Boundary},
         filters::boundaries,
         schedule::Length,
-        sweep::start_offset_counts,
+        sweep::starts,
     },
 };
 
@@ -51,11 +51,6 @@ impl Budget {
     pub fn most(&self) -> u64 {
         let walks = OF_TWO * self.tunings * WALKS_OF_A_TRY;
         u64::from(walks) + 5 * u64::from(self.repeats)
-    }
-
-    /// Starts of the walks at the result, counts.
-    pub(in crate::analysis) fn starts(&self) -> Vec<f64> {
-        (0..self.repeats).map(|repeat| start_offset_counts(repeat, self.repeats)).collect()
     }
 }
 
@@ -112,7 +107,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         settings: &VelocitySettings,
         budget: Budget,
     ) -> Result<Boundaries, Error> {
-        Ok(self.walks(&[*settings], &budget.starts())?.pop().unwrap_or_default())
+        Ok(self.walks(&[*settings], &starts(budget.repeats))?.pop().unwrap_or_default())
     }
 
     /// The best tuning from `start` and its boundaries, without what is left of it where it is wrong; as it is if it is
@@ -210,7 +205,7 @@ pub fn tune(
 ) -> Result<(VelocitySettings, Tuned), Error> {
     let walker = Walker { engine, scene, stop, done };
     let (best, mut tuned) = walker.best(start, is_free, budget)?;
-    let (starts, design) = (budget.starts(), scene.design());
+    let (starts, design) = (starts(budget.repeats), scene.design());
     let area = tuned.boundaries.area();
     let mut wrongs: Vec<(Wrong, VelocitySettings)> = vec![];
     let axes = walker.axes(start, is_free);

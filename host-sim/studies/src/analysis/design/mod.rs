@@ -25,7 +25,7 @@ use zwidth::{
 
 use self::{
     evolution::{Field, Found, Place, evolve, refine},
-    references::{coarser, references, rough, starts, wall, with_biquad, with_low_pass},
+    references::{coarser, references, rough, wall, with_biquad, with_low_pass},
     shape::{NUMBERS, Shape},
 };
 use super::compare::Wall;
@@ -37,6 +37,7 @@ use crate::{
     study::{
         boundary::{Boundaries, Boundary},
         filters::boundaries,
+        sweep::starts,
     },
 };
 

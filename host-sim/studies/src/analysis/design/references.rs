@@ -16,7 +16,7 @@ use crate::{
     simulation::prepared::{Numeric, PreparedScene},
     study::{
         boundary::{Boundaries, Boundary},
-        sweep::start_offset_counts,
+        sweep::starts,
     },
 };
 
@@ -67,10 +67,6 @@ pub(super) fn references<D: Fn(&Boundary) + Sync>(
             boundaries: of_filter.swap_remove(n),
         })
         .collect())
-}
-
-pub(super) fn starts(repeats: u32) -> Vec<f64> {
-    (0..repeats).map(|repeat| start_offset_counts(repeat, repeats)).collect()
 }
 
 /// The scene with a grid on which the reference's boundary has about that many columns and rows.

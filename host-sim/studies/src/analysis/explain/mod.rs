@@ -37,6 +37,7 @@ use crate::{
     study::{
         boundary::Boundaries,
         schedule::{Length, longest_first},
+        sweep::starts,
     },
 };
 
@@ -255,7 +256,7 @@ pub fn explain(
     });
     let mut explained = explained.into_iter().collect::<Result<Vec<_>, Error>>()?;
     let mut base = explained.remove(0);
-    let starts = budget.starts();
+    let starts = starts(budget.repeats);
     let walks = |changed: &Scene, settings: &[VelocitySettings], starts: &[f64]| {
         Walker { engine, scene: changed, stop, done: &done }.walks(settings, starts)
     };

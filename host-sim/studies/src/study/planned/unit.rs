@@ -14,9 +14,8 @@ use crate::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
     study::{
         How,
-        boundary::Boundary,
-        sweep::{Plan, SweepResult, filters, on_all_threads, sweep},
-        walk_lanes::{Queue, Start, walks},
+        sweep::{Plan, SweepResult, filters, sweep},
+        walk_lanes::{Start, all_walks},
     },
     table::{Cell, Column, Kind, Table},
 };
@@ -218,7 +217,10 @@ impl Study {
                 let name = self.described(block, points[0].variant);
                 Ok(Variant { study: self, block, scene, prepared, name, points })
             };
-            let variants: Vec<Variant<'_>> = in_order(variants.par_iter().map(prepare).collect())?;
+            // the error that is the first in order, not the first in time
+            let variants: Vec<Result<Variant<'_>, Error>> =
+                variants.par_iter().map(prepare).collect();
+            let variants = variants.into_iter().collect::<Result<Vec<_>, _>>()?;
             match self.file.measure {
                 Measure::Walk => walk(&variants, how, &mut made)?,
                 Measure::Hit => hit(&variants, how, &mut made)?,
@@ -227,11 +229,6 @@ impl Study {
         }
         Ok(made)
     }
-}
-
-/// All results, or the error that is the first in order, not the first in time.
-fn in_order<T>(results: Vec<Result<T, Error>>) -> Result<Vec<T>, Error> {
-    results.into_iter().collect()
 }
 
 fn kind_of(value: &Value) -> Kind {
@@ -282,33 +279,18 @@ impl Variant<'_> {
 }
 
 fn walk(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Error> {
-    let starts = |variant: &Variant<'_>| {
+    let begins = |variant: &'_ Variant<'_>| {
         let start = |point: &Point| {
             let WallHit { velocity, start_offset_counts, .. } = point.hit(&variant.scene.scene);
             Start { velocity, start_offset_counts }
         };
         variant.points.iter().map(start).collect()
     };
-    let starts: Vec<Vec<Start>> = variants.iter().map(starts).collect();
-    let queues: Vec<Queue<'_>> = variants
-        .iter()
-        .zip(&starts)
-        .map(|(variant, starts)| Queue::new(&variant.prepared, starts))
-        .collect();
-    let mut found = on_all_threads(queues.len(), |queue, found| {
-        walks(how.engine, how.numeric, &queues[queue], how.stop, |walk, boundary| {
-            found.push(((queue, walk), boundary));
-        });
-    });
-    if how.stop.load(std::sync::atomic::Ordering::Relaxed) {
-        return Err(Error::Interrupted);
-    }
-    for (place, variant) in variants.iter().enumerate() {
-        for (walk, point) in variant.points.iter().enumerate() {
-            let boundary = found.remove(&(place, walk));
-            let boundary =
-                boundary.unwrap_or_else(|| Err(Error::Internal("a walk has no result".into())));
-            let boundary: Boundary = boundary.map_err(|error| error.of(&variant.name))?;
+    let begins: Vec<(&PreparedScene, Vec<Start>)> =
+        variants.iter().map(|variant| (&variant.prepared, begins(variant))).collect();
+    for (variant, found) in variants.iter().zip(all_walks(how, &begins, |_| ())?) {
+        for (point, boundary) in variant.points.iter().zip(found) {
+            let boundary = boundary.map_err(|error| error.of(&variant.name))?;
             let mut row = variant.cells(point);
             row.extend([
                 Cell::number(point.cutoff_hz),
@@ -362,10 +344,11 @@ fn hit(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Er
             .map_err(|error| error.of(&variant.name))?;
         Ok(rows)
     };
-    let rows: Vec<Vec<Vec<Cell>>> = in_order(variants.par_iter().map(rows).collect())?;
-    for row in rows.into_iter().flatten() {
-        made.hits += 1;
-        made.table.rows.push(row);
+    let rows: Vec<Result<Vec<Vec<Cell>>, Error>> = variants.par_iter().map(rows).collect();
+    for rows in rows {
+        let rows = rows?;
+        made.hits += rows.len() as u64;
+        made.table.rows.extend(rows);
     }
     Ok(())
 }

@@ -26,6 +26,7 @@ use crate::{
     scene::Scene,
     study::boundary::{Boundaries, Boundary, BoundaryPoint},
     study::schedule::longest_first,
+    study::sweep::starts,
 };
 
 /// Parts of a column of K whose error is looked at.
@@ -243,7 +244,7 @@ fn of_entry(
         let result = match results.iter().find(|(other, _)| *other == settings) {
             Some((_, result)) => result.clone(),
             None => {
-                let boundaries = walker.walks(&[settings], &budget.starts())?.pop();
+                let boundaries = walker.walks(&[settings], &starts(budget.repeats))?.pop();
                 let boundaries = boundaries.unwrap_or_default();
                 hits += boundaries.hits();
                 let result = judged(&settings, boundaries)?;
