@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use host_sim::{
-    analysis::compare::peers::{Loop, PEERS, PeerQuestion, PeerStudy, compare_peers},
+    analysis::compare::peers::{PEERS, PeerQuestion, PeerStudy, compare_peers},
     engine::Engine,
     scene::{NamedScene, Scene, Walk},
     study::{limits::Limit, sweep::filters},
@@ -22,7 +22,7 @@ fn peers(latency: f64, limits_m: &[f64], steps: [f64; 2], repeats: u32) -> PeerS
     };
     let question = PeerQuestion {
         own: filters(&scene.velocity, &[500.0, 1500.0]),
-        loops: vec![Loop { name: "own".into(), scene }],
+        loops: vec![("own".into(), scene)],
         limits: limits_m.iter().map(|limit| Limit::Rms(*limit)).collect(),
         walk,
         repeats,
@@ -64,7 +64,7 @@ fn a_default_that_is_unstable_at_a_rate_is_left_out_and_said() {
     let question = PeerQuestion {
         walk: scene.walk,
         own: filters(&scene.velocity, &[100.0]),
-        loops: vec![Loop { name: "own".into(), scene }],
+        loops: vec![("own".into(), scene)],
         limits: vec![Limit::Rms(15e-6)],
         repeats: 1,
     };

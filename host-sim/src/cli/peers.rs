@@ -49,7 +49,7 @@ pub struct PeerArgs {
 #[derive(Serialize)]
 struct Json<'a> {
     scene: &'a str,
-    areas: Vec<PeerArea>,
+    areas: Vec<PeerArea<'a>>,
     notes: &'a [String],
 }
 
