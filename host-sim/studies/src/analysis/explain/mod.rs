@@ -80,6 +80,11 @@ impl Explained {
         [Repeats::of(values.iter().copied()).mean, of(f64::min), of(f64::max)]
     }
 
+    /// Name of the change; `none` for the scene as it is.
+    pub fn name(&self) -> &'static str {
+        self.change.as_ref().map_or("none", |change| change.name)
+    }
+
     /// Area, N^2 s/m^2: mean, smallest, largest.
     pub fn area(&self) -> [f64; 3] {
         Self::range(&self.boundaries.areas())
