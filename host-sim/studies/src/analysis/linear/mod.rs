@@ -36,7 +36,7 @@ mod transfer;
 
 pub use boundary::{Boundary, Crossing, StiffnessLimit};
 pub use monodromy::Monodromy;
-pub use transfer::{Order, TransferFunction, position_response, transfer_function};
+pub use transfer::{TransferFunction, position_response, transfer_function};
 
 /// Longest latency that the analysis accepts, in samples: ten times the longest a scene may ask for.
 pub const LATENCY_MAX_SAMPLES: f64 = 10_000.0;

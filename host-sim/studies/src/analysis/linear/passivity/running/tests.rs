@@ -7,7 +7,7 @@ use crate::{
 fn running(rate_hz: f64, period: u32, latency_samples: f64, cutoff_hz: f64) -> Loop {
     let estimator = match cutoff_hz {
         0.0 => TransferFunction::finite_difference(rate_hz),
-        _ => TransferFunction::paper(rate_hz, cutoff_hz),
+        _ => TransferFunction::paper(rate_hz, cutoff_hz).unwrap(),
     };
     let mut of = Loop::single_rate(Device::PAPER, rate_hz, estimator);
     (of.period, of.latency_samples) = (period, latency_samples);
