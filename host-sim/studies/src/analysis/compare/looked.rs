@@ -152,7 +152,11 @@ mod tests {
                 _ => assert_eq!(found.area, other.area),
             }
         }
-        let again: Boundaries = walker.walks(&[best], &budget.starts()).unwrap().pop().unwrap();
+        let again: Boundaries = walker
+            .walks(&[best], &crate::study::sweep::starts(budget.repeats))
+            .unwrap()
+            .pop()
+            .unwrap();
         assert_eq!(tuned.boundaries, again);
         [tuned.hits, hits]
     }

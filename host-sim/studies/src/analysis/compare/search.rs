@@ -399,6 +399,7 @@ mod tests {
     use super::super::looked::STARTS;
     use super::*;
     use crate::scene::NamedScene;
+    use crate::study::sweep::start_offset_counts;
 
     fn first_two(settings: &VelocitySettings) -> [f64; 2] {
         let (_, [tuning, second, ..]) = EstimatorName::of(settings);

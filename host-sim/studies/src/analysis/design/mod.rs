@@ -57,8 +57,6 @@ const CHOSEN: usize = 8;
 const FRONT_DB: [f64; 6] = [12.0, 9.0, 6.0, 4.5, 3.0, 1.5];
 /// Factor of a mistuned frequency or damping, up or down.
 pub const MISTUNED_BY: f64 = 1.2;
-/// B at which the reference gives the wall at which roughness is measured, as in `compare`.
-const DAMPING_N_S_PER_M: f64 = 100.0;
 
 /// Who pushes, in whose hand, below which limit.
 #[derive(Clone, Debug)]

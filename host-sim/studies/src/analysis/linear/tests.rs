@@ -155,7 +155,7 @@ fn multirate_boundary_as_printed() {
 fn passivity_as_printed() {
     // C1.
     let at = |stiffness: f64, damping: f64, rate: f64, estimator: &TransferFunction| {
-        passivity::demand(stiffness, damping, rate, estimator).unwrap().damping_n_s_per_m
+        passivity::tests::demand(stiffness, damping, rate, estimator).unwrap().damping_n_s_per_m
     };
     let plain = TransferFunction::finite_difference(1e3);
     for (damping, printed) in [(0.0, 0.5), (5.0, 5.5), (-2.0, 2.5)] {

@@ -23,7 +23,7 @@ fn with_a_force_for_every_sample_at_once_it_is_colgate_and_schenkels() {
     for (rate_hz, cutoff_hz) in [(1e3, 0.0), (1e3, 50.0), (1e4, 200.0), (1e4, 1500.0)] {
         let of = running(rate_hz, 1, 0.0, cutoff_hz);
         for (k, b) in [(1000.0, 0.0), (1000.0, 5.0), (20_000.0, 20.0), (0.0, 7.0), (0.0, -7.0)] {
-            let known = passivity::demand(k, b, rate_hz, &of.estimator).unwrap();
+            let known = passivity::tests::demand(k, b, rate_hz, &of.estimator).unwrap();
             let here = damping(&of, k, b);
             assert!(
                 (here / known.damping_n_s_per_m - 1.0).abs() < 1e-6,
