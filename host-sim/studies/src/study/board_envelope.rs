@@ -15,7 +15,7 @@ use crate::{
     scene::{BoardTable, NamedScene, Scene, VelocityTable, record::Prepared},
     simulation::prepared::{Numeric, PreparedScene},
     study::{
-        envelope::{Interval, envelopes},
+        envelope::envelopes,
         sweep::{Plan, SweepResult, filters, sweep},
     },
 };
@@ -227,12 +227,7 @@ pub fn board_envelope(
                 period: part.period,
                 design: part.design.as_ref().map_or(0, |(_, number)| *number),
             };
-            let point = |interval: &Interval| Point {
-                damping_n_s_per_m: interval.damping_n_s_per_m,
-                stiffness_low_n_per_m: interval.low_n_per_m,
-                stiffness_high_n_per_m: interval.high_n_per_m,
-            };
-            boundaries.push((key, envelope.intervals.iter().map(point).collect()));
+            boundaries.push((key, envelope.intervals));
         }
         found.push(Found { part, sweep: swept, boundaries });
     }

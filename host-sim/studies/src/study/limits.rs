@@ -207,7 +207,7 @@ pub fn limits(
     let (fields, hits) = fields(scene, question)?;
     let shared: Vec<Shared> = (0..hits).map(|_| Shared::default()).collect();
     // within a scene the levels come first, whose hits know all
-    let mut made = on_all_threads(fields.len(), |place, made| {
+    let made = on_all_threads(fields.len(), |place, made| {
         let field = &fields[place];
         let mut work = Walks {
             field,
@@ -233,43 +233,26 @@ pub fn limits(
         run(engine, &field.prepared, numeric, depth, &mut work);
     });
     interrupt::unless(stop)?;
-    let mut of = |place: usize| -> Result<Vec<Vec<Boundaries>>, Error> {
-        // by limit, filter, repeat
-        let field = &fields[place];
-        let mut boundaries = (0..field.jobs(question.repeats as usize)).map(|number| {
-            let none = || Err(Error::Internal("a walk has no result".into()));
-            made.remove(&(place, number)).unwrap_or_else(none)
-        });
-        let mut by_filter = || -> Result<Boundaries, Error> {
-            boundaries.by_ref().take(question.repeats as usize).collect()
-        };
-        let mut by_limit = || field.filters.iter().map(|_| by_filter()).collect();
-        field.limits.iter().map(|_| by_limit()).collect()
+    let mut made = made.into_values();
+    let mut boundaries = || -> Result<Boundaries, Error> {
+        let mut next =
+            || made.next().unwrap_or_else(|| Err(Error::Internal("a walk has no result".into())));
+        (0..question.repeats).map(|_| next()).collect()
     };
+    let rate_hz = scene.control.rate_hz;
     let kinds = kinds(question);
-    let per_situation = kinds.len() * if question.told { 2 } else { 1 };
-    let mut results = vec![];
-    for (number, situation) in question.situations.iter().enumerate() {
-        for (kind, limits) in kinds.iter().enumerate() {
-            let place = number * per_situation + kind;
-            let estimated = of(place)?;
-            let told = if question.told { of(place + kinds.len())? } else { vec![] };
-            let mut told = told.into_iter();
-            for (&limit, boundaries) in limits.iter().zip(estimated) {
-                let rate_hz = scene.control.rate_hz;
-                let cutoffs = question.filters.iter().zip(boundaries);
-                let cutoffs = cutoffs
-                    .map(|(&velocity, boundaries)| CutoffResult::of(velocity, rate_hz, boundaries));
-                results.push(LimitResult {
-                    situation: Some(situation.clone()),
-                    limit,
-                    result: SweepResult::of(cutoffs.collect()),
-                    told: told
-                        .next()
-                        .and_then(|of_limit| of_limit.into_iter().next())
-                        .unwrap_or_default(),
-                });
-            }
+    let mut results: Vec<LimitResult> = vec![];
+    for situation in &question.situations {
+        let first = results.len();
+        for &limit in kinds.iter().flatten() {
+            let filters = question.filters.iter();
+            let cutoffs = filters.map(|&own| Ok(CutoffResult::of(own, rate_hz, boundaries()?)));
+            let result = SweepResult::of(cutoffs.collect::<Result<_, Error>>()?);
+            let (situation, told) = (Some(situation.clone()), Boundaries::default());
+            results.push(LimitResult { situation, limit, result, told });
+        }
+        for result in results[first..].iter_mut().filter(|_| question.told) {
+            result.told = boundaries()?;
         }
     }
     if question.situations.len() > 1 {

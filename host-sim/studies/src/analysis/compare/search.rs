@@ -29,12 +29,7 @@ use crate::{
     interrupt,
     scene::Scene,
     simulation::prepared::{Numeric, PreparedScene},
-    study::{
-        boundary::{Boundaries, Boundary},
-        filters::boundaries,
-        schedule::Length,
-        sweep::starts,
-    },
+    study::{boundary::Boundaries, filters::boundaries, schedule::Length, sweep::starts},
 };
 
 /// What a search may cost.
@@ -135,14 +130,14 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         };
         let mut best = *start;
         if let Some(axes) = &axes {
-            let looked: RefCell<Looked<Boundary>> = RefCell::default();
+            let looked: RefCell<Looked<()>> = RefCell::default();
             let walk = |settings: &[VelocitySettings], start: f64| {
                 let made = self.walks(settings, &[start])?.into_iter();
-                Ok(made.flatten().collect())
+                Ok(made.flatten().map(|boundary| ((), boundary)).collect())
             };
             let look = |settings: &[_], soon: &[_], best| {
                 let soon = if self.has_lanes(start)? { soon } else { &[] };
-                looked.borrow_mut().look(settings, soon, best, |walked| walked.area, walk)
+                looked.borrow_mut().look(settings, soon, best, |(_, walked)| walked.area, walk)
             };
             let search = Search::over(axes, budget.tunings, look)?;
             tuned.hits = looked.borrow().hits;

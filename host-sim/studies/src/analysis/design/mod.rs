@@ -28,7 +28,7 @@ use self::{
     references::{coarser, references, rough, wall, with_biquad, with_low_pass},
     shape::{NUMBERS, Shape},
 };
-use super::compare::Wall;
+use super::compare::{Wall, looked::STARTS};
 use crate::{
     engine::Engine,
     error::Error,
@@ -46,9 +46,7 @@ const COLUMNS: f64 = 28.0;
 /// The same where the result of the search is refined, and the share of the budget that is kept for that.
 const FINE_COLUMNS: f64 = 56.0;
 const REFINE: f64 = 0.2;
-/// Starts of the walks of the search, and of the choice among the best, counts: parts of the golden section, which no
-/// number of repeats has among its own.
-const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
+/// Starts of the walks of the choice among the best, counts: those of a search, and two between.
 const CHOICE: [f64; 4] =
     [0.118_033_988_749_895, 0.368_033_988_749_895, 0.618_033_988_749_895, 0.868_033_988_749_895];
 /// Filters of each cap and grid that are walked on the scene's grid.

@@ -5,11 +5,11 @@ use std::sync::atomic::AtomicBool;
 use zwidth::VelocitySettings;
 
 use super::{
-    Question, Reference, STARTS, Walker,
+    Question, Reference, Walker,
     shape::{NUMBERS, Second, Shape},
 };
 use crate::{
-    analysis::compare::{Wall, damping_of, roughness, with_filter},
+    analysis::compare::{Wall, damping_of, looked::STARTS, roughness, with_filter},
     error::Error,
     numerics::statistics::Repeats,
     scene::Scene,

@@ -14,7 +14,7 @@ use zwidth::{VelocitySettings, velocity::EstimatorName};
 
 use super::{
     Entry,
-    looked::{Looked, Walked},
+    looked::Looked,
     search::{Budget, OF_TWO, Search, WALKS_OF_A_TRY, Walker},
     settings_of,
 };
@@ -141,12 +141,6 @@ struct Parts {
 /// A boundary, and what is usable of it.
 type Judged = (Parts, Boundary);
 
-impl Walked for Judged {
-    fn hits(&self) -> u64 {
-        self.1.hits
-    }
-}
-
 fn parts(boundary: &Boundary, rendered: &Rendered, limits: &[f64]) -> Parts {
     let mut parts = Parts {
         areas: vec![0.0; limits.len()],
@@ -222,7 +216,7 @@ fn of_entry(
         Ok(judged.into_iter().collect::<Result<Vec<_>, Error>>()?.concat())
     };
     // every tuning that any limit's search has tried
-    let looked: RefCell<Looked<Judged>> = RefCell::default();
+    let looked: RefCell<Looked<Parts>> = RefCell::default();
     let start = settings_of(entry, scene);
     let has_lanes = walker.has_lanes(&start)?;
     let axes = walker.axes(&start, entry != Entry::AdHoc);
