@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     analysis::explain::{
-        Explained, Explanation,
+        Change, Explained, Explanation, Kind,
         table::{Row, digits},
     },
     scene::Units,
@@ -47,7 +47,7 @@ fn share(row: &Row<'_>) -> String {
 fn cells(row: &Row<'_>, [area, k, v]: [f64; 3]) -> [String; 10] {
     [
         if row.rank == 0 { String::new() } else { row.rank.to_string() },
-        row.what(),
+        row.one.change.text.clone(),
         times(row),
         self::area(row, area),
         row.scene_area().map_or_else(String::new, |of_scene| digits(area * of_scene)),
@@ -55,7 +55,7 @@ fn cells(row: &Row<'_>, [area, k, v]: [f64; 3]) -> [String; 10] {
         digits(k * row.stiffness()[0]),
         noise(v * row.one.noise_m_per_s),
         share(row),
-        row.cost(),
+        row.one.change.cost.clone(),
     ]
 }
 
@@ -167,11 +167,13 @@ impl ExplainReport<'_> {
     pub fn figure(&self) -> Result<Figure, FigureError> {
         let Explanation { base, changes, .. } = self.found;
         let curve = |one: &Explained| {
-            let text = one.change.as_ref().map_or("as it is".into(), |change| change.text.clone());
+            let own = one.change.kind == Kind::Nothing;
+            let Change { name, text, .. } = &one.change;
+            let (name, text) = if own { ("as it is", "as it is") } else { (*name, text.as_str()) };
             Curve {
-                name: one.change.as_ref().map_or("as it is", |change| change.name).into(),
+                name: name.into(),
                 detail: format!("{text}, {}", one.settings.name().text()),
-                ideal: one.change.is_none(),
+                ideal: own,
                 points: one
                     .boundaries
                     .first()

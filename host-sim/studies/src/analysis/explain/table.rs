@@ -2,7 +2,7 @@
 
 use serde::{Serialize, Serializer};
 
-use super::{CLOCK_HZ, Change, Explained, Explanation, Kind as ChangeKind};
+use super::{CLOCK_HZ, Explained, Explanation, Kind as ChangeKind};
 use crate::{
     notation::{rounded, three_digits},
     study::boundary::Boundaries,
@@ -30,9 +30,9 @@ pub struct Row<'a> {
 impl Row<'_> {
     const COLUMNS: [Told<Self>; 32] = [
         ("rank", Kind::Whole, |row| Cell::count(row.rank)),
-        ("change", Kind::Text, |row| row.one.name().into()),
-        ("what", Kind::Text, |row| row.what().into()),
-        ("kind", Kind::Text, |row| row.change().map_or("", |change| change.kind.name()).into()),
+        ("change", Kind::Text, |row| row.one.change.name.into()),
+        ("what", Kind::Text, |row| row.one.change.text.clone().into()),
+        ("kind", Kind::Text, |row| row.one.change.kind.name().into()),
         ("times_the_area", Kind::Number, |row| Cell::number(row.times().map(|times| times[0]))),
         ("times_low", Kind::Number, |row| Cell::number(row.times().map(|times| times[1]))),
         ("times_high", Kind::Number, |row| Cell::number(row.times().map(|times| times[2]))),
@@ -64,32 +64,23 @@ impl Row<'_> {
         ("capped_walks", Kind::Whole, |row| Cell::count(row.one.boundaries.capped())),
         ("walks", Kind::Whole, |row| Cell::count(row.one.boundaries.len())),
         ("hits", Kind::Whole, |row| Cell::Whole(row.one.hits)),
-        ("cycles_per_s", Kind::Number, |row| Cell::number(row.cycles_per_s())),
+        ("cycles_per_s", Kind::Number, |row| Cell::number(row.one.change.cycles_per_s)),
         ("share_of_core", Kind::Number, |row| Cell::number(row.share_of_core())),
-        ("cost", Kind::Text, |row| row.cost().into()),
+        ("cost", Kind::Text, |row| row.one.change.cost.clone().into()),
     ];
-
-    fn change(&self) -> Option<&Change> {
-        self.one.change.as_ref()
-    }
-
-    /// What it becomes, for people.
-    pub fn what(&self) -> String {
-        self.change().map_or("the scene as it is".into(), |change| change.text.clone())
-    }
 
     /// Area over that of the scene as it is: of the means, the least and the most that the starts allow.
     pub fn times(&self) -> Option<[f64; 3]> {
-        self.change().and_then(|_| self.one.times(&self.of.base))
+        self.one.times(&self.of.base).filter(|_| self.one.change.kind != ChangeKind::Nothing)
     }
 
     /// `yes`, `worse`, or `unsure`: against the scene as it is.
     pub fn better(&self) -> &'static str {
-        match self.change() {
-            None => "",
-            Some(_) if self.of.is_better(self.one) => "yes",
-            Some(_) if self.of.is_worse(self.one) => "worse",
-            Some(_) => "unsure",
+        match self.one.change.kind {
+            ChangeKind::Nothing => "",
+            _ if self.of.is_better(self.one) => "yes",
+            _ if self.of.is_worse(self.one) => "worse",
+            _ => "unsure",
         }
     }
 
@@ -103,18 +94,9 @@ impl Row<'_> {
         self.one.stiffness_at(self.of.damping_n_s_per_m)
     }
 
-    fn cycles_per_s(&self) -> Option<f64> {
-        self.change().map_or(Some(0.0), |change| change.cycles_per_s)
-    }
-
     /// What it adds, as a share of a Cortex-M4.
     pub fn share_of_core(&self) -> Option<f64> {
-        self.cycles_per_s().map(|cycles| cycles / CLOCK_HZ)
-    }
-
-    /// What it takes, in words.
-    pub fn cost(&self) -> String {
-        self.change().map_or(String::new(), |change| change.cost.clone())
+        self.one.change.cycles_per_s.map(|cycles| cycles / CLOCK_HZ)
     }
 }
 
@@ -140,14 +122,14 @@ impl Explanation {
     /// Every point of every walk.
     pub fn boundaries(&self) -> Table {
         let all = [&self.base].into_iter().chain(&self.changes);
-        Boundaries::table("change", all.map(|one| (one.name().into(), &one.boundaries)))
+        Boundaries::table("change", all.map(|one| (one.change.name.into(), &one.boundaries)))
     }
 
     /// The answers, one sentence each.
     pub fn answers(&self) -> Vec<String> {
         let named = |kind: ChangeKind, question: &str| {
             let best = self.best_of(kind)?;
-            let change = best.change.as_ref()?;
+            let change = &best.change;
             let [times, low, high] = best.times(&self.base)?.map(digits);
             let sure = match (self.is_better(best), self.is_worse(best)) {
                 (true, _) => format!("{times} times the area ({low} to {high} over the starts)"),
@@ -160,11 +142,11 @@ impl Explanation {
             };
             Some(format!("{question} {}: {sure}; {}", change.text, change.cost))
         };
-        let estimator = self.changes.iter().find(|one| one.name() == "estimator");
+        let estimator = self.changes.iter().find(|one| one.change.name == "estimator");
         let own = self.base.settings.name().text();
         let leaving = estimator.and_then(|one| {
             let [times, low, high] = one.times(&self.base)?.map(digits);
-            let change = one.change.as_ref()?;
+            let change = &one.change;
             let verdict = if self.is_better(one) { "yes" } else { "no" };
             Some(format!(
                 "Is it worth leaving {own}? {verdict}: {} has {times} times the area ({low} to {high}), {}",
@@ -172,11 +154,13 @@ impl Explanation {
                 change.cost
             ))
         });
-        let of = |one: &Explained| one.change.as_ref().map_or("the scene", |c| &c.text).to_owned();
+        let of = |one: &Explained| match one.change.kind {
+            ChangeKind::Nothing => format!("the scene ({})", digits(one.missed)),
+            _ => format!("{} ({})", one.change.text, digits(one.missed)),
+        };
         let missed =
             [&self.base].into_iter().chain(&self.changes).filter(|one| one.missed > MISSED);
-        let missed: Vec<String> =
-            missed.map(|one| format!("{} ({})", of(one), digits(one.missed))).collect();
+        let missed: Vec<String> = missed.map(of).collect();
         let missed = (!missed.is_empty()).then(|| {
             format!(
                 "Shares of the area that a search missed, found at another row's tuning: {}",
