@@ -251,13 +251,12 @@ fn of_numbers<const N: usize>(
         tried
     };
     let (coarse, fine_tried) = (tried(&found), tried(&refined));
-    let filters = choose(&walker, &question, &fine, &references, [&fine_tried, &coarse], &caps)?;
+    let scale = references.iter().map(|of| of.boundaries.area()).collect();
+    let last = Last { walker: &walker, question: &question, scenes: &fine, scale };
+    let filters = last.choose([&fine_tried, &coarse], &caps)?.into_iter();
     let tried = [fine_tried, coarse].concat();
     let mut filters = filters
-        .into_iter()
-        .map(|(shape, boundaries)| {
-            finish(&walker, &question, &fine, first, wall, &references, shape, boundaries)
-        })
+        .map(|(shape, boundaries)| last.finish(first, wall, shape, boundaries))
         .collect::<Result<Vec<Designed>, Error>>()?;
     filters.sort_by(|a, b| b.worth.total_cmp(&a.worth));
     if filters.first().is_none_or(|best| best.worth <= 0.0) {
@@ -368,80 +367,84 @@ impl<D: Fn(&Boundary) + Sync, const N: usize> Field<N> for Search<'_, D, N> {
     }
 }
 
-/// The best filter below each cap, on the scene's grid, and its boundaries by condition.
-fn choose<D: Fn(&Boundary) + Sync>(
-    walker: &Walker<'_, D>,
-    question: &Question,
-    scenes: &[PreparedScene],
-    references: &[Reference],
-    tried: [&[Tried]; 2],
-    caps: &[f64],
-) -> Result<Vec<(Shape, Vec<Boundaries>)>, Error> {
-    let mut shapes: Vec<(Shape, f64)> = vec![];
-    for cap in caps {
-        for grid in tried {
-            let below = grid.iter().filter(|one| one.gain_peak_db <= *cap && one.worth > 0.0);
-            for one in below.take(CHOSEN) {
-                if shapes.iter().all(|(shape, _)| *shape != one.shape) {
-                    shapes.push((one.shape, one.gain_peak_db));
+/// The last walks, on the scenes' own grids.
+struct Last<'a, D> {
+    walker: &'a Walker<'a, D>,
+    question: &'a Question,
+    scenes: &'a [PreparedScene],
+    /// Areas of the references.
+    scale: Vec<f64>,
+}
+
+impl<D: Fn(&Boundary) + Sync> Last<'_, D> {
+    /// The best filter below each cap, and its boundaries by condition.
+    fn choose(
+        &self,
+        tried: [&[Tried]; 2],
+        caps: &[f64],
+    ) -> Result<Vec<(Shape, Vec<Boundaries>)>, Error> {
+        let Self { walker, question, scenes, scale } = self;
+        let mut shapes: Vec<(Shape, f64)> = vec![];
+        for cap in caps {
+            for grid in tried {
+                let below = grid.iter().filter(|one| one.gain_peak_db <= *cap && one.worth > 0.0);
+                for one in below.take(CHOSEN) {
+                    if shapes.iter().all(|(shape, _)| *shape != one.shape) {
+                        shapes.push((one.shape, one.gain_peak_db));
+                    }
                 }
             }
         }
-    }
-    let settings: Vec<VelocitySettings> =
-        shapes.iter().map(|(shape, _)| shape.settings()).collect();
-    let scale: Vec<f64> = references.iter().map(|of| of.boundaries.area()).collect();
-    let walked = walker.walk(scenes, &settings, question.spread(&CHOICE))?;
-    let areas = |n: usize| walked.iter().map(move |of_filter| of_filter[n].area());
-    let worths: Vec<f64> = (0..shapes.len()).map(|n| worth(areas(n), &scale).0).collect();
-    let mut best: Vec<usize> = vec![];
-    for cap in caps {
-        let below = (0..shapes.len()).filter(|&n| shapes[n].1 <= *cap);
-        if let Some(n) = below.max_by(|&a, &b| worths[a].total_cmp(&worths[b]))
-            && !best.contains(&n)
-        {
-            best.push(n);
+        let settings: Vec<VelocitySettings> =
+            shapes.iter().map(|(shape, _)| shape.settings()).collect();
+        let walked = walker.walk(scenes, &settings, question.spread(&CHOICE))?;
+        let areas = |n: usize| walked.iter().map(move |of_filter| of_filter[n].area());
+        let worths: Vec<f64> = (0..shapes.len()).map(|n| worth(areas(n), scale).0).collect();
+        let mut best: Vec<usize> = vec![];
+        for cap in caps {
+            let below = (0..shapes.len()).filter(|&n| shapes[n].1 <= *cap);
+            if let Some(n) = below.max_by(|&a, &b| worths[a].total_cmp(&worths[b]))
+                && !best.contains(&n)
+            {
+                best.push(n);
+            }
         }
+        let settings: Vec<VelocitySettings> = best.iter().map(|&n| settings[n]).collect();
+        let walked = walker.walk(scenes, &settings, &starts(question.repeats))?;
+        let of = |place: usize| walked.iter().map(|of_filter| of_filter[place].clone()).collect();
+        Ok(best.iter().enumerate().map(|(place, &n)| (shapes[n].0, of(place))).collect())
     }
-    let settings: Vec<VelocitySettings> = best.iter().map(|&n| settings[n]).collect();
-    let walked = walker.walk(scenes, &settings, &starts(question.repeats))?;
-    let of = |place: usize| walked.iter().map(|of_filter| of_filter[place].clone()).collect();
-    Ok(best.iter().enumerate().map(|(place, &n)| (shapes[n].0, of(place))).collect())
-}
 
-/// All that is said of a filter of the result.
-#[expect(clippy::too_many_arguments, reason = "each a part of the question")]
-fn finish<D: Fn(&Boundary) + Sync>(
-    walker: &Walker<'_, D>,
-    question: &Question,
-    scenes: &[PreparedScene],
-    first: &Scene,
-    wall: Wall,
-    references: &[Reference],
-    shape: Shape,
-    boundaries: Vec<Boundaries>,
-) -> Result<Designed, Error> {
-    let design = first.design();
-    let scale: Vec<f64> = references.iter().map(|of| of.boundaries.area()).collect();
-    let (worth, worst) = worth(boundaries.iter().map(Boundaries::area), &scale);
-    let wrong: Vec<VelocitySettings> =
-        shape.mistuned(MISTUNED_BY, &design).iter().map(Shape::settings).collect();
-    let walked = walker.walk(&scenes[worst..=worst], &wrong, &starts(question.repeats))?;
-    let own = boundaries[worst].area();
-    let left = walked.iter().flatten().map(|of| of.area() / own).fold(f64::INFINITY, f64::min);
-    let sections = match shape.settings().build(&design).map_err(Error::input)? {
-        Estimator::LowPass(biquad) => vec![biquad],
-        Estimator::Cascade(cascade) => cascade.sections().to_vec(),
-        _ => return Err(Error::Internal("a biquad is a low-pass to the core".into())),
-    };
-    Ok(Designed {
-        shape,
-        boundaries,
-        worth,
-        worst,
-        gain_peak_db: shape.gain_peak_db(&design).unwrap_or(f64::INFINITY),
-        roughness_n: rough(first, &shape.settings(), wall, walker.stop)?,
-        mistuned_share: left,
-        sections,
-    })
+    /// All that is said of a filter of the result.
+    fn finish(
+        &self,
+        first: &Scene,
+        wall: Wall,
+        shape: Shape,
+        boundaries: Vec<Boundaries>,
+    ) -> Result<Designed, Error> {
+        let Self { walker, question, scenes, scale } = self;
+        let design = first.design();
+        let (worth, worst) = worth(boundaries.iter().map(Boundaries::area), scale);
+        let wrong: Vec<VelocitySettings> =
+            shape.mistuned(MISTUNED_BY, &design).iter().map(Shape::settings).collect();
+        let walked = walker.walk(&scenes[worst..=worst], &wrong, &starts(question.repeats))?;
+        let own = boundaries[worst].area();
+        let left = walked.iter().flatten().map(|of| of.area() / own).fold(f64::INFINITY, f64::min);
+        let sections = match shape.settings().build(&design).map_err(Error::input)? {
+            Estimator::LowPass(biquad) => vec![biquad],
+            Estimator::Cascade(cascade) => cascade.sections().to_vec(),
+            _ => return Err(Error::Internal("a biquad is a low-pass to the core".into())),
+        };
+        Ok(Designed {
+            shape,
+            boundaries,
+            worth,
+            worst,
+            gain_peak_db: shape.gain_peak_db(&design).unwrap_or(f64::INFINITY),
+            roughness_n: rough(first, &shape.settings(), wall, walker.stop)?,
+            mistuned_share: left,
+            sections,
+        })
+    }
 }

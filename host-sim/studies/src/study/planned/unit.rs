@@ -80,7 +80,7 @@ impl Study {
         for part in ["zwidth study", &SCHEMA.to_string(), SOURCES] {
             hash.part(part);
         }
-        hash.part(self.file.measure.name());
+        hash.part(self.file.keys.measure.name());
         hash.part(numeric.name());
         hash
     }
@@ -94,10 +94,11 @@ impl Study {
             cutoffs_part(&mut hash, block);
             hash.part(block.points_per_unit.to_le_bytes());
         }
-        for numbers in [&file.starts_counts, &file.stiffnesses, &file.dampings] {
+        for numbers in [&file.keys.starts_counts(), &file.keys.stiffnesses(), &file.keys.dampings()]
+        {
             numbers_part(&mut hash, numbers);
         }
-        hash.part(file.repeat.to_le_bytes());
+        hash.part(file.keys.repeat().to_le_bytes());
         for (key, values) in &file.product {
             hash.part(key);
             hash.part(Value::Array(values.clone()).to_string());
@@ -114,9 +115,9 @@ impl Study {
         let mut hash = self.head_part(numeric);
         let block = self.block_of(unit);
         scene_part(&mut hash, block);
-        if self.file.measure == Measure::Sweep {
+        if self.file.keys.measure == Measure::Sweep {
             cutoffs_part(&mut hash, block);
-            hash.part(self.file.repeat.to_le_bytes());
+            hash.part(self.file.keys.repeat().to_le_bytes());
         }
         let mut last = None;
         for point in self.points_of(unit) {
@@ -166,7 +167,7 @@ impl Study {
         for (key, value) in self.file.changes(0) {
             columns.push(Column { name: key, kind: kind_of(&value) });
         }
-        columns.extend(told(match self.file.measure {
+        columns.extend(told(match self.file.keys.measure {
             Measure::Walk => &[
                 ("cutoff_hz", Number),
                 ("start_offset_counts", Number),
@@ -221,7 +222,7 @@ impl Study {
             let variants: Vec<Result<Variant<'_>, Error>> =
                 variants.par_iter().map(prepare).collect();
             let variants = variants.into_iter().collect::<Result<Vec<_>, _>>()?;
-            match self.file.measure {
+            match self.file.keys.measure {
                 Measure::Walk => walk(&variants, how, &mut made)?,
                 Measure::Hit => hit(&variants, how, &mut made)?,
                 Measure::Sweep => swept(&variants, how, &mut made)?,
@@ -364,7 +365,7 @@ fn swept(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), 
         .zip(&asked)
         .map(|(Variant { name, prepared, .. }, filters)| Plan { name, prepared, filters })
         .collect();
-    let Some(repeat) = variants.first().map(|variant| variant.study.file.repeat) else {
+    let Some(repeat) = variants.first().map(|variant| variant.study.file.keys.repeat()) else {
         return Ok(());
     };
     let results = sweep(how.engine, &plans, how.numeric, repeat, how.stop, |_| ())?;
