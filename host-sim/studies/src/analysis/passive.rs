@@ -231,7 +231,6 @@ fn length(
         Ok::<_, Error>((report.port, given_j, fed_w, sag))
     };
     let all: Vec<Shown> = walls.par_iter().map(of_wall).collect::<Result<_, _>>()?;
-    #[expect(clippy::cast_precision_loss, reason = "at most 24")]
     let part = 1.0 / all.len().max(1) as f64;
     let most = |of: fn(&Shown) -> f64| all.iter().map(of).fold(0.0, f64::max);
     let mean = |of: fn(&Shown) -> f64| all.iter().map(of).fold(0.0, |sum, one| sum + part * one);
@@ -265,7 +264,6 @@ fn hits(
         })
         .collect::<Result<_, _>>()?;
     let mut sum = Hits { walls: all.len(), ..Hits::default() };
-    #[expect(clippy::cast_precision_loss, reason = "at most 24")]
     let part = 1.0 / all.len().max(1) as f64;
     for (report, roughness_n) in &all {
         let port = &report.port;

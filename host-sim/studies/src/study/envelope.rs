@@ -16,11 +16,14 @@ use zwidth::{
 };
 
 use crate::{
-    engine::{Depth, Engine, stream},
+    engine::{Depth, Engine},
     error::Error,
     scene::NamedScene,
     simulation::prepared::{Numeric, PreparedScene, WallHit},
-    study::sweep::{CutoffResult, SweepResult},
+    study::{
+        How,
+        sweep::{CutoffResult, SweepResult},
+    },
 };
 
 /// Steps of the walk's grid between two lines that are hit.
@@ -110,10 +113,7 @@ pub fn envelopes(
         }));
     }
     let mut stable = vec![];
-    #[expect(clippy::cast_possible_truncation, reason = "an index of `hits`")]
-    let hit = |number: u64| hits[number as usize];
-    let depth = Depth::Verdict;
-    stream(engine, prepared, numeric, depth, hits.len() as u64, hit, stop, |_, outcome| {
+    How { engine, numeric, stop }.run(prepared, Depth::Verdict, &hits, |outcome| {
         stable.push(outcome?.verdict == Verdict::Stable);
         Ok(())
     })?;

@@ -32,6 +32,7 @@ use super::compare::{Wall, looked::STARTS};
 use crate::{
     engine::Engine,
     error::Error,
+    numerics::whole,
     scene::Scene,
     simulation::prepared::{Numeric, PreparedScene},
     study::{
@@ -227,12 +228,7 @@ fn of_numbers<const N: usize>(
     let asked = question.gain_peak_db.unwrap_or(f64::MAX);
     let caps: Vec<f64> =
         std::iter::once(asked).chain(FRONT_DB.into_iter().filter(|cap| *cap < asked)).collect();
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "at most a million"
-    )]
-    let kept = (REFINE * f64::from(question.budget)) as usize;
+    let kept = whole(REFINE * f64::from(question.budget));
     on_a_grid_of(COLUMNS, &mut search)?;
     let mut found = evolve(&mut search, &caps, question.budget as usize - kept, question.seed)?;
     found.sort_by(|a, b| b.2.total_cmp(&a.2));

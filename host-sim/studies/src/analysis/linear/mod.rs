@@ -23,7 +23,7 @@
 //! Units are SI throughout; frequencies in reports are hertz, `omega` is radians per step of the z in question.
 
 use crate::{
-    scene,
+    numerics, scene,
     scene::element::{Amplifier, Arm, Chain, Mode},
 };
 
@@ -158,13 +158,7 @@ impl Loop {
     pub(crate) fn split_latency(&self) -> (usize, f64) {
         let period = f64::from(self.period);
         let whole = (self.latency_samples / period).floor();
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "0 to LATENCY_MAX_SAMPLES"
-        )]
-        let count = whole as usize;
-        (count, (self.latency_samples - whole * period).max(0.0))
+        (numerics::whole(whole), (self.latency_samples - whole * period).max(0.0))
     }
 }
 

@@ -268,12 +268,10 @@ impl Response {
 
     /// Estimated velocity at the output instants for the positions at the samples of a period.
     fn lifted(&self, omega: f64, outside: f64, positions: &[Complex<f64>]) -> Complex<f64> {
-        #[expect(clippy::cast_precision_loss, reason = "at most PERIOD_MAX")]
         let period = positions.len() as f64;
         let shrink = libm::pow(1.0 + outside, -1.0 / period);
         let mut velocity = Complex::new(0.0, 0.0);
         for alias in 0..positions.len() {
-            #[expect(clippy::cast_precision_loss, reason = "at most PERIOD_MAX")]
             let angle = (omega + TAU * alias as f64) / period;
             let back = Complex::new(libm::cos(angle), -libm::sin(angle)) * shrink;
             let share =

@@ -121,7 +121,6 @@ fn numbers<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec<f64>>, D::Er
 }
 
 fn as_number(value: &Value) -> Option<f64> {
-    #[expect(clippy::cast_precision_loss, reason = "a whole number that a person typed")]
     match value {
         Value::Integer(value) => Some(*value as f64),
         Value::Float(value) => Some(*value),

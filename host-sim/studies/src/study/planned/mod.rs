@@ -348,7 +348,6 @@ impl StudyFile {
         let points = of_variant.into_iter().fold(self.variants(), u64::saturating_mul);
         let hit = &with.scene.wall_hit;
         let samples = hit.times_s().iter().sum::<f64>() * with.scene.control.rate_hz;
-        #[expect(clippy::cast_precision_loss, reason = "at most ten thousand cutoffs")]
         let hits = match self.keys.measure {
             Measure::Hit => 1.0,
             Measure::Walk => HITS_PER_WALK,

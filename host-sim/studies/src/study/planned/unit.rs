@@ -8,7 +8,7 @@ use zwidth::{VelocitySettings, experiment::Ended};
 
 use super::{Block, Measure, Point, SCHEMA, SOURCES, Study};
 use crate::{
-    engine::{Depth, Outcome, stream},
+    engine::{Depth, Outcome},
     error::Error,
     scene::{NamedScene, Units},
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
@@ -94,8 +94,7 @@ impl Study {
             cutoffs_part(&mut hash, block);
             hash.part(block.points_per_unit.to_le_bytes());
         }
-        for numbers in [&file.keys.starts_counts(), &file.keys.stiffnesses(), &file.keys.dampings()]
-        {
+        for numbers in [file.keys.starts_counts(), file.keys.stiffnesses(), file.keys.dampings()] {
             numbers_part(&mut hash, numbers);
         }
         hash.part(file.keys.repeat().to_le_bytes());
@@ -259,7 +258,6 @@ impl Variant<'_> {
             Cell::Text(self.block.name.clone().into()),
             Cell::Text(self.block.estimator.into()),
         ];
-        #[expect(clippy::cast_precision_loss, reason = "a whole number that a person typed")]
         cells.extend(self.study.file.changes(point.variant).into_iter().map(
             |(_, value)| match value {
                 Value::String(text) => Cell::Text(text.into()),
@@ -319,9 +317,7 @@ fn hit(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Er
         let of = |point: &Point| point.hit(&variant.scene.scene);
         let hits: Vec<WallHit> = variant.points.iter().map(of).collect();
         let mut rows = Vec::with_capacity(hits.len());
-        #[expect(clippy::cast_possible_truncation, reason = "an index of a vector")]
-        let wall = |number: u64| hits[number as usize];
-        let sink = |_, outcome: Result<Outcome, HitError>| {
+        let sink = |outcome: Result<Outcome, HitError>| {
             let (verdict, rms_m) = match outcome {
                 Ok(outcome) => (outcome.verdict.name(), outcome.rms_m),
                 Err(HitError::OutOfRange(_)) => (OUT_OF_RANGE, None),
@@ -340,8 +336,7 @@ fn hit(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Er
             rows.push(row);
             Ok(())
         };
-        let (prepared, total) = (&variant.prepared, hits.len() as u64);
-        stream(how.engine, prepared, how.numeric, Depth::Whole, total, wall, how.stop, sink)
+        how.run(&variant.prepared, Depth::Whole, &hits, sink)
             .map_err(|error| error.of(&variant.name))?;
         Ok(rows)
     };

@@ -12,7 +12,10 @@ use super::{Draws, How, Map, held};
 use zwidth::VelocitySettings;
 
 use crate::{
-    error::Error, numerics::random, simulation::prepared::WallHit, study::envelope::Interval,
+    error::Error,
+    numerics::{random, whole},
+    simulation::prepared::WallHit,
+    study::envelope::Interval,
 };
 
 /// The share that holds along the firmware's contour.
@@ -105,14 +108,8 @@ impl Tried {
 
 /// A draw at its place: `[K low, K high]` of that place, and B.
 fn place(intervals: &[Interval], number: u64) -> Option<([f64; 2], f64)> {
-    #[expect(clippy::cast_precision_loss, reason = "some columns")]
     let along = random::uniform(PLACES, number) * (intervals.len() as f64 - 1.0);
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a place in the list"
-    )]
-    let before = along.floor() as usize;
+    let before = whole(along);
     let (a, b) = (intervals.get(before)?, intervals.get(before + 1).or(intervals.get(before))?);
     let between = |of: fn(&Interval) -> f64| of(a) + (of(b) - of(a)) * along.fract();
     let ends = [between(|i| i.stiffness_low_n_per_m), between(|i| i.stiffness_high_n_per_m)];

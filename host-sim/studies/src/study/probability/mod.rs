@@ -26,10 +26,10 @@ use super::{
     sweep::{CutoffResult, SweepResult},
 };
 use crate::{
-    engine::{Depth, Outcome, stream},
+    engine::{Depth, Outcome},
     error::Error,
     interrupt,
-    numerics::{random, statistics::AS_GOOD_AS_BEST},
+    numerics::{random, statistics::AS_GOOD_AS_BEST, whole},
     scene::Scene,
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
@@ -123,17 +123,14 @@ pub(super) fn held(
 ) -> Result<Vec<Vec<bool>>, Error> {
     let of_scene = |(prepared, hits): &(&PreparedScene, Vec<WallHit>)| {
         let mut held = Vec::with_capacity(hits.len());
-        #[expect(clippy::cast_possible_truncation, reason = "an index of `hits`")]
-        let hit = |number: u64| hits[number as usize];
-        let sink = |_, outcome: Result<Outcome, HitError>| {
+        let sink = |outcome: Result<Outcome, HitError>| {
             held.push(match outcome {
                 Err(HitError::OutOfRange(_)) => false,
                 outcome => outcome?.verdict == Verdict::Stable,
             });
             Ok(())
         };
-        let (depth, total) = (Depth::Verdict, hits.len() as u64);
-        stream(how.engine, prepared, how.numeric, depth, total, hit, how.stop, sink)?;
+        how.run(prepared, Depth::Verdict, hits, sink)?;
         Ok(held)
     };
     // the error that is the first in order, not the first in time
@@ -232,9 +229,7 @@ impl Map {
             (|held: u32| f64::from(held) > few, |held: u32| f64::from(self.trials - held) > few);
         let any = self.held.values().filter(|held| hold(**held)).count();
         let some = self.held.values().filter(|held| hold(**held) && fail(**held)).count();
-        #[expect(clippy::cast_precision_loss, reason = "some thousand cells")]
-        let share = some as f64 / any.max(1) as f64;
-        share
+        some as f64 / any.max(1) as f64
     }
 
     /// That quantile of the draws' areas, N^2 s/m^2.
@@ -276,14 +271,8 @@ fn quantile(values: &[f64], share: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     let Some(last) = sorted.len().checked_sub(1) else { return 0.0 };
-    #[expect(clippy::cast_precision_loss, reason = "some thousand draws")]
     let at = share * last as f64;
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a place in the list"
-    )]
-    let below = at.floor() as usize;
+    let below = whole(at);
     let above = (below + 1).min(last);
     sorted[below] + (sorted[above] - sorted[below]) * at.fract()
 }

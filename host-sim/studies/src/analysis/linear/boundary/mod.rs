@@ -325,7 +325,6 @@ impl Intervals {
 fn grid(response: &Response, refinement: u32) -> Vec<Point> {
     let fine = f64::from(refinement);
     let ratio = libm::pow(10.0, 1.0 / (fine * f64::from(PER_DECADE)));
-    #[expect(clippy::cast_precision_loss, reason = "at most LATENCY_MAX_SAMPLES")]
     let step = PI / (fine * PER_HALF_CIRCLE.max(PER_TURN * 0.5 * (response.late as f64 + 2.0)));
     let mut omegas = Vec::new();
     let mut omega = OMEGA_MIN;

@@ -157,13 +157,11 @@ fn worst(of: &Loop, k: f64, b: f64, omega: f64) -> (f64, Motion) {
     for (ago, value) in (1..).zip(&response) {
         let sample = (period - ago % period) % period;
         let periods = (ago + sample) / period;
-        #[expect(clippy::cast_precision_loss, reason = "below 400")]
         let back = turn(periods as f64);
         command[sample] += back * (b * value);
     }
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole samples")]
     let late = of.latency_samples as usize;
-    #[expect(clippy::cast_precision_loss, reason = "a few")]
     let force = |sample: usize| {
         let periods = late / period + usize::from(sample < late % period);
         -turn(periods as f64)
