@@ -6,7 +6,8 @@ use host_sim::{
     analysis::compare::peers::{PEERS, PeerQuestion, PeerStudy, compare_peers},
     engine::Engine,
     scene::{NamedScene, Scene, Walk},
-    study::{limits::Limit, sweep::filters},
+    simulation::prepared::Numeric,
+    study::{How, limits::Limit, sweep::filters},
 };
 
 /// Areas of the paper's device with the 1 um encoder at that latency, by limit; grid from one step on.
@@ -27,7 +28,12 @@ fn peers(latency: f64, limits_m: &[f64], steps: [f64; 2], repeats: u32) -> PeerS
         walk,
         repeats,
     };
-    compare_peers(Engine::lanes(), question, &AtomicBool::new(false), || ()).unwrap()
+    compare_peers(
+        How { engine: Engine::lanes(), numeric: Numeric::Fixed, stop: &AtomicBool::new(false) },
+        question,
+        || (),
+    )
+    .unwrap()
 }
 
 /// Mean area, 10^6 N^2 s/m^2.
@@ -68,7 +74,12 @@ fn a_default_that_is_unstable_at_a_rate_is_left_out_and_said() {
         limits: vec![Limit::Rms(15e-6)],
         repeats: 1,
     };
-    let study = compare_peers(Engine::lanes(), question, &AtomicBool::new(false), || ()).unwrap();
+    let study = compare_peers(
+        How { engine: Engine::lanes(), numeric: Numeric::Fixed, stop: &AtomicBool::new(false) },
+        question,
+        || (),
+    )
+    .unwrap();
     let said = |name: &str| study.notes.iter().any(|note| note.starts_with(name));
     let is_there = |name: &str| study.rows.iter().any(|row| row.name == name);
     assert!(said("moteus:") && !is_there("moteus"), "{:?}", study.notes);

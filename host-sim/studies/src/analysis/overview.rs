@@ -7,7 +7,7 @@
 //! the limit of the wall hit. It may also lie below: the hit starts far from rest, and saturation
 //! delays the force.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use zwidth::VelocitySettings;
 
@@ -15,6 +15,7 @@ use crate::{
     analysis::linear::{self, LinearError, passivity::Passivity},
     engine::Engine,
     error::Error,
+    interrupt,
     simulation::prepared::{HitReport, Numeric, PreparedScene, WallHit},
     study::{boundary::BoundaryPoint, walk::walk},
 };
@@ -59,15 +60,9 @@ pub fn explain(
         .points
         .into_iter()
         .map(|point| {
-            if stop.load(Ordering::Relaxed) {
-                return Err(Error::Interrupted);
-            }
-            let BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m } = point;
-            let limit = envelope.at(damping_n_s_per_m).map_err(Error::input)?;
-            let start_offset_counts = 0.0;
-            let wall =
-                WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
-            let report = prepared.report(numeric, &wall)?;
+            interrupt::unless(stop)?;
+            let limit = envelope.at(point.damping_n_s_per_m).map_err(Error::input)?;
+            let report = prepared.report(numeric, &point.hit(velocity))?;
             Ok(Explained {
                 point,
                 linear_n_per_m: limit.stiffness_max,

@@ -10,7 +10,6 @@ use super::compare::roughness;
 use zwidth::VelocitySettings;
 
 use crate::{
-    engine::Engine,
     error::Error,
     interrupt,
     scene::{PassivityTable, RmsOf, Scene, Walk},
@@ -20,6 +19,7 @@ use crate::{
         prepared::{Numeric, PreparedScene, WallHit},
     },
     study::{
+        How,
         boundary::Boundaries,
         limits::{Limit, Question, Situation, limits},
     },
@@ -129,10 +129,9 @@ pub struct PassiveStudy {
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
 pub fn passive(
-    engine: Engine,
+    how: How<'_>,
     scene: &Scene,
     question: PassiveQuestion,
-    stop: &AtomicBool,
     done: impl Fn() + Sync,
 ) -> Result<PassiveStudy, Error> {
     let plain = Scene { passivity: None, ..scene.clone() };
@@ -148,7 +147,8 @@ pub fn passive(
         situations: vec![Situation { push: scene.wall_hit.push_by, arm: None }],
         told: false,
     };
-    let walked = |scene: &Scene| limits(engine, scene, &asked, Numeric::Fixed, stop, &done);
+    let how = How { numeric: Numeric::Fixed, ..how };
+    let walked = |scene: &Scene| limits(how, scene, &asked, &done);
     let [without, passive] = [walked(&plain)?, walked(&with)?];
     let (mut rows, mut by_length) = (vec![], vec![]);
     for (before, after) in without.iter().zip(&passive) {
@@ -158,12 +158,12 @@ pub fn passive(
             for (controller, scene, at) in [(false, &plain, plain_at), (true, &with, passive_at)] {
                 let prepared = PreparedScene::new(scene)?;
                 let [own, passive] = &walls;
-                let of = |walls: &[WallHit]| hits(&prepared, walls, reserve_j, stop);
+                let of = |walls: &[WallHit]| hits(&prepared, walls, reserve_j, how.stop);
                 for &settle_s in &question.settles_s {
                     let mut scene = scene.clone();
                     scene.wall_hit.settle_s = settle_s;
                     let (limit, cutoff_hz) = (before.limit, velocity.cutoff_hz());
-                    let mut length = length(&PreparedScene::new(&scene)?, own, limit, stop)?;
+                    let mut length = length(&PreparedScene::new(&scene)?, own, limit, how.stop)?;
                     (length.cutoff_hz, length.controller) = (cutoff_hz, controller);
                     by_length.push(length);
                 }
@@ -185,13 +185,7 @@ pub fn passive(
 fn walls(boundaries: &Boundaries, velocity: VelocitySettings) -> Vec<WallHit> {
     let Some(first) = boundaries.first() else { return vec![] };
     let step = first.points.len().div_ceil(WALLS).max(1);
-    let hit = |point: &crate::study::boundary::BoundaryPoint| WallHit {
-        velocity,
-        stiffness_n_per_m: point.stiffness_n_per_m,
-        damping_n_s_per_m: point.damping_n_s_per_m,
-        start_offset_counts: 0.0,
-    };
-    first.points.iter().step_by(step).map(hit).collect()
+    first.points.iter().step_by(step).map(|wall| wall.hit(velocity)).collect()
 }
 
 /// Of a hit: its port, the most that was given by the motion, what the damping takes, and the sag.

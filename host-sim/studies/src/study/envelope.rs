@@ -8,7 +8,7 @@
 //! Hits are made on every [`STRIDE`]-th line of the walk's grid in both directions, which bounds
 //! their number; between two B the firmware takes what both of them allow.
 
-use std::{fmt::Write as _, sync::atomic::AtomicBool};
+use std::fmt::Write as _;
 
 use zwidth::{
     VelocitySettings,
@@ -16,10 +16,10 @@ use zwidth::{
 };
 
 use crate::{
-    engine::{Depth, Engine},
+    engine::Depth,
     error::Error,
     scene::NamedScene,
-    simulation::prepared::{Numeric, PreparedScene, WallHit},
+    simulation::prepared::{PreparedScene, WallHit},
     study::{
         How,
         sweep::{CutoffResult, SweepResult},
@@ -77,11 +77,9 @@ pub const HEADER: &str = "device,estimator,cutoff_hz,latency_samples,period_samp
 /// # Errors
 /// A setting is out of range, or `stop` was set.
 pub fn envelopes(
-    engine: Engine,
+    how: How<'_>,
     prepared: &PreparedScene,
-    numeric: Numeric,
     sweep: &SweepResult,
-    stop: &AtomicBool,
 ) -> Result<Vec<Envelope>, Error> {
     let columns = |result: &CutoffResult| {
         let shortest = result.boundaries.iter().map(|boundary| boundary.points.len()).min();
@@ -113,7 +111,7 @@ pub fn envelopes(
         }));
     }
     let mut stable = vec![];
-    How { engine, numeric, stop }.run(prepared, Depth::Verdict, &hits, |outcome| {
+    how.run(prepared, Depth::Verdict, &hits, |outcome| {
         stable.push(outcome?.verdict == Verdict::Stable);
         Ok(())
     })?;
@@ -177,6 +175,7 @@ impl Column {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simulation::prepared::Numeric;
 
     #[test]
     fn a_soft_wall_that_chatters_below_a_stiff_one_that_holds_is_outside() {

@@ -1,7 +1,5 @@
 //! Walks of several velocity filters side by side, in several scenes.
 
-use std::sync::atomic::AtomicBool;
-
 use zwidth::VelocitySettings;
 
 use super::{
@@ -9,11 +7,7 @@ use super::{
     boundary::{Boundaries, Boundary},
     walk_lanes::{all_walks, each},
 };
-use crate::{
-    engine::Engine,
-    error::Error,
-    simulation::prepared::{Numeric, PreparedScene},
-};
+use crate::{error::Error, simulation::prepared::PreparedScene};
 
 /// Boundaries by scene, then by filter, from each of `starts` (counts beyond the scene's start). The result depends neither
 /// on the number of threads nor on `engine`; `done` is called after each walk. Filters of a form that is not that of the
@@ -22,15 +16,12 @@ use crate::{
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
 pub fn boundaries(
-    engine: Engine,
+    how: How<'_>,
     scenes: &[PreparedScene],
-    numeric: Numeric,
     filters: &[VelocitySettings],
     starts: &[f64],
-    stop: &AtomicBool,
     done: impl Fn(&Boundary) + Sync,
 ) -> Result<Vec<Vec<Boundaries>>, Error> {
-    let how = How { engine, numeric, stop };
     let begins = scenes.iter().map(|scene| (scene, each(filters, starts))).collect::<Vec<_>>();
     let made = all_walks(how, &begins, done)?.into_iter();
     let of_scene = |made: Vec<Result<Boundary, Error>>| {

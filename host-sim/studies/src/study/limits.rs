@@ -8,23 +8,24 @@ use std::{
     collections::HashMap,
     sync::{
         Mutex, PoisonError,
-        atomic::{AtomicBool, AtomicUsize, Ordering},
+        atomic::{AtomicUsize, Ordering},
     },
 };
 
 use zwidth::{VelocitySettings, experiment::Verdict};
 
 use super::{
+    How,
     boundary::{Boundaries, Boundary, Progress},
     sweep::{CutoffResult, SweepResult, start_offset_counts},
     walk_lanes::on_all_threads,
 };
 use crate::{
-    engine::{Depth, Engine, Outcome, Work, run},
+    engine::{Depth, Outcome, Work, run},
     error::Error,
     interrupt,
     scene::{self, Criterion, PushBy, RmsOf, Scene, Walk},
-    simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
+    simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
 /// A limit below which a wall counts as stable.
@@ -39,10 +40,6 @@ pub enum Limit {
 }
 
 impl Limit {
-    fn is_felt(self) -> bool {
-        matches!(self, Self::Felt(_))
-    }
-
     /// Of two of one kind the larger finds hits for the smaller.
     fn is_like(self, other: Self) -> bool {
         std::mem::discriminant(&self) == std::mem::discriminant(&other)
@@ -197,11 +194,9 @@ struct Job {
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
 pub fn limits(
-    engine: Engine,
+    how: How<'_>,
     scene: &Scene,
     question: &Question,
-    numeric: Numeric,
-    stop: &AtomicBool,
     done: impl Fn() + Sync,
 ) -> Result<Vec<LimitResult>, Error> {
     let (fields, hits) = fields(scene, question)?;
@@ -211,28 +206,25 @@ pub fn limits(
         let field = &fields[place];
         let mut work = Walks {
             field,
-            numeric,
+            how,
             repeats: question.repeats,
             shared: &shared,
-            stop,
             lanes: vec![],
             done: |job: &Job, boundary| {
                 done();
                 made.push(((place, job.number), boundary));
             },
         };
-        let levels = field.limits.iter().any(|limit| limit.is_felt());
-        let quiet = matches!(field.limits[..], [Limit::Quiet(_)]);
-        let depth = if levels {
-            Depth::Whole
-        } else if quiet {
-            Depth::Verdict
-        } else {
-            Depth::Bounded
+        // all limits of a field are of one kind
+        let depth = match field.limits[0] {
+            Limit::Felt(_) => Depth::Whole,
+            Limit::Rms(_) => Depth::Bounded,
+            Limit::Quiet(_) if field.limits.len() == 1 => Depth::Verdict,
+            Limit::Quiet(_) => Depth::Bounded,
         };
-        run(engine, &field.prepared, numeric, depth, &mut work);
+        run(how.engine, &field.prepared, how.numeric, depth, &mut work);
     });
-    interrupt::unless(stop)?;
+    interrupt::unless(how.stop)?;
     let mut made = made.into_values();
     let mut boundaries = || -> Result<Boundaries, Error> {
         let mut next =
@@ -342,10 +334,9 @@ impl Situation {
 
 struct Walks<'a, D> {
     field: &'a Field,
-    numeric: Numeric,
+    how: How<'a>,
     repeats: u32,
     shared: &'a [Shared],
-    stop: &'a AtomicBool,
     lanes: Vec<Option<(Job, Progress)>>,
     done: D,
 }
@@ -414,7 +405,7 @@ impl<D: FnMut(&Job, Result<Boundary, Error>)> Work for Walks<'_, D> {
             self.lanes.resize_with(lane + 1, || None);
         }
         loop {
-            if self.stop.load(Ordering::Relaxed) {
+            if self.how.stop.load(Ordering::Relaxed) {
                 return None;
             }
             if self.lanes[lane].is_none() {
@@ -424,7 +415,7 @@ impl<D: FnMut(&Job, Result<Boundary, Error>)> Work for Walks<'_, D> {
             let verdict = self.known(&job, place).and_then(|known| known.verdict(job.limit));
             let (_, progress) = self.lanes[lane].as_mut()?;
             let Some(verdict) = verdict else { return Some(progress.hit()) };
-            let (field, numeric) = (self.field, self.numeric);
+            let (field, numeric) = (self.field, self.how.numeric);
             let touches = |hit: &WallHit| field.prepared.touches(numeric, hit);
             if let Some(ended) = progress.report(Ok(verdict), touches) {
                 self.lanes[lane] = None;

@@ -32,7 +32,6 @@ pub mod winners;
 use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
-use serde::Serialize;
 use zwidth::{
     VelocitySettings,
     velocity::{EstimatorName, Sense},
@@ -50,7 +49,7 @@ use crate::{
     interrupt,
     numerics::statistics::Repeats,
     scene::{LATENCY_KNOWN_MAX, NamedScene, Scene},
-    simulation::prepared::{Numeric, PreparedScene, WallHit},
+    simulation::prepared::{Numeric, PreparedScene},
     study::{
         boundary::{Boundaries, Boundary},
         schedule::{Length, longest_first},
@@ -193,11 +192,7 @@ impl Class {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Wall {
-    pub stiffness_n_per_m: f64,
-    pub damping_n_s_per_m: f64,
-}
+pub use crate::study::boundary::BoundaryPoint as Wall;
 
 impl Wall {
     /// Half of the mean K that those boundaries reach at a B, at least the walk's first.
@@ -207,12 +202,6 @@ impl Wall {
         });
         let first = scene.walk_plan().stiffness_start_n_per_m;
         Self { stiffness_n_per_m: (reached / 2.0).max(first), damping_n_s_per_m }
-    }
-
-    /// A hit of it, from the scene's own start.
-    pub fn hit(&self, velocity: VelocitySettings) -> WallHit {
-        let Self { stiffness_n_per_m, damping_n_s_per_m } = *self;
-        WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
     }
 }
 

@@ -29,7 +29,7 @@ use crate::{
     interrupt,
     scene::Scene,
     simulation::prepared::{Numeric, PreparedScene},
-    study::{boundary::Boundaries, filters::boundaries, schedule::Length, sweep::starts},
+    study::{How, boundary::Boundaries, filters::boundaries, schedule::Length, sweep::starts},
 };
 
 /// What a search may cost.
@@ -88,8 +88,8 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
     ) -> Result<Vec<Boundaries>, Error> {
         let Some(first) = settings.first() else { return Ok(vec![]) };
         let scenes = [PreparedScene::new(&with_filter(self.scene, first))?];
-        let (numeric, done) = (Numeric::Fixed, |_: &_| (self.done)(1));
-        let made = boundaries(self.engine, &scenes, numeric, settings, starts, self.stop, done)?;
+        let how = How { engine: self.engine, numeric: Numeric::Fixed, stop: self.stop };
+        let made = boundaries(how, &scenes, settings, starts, |_| (self.done)(1))?;
         Ok(made.into_iter().flatten().collect())
     }
 

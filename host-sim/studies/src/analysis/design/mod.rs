@@ -36,6 +36,7 @@ use crate::{
     scene::Scene,
     simulation::prepared::{Numeric, PreparedScene},
     study::{
+        How,
         boundary::{Boundaries, Boundary},
         filters::boundaries,
         sweep::starts,
@@ -150,9 +151,7 @@ pub struct DesignStudy {
 
 /// What all walks share.
 struct Walker<'a, D> {
-    engine: Engine,
-    numeric: Numeric,
-    stop: &'a AtomicBool,
+    how: How<'a>,
     done: D,
 }
 
@@ -164,7 +163,7 @@ impl<D: Fn(&Boundary) + Sync> Walker<'_, D> {
         filters: &[VelocitySettings],
         starts: &[f64],
     ) -> Result<Vec<Vec<Boundaries>>, Error> {
-        boundaries(self.engine, scenes, self.numeric, filters, starts, self.stop, &self.done)
+        boundaries(self.how, scenes, filters, starts, &self.done)
     }
 }
 
@@ -190,7 +189,7 @@ fn of_numbers<const N: usize>(
     stop: &AtomicBool,
     done: impl Fn(&Boundary) + Sync,
 ) -> Result<DesignStudy, Error> {
-    let walker = Walker { engine, numeric: question.numeric, stop, done };
+    let walker = Walker { how: How { engine, numeric: question.numeric, stop }, done };
     let scenes: Vec<Scene> = question.conditions.iter().map(|c| with_biquad(&c.scene, N)).collect();
     let prepared = |scenes: &[Scene]| -> Result<Vec<PreparedScene>, Error> {
         scenes.iter().map(PreparedScene::new).collect()
@@ -322,7 +321,7 @@ impl<D: Fn(&Boundary) + Sync, const N: usize> Search<'_, D, N> {
         }
         let mut kept = true;
         if let Some(most) = roughness_n {
-            let found = rough(self.scene, &shape.settings(), self.wall, self.walker.stop)?;
+            let found = rough(self.scene, &shape.settings(), self.wall, self.walker.how.stop)?;
             kept &= found.is_some_and(|found| found <= *most);
         }
         if let (true, Some(share)) = (kept, mistuned_share) {
@@ -438,7 +437,7 @@ impl<D: Fn(&Boundary) + Sync> Last<'_, D> {
             worth,
             worst,
             gain_peak_db: shape.gain_peak_db(&design).unwrap_or(f64::INFINITY),
-            roughness_n: rough(first, &shape.settings(), wall, walker.stop)?,
+            roughness_n: rough(first, &shape.settings(), wall, walker.how.stop)?,
             mistuned_share: left,
             sections,
         })

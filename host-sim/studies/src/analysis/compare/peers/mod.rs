@@ -6,18 +6,18 @@
 
 mod table;
 
-use std::{f64::consts::PI, sync::atomic::AtomicBool};
+use std::f64::consts::PI;
 
 use rayon::prelude::*;
 use zwidth::{VelocitySettings, velocity::RATIO};
 
 use super::with_filter;
 use crate::{
-    engine::Engine,
     error::Error,
     scene::{NamedScene, RmsOf, Scene, Walk, velocity::describe},
     simulation::prepared::Numeric,
     study::{
+        How,
         boundary::Boundaries,
         limits::{Limit, LimitResult, Question, Situation, limits},
         limits_asked::{LimitAsked, Names, check, finer},
@@ -263,9 +263,8 @@ pub const TOLD: &str = "true-velocity";
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
 pub fn compare_peers(
-    engine: Engine,
+    how: How<'_>,
     question: PeerQuestion,
-    stop: &AtomicBool,
     done: impl Fn() + Sync,
 ) -> Result<PeerStudy, Error> {
     let (mut jobs, mut notes) = (vec![], vec![]);
@@ -311,7 +310,7 @@ pub fn compare_peers(
             situations: vec![Situation { push: scene.wall_hit.push_by, arm: None }],
             told: last(at),
         };
-        limits(engine, scene, &question, Numeric::Fixed, stop, &done)
+        limits(How { numeric: Numeric::Fixed, ..how }, scene, &question, &done)
     };
     let asked: Vec<_> = (0..jobs.len()).into_par_iter().with_max_len(1).map(ask).collect();
     let mut rows = vec![];

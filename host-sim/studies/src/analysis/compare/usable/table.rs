@@ -1,9 +1,8 @@
 //! Usable areas as a table and as JSON.
 
 use serde::{Serialize, Serializer};
-use zwidth::velocity::EstimatorName;
 
-use super::{Usable, UsableQuestion};
+use super::{super::table::value_and_unit, Usable, UsableQuestion};
 use crate::table::{Cell, Kind, Table, Told};
 
 /// One estimator within one limit: its place by the mean area, from 1, and the walks of each.
@@ -17,8 +16,7 @@ pub struct UsableArea<'a> {
 impl UsableArea<'_> {
     /// A value of its tuning, and its unit.
     fn parameter(&self, n: usize) -> [Cell; 2] {
-        parameters(self.usable)[n]
-            .map_or([Cell::Empty, Cell::Empty], |(v, unit)| [v.into(), unit.into()])
+        value_and_unit(&self.usable.settings, n)
     }
 
     fn least_or_most(&self, of: fn(f64, f64) -> f64) -> Cell {
@@ -94,7 +92,5 @@ impl UsableStudy {
 
 /// The values that its tuning has, with units.
 pub fn parameters(usable: &Usable) -> [Option<(f64, &'static str)>; 2] {
-    let (name, values) = EstimatorName::of(&usable.settings);
-    let all = name.parameters();
-    [0, 1].map(|n| all[n].map(|parameter| (values[n], parameter.unit)))
+    [0, 1].map(|n| usable.settings.parameter(n).map(|(of, value)| (value, of.unit)))
 }
