@@ -16,7 +16,7 @@ use crate::{
     engine::Engine,
     error::Error,
     interrupt,
-    simulation::prepared::{HitReport, Numeric, PreparedScene, WallHit},
+    simulation::prepared::{HitReport, Numeric, PreparedScene},
     study::{boundary::BoundaryPoint, walk::walk},
 };
 
@@ -101,6 +101,7 @@ mod tests {
     use crate::{
         analysis::linear::{Device, Loop, TransferFunction},
         scene::NamedScene,
+        simulation::prepared::WallHit,
     };
 
     #[test]
