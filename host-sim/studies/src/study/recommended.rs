@@ -478,14 +478,7 @@ fn tidy(hz: f64) -> f64 {
 fn round(step: f64) -> f64 {
     let power = libm::pow(10.0, libm::floor(libm::log10(step)));
     let whole = step / power;
-    let digit = if whole < 1.5 {
-        1.0
-    } else if whole < 3.5 {
-        2.0
-    } else if whole < 7.5 {
-        5.0
-    } else {
-        10.0
-    };
-    digit * power
+    let digits = [(1.5, 1.0), (3.5, 2.0), (7.5, 5.0)];
+    let digit = digits.iter().find(|(below, _)| whole < *below);
+    digit.map_or(10.0, |(_, digit)| *digit) * power
 }

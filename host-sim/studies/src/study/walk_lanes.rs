@@ -7,14 +7,11 @@ use std::{
 };
 
 use rayon::prelude::*;
-use zwidth::{
-    VelocitySettings,
-    experiment::{Cell, Verdict, Walk},
-};
+use zwidth::{VelocitySettings, experiment::Cell};
 
 use super::{
     How,
-    ahead::{Guide, Walking, likeliest},
+    ahead::{Guide, Running, likeliest, place},
     boundary::{Boundary, Progress},
 };
 use crate::{
@@ -123,40 +120,6 @@ pub(super) fn each(filters: &[VelocitySettings], starts: &[f64]) -> Vec<Start> {
     filters.iter().flat_map(of_filter).collect()
 }
 
-/// A walk that has begun.
-struct Running {
-    progress: Progress,
-    guide: Guide,
-    neighbour: Guide,
-    /// Verdicts of cells that it has not come to yet.
-    known: BTreeMap<(i32, i32), Result<Verdict, HitError>>,
-    /// Cells that lanes have.
-    running: Vec<Cell>,
-}
-
-impl Walking for Running {
-    fn walk(&self) -> Walk {
-        self.progress.walk()
-    }
-
-    fn known(&self, cell: Cell) -> Option<Verdict> {
-        let verdict = self.known.get(&place(cell))?;
-        Some(verdict.as_ref().copied().unwrap_or(Verdict::Unstable))
-    }
-
-    fn is_running(&self, cell: Cell) -> bool {
-        self.running.contains(&cell)
-    }
-
-    fn guides(&self) -> [&Guide; 2] {
-        [&self.guide, &self.neighbour]
-    }
-}
-
-fn place(cell: Cell) -> (i32, i32) {
-    (cell.stiffness, cell.damping)
-}
-
 struct Walks<'a, D> {
     queue: &'a Queue<'a>,
     numeric: Numeric,
@@ -175,7 +138,7 @@ impl<D: FnMut(usize, Result<Boundary, Error>)> Walks<'_, D> {
     fn choose(&mut self) -> Option<(usize, Cell)> {
         let waits = |(number, walk): (&usize, &Running)| {
             let cell = walk.progress.walk().cell();
-            (!walk.is_running(cell)).then_some((*number, cell))
+            (!walk.running.contains(&cell)).then_some((*number, cell))
         };
         if let Some(waiting) = self.running.iter().find_map(waits) {
             return Some(waiting);
@@ -189,7 +152,7 @@ impl<D: FnMut(usize, Result<Boundary, Error>)> Walks<'_, D> {
             self.running.insert(walk, Running { progress, guide, neighbour, known, running });
             return Some((walk, cell));
         }
-        likeliest(self.running.iter().map(|(number, walk)| (*number, walk)))
+        likeliest(&self.running)
     }
 
     fn end(&mut self, number: usize, ended: Result<Boundary, Error>) {

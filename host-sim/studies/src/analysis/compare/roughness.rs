@@ -46,19 +46,15 @@ pub fn measure(
         .map(|n| {
             interrupt::unless(stop)?;
             let start_offset_counts = start_offset_counts(n, HITS);
-            Ok(hit(prepared, numeric, &WallHit { start_offset_counts, ..*wall }))
+            let wall = WallHit { start_offset_counts, ..*wall };
+            let (report, roughness_n) = of_hit(prepared, numeric, &wall);
+            Ok((report.is_ok_and(|report| report.is_stable()), roughness_n))
         })
         .collect::<Result<_, Error>>()?;
     Ok(Contact {
         stable: hits.iter().all(|(stable, _)| *stable),
         roughness_n: hits.into_iter().map(|(_, roughness_n)| roughness_n).collect(),
     })
-}
-
-/// Whether a hit is stable, and how rough.
-fn hit(prepared: &PreparedScene, numeric: Numeric, wall: &WallHit) -> (bool, f64) {
-    let (report, roughness_n) = of_hit(prepared, numeric, wall);
-    (report.is_ok_and(|report| report.is_stable()), roughness_n)
 }
 
 /// What a hit showed, and how rough it was, N.

@@ -200,47 +200,33 @@ pub fn tune(
 ) -> Result<(VelocitySettings, Tuned), Error> {
     let walker = Walker { engine, scene, stop, done };
     let (best, mut tuned) = walker.best(start, is_free, budget)?;
-    let (starts, design) = (starts(budget.repeats), scene.design());
     let area = tuned.boundaries.area();
-    let mut wrongs: Vec<(Wrong, VelocitySettings)> = vec![];
+    // down and up: by what share the loss of area counts (none of the mass of a model), and the settings
+    let mut wrongs: Vec<(usize, Option<f64>, VelocitySettings)> = vec![];
     let axes = walker.axes(start, is_free);
     for (side, factor) in [1.0 / WRONG_BY, WRONG_BY].into_iter().enumerate() {
         let wrong = axes.as_ref().and_then(|axes| axes.off_by(&best, factor));
-        if let Some((wrong, reached)) = wrong {
-            // whole numbers miss the factor: the loss at it is in proportion on the logarithmic scale
-            let share = factor.ln() / reached.ln();
-            wrongs.push((Wrong::Bandwidth { side, share }, wrong));
-        }
+        // whole numbers miss the factor: the loss at it is in proportion on the logarithmic scale
+        let share = |reached: f64| Some(factor.ln() / reached.ln());
+        wrongs.extend(wrong.map(|(wrong, reached)| (side, share(reached), wrong)));
     }
-    for (side, factor) in [1.0 - MASS_WRONG_BY, 1.0 + MASS_WRONG_BY].into_iter().enumerate() {
-        if let VelocitySettings::Observer { mass_kg, .. } = best {
-            let wrong = best.with_second(factor * mass_kg);
-            if wrong.build(&design).is_ok() {
-                wrongs.push((Wrong::Mass { side }, wrong));
-            }
-        }
+    if let VelocitySettings::Observer { mass_kg, .. } = best {
+        let factors = [1.0 - MASS_WRONG_BY, 1.0 + MASS_WRONG_BY].into_iter().enumerate();
+        let wrong = factors.map(|(side, by)| (side, None, best.with_second(by * mass_kg)));
+        wrongs.extend(wrong.filter(|(.., wrong)| wrong.build(&scene.design()).is_ok()));
     }
     wrongs.retain(|_| area > 0.0);
-    let settings: Vec<VelocitySettings> = wrongs.iter().map(|(_, settings)| *settings).collect();
-    for ((wrong, _), boundaries) in wrongs.iter().zip(walker.walks(&settings, &starts)?) {
+    let settings: Vec<VelocitySettings> = wrongs.iter().map(|(.., settings)| *settings).collect();
+    let walked = walker.walks(&settings, &starts(budget.repeats))?;
+    for ((side, share, _), boundaries) in wrongs.into_iter().zip(walked) {
         let left = boundaries.area() / area;
         tuned.hits += boundaries.hits();
-        match *wrong {
-            Wrong::Bandwidth { side, share } => {
-                tuned.left_when_mistuned[side] = Some(1.0 - share * (1.0 - left));
-            }
-            Wrong::Mass { side } => tuned.left_when_mass_is_wrong[side] = Some(left),
+        match share {
+            Some(share) => tuned.left_when_mistuned[side] = Some(1.0 - share * (1.0 - left)),
+            None => tuned.left_when_mass_is_wrong[side] = Some(left),
         }
     }
     Ok((best, tuned))
-}
-
-/// Value of a result that is made wrong: down (`side` 0) or up (1).
-enum Wrong {
-    /// The bandwidth; the loss counts by that share.
-    Bandwidth { side: usize, share: f64 },
-    /// The mass of a model.
-    Mass { side: usize },
 }
 
 /// Which parameters of `best` are at an end of what was searched, to within the last step.
