@@ -214,7 +214,7 @@ fn extremes_give_numbers() {
     ];
     for device in devices {
         for rate_hz in [1e3, 5e4] {
-            for cutoff in [None, Some(2.43e-5), Some(0.1), Some(0.49)] {
+            for cutoff in [None, Some(zwidth::velocity::CUTOFF_MIN), Some(0.1), Some(0.49)] {
                 for (period, latency_samples) in
                     [(1, 0.0), (1, 0.5), (1, 100.0), (10, 10.0), (7, 3.3)]
                 {

@@ -174,7 +174,7 @@ fn a_constant_is_a_spring() {
 
 #[test]
 fn extremes_give_numbers() {
-    for cutoff in [2.43e-5, 1e-3, 0.49] {
+    for cutoff in [zwidth::velocity::CUTOFF_MIN, 1e-3, 0.49] {
         for b in [0.0, -1e6, 1e-9, 1e12] {
             let demand =
                 demand(0.0, b, 5e4, &TransferFunction::paper(5e4, cutoff * 5e4).unwrap()).unwrap();
