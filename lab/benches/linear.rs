@@ -11,7 +11,7 @@ fn figure(period: u32) -> f64 {
     for cutoff in cutoffs {
         let of = Loop {
             period,
-            ..Loop::single_rate(Device::PAPER, 1e4, TransferFunction::paper(1e4, cutoff))
+            ..Loop::single_rate(Device::PAPER, 1e4, TransferFunction::paper(1e4, cutoff).unwrap())
         };
         let boundary = Boundary::new(&of).expect("the paper's loop is in range");
         for step in 0..200 {

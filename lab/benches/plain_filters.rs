@@ -2,13 +2,13 @@
 
 use std::{f64::consts::PI, sync::LazyLock};
 
-use host_sim::scene::Accelerometer;
+use host_sim::{
+    scene::Accelerometer,
+    simulation::twin::{self, Equation, Foaw, LowPass},
+};
 use zwidth::{
     Design, VelocitySettings,
-    velocity::{
-        BiquadDesign, ButterworthDesign, CascadeDesign, FirstOrder, KalmanDesign, LevantDesign,
-        ObserverDesign, TrackingLoop,
-    },
+    velocity::{KalmanDesign, LevantDesign, ObserverDesign, TrackingLoop},
 };
 
 use crate::plain::{Butterworth, Filter, SAMPLES, plain};
@@ -144,8 +144,8 @@ struct Section {
     y: [f64; 2],
 }
 
-impl Section {
-    fn of(&BiquadDesign { b, a, .. }: &BiquadDesign) -> Self {
+impl From<LowPass> for Section {
+    fn from(LowPass { b, a, .. }: LowPass) -> Self {
         Self { b, a, ..Self::default() }
     }
 }
@@ -281,86 +281,13 @@ impl Filter for Window {
 /// The maths of a wall hit with that estimator.
 pub fn plain_hit(settings: &VelocitySettings, design: &Design, [k, b]: [f64; 2]) -> f64 {
     type V = VelocitySettings;
-    let rate_hz = design.rate_hz;
-    let kalman = |gains: Result<KalmanDesign, _>| {
-        let gains = gains.unwrap();
-        Kalman { gains, distance: 0.0, velocity: 0.0, acceleration: 0.0 }
-    };
-    let tracking = |gains: Result<TrackingLoop, _>| Tracking {
-        gains: gains.unwrap(),
-        error: 0.0,
-        velocity: 0.0,
-    };
-    let observer = |design: Result<ObserverDesign, _>| {
+    let observer = |design| {
         let (known, error, velocity, disturbance) = (0.0, 0.0, 0.0, 0.0);
-        Observer { design: design.unwrap(), known, error, velocity, disturbance }
+        Observer { design, known, error, velocity, disturbance }
     };
-    let levant = |implicit, sizes| Levant { implicit, sizes, ahead: 0.0, velocity: 0.0 };
-    match *settings {
-        V::Kalman2 { acceleration_rms_m_per_s2: a } => {
-            plain(kalman(KalmanDesign::two_states(a, design)), k, b)
-        }
-        V::Kalman3 { jerk_rms_m_per_s3: jerk } => {
-            plain(kalman(KalmanDesign::three_states(jerk, design)), k, b)
-        }
-        V::TrackingLoop { .. } => plain(tracking(TrackingLoop::new(1500.0, rate_hz)), k, b),
-        V::TrackingLead { bandwidth_hz, lead } => {
-            plain(tracking(TrackingLoop::led(bandwidth_hz, lead, rate_hz)), k, b)
-        }
-        V::Smoothing { cutoff_hz, ratio } => {
-            plain(tracking(TrackingLoop::smoothing(cutoff_hz, ratio, rate_hz)), k, b)
-        }
-        V::SecondOrder { cutoff_hz, quality } => {
-            let ButterworthDesign { b0, a1, a2, .. } =
-                ButterworthDesign::damped(cutoff_hz, quality, rate_hz).unwrap();
-            let section = Section { b: [b0, 2.0 * b0, b0], a: [a1, a2], ..Section::default() };
-            plain(section, k, b)
-        }
-        V::Biquad { frequency_hz, damping, lead_s, zero } => {
-            let biquad = BiquadDesign::new(frequency_hz, damping, lead_s, zero, rate_hz).unwrap();
-            plain(Section::of(&biquad), k, b)
-        }
-        V::Biquad2 {
-            frequency_hz,
-            damping,
-            lead_s,
-            zero,
-            second_ratio,
-            second_damping,
-            second_lead_s,
-            second_zero,
-        } => {
-            let first = [frequency_hz, damping, lead_s, zero];
-            let second = [second_ratio, second_damping, second_lead_s, second_zero];
-            let CascadeDesign { sections } = CascadeDesign::new(first, second, rate_hz).unwrap();
-            let [mut first, mut second] = sections.each_ref().map(Section::of);
-            plain(move |moved: f64| second.update(first.update(moved)), k, b)
-        }
-        V::Observer { bandwidth_hz, mass_kg } => {
-            plain(observer(ObserverDesign::of_mass(bandwidth_hz, mass_kg, design)), k, b)
-        }
-        V::Fusion { crossover_hz } => {
-            let observer = observer(ObserverDesign::of_accelerometer(crossover_hz, rate_hz));
-            plain(Fusion::new(observer, design), k, b)
-        }
-        V::FoawEnd { window_samples, noise_counts: noise }
-        | V::FoawBest { window_samples, noise_counts: noise } => {
-            let best = matches!(settings, V::FoawBest { .. });
-            let (window, past) = (window_samples as usize, [0.0; 64]);
-            plain(Adaptive { best, window, noise, past, newest: 0 }, k, b)
-        }
-        V::LevantExplicit { acceleration_max_m_per_s2: c, lambda_ratio }
-        | V::LevantImplicit { acceleration_max_m_per_s2: c, lambda_ratio } => {
-            let implicit = matches!(settings, V::LevantImplicit { .. });
-            plain(levant(implicit, LevantDesign::new(c, lambda_ratio, design).unwrap()), k, b)
-        }
-        V::WindowDifference { window_samples } => {
-            let (window, past) = (window_samples as usize, [0.0; 256]);
-            plain(Window { past, newest: 0, window, sum: 0.0 }, k, b)
-        }
-        V::Difference {} => plain(|moved: f64| moved, k, b),
-        V::FirstOrder { .. } | V::FirstOrderPrewarped { .. } => {
-            let FirstOrder { b0, a1 } = FirstOrder::new(1500.0, rate_hz, false).unwrap();
+    match Equation::of(settings, design).unwrap() {
+        Equation::LowPass(LowPass { order: 0, .. }) => plain(|moved: f64| moved, k, b),
+        Equation::LowPass(LowPass { order: 1, b: [b0, ..], a: [a1, _] }) => {
             let (mut x1, mut y1) = (0.0, 0.0);
             let filter = |moved: f64| {
                 (y1, x1) = (b0 * (moved + x1) - a1 * y1, moved);
@@ -368,12 +295,35 @@ pub fn plain_hit(settings: &VelocitySettings, design: &Design, [k, b]: [f64; 2])
             };
             plain(filter, k, b)
         }
-        _ => match settings.weights(design).unwrap() {
-            Some(fir) => {
-                let weights = fir.weights().to_vec();
-                plain(Sum { weights, past: [0.0; 64], newest: 0 }, k, b)
-            }
-            None => plain(Butterworth::default(), k, b),
-        },
+        Equation::LowPass(_) if matches!(settings, V::Butterworth { .. }) => {
+            plain(Butterworth::default(), k, b)
+        }
+        Equation::LowPass(section) => plain(Section::from(section), k, b),
+        Equation::Cascade(sections) => {
+            let [mut first, mut second] = sections.map(Section::from);
+            plain(move |moved: f64| second.update(first.update(moved)), k, b)
+        }
+        Equation::Kalman(gains) => {
+            plain(Kalman { gains, distance: 0.0, velocity: 0.0, acceleration: 0.0 }, k, b)
+        }
+        Equation::Tracking(gains) => plain(Tracking { gains, error: 0.0, velocity: 0.0 }, k, b),
+        Equation::Observer(design) => plain(observer(design), k, b),
+        Equation::Fusion(of) => plain(Fusion::new(observer(of), design), k, b),
+        Equation::Foaw(Foaw { best, window, noise }) => {
+            let (window, past) = (window as usize, [0.0; 64]);
+            plain(Adaptive { best, window, noise, past, newest: 0 }, k, b)
+        }
+        Equation::Levant(twin::Levant { implicit, sizes }) => {
+            plain(Levant { implicit, sizes, ahead: 0.0, velocity: 0.0 }, k, b)
+        }
+        Equation::Ends(samples) => {
+            let (window, past) = (samples as usize, [0.0; 256]);
+            plain(Window { past, newest: 0, window, sum: 0.0 }, k, b)
+        }
+        Equation::Sum(fir) => {
+            let weights = fir.weights().to_vec();
+            plain(Sum { weights, past: [0.0; 64], newest: 0 }, k, b)
+        }
+        Equation::TimeStamps(_) => unreachable!("it has no lanes"),
     }
 }

@@ -158,12 +158,12 @@ fn made(scene: &NamedScene, board: Board) -> Result<Option<Vec<u8>>, Error> {
     let facts = board_facts(board.name)?;
     let on_board = scene.on(&facts);
     let (engine, numeric) = (Engine::lanes(), Numeric::default());
+    let how = How { engine, numeric, stop: interrupt::flag() };
     let with_envelope = || {
         let of = &on_board.scene;
         fitting(&on_board, &facts, first_settings(of, None)?, true)?; // before any walk
         let quiet = (!says_first(of)).then(|| {
             note(&format!("looking for the cutoff to begin with: quiet walls of {}", scene.name));
-            let how = How { engine, numeric, stop: interrupt::flag() };
             let first = with_first_estimator(&on_board)?;
             recommended(how, &first, &of.sweep.cutoffs_hz, true, || ())
         });
@@ -173,7 +173,7 @@ fn made(scene: &NamedScene, board: Board) -> Result<Option<Vec<u8>>, Error> {
         let walks: u64 = parts.iter().map(Part::walks).sum();
         note(&format!("computing the envelope of {}: {walks} walks", scene.name));
         let of = (first, parts);
-        DeviceRecord::of(&on_board, &facts, of, engine, numeric, interrupt::flag(), || {})
+        DeviceRecord::of(&on_board, &facts, of, how, || {})
     };
     match with_envelope() {
         Ok(made) => Ok(Some(made.bytes)),

@@ -414,7 +414,7 @@ pub fn peers(
     let of_work = Arc::clone(&scene);
     let found = run(py, threads, progress.as_ref(), total, move |course| {
         asked::prepare(&of_work)?;
-        compare_peers(engine, question, &course.stop, || course.add(1))
+        compare_peers(How { engine, numeric: Numeric::Fixed, stop: &course.stop }, question, || course.add(1))
             .map_err(|error| error.of(&of_work.name))
     })?;
     let table = Told::of(py, &found.table())?;

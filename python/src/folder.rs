@@ -85,7 +85,7 @@ impl StudyFolder {
 
     #[getter]
     fn measure(&self) -> &str {
-        self.study().file.measure.name()
+        self.study().file.keys.measure.name()
     }
 
     #[getter]

@@ -121,7 +121,7 @@ pub fn study(
     let first = study.blocks.first();
     let first = first.ok_or_else(|| PyRuntimeError::new_err("a study has no scene"))?;
     Ok(Study {
-        measure: study.file.measure.name().into(),
+        measure: study.file.keys.measure.name().into(),
         points: study.points,
         units: study.units,
         hits,

@@ -13,7 +13,10 @@ use host_sim::{
         record::{board_facts, words},
     },
     simulation::prepared::{Numeric, PreparedScene, WallHit},
-    study::board_envelope::{Found, Part, board_envelope, first_settings},
+    study::{
+        How,
+        board_envelope::{Found, Part, board_envelope, first_settings},
+    },
 };
 use rayon::prelude::*;
 use virtual_board::{
@@ -166,7 +169,12 @@ fn an_image_is_built_for_the_record_that_is_named() {
     let first = first_settings(&named.scene, None).unwrap();
     let parts = Part::all(&named.scene, &first).unwrap();
     let stop = AtomicBool::new(false);
-    let found = board_envelope(Engine::lanes(), parts, Numeric::Fixed, &stop, || ()).unwrap();
+    let found = board_envelope(
+        How { engine: Engine::lanes(), numeric: Numeric::Fixed, stop: &stop },
+        parts,
+        || (),
+    )
+    .unwrap();
     let prepared = named.prepared(&facts, first).unwrap();
     let boundaries: Vec<_> = found.iter().flat_map(Found::boundaries).collect();
     let bytes = prepared.record(&boundaries, &facts).unwrap();

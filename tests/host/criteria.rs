@@ -12,6 +12,7 @@ use host_sim::{
     },
     simulation::prepared::{Numeric, PreparedScene, WallHit},
     study::{
+        How,
         limits::{Limit, Question, Situation, limits},
         sweep::filters,
         walk::walk,
@@ -204,8 +205,10 @@ fn limits_that_share_hits_are_the_walks_one_by_one() {
         told: true,
     };
     let stop = AtomicBool::new(false);
-    let all = [Engine::lanes(), Engine::Core]
-        .map(|engine| limits(engine, &scene, &question, Numeric::Fixed, &stop, || ()).unwrap());
+    let all = [Engine::lanes(), Engine::Core].map(|engine| {
+        limits(How { engine, numeric: Numeric::Fixed, stop: &stop }, &scene, &question, || ())
+            .unwrap()
+    });
     assert_eq!(format!("{:?}", all[0]), format!("{:?}", all[1]));
     let [results, _] = all;
     assert_eq!(results.len(), 5 * 3, "two situations and the worst of them");

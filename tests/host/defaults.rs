@@ -3,10 +3,11 @@
 use std::sync::atomic::AtomicBool;
 
 use host_sim::{
-    analysis::compare::peers::{Loop, PEERS, PeerQuestion, PeerStudy, compare_peers},
+    analysis::compare::peers::{PEERS, PeerQuestion, PeerStudy, compare_peers},
     engine::Engine,
     scene::{NamedScene, Scene, Walk},
-    study::{limits::Limit, sweep::filters},
+    simulation::prepared::Numeric,
+    study::{How, limits::Limit, sweep::filters},
 };
 
 /// Areas of the paper's device with the 1 um encoder at that latency, by limit; grid from one step on.
@@ -22,12 +23,17 @@ fn peers(latency: f64, limits_m: &[f64], steps: [f64; 2], repeats: u32) -> PeerS
     };
     let question = PeerQuestion {
         own: filters(&scene.velocity, &[500.0, 1500.0]),
-        loops: vec![Loop { name: "own".into(), scene }],
+        loops: vec![("own".into(), scene)],
         limits: limits_m.iter().map(|limit| Limit::Rms(*limit)).collect(),
         walk,
         repeats,
     };
-    compare_peers(Engine::lanes(), question, &AtomicBool::new(false), || ()).unwrap()
+    compare_peers(
+        How { engine: Engine::lanes(), numeric: Numeric::Fixed, stop: &AtomicBool::new(false) },
+        question,
+        || (),
+    )
+    .unwrap()
 }
 
 /// Mean area, 10^6 N^2 s/m^2.
@@ -64,11 +70,16 @@ fn a_default_that_is_unstable_at_a_rate_is_left_out_and_said() {
     let question = PeerQuestion {
         walk: scene.walk,
         own: filters(&scene.velocity, &[100.0]),
-        loops: vec![Loop { name: "own".into(), scene }],
+        loops: vec![("own".into(), scene)],
         limits: vec![Limit::Rms(15e-6)],
         repeats: 1,
     };
-    let study = compare_peers(Engine::lanes(), question, &AtomicBool::new(false), || ()).unwrap();
+    let study = compare_peers(
+        How { engine: Engine::lanes(), numeric: Numeric::Fixed, stop: &AtomicBool::new(false) },
+        question,
+        || (),
+    )
+    .unwrap();
     let said = |name: &str| study.notes.iter().any(|note| note.starts_with(name));
     let is_there = |name: &str| study.rows.iter().any(|row| row.name == name);
     assert!(said("moteus:") && !is_there("moteus"), "{:?}", study.notes);

@@ -29,7 +29,7 @@ fn the_best_changes_stand_in_the_order_of_full_searches() {
         let areas: Vec<f64> = found.changes[..3]
             .iter()
             .map(|one| {
-                let change = one.change.as_ref().unwrap();
+                let change = &one.change;
                 let start = settings_of(Entry::Tuned(one.settings.name()), &change.scene);
                 let (_, tuned) =
                     tune(engine, &change.scene, &start, true, full, &stop, &|_| ()).unwrap();

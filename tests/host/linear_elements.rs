@@ -41,7 +41,7 @@ struct Point {
 }
 
 fn envelope(point: &Point) -> f64 {
-    let estimator = TransferFunction::paper(1e4, point.cutoff_hz);
+    let estimator = TransferFunction::paper(1e4, point.cutoff_hz).unwrap();
     let of = Loop {
         elements: point.elements,
         period: point.period,

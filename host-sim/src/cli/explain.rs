@@ -74,7 +74,7 @@ struct Json<'a> {
     damping_n_s_per_m: f64,
     budget: u32,
     repeats: u32,
-    changes: Vec<Row>,
+    changes: Vec<Row<'a>>,
     answers: Vec<String>,
 }
 

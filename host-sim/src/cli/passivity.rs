@@ -16,7 +16,6 @@ use crate::{
     analysis::passive::{Length, PassiveQuestion, passive},
     engine::Engine,
     error::Error,
-    interrupt,
     output::{
         estimated::print_of,
         files::{MANIFEST, json as json_bytes},
@@ -168,7 +167,7 @@ pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
         engine.name()
     );
     let bar = progress::bar(question.walks());
-    let study = passive(engine, &scene.scene, question, interrupt::flag(), || bar.inc(1))
+    let study = passive(common.how(), &scene.scene, question, || bar.inc(1))
         .map_err(|error| error.of(&scene.name))?;
     bar.finish_and_clear();
     let study = Passive(study);

@@ -14,7 +14,6 @@ use crate::{
     analysis::compare::peers::{LIMITS, PeerArea, PeerQuestion, compare_peers},
     engine::Engine,
     error::Error,
-    interrupt,
     output::{
         estimated::print_of,
         files::{MANIFEST, json as json_bytes},
@@ -49,7 +48,7 @@ pub struct PeerArgs {
 #[derive(Serialize)]
 struct Json<'a> {
     scene: &'a str,
-    areas: Vec<PeerArea>,
+    areas: Vec<PeerArea<'a>>,
     notes: &'a [String],
 }
 
@@ -79,7 +78,7 @@ pub fn run(
         engine.name()
     );
     let bar = progress::bar(question.walks());
-    let study = compare_peers(engine, question, interrupt::flag(), || bar.inc(1))
+    let study = compare_peers(common.how(), question, || bar.inc(1))
         .map_err(|error| error.of(&scene.name))?;
     let study = Peers(study);
     bar.finish_and_clear();

@@ -12,9 +12,7 @@ use zwidth::{
 
 use super::{Common, progress};
 use crate::{
-    engine::Engine,
     error::Error,
-    interrupt,
     output::{
         in_units::InUnits,
         recommended::{Answer, outside, sentences},
@@ -132,10 +130,8 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
         _ => (asked, parts),
     };
     let bar = progress::bar(parts.iter().map(Part::walks).sum());
-    let (engine, numeric) = (Engine::from(common.engine), common.numeric);
-    let stop = interrupt::flag();
     let of = (first, parts);
-    let made = DeviceRecord::of(&scene, &board, of, engine, numeric, stop, || bar.inc(1))?;
+    let made = DeviceRecord::of(&scene, &board, of, common.how(), || bar.inc(1))?;
     bar.finish_and_clear();
     let DeviceRecord { prepared, found, bytes } = made;
     outputs.write(place, &bytes)?;

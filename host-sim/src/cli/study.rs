@@ -77,7 +77,7 @@ fn load(path: &Path, common: &Common) -> Result<(Study, Subject), Error> {
     let stem = path.file_stem().unwrap_or(path.as_os_str());
     let subject = Subject {
         study: stem.to_string_lossy().into_owned(),
-        measure: study.file.measure.name(),
+        measure: study.file.keys.measure.name(),
         numeric: common.numeric.name(),
         points: study.points,
         units: study.units,

@@ -141,11 +141,10 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             change,
             result,
         });
-        let envelopes = envelopes(engine, &prepared, numeric, &result, interrupt::flag())?;
+        let envelopes = envelopes(common.how(), &prepared, &result)?;
         let limits = question.map(|question| {
             let bar = progress::bar(question.walks() as u64);
-            let (scene, stop) = (&scene.scene, interrupt::flag());
-            let results = limits(engine, scene, &question, numeric, stop, || bar.inc(1));
+            let results = limits(common.how(), &scene.scene, &question, || bar.inc(1));
             bar.finish_and_clear();
             results.map(|results| LimitStudy { question, results })
         });
@@ -157,8 +156,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
         let walked = |question: Option<LeverQuestion>| {
             let walked = question.map(|question| {
                 let bar = progress::bar(question.tasks() as u64);
-                let stop = interrupt::flag();
-                let results = walk_levers(engine, &question, numeric, stop, || bar.inc(1));
+                let results = walk_levers(common.how(), &question, || bar.inc(1));
                 bar.finish_and_clear();
                 results.map(|results| LeverStudy { question, results })
             });

@@ -53,7 +53,7 @@ pub struct Asked<'a> {
 #[derive(Serialize)]
 struct Json<'a> {
     scene: &'a str,
-    areas: Vec<UsableArea>,
+    areas: Vec<UsableArea<'a>>,
 }
 
 pub fn run(

@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     analysis::explain::{
-        Explained, Explanation,
+        Change, Explained, Explanation, Kind,
         table::{Row, digits},
     },
     scene::Units,
@@ -24,42 +24,38 @@ fn noise(value: f64) -> String {
 const DRAWN: usize = 4;
 
 /// Times the area, with its range; `?` where the starts cannot tell it from 1.
-fn times(row: &Row) -> String {
-    match (row.times_the_area, row.times_low, row.times_high) {
-        (Some(mean), Some(low), Some(high)) => {
-            let [mean, low, high] = [mean, low, high].map(digits);
-            let mark = if row.better == "unsure" { "?" } else { "" };
-            format!("{mean}{mark} ({low} to {high})")
-        }
-        _ => String::new(),
-    }
+fn times(row: &Row<'_>) -> String {
+    let Some(times) = row.times() else { return String::new() };
+    let [mean, low, high] = times.map(digits);
+    let mark = if row.better() == "unsure" { "?" } else { "" };
+    format!("{mean}{mark} ({low} to {high})")
 }
 
 /// Times that; `>` where a cap cut it.
-fn area(row: &Row, times: f64) -> String {
-    let cut = if row.capped_walks > 0 { ">" } else { "" };
-    format!("{cut}{}", digits(row.area_n2_s_per_m2 * times))
+fn area(row: &Row<'_>, times: f64) -> String {
+    let cut = if row.one.boundaries.capped() > 0 { ">" } else { "" };
+    format!("{cut}{}", digits(row.one.area()[0] * times))
 }
 
 /// Percent of the core.
-fn share(row: &Row) -> String {
-    row.share_of_core.map_or("?".into(), |share| format!("{:.2}", 100.0 * share))
+fn share(row: &Row<'_>) -> String {
+    row.share_of_core().map_or("?".into(), |share| format!("{:.2}", 100.0 * share))
 }
 
 /// What people read of it: rank, change, times the area, area, area by the scene's own criterion, peak K, K at B, noise, share of the core, cost.
 /// Areas, stiffnesses and velocities are multiplied by those factors.
-fn cells(row: &Row, [area, k, v]: [f64; 3]) -> [String; 10] {
+fn cells(row: &Row<'_>, [area, k, v]: [f64; 3]) -> [String; 10] {
     [
         if row.rank == 0 { String::new() } else { row.rank.to_string() },
-        row.what.clone(),
+        row.one.change.text.clone(),
         times(row),
         self::area(row, area),
-        row.scene_area_n2_s_per_m2.map_or_else(String::new, |of_scene| digits(area * of_scene)),
-        digits(k * row.stiffness_peak_n_per_m),
-        digits(k * row.stiffness_n_per_m),
-        noise(v * row.velocity_noise_m_per_s),
+        row.scene_area().map_or_else(String::new, |of_scene| digits(area * of_scene)),
+        digits(k * row.one.stiffness_peak()[0]),
+        digits(k * row.stiffness()[0]),
+        noise(v * row.one.noise_m_per_s),
         share(row),
-        row.cost.clone(),
+        row.one.change.cost.clone(),
     ]
 }
 
@@ -137,7 +133,7 @@ impl ExplainReport<'_> {
         for answer in self.found.answers() {
             let _ = write!(text, "\n{answer}");
         }
-        let hits: u64 = self.found.rows().iter().map(|row| row.hits).sum();
+        let hits: u64 = self.found.rows().iter().map(|row| row.one.hits).sum();
         let _ = write!(text, "\n{hits} wall hits");
         text
     }
@@ -171,11 +167,13 @@ impl ExplainReport<'_> {
     pub fn figure(&self) -> Result<Figure, FigureError> {
         let Explanation { base, changes, .. } = self.found;
         let curve = |one: &Explained| {
-            let text = one.change.as_ref().map_or("as it is".into(), |change| change.text.clone());
+            let own = one.change.kind == Kind::Nothing;
+            let Change { name, text, .. } = &one.change;
+            let (name, text) = if own { ("as it is", "as it is") } else { (*name, text.as_str()) };
             Curve {
-                name: one.change.as_ref().map_or("as it is", |change| change.name).into(),
+                name: name.into(),
                 detail: format!("{text}, {}", one.settings.name().text()),
-                ideal: one.change.is_none(),
+                ideal: own,
                 points: one
                     .boundaries
                     .first()

@@ -26,13 +26,13 @@ impl Peers {
             grid_text(&self.0.question.walk)
         );
         let width = self.0.rows.iter().map(|row| row.name.len()).max().unwrap_or(0);
-        for (place, of_loop) in self.0.question.loops.iter().enumerate() {
+        for (place, (loop_name, scene)) in self.0.question.loops.iter().enumerate() {
             let _ = write!(
                 text,
                 "\n  loop of {}, latency {} samples, the {} pushes\n  {:width$}",
-                of_loop.name,
-                of_loop.scene.actuator.latency,
-                of_loop.scene.wall_hit.push_by.name(),
+                loop_name,
+                scene.actuator.latency,
+                scene.wall_hit.push_by.name(),
                 ""
             );
             for limit in &self.0.question.limits {
@@ -42,10 +42,11 @@ impl Peers {
                 let _ = write!(text, "\n  {:width$}", row.name);
                 for n in 0..row.boundaries.len() {
                     let a = self.0.area(row, n);
-                    let cut = if a.capped_walks > 0 { ">" } else { "" };
-                    let share = a.share_of_true_velocity.unwrap_or_default() * 100.0;
+                    let cut = if a.boundaries().capped() > 0 { ">" } else { "" };
+                    let share = a.share_of_true_velocity().unwrap_or_default() * 100.0;
                     let digits = usize::from(share < 9.95);
-                    let cell = format!("{cut}{} {share:5.digits$} %", millions(a.area_n2_s_per_m2));
+                    let cell =
+                        format!("{cut}{} {share:5.digits$} %", millions(a.boundaries().area()));
                     let _ = write!(text, "  {cell:>14}");
                 }
             }

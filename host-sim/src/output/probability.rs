@@ -160,10 +160,12 @@ impl ProbabilityStudy {
              schema_version\n",
         );
         let mut rows = |cutoff_hz: f64, share: f64, fitted: bool, intervals: &[Interval]| {
-            for Interval { damping_n_s_per_m: b, low_n_per_m, high_n_per_m } in intervals {
+            for Interval { damping_n_s_per_m: b, stiffness_low_n_per_m, stiffness_high_n_per_m } in
+                intervals
+            {
                 let _ = writeln!(
                     text,
-                    "{cutoff_hz},{},{fitted},{b},{low_n_per_m},{high_n_per_m},{SCHEMA_VERSION}",
+                    "{cutoff_hz},{},{fitted},{b},{stiffness_low_n_per_m},{stiffness_high_n_per_m},{SCHEMA_VERSION}",
                     100.0 * share
                 );
             }
@@ -198,7 +200,7 @@ impl ProbabilityStudy {
         let points = |intervals: &[Interval]| {
             let upper = intervals.iter().map(|interval| BoundaryPoint {
                 damping_n_s_per_m: interval.damping_n_s_per_m,
-                stiffness_n_per_m: interval.high_n_per_m,
+                stiffness_n_per_m: interval.stiffness_high_n_per_m,
             });
             upper.collect()
         };

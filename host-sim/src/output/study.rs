@@ -86,7 +86,7 @@ impl Head {
             git_dirty: env!("ZWIDTH_DIRTY").parse().ok(),
             toolchain: env!("ZWIDTH_TOOLCHAIN").into(),
             target: env!("ZWIDTH_TARGET").into(),
-            measure: study.file.measure.name().into(),
+            measure: study.file.keys.measure.name().into(),
             numeric: numeric.name().into(),
             points: study.points,
             units: study.units,

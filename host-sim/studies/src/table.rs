@@ -2,6 +2,8 @@
 
 use std::{borrow::Cow, fmt::Write as _};
 
+use serde::{Serialize, Serializer};
+
 /// What a column holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -63,6 +65,22 @@ impl Cell {
     }
 }
 
+/// As JSON has it.
+impl Serialize for Cell {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Empty => serializer.serialize_none(),
+            Self::Number(value) => serializer.serialize_f64(*value),
+            Self::Whole(value) => serializer.serialize_u64(*value),
+            Self::Text(text) | Self::Quoted(text) => serializer.serialize_str(text),
+            Self::Flag(value) => serializer.serialize_bool(*value),
+        }
+    }
+}
+
+/// What is told of an `R`: the name of a column, what it holds, and the cell of a row.
+pub type Told<R> = (&'static str, Kind, fn(&R) -> Cell);
+
 /// A column's name and kind.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Column {
@@ -108,6 +126,14 @@ impl Table {
     pub fn new<N: Into<String>>(columns: impl IntoIterator<Item = (N, Kind)>) -> Self {
         let column = |(name, kind): (N, Kind)| Column { name: name.into(), kind };
         Self { columns: columns.into_iter().map(column).collect(), rows: vec![] }
+    }
+
+    /// What is told of each of those.
+    pub fn of<R>(columns: &[Told<R>], rows: &[R]) -> Self {
+        let mut table = Self::new(columns.iter().map(|(name, kind, _)| (*name, *kind)));
+        let cells = |row: &R| columns.iter().map(|(.., cell)| cell(row)).collect();
+        table.rows = rows.iter().map(cells).collect();
+        table
     }
 
     /// The table as CSV.

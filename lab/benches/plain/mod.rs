@@ -1,8 +1,10 @@
 //! A plain scalar `f64` loop of the same maths as a wall hit, written without any of the simulator's
-//! parts: the yardstick of the benchmarks. On the boundary it is in a limit cycle, so no state ever gets
+//! parts but the
+//! coefficients of its filter: the yardstick of the benchmarks. On the boundary it is in a limit cycle, so no state ever gets
 //! subnormal.
 
-use std::f64::consts::PI;
+use host_sim::simulation::twin::LowPass;
+use zwidth::velocity::ButterworthDesign;
 
 /// Samples of a hit.
 pub const SAMPLES: usize = 60_000;
@@ -35,10 +37,9 @@ pub struct Butterworth {
 
 impl Default for Butterworth {
     fn default() -> Self {
-        let w = 2.0 * PI * 1500.0 * T;
-        let a0 = 4.0 + 8f64.sqrt() * w + w * w;
-        let a = [(2.0 * w * w - 8.0) / a0, (4.0 - 8f64.sqrt() * w + w * w) / a0];
-        Self { b0: w * w / a0, a, x: [0.0; 2], y: [0.0; 2] }
+        let LowPass { b: [b0, ..], a, .. } =
+            ButterworthDesign::new(1500.0, 1.0 / T, false).unwrap().into();
+        Self { b0, a, x: [0.0; 2], y: [0.0; 2] }
     }
 }
 

@@ -43,7 +43,7 @@ fn table_in(
         told: true,
     };
     let stop = AtomicBool::new(false);
-    limits(Engine::lanes(), &scene, &question, numeric, &stop, || ()).unwrap()
+    limits(How { engine: Engine::lanes(), numeric, stop: &stop }, &scene, &question, || ()).unwrap()
 }
 
 /// Holds areas in 10^6 N^2 s/m^2 to a row of a table, where it says more than 1: within 3 % of the areas of four starts.

@@ -225,7 +225,7 @@ fn any(dice: &mut Dice) -> Loop {
     let plain = TransferFunction::finite_difference(rate_hz);
     let estimator = match dice.below(3) {
         0 => plain,
-        _ => TransferFunction::paper(rate_hz, rate_hz * dice.decades(5e-3, 0.4)),
+        _ => TransferFunction::paper(rate_hz, rate_hz * dice.decades(5e-3, 0.4)).unwrap(),
     };
     let elements = Elements {
         amplifier: dice

@@ -10,7 +10,7 @@ use super::{
 use crate::simulation::{
     controller::{Controller as _, Replaceable},
     prepared::{PreparedScene, WallHit},
-    twin::{FLUSH_BELOW, LowPass, Rounding},
+    twin::{FLUSH_BELOW, Rounding, Section},
 };
 
 /// The twin's loop in lanes.
@@ -62,7 +62,7 @@ impl<S: SimdOps, const R: usize> LaneController<S, R> for FloatLoop<S, R> {
         let twin = prepared.twin_of_core(hit, self.rounding)?;
         let (vector, place) = place::<S>(lane);
         let (state, gains) = (&mut self.states[vector], &mut self.gains[vector]);
-        if let Some(LowPass { past, b0, a }) = twin.low_pass() {
+        if let Some(Section { past, b0, a }) = twin.low_pass() {
             let [stiffness, damping] = twin.wall_gains();
             let push = Replaceable::push(&twin);
             let [p1, p2] = &mut gains.past;

@@ -6,3 +6,9 @@ pub mod fft;
 pub mod integrator;
 pub mod random;
 pub mod statistics;
+
+/// A number of things: what is below 0 is none.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+pub fn whole(value: f64) -> usize {
+    value as usize
+}

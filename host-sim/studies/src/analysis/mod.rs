@@ -5,7 +5,7 @@ pub mod agree;
 pub mod compare;
 pub mod design;
 #[cfg(test)]
-mod doors;
+mod doors_tests;
 pub mod explain;
 pub mod identify;
 pub mod linear;

@@ -7,7 +7,7 @@
 //! the limit of the wall hit. It may also lie below: the hit starts far from rest, and saturation
 //! delays the force.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use zwidth::VelocitySettings;
 
@@ -15,7 +15,8 @@ use crate::{
     analysis::linear::{self, LinearError, passivity::Passivity},
     engine::Engine,
     error::Error,
-    simulation::prepared::{HitReport, Numeric, PreparedScene, WallHit},
+    interrupt,
+    simulation::prepared::{HitReport, Numeric, PreparedScene},
     study::{boundary::BoundaryPoint, walk::walk},
 };
 
@@ -59,15 +60,9 @@ pub fn explain(
         .points
         .into_iter()
         .map(|point| {
-            if stop.load(Ordering::Relaxed) {
-                return Err(Error::Interrupted);
-            }
-            let BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m } = point;
-            let limit = envelope.at(damping_n_s_per_m).map_err(Error::input)?;
-            let start_offset_counts = 0.0;
-            let wall =
-                WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts };
-            let report = prepared.report(numeric, &wall)?;
+            interrupt::unless(stop)?;
+            let limit = envelope.at(point.damping_n_s_per_m).map_err(Error::input)?;
+            let report = prepared.report(numeric, &point.hit(velocity))?;
             Ok(Explained {
                 point,
                 linear_n_per_m: limit.stiffness_max,
@@ -106,6 +101,7 @@ mod tests {
     use crate::{
         analysis::linear::{Device, Loop, TransferFunction},
         scene::NamedScene,
+        simulation::prepared::WallHit,
     };
 
     #[test]
@@ -118,8 +114,11 @@ mod tests {
         };
         let cutoff_hz = 500.0;
         let rate_hz = scene.control.rate_hz;
-        let mut of =
-            Loop::single_rate(device, rate_hz, TransferFunction::paper(rate_hz, cutoff_hz));
+        let mut of = Loop::single_rate(
+            device,
+            rate_hz,
+            TransferFunction::paper(rate_hz, cutoff_hz).unwrap(),
+        );
         of.period = scene.actuator.period;
         of.latency_samples = scene.actuator.latency;
         let envelope = linear::Boundary::new(&of).unwrap();
@@ -156,7 +155,7 @@ mod tests {
     fn a_point_in_a_further_stable_stretch_is_stable() {
         // a filter far slower than a sprung device, as in the linear analysis' own test
         let device = Device { mass_kg: 0.4, damping_n_s_per_m: 5.0, stiffness_n_per_m: 1e4 };
-        let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0));
+        let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0).unwrap());
         let envelope = linear::Boundary::new(&of).unwrap();
         let scene = NamedScene::load("paper-1um").unwrap().scene;
         let (damping_n_s_per_m, limit) = (250..320)
@@ -209,7 +208,7 @@ mod tests {
         }
         assert_eq!(passivity.stiffness_max(5.5, 6.0).unwrap(), None);
         // The loop as it runs: inside its own envelope, which begins at 3693 N/m.
-        of = Loop::single_rate(Device::PAPER, 1e4, TransferFunction::paper(1e4, 1500.0));
+        of = Loop::single_rate(Device::PAPER, 1e4, TransferFunction::paper(1e4, 1500.0).unwrap());
         (of.period, of.latency_samples) = (10, 10.0);
         let b = of.device.damping_n_s_per_m;
         let region = passive_region(b, &Passivity::new(&of).unwrap()).unwrap();

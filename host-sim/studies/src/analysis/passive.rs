@@ -10,19 +10,20 @@ use super::compare::roughness;
 use zwidth::VelocitySettings;
 
 use crate::{
-    engine::Engine,
     error::Error,
     interrupt,
     scene::{PassivityTable, RmsOf, Scene, Walk},
     simulation::{
         Sample,
+        port::PortReport,
         prepared::{Numeric, PreparedScene, WallHit},
     },
     study::{
+        How,
         boundary::Boundaries,
         limits::{Limit, Question, Situation, limits},
     },
-    table::{Cell, Kind, Table},
+    table::{Cell, Kind, Table, Told},
 };
 
 /// Walls of a boundary that are hit, at most: as many of its B, evenly.
@@ -128,10 +129,9 @@ pub struct PassiveStudy {
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
 pub fn passive(
-    engine: Engine,
+    how: How<'_>,
     scene: &Scene,
     question: PassiveQuestion,
-    stop: &AtomicBool,
     done: impl Fn() + Sync,
 ) -> Result<PassiveStudy, Error> {
     let plain = Scene { passivity: None, ..scene.clone() };
@@ -147,7 +147,8 @@ pub fn passive(
         situations: vec![Situation { push: scene.wall_hit.push_by, arm: None }],
         told: false,
     };
-    let walked = |scene: &Scene| limits(engine, scene, &asked, Numeric::Fixed, stop, &done);
+    let how = How { numeric: Numeric::Fixed, ..how };
+    let walked = |scene: &Scene| limits(how, scene, &asked, &done);
     let [without, passive] = [walked(&plain)?, walked(&with)?];
     let (mut rows, mut by_length) = (vec![], vec![]);
     for (before, after) in without.iter().zip(&passive) {
@@ -157,12 +158,12 @@ pub fn passive(
             for (controller, scene, at) in [(false, &plain, plain_at), (true, &with, passive_at)] {
                 let prepared = PreparedScene::new(scene)?;
                 let [own, passive] = &walls;
-                let of = |walls: &[WallHit]| hits(&prepared, walls, reserve_j, stop);
+                let of = |walls: &[WallHit]| hits(&prepared, walls, reserve_j, how.stop);
                 for &settle_s in &question.settles_s {
                     let mut scene = scene.clone();
                     scene.wall_hit.settle_s = settle_s;
                     let (limit, cutoff_hz) = (before.limit, velocity.cutoff_hz());
-                    let mut length = length(&PreparedScene::new(&scene)?, own, limit, stop)?;
+                    let mut length = length(&PreparedScene::new(&scene)?, own, limit, how.stop)?;
                     (length.cutoff_hz, length.controller) = (cutoff_hz, controller);
                     by_length.push(length);
                 }
@@ -184,13 +185,7 @@ pub fn passive(
 fn walls(boundaries: &Boundaries, velocity: VelocitySettings) -> Vec<WallHit> {
     let Some(first) = boundaries.first() else { return vec![] };
     let step = first.points.len().div_ceil(WALLS).max(1);
-    let hit = |point: &crate::study::boundary::BoundaryPoint| WallHit {
-        velocity,
-        stiffness_n_per_m: point.stiffness_n_per_m,
-        damping_n_s_per_m: point.damping_n_s_per_m,
-        start_offset_counts: 0.0,
-    };
-    first.points.iter().step_by(step).map(hit).collect()
+    first.points.iter().step_by(step).map(|wall| wall.hit(velocity)).collect()
 }
 
 /// What a wall's force does along the true motion, anew for each contact.
@@ -232,6 +227,9 @@ impl MotionAccount {
     }
 }
 
+/// Of a hit: its port, the most that was given by the motion, what the damping takes, and the sag.
+type Shown = (PortReport, f64, f64, f64);
+
 /// The walls, hit for as long as the scene says.
 fn length(
     prepared: &PreparedScene,
@@ -267,31 +265,23 @@ fn length(
         let sag = wall.stiffness_n_per_m * (report.mean_m - surface_m) / hit.push_n;
         Ok::<_, Error>((report.port, account.given_j, fed_w, sag))
     };
-    let all: Vec<_> = walls.par_iter().map(of_wall).collect::<Result<_, _>>()?;
-    #[expect(clippy::cast_precision_loss, reason = "at most 24")]
+    let all: Vec<Shown> = walls.par_iter().map(of_wall).collect::<Result<_, _>>()?;
     let part = 1.0 / all.len().max(1) as f64;
-    let mut sum = Length {
+    let most = |of: fn(&Shown) -> f64| all.iter().map(of).fold(0.0, f64::max);
+    let mean = |of: fn(&Shown) -> f64| all.iter().map(of).fold(0.0, |sum, one| sum + part * one);
+    Ok(Length {
         cutoff_hz: None,
         limit,
         controller: false,
         settle_s: hit.settle_s,
         walls: all.len(),
-        given_j: 0.0,
-        given_by_motion_j: 0.0,
-        fed_w: 0.0,
-        withheld_fraction: 0.0,
-        withheld_most_fraction: 0.0,
-        sag: 0.0,
-    };
-    for (port, given_j, fed_w, sag) in all {
-        sum.given_j = sum.given_j.max(port.given_j);
-        sum.given_by_motion_j = sum.given_by_motion_j.max(given_j);
-        sum.fed_w += part * fed_w;
-        sum.withheld_fraction += part * port.withheld_fraction;
-        sum.withheld_most_fraction = sum.withheld_most_fraction.max(port.withheld_fraction);
-        sum.sag += part * sag;
-    }
-    Ok(sum)
+        given_j: most(|(port, ..)| port.given_j),
+        given_by_motion_j: most(|(_, given_j, ..)| *given_j),
+        fed_w: mean(|(.., fed_w, _)| *fed_w),
+        withheld_fraction: mean(|(port, ..)| port.withheld_fraction),
+        withheld_most_fraction: most(|(port, ..)| port.withheld_fraction),
+        sag: mean(|(.., sag)| *sag),
+    })
 }
 
 fn hits(
@@ -309,7 +299,6 @@ fn hits(
         })
         .collect::<Result<_, _>>()?;
     let mut sum = Hits { walls: all.len(), ..Hits::default() };
-    #[expect(clippy::cast_precision_loss, reason = "at most 24")]
     let part = 1.0 / all.len().max(1) as f64;
     for (report, roughness_n) in &all {
         let port = &report.port;
@@ -324,100 +313,63 @@ fn hits(
     Ok(sum)
 }
 
+/// A row of the table: a boundary whose walls were hit, and of which boundary they are.
+type Hit<'a> = (&'a PassiveStudy, &'a PassiveRow, &'static str, Hits);
+
+use Kind::{Flag, Number, Text, Whole};
+
 impl PassiveStudy {
+    const LENGTHS: [Told<Length>; 12] = [
+        ("cutoff_hz", Number, |row| Cell::number(row.cutoff_hz)),
+        ("limit", Number, |row| row.limit.told().0.into()),
+        ("limit_unit", Text, |row| row.limit.told().1.into()),
+        ("controller", Flag, |row| row.controller.into()),
+        ("settle_s", Number, |row| row.settle_s.into()),
+        ("walls", Whole, |row| Cell::count(row.walls)),
+        ("given_j", Number, |row| row.given_j.into()),
+        ("given_by_motion_j", Number, |row| row.given_by_motion_j.into()),
+        ("fed_w", Number, |row| row.fed_w.into()),
+        ("withheld_fraction", Number, |row| row.withheld_fraction.into()),
+        ("withheld_most_fraction", Number, |row| row.withheld_most_fraction.into()),
+        ("sag", Number, |row| row.sag.into()),
+    ];
+
     /// A row for each limit, cutoff and length of the hits, without the controller and with it.
     pub fn length_table(&self) -> Table {
-        use Kind::{Flag, Number, Text, Whole};
-        let mut table = Table::new([
-            ("cutoff_hz", Number),
-            ("limit", Number),
-            ("limit_unit", Text),
-            ("controller", Flag),
-            ("settle_s", Number),
-            ("walls", Whole),
-            ("given_j", Number),
-            ("given_by_motion_j", Number),
-            ("fed_w", Number),
-            ("withheld_fraction", Number),
-            ("withheld_most_fraction", Number),
-            ("sag", Number),
-        ]);
-        for row in &self.lengths {
-            let (limit, unit) = row.limit.told();
-            table.rows.push(vec![
-                Cell::number(row.cutoff_hz),
-                limit.into(),
-                unit.into(),
-                row.controller.into(),
-                row.settle_s.into(),
-                Cell::count(row.walls),
-                row.given_j.into(),
-                row.given_by_motion_j.into(),
-                row.fed_w.into(),
-                row.withheld_fraction.into(),
-                row.withheld_most_fraction.into(),
-                row.sag.into(),
-            ]);
-        }
-        table
+        Table::of(&Self::LENGTHS, &self.lengths)
     }
 
     /// A row for each limit, cutoff, and boundary whose walls were hit.
     pub fn table(&self) -> Table {
-        use Kind::{Flag, Number, Text, Whole};
-        let mut table = Table::new([
-            ("cutoff_hz", Number),
-            ("limit", Number),
-            ("limit_unit", Text),
-            ("controller", Flag),
-            ("area_n2_s_per_m2", Number),
-            ("area_low_n2_s_per_m2", Number),
-            ("area_high_n2_s_per_m2", Number),
-            ("stiffness_peak_n_per_m", Number),
-            ("capped_walks", Whole),
-            ("walks", Whole),
-            ("walls_of", Text),
-            ("walls", Whole),
-            ("reserve_j", Number),
-            ("given_j", Number),
-            ("walls_beyond_reserve", Whole),
-            ("limited_fraction", Number),
-            ("withheld_fraction", Number),
-            ("saturated_fraction", Number),
-            ("rms_motion_m", Number),
-            ("roughness_n", Number),
-        ]);
-        for row in &self.rows {
-            let (limit, unit) = row.limit.told();
-            let [low, high] = row.boundaries.area_range();
-            for (walls_of, hits) in ["without", "with"].into_iter().zip(&row.hits) {
-                if walls_of == "with" && !row.controller {
-                    continue;
-                }
-                table.rows.push(vec![
-                    Cell::number(row.cutoff_hz),
-                    limit.into(),
-                    unit.into(),
-                    row.controller.into(),
-                    row.boundaries.area().into(),
-                    low.into(),
-                    high.into(),
-                    row.boundaries.stiffness_peak_n_per_m().into(),
-                    Cell::count(row.boundaries.capped()),
-                    Cell::Whole(self.question.repeats.into()),
-                    walls_of.into(),
-                    Cell::count(hits.walls),
-                    self.reserve_j.into(),
-                    hits.given_j.into(),
-                    Cell::count(hits.beyond),
-                    hits.limited_fraction.into(),
-                    hits.withheld_fraction.into(),
-                    hits.saturated_fraction.into(),
-                    hits.rms_motion_m.into(),
-                    hits.roughness_n.into(),
-                ]);
-            }
-        }
-        table
+        let columns: [Told<Hit<'_>>; 20] = [
+            ("cutoff_hz", Number, |(_, row, ..)| Cell::number(row.cutoff_hz)),
+            ("limit", Number, |(_, row, ..)| row.limit.told().0.into()),
+            ("limit_unit", Text, |(_, row, ..)| row.limit.told().1.into()),
+            ("controller", Flag, |(_, row, ..)| row.controller.into()),
+            ("area_n2_s_per_m2", Number, |(_, row, ..)| row.boundaries.area().into()),
+            ("area_low_n2_s_per_m2", Number, |(_, row, ..)| row.boundaries.area_range()[0].into()),
+            ("area_high_n2_s_per_m2", Number, |(_, row, ..)| row.boundaries.area_range()[1].into()),
+            ("stiffness_peak_n_per_m", Number, |(_, row, ..)| {
+                row.boundaries.stiffness_peak_n_per_m().into()
+            }),
+            ("capped_walks", Whole, |(_, row, ..)| Cell::count(row.boundaries.capped())),
+            ("walks", Whole, |(study, ..)| Cell::Whole(study.question.repeats.into())),
+            ("walls_of", Text, |(.., walls_of, _)| (*walls_of).into()),
+            ("walls", Whole, |(.., hits)| Cell::count(hits.walls)),
+            ("reserve_j", Number, |(study, ..)| study.reserve_j.into()),
+            ("given_j", Number, |(.., hits)| hits.given_j.into()),
+            ("walls_beyond_reserve", Whole, |(.., hits)| Cell::count(hits.beyond)),
+            ("limited_fraction", Number, |(.., hits)| hits.limited_fraction.into()),
+            ("withheld_fraction", Number, |(.., hits)| hits.withheld_fraction.into()),
+            ("saturated_fraction", Number, |(.., hits)| hits.saturated_fraction.into()),
+            ("rms_motion_m", Number, |(.., hits)| hits.rms_motion_m.into()),
+            ("roughness_n", Number, |(.., hits)| hits.roughness_n.into()),
+        ];
+        let rows = self.rows.iter().flat_map(|row| {
+            let [without, with] = row.hits;
+            let with = row.controller.then_some((self, row, "with", with));
+            [(self, row, "without", without)].into_iter().chain(with)
+        });
+        Table::of(&columns, &rows.collect::<Vec<_>>())
     }
 }

@@ -13,7 +13,7 @@ use std::{
 
 use zwidth::{
     LoopParameters, Motion,
-    telemetry::{Flags, InForce, Key, Record},
+    telemetry::{Flags, Key, Record},
     units::{Force, Position, Velocity},
     velocity::{self, Senses, Tuned},
 };
@@ -94,7 +94,7 @@ struct Told {
 struct Run {
     told: Vec<Told>,
     keys: Vec<Key>,
-    settings: HashMap<u16, (InForce, Option<LoopParameters>)>,
+    settings: HashMap<u16, Option<LoopParameters>>,
 }
 
 impl Recomputed {
@@ -159,57 +159,30 @@ impl Recomputed {
     /// The samples of a chunk; false if a count is another one than it was.
     fn add(&mut self, run: &mut Run, chunk: &Chunk) -> bool {
         for settings in &chunk.settings {
-            run.settings.insert(
-                settings.number,
-                (*settings, settings.settings.build(&settings.design).ok()),
-            );
+            run.settings.insert(settings.number, settings.settings.build(&settings.design).ok());
         }
         run.keys.extend(chunk.key);
         let Some(newest) = chunk.outputs.last().map(|record| record.sample) else { return true };
-        let mut samples: Vec<Told> = match chunk.positions.len() {
-            0 => chunk
-                .outputs
-                .iter()
-                .map(|r| Told { sample: r.sample, position: r.position, output: None })
-                .collect(),
-            n => (0..n as u64)
-                .zip(&chunk.positions)
-                .map(|(k, &position)| Told {
-                    sample: newest + 1 + k - n as u64,
-                    position,
-                    output: None,
-                })
-                .collect(),
+        let told = |sample, position| Told { sample, position, output: None };
+        let mut samples: Vec<Told> = match chunk.positions.len() as u64 {
+            0 => chunk.outputs.iter().map(|record| told(record.sample, record.position)).collect(),
+            n => (newest + 1 - n..).zip(&chunk.positions).map(|(at, p)| told(at, *p)).collect(),
         };
         let mut same = true;
         for (record, push) in chunk.outputs.iter().zip(&chunk.pushes) {
             let Some(told) = samples.iter_mut().find(|told| told.sample == record.sample) else {
                 continue;
             };
-            if told.position != record.position {
-                self.differ(
-                    record.sample,
-                    "count",
-                    record.position.counts(),
-                    told.position.counts(),
-                );
-                same = false;
-            }
+            same &= self.count(record.sample, record.position, told.position);
             told.output = Some((*record, *push));
         }
         let known = run.told.last().copied();
         for told in samples {
             match known {
-                Some(last) if told.sample == last.sample && told.position != last.position => {
-                    self.differ(
-                        told.sample,
-                        "count",
-                        told.position.counts(),
-                        last.position.counts(),
-                    );
-                    same = false;
+                Some(last) if told.sample == last.sample => {
+                    same &= self.count(told.sample, told.position, last.position);
                 }
-                Some(last) if told.sample <= last.sample => {}
+                Some(last) if told.sample < last.sample => {}
                 _ => run.told.push(told),
             }
         }
@@ -224,6 +197,14 @@ impl Recomputed {
         core: impl Into<i64>,
     ) {
         self.differences.push(Difference { sample, what, board: board.into(), core: core.into() });
+    }
+
+    /// Whether a count is what it was told to be.
+    fn count(&mut self, sample: u64, told: Position, before: Position) -> bool {
+        if told != before {
+            self.differ(sample, "count", told.counts(), before.counts());
+        }
+        told == before
     }
 
     /// Everything up to a reset, or to the end.
@@ -253,41 +234,34 @@ impl Recomputed {
             .iter()
             .filter(|key| (first.sample..=last.sample).contains(&key.sample))
             .collect();
+        let mut changes = 0;
         for (n, key) in keys.iter().enumerate().take_while(|_| !stop.load(Relaxed)) {
             let at = place(key);
             let next = keys.get(n + 1);
             let until = next.map_or(stretch.len() - 1, |next| place(next));
             let tuned = |key: &Key| {
-                let (_, parameters) = run.settings.get(&key.settings)?;
-                parameters.as_ref().map(|parameters| parameters.estimator)
+                let parameters = run.settings.get(&key.settings)?.as_ref();
+                parameters.map(|parameters| parameters.estimator)
             };
+            let mut unknown = |why| self.unknown.push((key.sample, stretch[until].sample, why));
             let Some(estimator) = tuned(key) else {
-                self.unknown.push((
-                    key.sample,
-                    stretch[until].sample,
-                    "settings that were not told",
-                ));
+                unknown("settings that were not told");
                 continue;
             };
             let last = (key.position, key.velocity);
             let Some(state) = velocity::State::of(&estimator, last, key.memory()) else {
-                self.unknown.push((
-                    key.sample,
-                    stretch[until].sample,
-                    "an estimator of more than counts",
-                ));
+                unknown("an estimator of more than counts");
                 continue;
             };
             let samples = &stretch[at..=until];
             let path = match next {
                 Some(next) if (next.tuning, next.zeros) != (key.tuning, key.zeros) => {
-                    self.changes += 1;
+                    changes += 1;
                     let Some(after) = tuned(next) else { continue };
                     let change = (next.tuning != key.tuning).then(|| after.after(&estimator));
                     let Some(path) = followed(samples, state, (&estimator, change), key, next)
                     else {
-                        let why = "a change between two keys that nothing explains";
-                        self.unknown.push((key.sample, stretch[until].sample, why));
+                        unknown("a change between two keys that nothing explains");
                         continue;
                     };
                     path
@@ -305,6 +279,7 @@ impl Recomputed {
                 }
             }
         }
+        self.changes += changes;
     }
 
     /// Keeps what was computed, up to the first output that says something else.
@@ -330,26 +305,23 @@ impl Recomputed {
 
     /// Whether the force of an output is the core's, where nothing but wall and push decides it.
     fn force(&mut self, run: &Run, record: &Record, motion: Motion, push: Force) -> bool {
-        let Some((_, Some(parameters))) = run.settings.get(&record.settings) else { return true };
+        let Some(Some(parameters)) = run.settings.get(&record.settings) else { return true };
         let (flags, drive) = (record.flags, parameters.render(motion, push));
-        let differs = if flags.contains(Flags::CONTACT) != drive.contact {
-            Some(("contact", i64::from(!drive.contact), i64::from(drive.contact)))
+        let (told, core) = (record.force.bits(), drive.force.bits());
+        let (what, board, core): (_, i64, i64) = if flags.contains(Flags::CONTACT) != drive.contact
+        {
+            ("contact", (!drive.contact).into(), drive.contact.into())
         } else if !flags.contains(Flags::ON) {
-            (record.force != Force::ZERO).then_some((
-                "force while off",
-                record.force.bits().into(),
-                0,
-            ))
+            ("force while off", told.into(), 0)
         } else if !flags.contains(Flags::ARMED) || flags.contains(Flags::CHANGING) {
             return true; // the supervisor's fade and ramp
-        } else if record.force != drive.force {
-            Some(("force", record.force.bits().into(), drive.force.bits().into()))
+        } else if told != core {
+            ("force", told.into(), core.into())
         } else {
-            let (board, core) =
-                (record.command.code(), parameters.actuator.command(drive.force).code());
-            (board != core).then_some(("command", board.into(), core.into()))
+            let core = parameters.actuator.command(drive.force).code();
+            ("command", record.command.code().into(), core.into())
         };
-        if let Some((what, board, core)) = differs {
+        if board != core {
             self.differ(motion.sample, what, board, core);
             return false;
         }
@@ -383,32 +355,20 @@ fn follow(
 ) -> Path {
     let mut velocities = vec![state.last().1];
     let mut estimator = *before;
-    let mut force = samples
-        .first()
-        .and_then(|told| told.output)
-        .map_or(Force::ZERO, |(record, _)| record.force);
+    let first = samples.first().and_then(|told| told.output);
+    let mut force = first.map_or(Force::ZERO, |(record, _)| record.force);
     for (n, told) in samples.iter().enumerate().skip(1) {
-        if let Some((at, after)) = change
-            && at == n
-        {
+        if let Some((_, after)) = change.filter(|(at, _)| *at == n) {
             estimator = after;
         }
-        let senses = Senses { force, ..Senses::NONE };
-        let velocity = if let Some((at, moved)) = zero
-            && at == n
-        {
-            let (before, _) = state.last();
-            let velocity = estimator.update(
-                &mut state,
-                Position::from_counts(before.counts().wrapping_add(moved)),
-                &senses,
-            );
+        let zeroed = zero.filter(|(at, _)| *at == n);
+        let before = state.last().0.counts();
+        let position = zeroed
+            .map_or(told.position, |(_, moved)| Position::from_counts(before.wrapping_add(moved)));
+        velocities.push(estimator.update(&mut state, position, &Senses { force, ..Senses::NONE }));
+        if zeroed.is_some() {
             state.rebase(told.position);
-            velocity
-        } else {
-            estimator.update(&mut state, told.position, &senses)
-        };
-        velocities.push(velocity);
+        }
         if let Some((record, _)) = told.output {
             force = record.force;
         }

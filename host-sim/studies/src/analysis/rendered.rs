@@ -70,7 +70,6 @@ struct Encoder<'a> {
 impl Encoder<'_> {
     fn count(&self, sample: u64, position_m: impl Fn(f64) -> f64) -> i32 {
         let scene = self.scene;
-        #[expect(clippy::cast_precision_loss, reason = "below 2^32")]
         let mut time = sample as f64;
         if let Some(jitter) = &scene.jitter {
             time += jitter.delay_s(jitter.level(self.hit, sample)) * scene.control.rate_hz;

@@ -4,9 +4,15 @@
 //! neighbour if there is one (another start, another tuning); of all walls that may come the likeliest is taken. A wrong
 //! guess costs a hit in a lane that had nothing to do. It changes no boundary and no count of hits.
 
-use std::{cmp::Ordering, collections::BinaryHeap};
+use std::{
+    cmp::Reverse,
+    collections::{BTreeMap, BinaryHeap},
+};
 
 use zwidth::experiment::{Cell, Verdict, Walk};
+
+use super::boundary::Progress;
+use crate::simulation::prepared::HitError;
 
 /// How far a guess of the boundary's K may be off, steps.
 const OFF_STEPS: f64 = 1.2;
@@ -49,66 +55,54 @@ impl Guide {
 /// B over which a trend is taken, steps.
 const TREND: i32 = 4;
 
-/// A walk that may come to be, and how likely it is.
-struct Likely {
-    chance: f64,
-    of: usize,
-    walk: Walk,
+/// A walk that has begun, and looks ahead.
+pub struct Running {
+    pub progress: Progress,
+    /// Its boundary so far, and that of a neighbour.
+    pub guide: Guide,
+    pub neighbour: Guide,
+    /// Verdicts of cells that it has not come to yet.
+    pub known: BTreeMap<(i32, i32), Result<Verdict, HitError>>,
+    /// Cells that lanes have.
+    pub running: Vec<Cell>,
 }
 
-impl PartialEq for Likely {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
+impl Running {
+    fn known(&self, cell: Cell) -> Option<Verdict> {
+        let verdict = self.known.get(&place(cell))?;
+        Some(verdict.as_ref().copied().unwrap_or(Verdict::Unstable))
     }
 }
 
-impl Eq for Likely {}
-
-impl PartialOrd for Likely {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Likely {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.chance.total_cmp(&other.chance).then_with(|| other.of.cmp(&self.of))
-    }
-}
-
-/// A walk that looks ahead.
-pub trait Walking {
-    fn walk(&self) -> Walk;
-    /// The verdict of a cell, if it is known.
-    fn known(&self, cell: Cell) -> Option<Verdict>;
-    /// A lane has it.
-    fn is_running(&self, cell: Cell) -> bool;
-    /// Its own boundary so far, and that of a neighbour.
-    fn guides(&self) -> [&Guide; 2];
+pub fn place(cell: Cell) -> (i32, i32) {
+    (cell.stiffness, cell.damping)
 }
 
 /// The walk and the cell that is most likely to be needed, of those that are neither known nor running.
-pub fn likeliest<'a, W: Walking + 'a>(
-    walks: impl Iterator<Item = (usize, &'a W)> + Clone,
-) -> Option<(usize, Cell)> {
-    let start = |(of, walking): (usize, &W)| Likely { chance: 1.0, of, walk: walking.walk() };
-    let mut heap: BinaryHeap<Likely> = walks.clone().map(start).collect();
+pub fn likeliest(running: &BTreeMap<usize, Running>) -> Option<(usize, Cell)> {
+    // Walks that may come to be; the likeliest is looked at first, of two alike that of the first walk. A chance is not
+    // below 0, so its bits are in its order.
+    let mut walks: Vec<Walk> = running.values().map(|of| of.progress.walk()).collect();
+    let start = |(place, of)| (1f64.to_bits(), Reverse(of), Reverse(place));
+    let mut heap: BinaryHeap<_> = running.keys().copied().enumerate().map(start).collect();
     for _ in 0..LOOKED_AT_MAX {
-        let Likely { chance, of, walk } = heap.pop()?;
-        let (_, walking) = walks.clone().find(|(number, _)| *number == of)?;
+        let (chance, Reverse(of), Reverse(place)) = heap.pop()?;
+        let (walking, walk) = (running.get(&of)?, walks[place]);
         let cell = walk.cell();
         let known = walking.known(cell);
-        if known.is_none() && !walking.is_running(cell) {
+        if known.is_none() && !walking.running.contains(&cell) {
             return Some((of, cell));
         }
         let stable = match known {
             Some(verdict) => f64::from(u8::from(verdict == Verdict::Stable)),
-            None => stable(walking.guides(), cell),
+            None => stable([&walking.guide, &walking.neighbour], cell),
         };
         for (verdict, share) in [(Verdict::Stable, stable), (Verdict::Unstable, 1.0 - stable)] {
             let mut walk = walk;
             if share > 0.0 && walk.report(verdict).is_ok_and(|step| step.ended.is_none()) {
-                heap.push(Likely { chance: chance * share, of, walk });
+                let chance = f64::from_bits(chance) * share;
+                heap.push((chance.to_bits(), Reverse(of), Reverse(walks.len())));
+                walks.push(walk);
             }
         }
     }

@@ -1,7 +1,5 @@
 //! The envelope of a board's device record: a sweep for every estimator, design and output period that the scene lists.
 
-use std::sync::atomic::AtomicBool;
-
 use zwidth::{
     VelocitySettings,
     device::record::BoardFacts,
@@ -10,12 +8,12 @@ use zwidth::{
 };
 
 use crate::{
-    engine::Engine,
     error::Error,
     scene::{BoardTable, NamedScene, Scene, VelocityTable, record::Prepared},
-    simulation::prepared::{Numeric, PreparedScene},
+    simulation::prepared::PreparedScene,
     study::{
-        envelope::{Interval, envelopes},
+        How,
+        envelope::envelopes,
         sweep::{Plan, SweepResult, filters, sweep},
     },
 };
@@ -115,14 +113,11 @@ impl DeviceRecord {
         named: &NamedScene,
         board: &BoardFacts,
         (first, parts): (VelocitySettings, Vec<Part>),
-        engine: Engine,
-        numeric: Numeric,
-        stop: &AtomicBool,
+        how: How<'_>,
         done: impl Fn() + Sync,
     ) -> Result<Self, Error> {
         let prepared = fitting(named, board, first, !parts.is_empty())?;
-        let found = board_envelope(engine, parts, numeric, stop, done)
-            .map_err(|error| error.of(&named.name))?;
+        let found = board_envelope(how, parts, done).map_err(|error| error.of(&named.name))?;
         let boundaries: Vec<Boundary<'_>> = found.iter().flat_map(Found::boundaries).collect();
         let bytes = prepared.record(&boundaries, board)?;
         Ok(Self { prepared, found, bytes })
@@ -201,10 +196,8 @@ pub fn first_settings(
 /// # Errors
 /// A setting is out of range, or `stop` was set.
 pub fn board_envelope(
-    engine: Engine,
+    how: How<'_>,
     parts: Vec<Part>,
-    numeric: Numeric,
-    stop: &AtomicBool,
     done: impl Fn() + Sync,
 ) -> Result<Vec<Found>, Error> {
     let mut found = vec![];
@@ -212,10 +205,10 @@ pub fn board_envelope(
         let prepared = PreparedScene::new(&part.scene)?;
         prepared.check_approach()?;
         let plan = Plan { name: "", prepared: &prepared, filters: &part.filters };
-        let results = sweep(engine, &[plan], numeric, REPEATS, stop, |_| done())?;
+        let results = sweep(how.engine, &[plan], how.numeric, REPEATS, how.stop, |_| done())?;
         let Some(swept) = results.into_iter().next() else { continue };
         let mut boundaries = vec![];
-        for envelope in envelopes(engine, &prepared, numeric, &swept, stop)? {
+        for envelope in envelopes(how, &prepared, &swept)? {
             let velocity = envelope.velocity;
             // Without a design the firmware's key has no further parameter: it knows walls for the defaults only.
             if part.design.is_none() && !velocity.differs_by_tuning_only() {
@@ -227,12 +220,7 @@ pub fn board_envelope(
                 period: part.period,
                 design: part.design.as_ref().map_or(0, |(_, number)| *number),
             };
-            let point = |interval: &Interval| Point {
-                damping_n_s_per_m: interval.damping_n_s_per_m,
-                stiffness_low_n_per_m: interval.low_n_per_m,
-                stiffness_high_n_per_m: interval.high_n_per_m,
-            };
-            boundaries.push((key, envelope.intervals.iter().map(point).collect()));
+            boundaries.push((key, envelope.intervals));
         }
         found.push(Found { part, sweep: swept, boundaries });
     }

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use serde::Serialize;
 use zwidth::{
     VelocitySettings,
     experiment::{Cell, Ended, Verdict, Walk, WalkError},
@@ -15,10 +16,18 @@ use crate::{
 };
 
 /// A wall on the boundary: the largest K that was stable at this B.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct BoundaryPoint {
-    pub damping_n_s_per_m: f64,
     pub stiffness_n_per_m: f64,
+    pub damping_n_s_per_m: f64,
+}
+
+impl BoundaryPoint {
+    /// A hit of that wall, from the scene's own start.
+    pub fn hit(&self, velocity: VelocitySettings) -> WallHit {
+        let Self { stiffness_n_per_m, damping_n_s_per_m } = *self;
+        WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
+    }
 }
 
 #[derive(Clone, Debug, PartialEq)]

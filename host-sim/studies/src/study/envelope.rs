@@ -8,7 +8,7 @@
 //! Hits are made on every [`STRIDE`]-th line of the walk's grid in both directions, which bounds
 //! their number; between two B the firmware takes what both of them allow.
 
-use std::{fmt::Write as _, sync::atomic::AtomicBool};
+use std::fmt::Write as _;
 
 use zwidth::{
     VelocitySettings,
@@ -16,25 +16,22 @@ use zwidth::{
 };
 
 use crate::{
-    engine::{Depth, Engine, stream},
+    engine::Depth,
     error::Error,
     scene::NamedScene,
-    simulation::prepared::{Numeric, PreparedScene, WallHit},
-    study::sweep::{CutoffResult, SweepResult},
+    simulation::prepared::{PreparedScene, WallHit},
+    study::{
+        How,
+        sweep::{CutoffResult, SweepResult},
+    },
 };
 
 /// Steps of the walk's grid between two lines that are hit.
 pub const STRIDE: i32 = 5;
 
-/// The walls that are stable at one B.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Interval {
-    pub damping_n_s_per_m: f64,
-    /// Lowest K, N/m; 0 if the softest wall of the grid is stable.
-    pub low_n_per_m: f64,
-    /// Highest K, N/m; 0 if no hit was stable.
-    pub high_n_per_m: f64,
-}
+/// The walls that are stable at one B: from K = 0 where the softest wall of the grid is stable; no hit was stable where
+/// the highest K is 0.
+pub use zwidth::safety::envelope::Point as Interval;
 
 /// The envelope at one cutoff.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,7 +53,12 @@ pub fn rows(scene: &NamedScene, envelopes: &[Envelope]) -> String {
             continue;
         }
         let cutoff_hz = velocity.cutoff_hz().unwrap_or_default();
-        for Interval { damping_n_s_per_m: b, low_n_per_m: low, high_n_per_m: high } in intervals {
+        for Interval {
+            damping_n_s_per_m: b,
+            stiffness_low_n_per_m: low,
+            stiffness_high_n_per_m: high,
+        } in intervals
+        {
             let _ = writeln!(
                 text,
                 "{device},{estimator},{cutoff_hz},{latency},{period},{b},{low},{high}"
@@ -75,11 +77,9 @@ pub const HEADER: &str = "device,estimator,cutoff_hz,latency_samples,period_samp
 /// # Errors
 /// A setting is out of range, or `stop` was set.
 pub fn envelopes(
-    engine: Engine,
+    how: How<'_>,
     prepared: &PreparedScene,
-    numeric: Numeric,
     sweep: &SweepResult,
-    stop: &AtomicBool,
 ) -> Result<Vec<Envelope>, Error> {
     let columns = |result: &CutoffResult| {
         let shortest = result.boundaries.iter().map(|boundary| boundary.points.len()).min();
@@ -111,10 +111,7 @@ pub fn envelopes(
         }));
     }
     let mut stable = vec![];
-    #[expect(clippy::cast_possible_truncation, reason = "an index of `hits`")]
-    let hit = |number: u64| hits[number as usize];
-    let depth = Depth::Verdict;
-    stream(engine, prepared, numeric, depth, hits.len() as u64, hit, stop, |_, outcome| {
+    how.run(prepared, Depth::Verdict, &hits, |outcome| {
         stable.push(outcome?.verdict == Verdict::Stable);
         Ok(())
     })?;
@@ -154,7 +151,8 @@ impl Column {
     /// The longest run of stable hits; takes as many verdicts as there are hits.
     fn longest(&self, verdicts: impl Iterator<Item = bool>) -> Interval {
         let damping_n_s_per_m = self.damping_n_s_per_m;
-        let mut longest = Interval { damping_n_s_per_m, low_n_per_m: 0.0, high_n_per_m: 0.0 };
+        let mut longest =
+            Interval { damping_n_s_per_m, stiffness_low_n_per_m: 0.0, stiffness_high_n_per_m: 0.0 };
         // Lowest K of the run that goes on; below the first line of the grid there is none.
         let mut run_n_per_m = Some(0.0);
         for (&next, stable) in self.stiffnesses_n_per_m.iter().zip(verdicts) {
@@ -162,10 +160,12 @@ impl Column {
                 run_n_per_m = None;
                 continue;
             }
-            let low_n_per_m = *run_n_per_m.get_or_insert(next);
-            let longer = next - low_n_per_m > longest.high_n_per_m - longest.low_n_per_m;
-            if longer || longest.high_n_per_m == 0.0 {
-                longest = Interval { low_n_per_m, high_n_per_m: next, ..longest };
+            let stiffness_low_n_per_m = *run_n_per_m.get_or_insert(next);
+            let longer = next - stiffness_low_n_per_m
+                > longest.stiffness_high_n_per_m - longest.stiffness_low_n_per_m;
+            if longer || longest.stiffness_high_n_per_m == 0.0 {
+                longest =
+                    Interval { stiffness_low_n_per_m, stiffness_high_n_per_m: next, ..longest };
             }
         }
         longest
@@ -175,6 +175,7 @@ impl Column {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simulation::prepared::Numeric;
 
     #[test]
     fn a_soft_wall_that_chatters_below_a_stiff_one_that_holds_is_outside() {
@@ -191,7 +192,7 @@ mod tests {
         let verdict = |hit| prepared.verdict(Numeric::Fixed, &hit) == Ok(Verdict::Stable);
         let interval = column.longest(column.stiffnesses_n_per_m.iter().map(hit).map(verdict));
         assert_eq!(interval.damping_n_s_per_m, 390.0);
-        assert!(interval.low_n_per_m > 40_000.0, "{interval:?}");
-        assert_eq!(interval.high_n_per_m, 52_000.0);
+        assert!(interval.stiffness_low_n_per_m > 40_000.0, "{interval:?}");
+        assert_eq!(interval.stiffness_high_n_per_m, 52_000.0);
     }
 }

@@ -8,24 +8,22 @@
 //! **Steps.** Areas differ by five powers of ten, so a grid of one size would be too coarse or endless. Each boundary is
 //! walked with steps that get smaller by [`FINER`] until it is at least [`RESOLVED`] steps of K high and of B wide.
 
-use std::sync::atomic::AtomicBool;
-
 use rayon::prelude::*;
 
 use super::{
+    How,
     boundary::Boundaries,
     limits::{Limit, LimitResult, Question, Situation, limits},
+    limits_asked::on_grid,
     loops::boards,
     sweep::{CutoffResult, SweepResult, ascending},
 };
 use crate::{
-    engine::Engine,
     error::Error,
     scene::{
         NamedScene, PushBy, RmsOf, Scene, Walk,
         element::{Amplifier, Mode},
     },
-    simulation::prepared::Numeric,
 };
 
 /// Samples from one output to the next that the boards can do.
@@ -207,13 +205,7 @@ fn grid(own: &Walk, size: i32) -> Walk {
     let [high, wide] = COARSEST;
     let k = own.stiffness_max_n_per_m / high / finer;
     let b = own.damping_max_n_s_per_m / wide / finer;
-    Walk {
-        stiffness_start_n_per_m: k,
-        stiffness_step_n_per_m: k,
-        damping_start_n_s_per_m: b,
-        damping_step_n_s_per_m: b,
-        ..*own
-    }
+    on_grid(own, [k, b], [k, b])
 }
 
 impl Walked {
@@ -240,10 +232,8 @@ impl Walked {
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
 pub fn walk_levers(
-    engine: Engine,
+    how: How<'_>,
     question: &LeverQuestion,
-    numeric: Numeric,
-    stop: &AtomicBool,
     done: impl Fn() + Sync,
 ) -> Result<Vec<LeverResult>, Error> {
     let cutoffs_hz = ascending(&question.cutoffs_hz);
@@ -284,7 +274,7 @@ pub fn walk_levers(
                 situations: vec![Situation { push, arm: None }],
                 told: due(cutoffs_hz.len()),
             };
-            for result in limits(engine, scene, &asked, numeric, stop, || ())? {
+            for result in limits(how, scene, &asked, || ())? {
                 found.take(&asked, result);
             }
             let walked = found.cutoffs.iter().map(|(_, walked)| walked).chain([&found.told]);
@@ -326,7 +316,10 @@ impl LeverResult {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicBool;
+
     use super::*;
+    use crate::{engine::Engine, simulation::prepared::Numeric};
 
     fn scene(name: &str) -> NamedScene {
         NamedScene::load(name).unwrap()
@@ -379,7 +372,10 @@ mod tests {
             repeats: 1,
         };
         let stop = AtomicBool::new(false);
-        let walk = |engine| walk_levers(engine, &question, Numeric::Fixed, &stop, || ()).unwrap();
+        let walk = |engine| {
+            let how = How { engine, numeric: Numeric::Fixed, stop: &stop };
+            walk_levers(how, &question, || ()).unwrap()
+        };
         let found = walk(Engine::lanes());
         assert_eq!(found.len(), 4);
         for result in &found {

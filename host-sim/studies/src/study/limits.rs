@@ -8,21 +8,24 @@ use std::{
     collections::HashMap,
     sync::{
         Mutex, PoisonError,
-        atomic::{AtomicBool, AtomicUsize, Ordering},
+        atomic::{AtomicUsize, Ordering},
     },
 };
 
 use zwidth::{VelocitySettings, experiment::Verdict};
 
 use super::{
+    How,
     boundary::{Boundaries, Boundary, Progress},
-    sweep::{CutoffResult, SweepResult, on_all_threads, start_offset_counts},
+    sweep::{CutoffResult, SweepResult, start_offset_counts},
+    walk_lanes::on_all_threads,
 };
 use crate::{
-    engine::{Depth, Engine, Outcome, Work, run},
+    engine::{Depth, Outcome, Work, run},
     error::Error,
+    interrupt,
     scene::{self, Criterion, PushBy, RmsOf, Scene, Walk},
-    simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
+    simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
 /// A limit below which a wall counts as stable.
@@ -37,10 +40,6 @@ pub enum Limit {
 }
 
 impl Limit {
-    fn is_felt(self) -> bool {
-        matches!(self, Self::Felt(_))
-    }
-
     /// Of two of one kind the larger finds hits for the smaller.
     fn is_like(self, other: Self) -> bool {
         std::mem::discriminant(&self) == std::mem::discriminant(&other)
@@ -195,81 +194,57 @@ struct Job {
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
 pub fn limits(
-    engine: Engine,
+    how: How<'_>,
     scene: &Scene,
     question: &Question,
-    numeric: Numeric,
-    stop: &AtomicBool,
     done: impl Fn() + Sync,
 ) -> Result<Vec<LimitResult>, Error> {
     let (fields, hits) = fields(scene, question)?;
     let shared: Vec<Shared> = (0..hits).map(|_| Shared::default()).collect();
     // within a scene the levels come first, whose hits know all
-    let mut made = on_all_threads(fields.len(), |place, made| {
+    let made = on_all_threads(fields.len(), |place, made| {
         let field = &fields[place];
         let mut work = Walks {
             field,
-            numeric,
+            how,
             repeats: question.repeats,
             shared: &shared,
-            stop,
             lanes: vec![],
             done: |job: &Job, boundary| {
                 done();
                 made.push(((place, job.number), boundary));
             },
         };
-        let levels = field.limits.iter().any(|limit| limit.is_felt());
-        let quiet = matches!(field.limits[..], [Limit::Quiet(_)]);
-        let depth = if levels {
-            Depth::Whole
-        } else if quiet {
-            Depth::Verdict
-        } else {
-            Depth::Bounded
+        // all limits of a field are of one kind
+        let depth = match field.limits[0] {
+            Limit::Felt(_) => Depth::Whole,
+            Limit::Rms(_) => Depth::Bounded,
+            Limit::Quiet(_) if field.limits.len() == 1 => Depth::Verdict,
+            Limit::Quiet(_) => Depth::Bounded,
         };
-        run(engine, &field.prepared, numeric, depth, &mut work);
+        run(how.engine, &field.prepared, how.numeric, depth, &mut work);
     });
-    if stop.load(Ordering::Relaxed) {
-        return Err(Error::Interrupted);
-    }
-    let mut of = |place: usize| -> Result<Vec<Vec<Boundaries>>, Error> {
-        // by limit, filter, repeat
-        let field = &fields[place];
-        let mut boundaries = (0..field.jobs(question.repeats as usize)).map(|number| {
-            let none = || Err(Error::Internal("a walk has no result".into()));
-            made.remove(&(place, number)).unwrap_or_else(none)
-        });
-        let mut by_filter = || -> Result<Boundaries, Error> {
-            boundaries.by_ref().take(question.repeats as usize).collect()
-        };
-        let mut by_limit = || field.filters.iter().map(|_| by_filter()).collect();
-        field.limits.iter().map(|_| by_limit()).collect()
+    interrupt::unless(how.stop)?;
+    let mut made = made.into_values();
+    let mut boundaries = || -> Result<Boundaries, Error> {
+        let mut next =
+            || made.next().unwrap_or_else(|| Err(Error::Internal("a walk has no result".into())));
+        (0..question.repeats).map(|_| next()).collect()
     };
+    let rate_hz = scene.control.rate_hz;
     let kinds = kinds(question);
-    let per_situation = kinds.len() * if question.told { 2 } else { 1 };
-    let mut results = vec![];
-    for (number, situation) in question.situations.iter().enumerate() {
-        for (kind, limits) in kinds.iter().enumerate() {
-            let place = number * per_situation + kind;
-            let estimated = of(place)?;
-            let told = if question.told { of(place + kinds.len())? } else { vec![] };
-            let mut told = told.into_iter();
-            for (&limit, boundaries) in limits.iter().zip(estimated) {
-                let rate_hz = scene.control.rate_hz;
-                let cutoffs = question.filters.iter().zip(boundaries);
-                let cutoffs = cutoffs
-                    .map(|(&velocity, boundaries)| CutoffResult::of(velocity, rate_hz, boundaries));
-                results.push(LimitResult {
-                    situation: Some(situation.clone()),
-                    limit,
-                    result: SweepResult::of(cutoffs.collect()),
-                    told: told
-                        .next()
-                        .and_then(|of_limit| of_limit.into_iter().next())
-                        .unwrap_or_default(),
-                });
-            }
+    let mut results: Vec<LimitResult> = vec![];
+    for situation in &question.situations {
+        let first = results.len();
+        for &limit in kinds.iter().flatten() {
+            let filters = question.filters.iter();
+            let cutoffs = filters.map(|&own| Ok(CutoffResult::of(own, rate_hz, boundaries()?)));
+            let result = SweepResult::of(cutoffs.collect::<Result<_, Error>>()?);
+            let (situation, told) = (Some(situation.clone()), Boundaries::default());
+            results.push(LimitResult { situation, limit, result, told });
+        }
+        for result in results[first..].iter_mut().filter(|_| question.told) {
+            result.told = boundaries()?;
         }
     }
     if question.situations.len() > 1 {
@@ -359,10 +334,9 @@ impl Situation {
 
 struct Walks<'a, D> {
     field: &'a Field,
-    numeric: Numeric,
+    how: How<'a>,
     repeats: u32,
     shared: &'a [Shared],
-    stop: &'a AtomicBool,
     lanes: Vec<Option<(Job, Progress)>>,
     done: D,
 }
@@ -431,7 +405,7 @@ impl<D: FnMut(&Job, Result<Boundary, Error>)> Work for Walks<'_, D> {
             self.lanes.resize_with(lane + 1, || None);
         }
         loop {
-            if self.stop.load(Ordering::Relaxed) {
+            if self.how.stop.load(Ordering::Relaxed) {
                 return None;
             }
             if self.lanes[lane].is_none() {
@@ -441,7 +415,7 @@ impl<D: FnMut(&Job, Result<Boundary, Error>)> Work for Walks<'_, D> {
             let verdict = self.known(&job, place).and_then(|known| known.verdict(job.limit));
             let (_, progress) = self.lanes[lane].as_mut()?;
             let Some(verdict) = verdict else { return Some(progress.hit()) };
-            let (field, numeric) = (self.field, self.numeric);
+            let (field, numeric) = (self.field, self.how.numeric);
             let touches = |hit: &WallHit| field.prepared.touches(numeric, hit);
             if let Some(ended) = progress.report(Ok(verdict), touches) {
                 self.lanes[lane] = None;

@@ -71,12 +71,16 @@ impl fmt::Display for LimitAsked {
 pub fn finer(scene: &Scene, steps: Option<[f64; 2]>, starts: Option<[f64; 2]>) -> Walk {
     let own = &scene.walk;
     let default = [own.stiffness_step_n_per_m / FINER, own.damping_step_n_s_per_m / FINER * 2.0];
-    let [k_step, b_step] = steps.unwrap_or(default);
-    let [k_start, b_start] = starts.unwrap_or([k_step, b_step]);
+    let steps = steps.unwrap_or(default);
+    on_grid(own, starts.unwrap_or(steps), steps)
+}
+
+/// A walk from those K and B in those steps, up to the same caps.
+pub(super) fn on_grid(own: &Walk, [k, b]: [f64; 2], [k_step, b_step]: [f64; 2]) -> Walk {
     Walk {
-        stiffness_start_n_per_m: k_start,
+        stiffness_start_n_per_m: k,
         stiffness_step_n_per_m: k_step,
-        damping_start_n_s_per_m: b_start,
+        damping_start_n_s_per_m: b,
         damping_step_n_s_per_m: b_step,
         ..*own
     }

@@ -24,7 +24,11 @@ mod walk_lanes;
 
 use std::sync::atomic::AtomicBool;
 
-use crate::{engine::Engine, simulation::prepared::Numeric};
+use crate::{
+    engine::{Depth, Engine, Outcome, stream},
+    error::Error,
+    simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
+};
 
 /// How hits are run; neither engine nor number of threads changes a bit of the result.
 #[derive(Clone, Copy, Debug)]
@@ -34,4 +38,21 @@ pub struct How<'a> {
     pub numeric: Numeric,
     /// Set to end early.
     pub stop: &'a AtomicBool,
+}
+
+impl How<'_> {
+    /// Runs those hits of a scene on all threads of the current pool; `sink` gets their outcomes in order.
+    fn run(
+        self,
+        prepared: &PreparedScene,
+        depth: Depth,
+        hits: &[WallHit],
+        mut sink: impl FnMut(Result<Outcome, HitError>) -> Result<(), Error>,
+    ) -> Result<(), Error> {
+        let Self { engine, numeric, stop } = self;
+        #[expect(clippy::cast_possible_truncation, reason = "an index of `hits`")]
+        let hit = |number: u64| hits[number as usize];
+        let sink = |_, outcome| sink(outcome);
+        stream(engine, prepared, numeric, depth, hits.len() as u64, hit, stop, sink)
+    }
 }

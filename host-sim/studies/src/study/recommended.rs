@@ -11,6 +11,7 @@ use super::{
     How,
     asked::prepare,
     boundary::BoundaryPoint,
+    limits_asked::on_grid,
     probability::held,
     sweep::{CutoffResult, Plan, ascending, filters, sweep},
 };
@@ -190,12 +191,8 @@ pub fn recommended(
         Err(Error::Input(why)) => Err(why),
         found => found?.ok_or_else(|| "no quiet wall at any cutoff".to_owned()),
     };
-    let stiffest = recommended.as_ref().ok().map(|found| WallHit {
-        velocity: scene.scene.velocity.at(found.cutoff_hz),
-        stiffness_n_per_m: found.stiffest.stiffness_n_per_m,
-        damping_n_s_per_m: found.stiffest.damping_n_s_per_m,
-        start_offset_counts: 0.0,
-    });
+    let hit = |found: &Recommended| found.stiffest.hit(scene.scene.velocity.at(found.cutoff_hz));
+    let stiffest = recommended.as_ref().ok().map(hit);
     let free = stiffest.as_ref().map(|wall| FreeMotion::of(how, &scene.scene, wall)).transpose()?;
     let protocols =
         stiffest.as_ref().map(|wall| Held::each(how, &study.scene.scene, wall)).transpose()?;
@@ -332,14 +329,8 @@ impl<D: Fn() + Sync> Search<'_, D> {
                         }
                     });
                     let starts = [walk.stiffness_start_n_per_m, walk.damping_start_n_s_per_m];
-                    let [k, b] = if self.is_seeded { starts } else { steps };
-                    self.scene.scene.walk = Walk {
-                        stiffness_start_n_per_m: k,
-                        stiffness_step_n_per_m: steps[0],
-                        damping_start_n_s_per_m: b,
-                        damping_step_n_s_per_m: steps[1],
-                        ..walk
-                    };
+                    let starts = if self.is_seeded { starts } else { steps };
+                    self.scene.scene.walk = on_grid(&walk, starts, steps);
                 }
                 None if !self.is_seeded && self.seed(cutoffs_hz)? => {}
                 None => return Ok(()),
@@ -388,13 +379,10 @@ impl<D: Fn() + Sync> Search<'_, D> {
             .flat_map(|b| stiffnesses.iter().rev().map(|k| [*k, *b]))
             .collect();
         let hits = |velocity: VelocitySettings| {
-            let of_wall = move |&[stiffness_n_per_m, damping_n_s_per_m]: &[f64; 2]| WallHit {
-                velocity,
-                stiffness_n_per_m,
-                damping_n_s_per_m,
-                start_offset_counts: 0.0,
+            let hit = |&[stiffness_n_per_m, damping_n_s_per_m]: &[f64; 2]| {
+                BoundaryPoint { stiffness_n_per_m, damping_n_s_per_m }.hit(velocity)
             };
-            (&prepared, walls.iter().map(of_wall).collect())
+            (&prepared, walls.iter().map(hit).collect())
         };
         let filters = filters(&scene.velocity, cutoffs_hz).into_iter();
         let mut quiet = held(self.how, &filters.map(hits).collect::<Vec<_>>())?;
@@ -414,13 +402,7 @@ impl<D: Fn() + Sync> Search<'_, D> {
             held.map(|place| walls[place][axis]).fold(0.0, f64::max)
         };
         let steps = [0, 1].map(|axis| round(largest(axis) / AIM[axis]));
-        Ok(first.map(|place| Walk {
-            stiffness_start_n_per_m: walls[place][0],
-            stiffness_step_n_per_m: steps[0],
-            damping_start_n_s_per_m: walls[place][1],
-            damping_step_n_s_per_m: steps[1],
-            ..scene.walk
-        }))
+        Ok(first.map(|place| on_grid(&scene.walk, walls[place], steps)))
     }
 
     /// The place of the largest area.
@@ -496,14 +478,7 @@ fn tidy(hz: f64) -> f64 {
 fn round(step: f64) -> f64 {
     let power = libm::pow(10.0, libm::floor(libm::log10(step)));
     let whole = step / power;
-    let digit = if whole < 1.5 {
-        1.0
-    } else if whole < 3.5 {
-        2.0
-    } else if whole < 7.5 {
-        5.0
-    } else {
-        10.0
-    };
-    digit * power
+    let digits = [(1.5, 1.0), (3.5, 2.0), (7.5, 5.0)];
+    let digit = digits.iter().find(|(below, _)| whole < *below);
+    digit.map_or(10.0, |(_, digit)| *digit) * power
 }

@@ -5,12 +5,8 @@
 //! area by 0.2 to 2 %. So every walk is repeated from starts spread over one count, and the
 //! result is the mean with its low and high.
 
-use std::{
-    collections::BTreeMap,
-    sync::atomic::{AtomicBool, Ordering},
-};
+use std::sync::atomic::AtomicBool;
 
-use rayon::prelude::*;
 use zwidth::{VelocitySettings, experiment::Ended};
 
 pub use crate::numerics::statistics::{AS_GOOD_AS_BEST, LEVEL};
@@ -19,10 +15,11 @@ use crate::{
     error::Error,
     scene::{Criterion, VelocityTable},
     simulation::prepared::{Numeric, PreparedScene},
-    study::walk_lanes::{Queue, Start, walks},
     study::{
+        How,
         boundary::{Boundaries, Boundary},
         walk::{first_hit, settles_in_s},
+        walk_lanes::{Start, all_walks, each},
     },
 };
 
@@ -104,32 +101,16 @@ pub fn sweep(
     stop: &AtomicBool,
     done: impl Fn(&Boundary) + Sync,
 ) -> Result<Vec<SweepResult>, Error> {
-    let starts: Vec<Vec<Start>> = plans.iter().map(|plan| starts(plan.filters, repeats)).collect();
-    let queues: Vec<Queue<'_>> =
-        plans.iter().zip(&starts).map(|(plan, starts)| Queue::new(plan.prepared, starts)).collect();
-    let mut made = on_all_threads(queues.len(), |plan, made| {
-        walks(engine, numeric, &queues[plan], stop, |walk, boundary| {
-            if let Ok(boundary) = &boundary {
-                done(boundary);
-            }
-            made.push(((plan, walk), boundary));
-        });
-    });
-    if stop.load(Ordering::Relaxed) {
-        return Err(Error::Interrupted);
-    }
-    let mut results = Vec::with_capacity(plans.len());
-    for (place, plan) in plans.iter().enumerate() {
-        let mut cutoffs = Vec::with_capacity(plan.filters.len());
-        let mut walks = 0..;
+    let how = How { engine, numeric, stop };
+    let begins: Vec<(&PreparedScene, Vec<Start>)> =
+        plans.iter().map(|plan| (plan.prepared, each(plan.filters, &starts(repeats)))).collect();
+    let made = plans.iter().zip(all_walks(how, &begins, done)?);
+    made.map(|(plan, made)| {
+        let mut made = made.into_iter().map(|made| made.map_err(|error| error.of(plan.name)));
         let criterion = plan.prepared.scene().wall_hit.criterion;
-        for &velocity in plan.filters {
-            let mut boundary = |walk| match made.remove(&(place, walk)) {
-                Some(boundary) => boundary.map_err(|error| error.of(plan.name)),
-                None => Err(Error::Internal("a walk has no result".into())),
-            };
-            let walks = walks.by_ref().take(repeats as usize);
-            let boundaries = walks.map(&mut boundary).collect::<Result<Boundaries, _>>()?;
+        let of_filter = |&velocity: &VelocitySettings| {
+            let boundaries =
+                made.by_ref().take(repeats as usize).collect::<Result<Boundaries, _>>()?;
             let unstable = boundaries.iter().all(|boundary| boundary.ended.is_none());
             // a study of quiet walls looks for another first point itself
             let settles_in_s = match unstable && criterion != Criterion::Quiet {
@@ -137,50 +118,21 @@ pub fn sweep(
                 false => None,
             };
             let rate_hz = plan.prepared.design().rate_hz;
-            let result = CutoffResult::of(velocity, rate_hz, boundaries);
-            cutoffs.push(CutoffResult { settles_in_s, ..result });
-        }
-        results.push(SweepResult::of(cutoffs));
-    }
-    Ok(results)
-}
-
-/// Results by queue and number.
-pub(super) type Made = Vec<((usize, usize), Result<Boundary, Error>)>;
-
-/// `work` through all queues on each thread of the current pool; each thread begins with another queue, so that fewer
-/// of them share the end of one. Every walk runs to its end or to the interruption, so that the error that is reported
-/// is the first in this order, not the first in time.
-pub(super) fn on_all_threads(
-    queues: usize,
-    work: impl Fn(usize, &mut Made) + Sync,
-) -> BTreeMap<(usize, usize), Result<Boundary, Error>> {
-    let threads = rayon::current_num_threads();
-    let on_one = |thread: usize| {
-        let mut made = vec![];
-        for n in 0..queues {
-            work((n + thread * queues / threads) % queues, &mut made);
-        }
-        made
-    };
-    let made: Made = (0..threads).into_par_iter().with_max_len(1).flat_map_iter(on_one).collect();
-    made.into_iter().collect()
-}
-
-/// All walks of a scene, in the order of the result.
-fn starts(filters: &[VelocitySettings], repeats: u32) -> Vec<Start> {
-    let of_filter = |&velocity: &VelocitySettings| {
-        (0..repeats).map(move |repeat| {
-            let start_offset_counts = start_offset_counts(repeat, repeats);
-            Start { velocity, start_offset_counts }
-        })
-    };
-    filters.iter().flat_map(of_filter).collect()
+            Ok(CutoffResult { settles_in_s, ..CutoffResult::of(velocity, rate_hz, boundaries) })
+        };
+        plan.filters.iter().map(of_filter).collect::<Result<_, Error>>().map(SweepResult::of)
+    })
+    .collect()
 }
 
 /// Where a repeat starts: `repeat / repeats` of a count beyond the scene's start.
 pub fn start_offset_counts(repeat: u32, repeats: u32) -> f64 {
     f64::from(repeat) / f64::from(repeats)
+}
+
+/// Where all repeats start.
+pub fn starts(repeats: u32) -> Vec<f64> {
+    (0..repeats).map(|repeat| start_offset_counts(repeat, repeats)).collect()
 }
 
 /// Each cutoff once, from low to high.

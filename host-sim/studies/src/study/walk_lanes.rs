@@ -6,18 +6,18 @@ use std::{
     sync::atomic::{AtomicBool, AtomicUsize, Ordering},
 };
 
-use zwidth::{
-    VelocitySettings,
-    experiment::{Cell, Verdict, Walk},
-};
+use rayon::prelude::*;
+use zwidth::{VelocitySettings, experiment::Cell};
 
 use super::{
-    ahead::{Guide, Walking, likeliest},
+    How,
+    ahead::{Guide, Running, likeliest, place},
     boundary::{Boundary, Progress},
 };
 use crate::{
     engine::{Depth, Engine, Outcome, Work, run},
     error::Error,
+    interrupt,
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
@@ -64,38 +64,60 @@ pub fn walks(
     run(engine, queue.prepared, numeric, Depth::Verdict, &mut work);
 }
 
-/// A walk that has begun.
-struct Running {
-    progress: Progress,
-    guide: Guide,
-    neighbour: Guide,
-    /// Verdicts of cells that it has not come to yet.
-    known: BTreeMap<(i32, i32), Result<Verdict, HitError>>,
-    /// Cells that lanes have.
-    running: Vec<Cell>,
+/// Results by queue and number.
+pub(super) type Made = Vec<((usize, usize), Result<Boundary, Error>)>;
+
+/// `work` through all queues on each thread of the current pool; each thread begins with another queue, so that fewer
+/// of them share the end of one. Every walk runs to its end or to the interruption, so that the error that is reported
+/// is the first in this order, not the first in time.
+pub(super) fn on_all_threads(
+    queues: usize,
+    work: impl Fn(usize, &mut Made) + Sync,
+) -> BTreeMap<(usize, usize), Result<Boundary, Error>> {
+    let threads = rayon::current_num_threads();
+    let on_one = |thread: usize| {
+        let mut made = vec![];
+        for n in 0..queues {
+            work((n + thread * queues / threads) % queues, &mut made);
+        }
+        made
+    };
+    let made: Made = (0..threads).into_par_iter().with_max_len(1).flat_map_iter(on_one).collect();
+    made.into_iter().collect()
 }
 
-impl Walking for Running {
-    fn walk(&self) -> Walk {
-        self.progress.walk()
-    }
-
-    fn known(&self, cell: Cell) -> Option<Verdict> {
-        let verdict = self.known.get(&place(cell))?;
-        Some(verdict.as_ref().copied().unwrap_or(Verdict::Unstable))
-    }
-
-    fn is_running(&self, cell: Cell) -> bool {
-        self.running.contains(&cell)
-    }
-
-    fn guides(&self) -> [&Guide; 2] {
-        [&self.guide, &self.neighbour]
-    }
+/// The walks of several scenes on all threads of the current pool, in order. The result depends neither on the number
+/// of threads nor on the engine; `done` is called after each walk.
+///
+/// # Errors
+/// `stop` was set.
+pub(super) fn all_walks(
+    how: How<'_>,
+    scenes: &[(&PreparedScene, Vec<Start>)],
+    done: impl Fn(&Boundary) + Sync,
+) -> Result<Vec<Vec<Result<Boundary, Error>>>, Error> {
+    let How { engine, numeric, stop } = how;
+    let queues: Vec<Queue<'_>> =
+        scenes.iter().map(|(prepared, starts)| Queue::new(prepared, starts)).collect();
+    let made = on_all_threads(queues.len(), |place, made| {
+        walks(engine, numeric, &queues[place], stop, |walk, boundary| {
+            boundary.iter().for_each(&done);
+            made.push(((place, walk), boundary));
+        });
+    });
+    interrupt::unless(stop)?;
+    let mut made = made.into_values();
+    let mut next =
+        || made.next().unwrap_or_else(|| Err(Error::Internal("a walk has no result".into())));
+    Ok(scenes.iter().map(|(_, starts)| starts.iter().map(|_| next()).collect()).collect())
 }
 
-fn place(cell: Cell) -> (i32, i32) {
-    (cell.stiffness, cell.damping)
+/// The walks of each filter from each start.
+pub(super) fn each(filters: &[VelocitySettings], starts: &[f64]) -> Vec<Start> {
+    let of_filter = |&velocity: &VelocitySettings| {
+        starts.iter().map(move |&start_offset_counts| Start { velocity, start_offset_counts })
+    };
+    filters.iter().flat_map(of_filter).collect()
 }
 
 struct Walks<'a, D> {
@@ -116,7 +138,7 @@ impl<D: FnMut(usize, Result<Boundary, Error>)> Walks<'_, D> {
     fn choose(&mut self) -> Option<(usize, Cell)> {
         let waits = |(number, walk): (&usize, &Running)| {
             let cell = walk.progress.walk().cell();
-            (!walk.is_running(cell)).then_some((*number, cell))
+            (!walk.running.contains(&cell)).then_some((*number, cell))
         };
         if let Some(waiting) = self.running.iter().find_map(waits) {
             return Some(waiting);
@@ -130,7 +152,7 @@ impl<D: FnMut(usize, Result<Boundary, Error>)> Walks<'_, D> {
             self.running.insert(walk, Running { progress, guide, neighbour, known, running });
             return Some((walk, cell));
         }
-        likeliest(self.running.iter().map(|(number, walk)| (*number, walk)))
+        likeliest(&self.running)
     }
 
     fn end(&mut self, number: usize, ended: Result<Boundary, Error>) {

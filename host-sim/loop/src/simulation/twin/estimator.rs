@@ -1,19 +1,16 @@
-//! The estimators in `f64`.
+//! The estimators in `f64`: their [equations](Equation), run.
 
 use zwidth::{
     Design, SettingsError, VelocitySettings,
     units::{Acceleration, Force},
-    velocity::{
-        BiquadDesign, ButterworthDesign, CascadeDesign, DIFFERENCE_WINDOW_MAX, FirstOrder,
-        KalmanDesign, LevantDesign, ObserverDesign, Senses, TrackingLoop,
-    },
+    velocity::Senses,
 };
 
 use super::{
     FLUSH_BELOW, LENGTH,
-    foaw::Foaw,
+    equation::{Equation, LowPass},
     kalman::KalmanState,
-    levant::{Levant, LevantState},
+    levant::LevantState,
     loops::Loop,
     stamps::Stamps,
 };
@@ -21,13 +18,21 @@ use super::{
 /// An estimator in `f64`; velocities in counts per sample.
 #[derive(Clone, Copy, Debug)]
 pub struct TwinEstimator {
-    kind: Kind,
-    inputs: [f64; 2],
-    outputs: [f64; 2],
+    /// The usual estimators in one form, so that their few numbers can live in registers.
+    low_pass: Option<Section>,
+    equation: Equation,
+    memory: Memory,
     rest: Rest,
 }
 
-/// What the estimators with a file of their own remember.
+/// Last inputs and outputs of a section.
+#[derive(Clone, Copy, Debug, Default)]
+struct Memory {
+    inputs: [f64; 2],
+    outputs: [f64; 2],
+}
+
+/// What the other estimators remember.
 #[derive(Clone, Copy, Debug)]
 struct Rest {
     /// Last differences, newest first.
@@ -36,61 +41,43 @@ struct Rest {
     kalman: KalmanState,
     loops: Loop,
     stamps: Stamps,
-    /// Inputs and outputs of each section.
-    sections: [[[f64; 2]; 2]; 2],
+    sections: [Memory; 2],
     /// Counts at the last samples, and the place of the newest.
     counts: [i32; 256],
     newest: u8,
 }
 
-/// The maths of an estimator. What it remembers stands beside it, so that the usual one's few
-/// numbers can live in registers.
-#[derive(Clone, Copy, Debug)]
-#[expect(clippy::large_enum_variant, reason = "copied once per run")]
-enum Kind {
-    Butterworth(ButterworthDesign),
-    FirstOrder(FirstOrder),
-    Biquad(BiquadDesign),
-    Cascade(CascadeDesign),
-    Difference,
-    /// Weights of the last differences, newest first.
-    Fir([f64; LENGTH]),
-    TrackingLoop(TrackingLoop),
-    Observer(ObserverDesign),
-    Fusion(ObserverDesign),
-    /// Shortest span, in samples.
-    TimeStamps(f64),
-    Foaw(Foaw),
-    Levant(Levant),
-    Kalman(KalmanDesign),
-    /// Length of the window, samples.
-    Window(u8),
-}
-
-/// `y = b0 (x + past[0] x1 + past[1] x2) - a[0] y1 - a[1] y2`, the form of all usual estimators.
+/// A [`LowPass`] as it is run: `y = b0 (x + past[0] x1 + past[1] x2) - a[0] y1 - a[1] y2`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct LowPass {
+pub(crate) struct Section {
     pub past: [f64; 2],
     pub b0: f64,
     pub a: [f64; 2],
 }
 
+impl From<LowPass> for Section {
+    fn from(LowPass { b: [b0, b1, b2], a, .. }: LowPass) -> Self {
+        Self { past: [b1 / b0, b2 / b0], b0, a }
+    }
+}
+
+impl Section {
+    #[inline(always)]
+    fn update(&self, Memory { inputs, outputs }: &mut Memory, input: f64) -> f64 {
+        let Self { past: [p1, p2], b0, a: [a1, a2] } = self;
+        let ([x1, x2], [y1, y2]) = (*inputs, *outputs);
+        let raw = b0 * (input + p1 * x1 + p2 * x2) - a1 * y1 - a2 * y2;
+        let output = if raw.abs() < FLUSH_BELOW { 0.0 } else { raw };
+        *inputs = [input, x1];
+        *outputs = [output, y1];
+        output
+    }
+}
+
 impl TwinEstimator {
     /// The usual estimators in one form; `None` for the others.
-    pub(crate) fn low_pass(&self) -> Option<LowPass> {
-        match self.kind {
-            Kind::Butterworth(ButterworthDesign { b0, a1, a2, .. }) => {
-                Some(LowPass { past: [2.0, 1.0], b0, a: [a1, a2] })
-            }
-            Kind::FirstOrder(FirstOrder { b0, a1 }) => {
-                Some(LowPass { past: [1.0, 0.0], b0, a: [a1, 0.0] })
-            }
-            Kind::Difference => Some(LowPass { past: [0.0; 2], b0: 1.0, a: [0.0; 2] }),
-            Kind::Biquad(BiquadDesign { b: [b0, b1, b2], a, .. }) => {
-                Some(LowPass { past: [b1 / b0, b2 / b0], b0, a })
-            }
-            _ => None,
-        }
+    pub(crate) fn low_pass(&self) -> Option<Section> {
+        self.low_pass
     }
 
     /// The estimator of those settings at rest.
@@ -98,83 +85,10 @@ impl TwinEstimator {
     /// # Errors
     /// A parameter is out of range.
     pub fn new(settings: &VelocitySettings, design: &Design) -> Result<Self, SettingsError> {
-        settings.build(design)?; // the ranges
-        let rate_hz = design.rate_hz;
-        let kind = match *settings {
-            VelocitySettings::Butterworth { cutoff_hz } => {
-                Kind::Butterworth(ButterworthDesign::new(cutoff_hz, rate_hz, false)?)
-            }
-            VelocitySettings::ButterworthPrewarped { cutoff_hz } => {
-                Kind::Butterworth(ButterworthDesign::new(cutoff_hz, rate_hz, true)?)
-            }
-            VelocitySettings::FirstOrder { cutoff_hz } => {
-                Kind::FirstOrder(FirstOrder::new(cutoff_hz, rate_hz, false)?)
-            }
-            VelocitySettings::FirstOrderPrewarped { cutoff_hz } => {
-                Kind::FirstOrder(FirstOrder::new(cutoff_hz, rate_hz, true)?)
-            }
-            VelocitySettings::SecondOrder { cutoff_hz, quality } => {
-                Kind::Butterworth(ButterworthDesign::damped(cutoff_hz, quality, rate_hz)?)
-            }
-            VelocitySettings::TrackingLead { bandwidth_hz, lead } => {
-                Kind::TrackingLoop(TrackingLoop::led(bandwidth_hz, lead, rate_hz)?)
-            }
-            VelocitySettings::Smoothing { cutoff_hz, ratio } => {
-                Kind::TrackingLoop(TrackingLoop::smoothing(cutoff_hz, ratio, rate_hz)?)
-            }
-            VelocitySettings::WindowDifference { window_samples } => {
-                Kind::Window(u8::try_from(window_samples).unwrap_or(DIFFERENCE_WINDOW_MAX))
-            }
-            VelocitySettings::Difference {} => Kind::Difference,
-            VelocitySettings::Biquad { frequency_hz, damping, lead_s, zero } => {
-                let design = BiquadDesign::new(frequency_hz, damping, lead_s, zero, rate_hz)?;
-                Kind::Biquad(design)
-            }
-            VelocitySettings::Biquad2 {
-                frequency_hz,
-                damping,
-                lead_s,
-                zero,
-                second_ratio,
-                second_damping,
-                second_lead_s,
-                second_zero,
-            } => Kind::Cascade(CascadeDesign::new(
-                [frequency_hz, damping, lead_s, zero],
-                [second_ratio, second_damping, second_lead_s, second_zero],
-                rate_hz,
-            )?),
-            VelocitySettings::TrackingLoop { bandwidth_hz } => {
-                Kind::TrackingLoop(TrackingLoop::new(bandwidth_hz, rate_hz)?)
-            }
-            VelocitySettings::Observer { bandwidth_hz, mass_kg } => {
-                Kind::Observer(ObserverDesign::of_mass(bandwidth_hz, mass_kg, design)?)
-            }
-            VelocitySettings::TimeStamps { span_samples } => Kind::TimeStamps(span_samples.into()),
-            VelocitySettings::Fusion { crossover_hz } => {
-                Kind::Fusion(ObserverDesign::of_accelerometer(crossover_hz, rate_hz)?)
-            }
-            VelocitySettings::FoawEnd { window_samples, noise_counts } => {
-                Kind::Foaw(Foaw::new(false, window_samples, noise_counts))
-            }
-            VelocitySettings::FoawBest { window_samples, noise_counts } => {
-                Kind::Foaw(Foaw::new(true, window_samples, noise_counts))
-            }
-            VelocitySettings::LevantExplicit { acceleration_max_m_per_s2: c, lambda_ratio } => {
-                let sizes = LevantDesign::new(c, lambda_ratio, design)?;
-                Kind::Levant(Levant { implicit: false, sizes })
-            }
-            VelocitySettings::LevantImplicit { acceleration_max_m_per_s2: c, lambda_ratio } => {
-                let sizes = LevantDesign::new(c, lambda_ratio, design)?;
-                Kind::Levant(Levant { implicit: true, sizes })
-            }
-            VelocitySettings::Kalman2 { acceleration_rms_m_per_s2 } => {
-                Kind::Kalman(KalmanDesign::two_states(acceleration_rms_m_per_s2, design)?)
-            }
-            VelocitySettings::Kalman3 { jerk_rms_m_per_s3 } => {
-                Kind::Kalman(KalmanDesign::three_states(jerk_rms_m_per_s3, design)?)
-            }
-            _ => Kind::Fir(weights(settings, design)?),
+        let equation = Equation::of(settings, design)?;
+        let low_pass = match equation {
+            Equation::LowPass(of) => Some(of.into()),
+            _ => None,
         };
         let rest = Rest {
             past: [0.0; LENGTH],
@@ -182,118 +96,67 @@ impl TwinEstimator {
             kalman: KalmanState::default(),
             loops: Loop::default(),
             stamps: Stamps::REST,
-            sections: [[[0.0; 2]; 2]; 2],
+            sections: [Memory::default(); 2],
             counts: [0; 256],
             newest: 0,
         };
-        Ok(Self { kind, inputs: [0.0; 2], outputs: [0.0; 2], rest })
+        Ok(Self { low_pass, equation, memory: Memory::default(), rest })
     }
 
     /// The velocity after a move by `difference` counts.
     #[inline]
     pub fn update(&mut self, difference: i32, senses: &Senses) -> f64 {
-        let input = f64::from(difference);
-        match &self.kind {
-            Kind::Butterworth(ButterworthDesign { b0, a1, a2, .. }) => {
-                let [x1, x2] = self.inputs;
-                let [y1, y2] = self.outputs;
-                let raw = b0 * (input + 2.0 * x1 + x2) - a1 * y1 - a2 * y2;
-                let output = if raw.abs() < FLUSH_BELOW { 0.0 } else { raw };
-                self.inputs = [input, x1];
-                self.outputs = [output, y1];
-                output
-            }
-            Kind::FirstOrder(FirstOrder { b0, a1 }) => {
-                let [x1, _] = self.inputs;
-                let [y1, _] = self.outputs;
-                let raw = b0 * (input + x1) - a1 * y1;
-                let output = if raw.abs() < FLUSH_BELOW { 0.0 } else { raw };
-                self.inputs = [input, x1];
-                self.outputs = [output, y1];
-                output
-            }
-            Kind::Biquad(design) => section(design, &mut self.inputs, &mut self.outputs, input),
-            Kind::Difference => input,
-            other => self.rest.update(other, difference, senses),
+        match &self.low_pass {
+            Some(section) => section.update(&mut self.memory, difference.into()),
+            None => self.rest.update(&self.equation, difference, senses),
         }
     }
 }
 
 impl Rest {
     #[inline(never)] // so that the other estimators' state stays in registers
-    fn update(&mut self, kind: &Kind, difference: i32, senses: &Senses) -> f64 {
+    fn update(&mut self, equation: &Equation, difference: i32, senses: &Senses) -> f64 {
         let input = f64::from(difference);
-        match kind {
-            Kind::TrackingLoop(gains) => self.loops.track(gains, difference.into()),
-            Kind::Observer(observer) => {
-                let force = f64::from(senses.force.bits()) / f64::from(Force::FULL_SCALE.bits());
-                let known = force * observer.per_full_scale;
-                self.loops.observe(observer, difference.into(), known)
+        match equation {
+            Equation::LowPass(section) => {
+                Section::from(*section).update(&mut self.sections[0], input)
             }
-            Kind::Fusion(observer) => {
-                let bits = f64::from(senses.acceleration.bits());
-                let known = bits / f64::from(1u32 << Acceleration::FRACTION_BITS);
-                self.loops.observe(observer, difference.into(), known)
+            Equation::Cascade(sections) => {
+                let both = sections.iter().zip(&mut self.sections);
+                both.fold(input, |value, (of, memory)| Section::from(*of).update(memory, value))
             }
-            Kind::TimeStamps(span) => self.stamps.update(*span, difference, senses.edge),
-            Kind::Fir(weights) => weighted(weights, &mut self.past, input),
-            Kind::Foaw(foaw) => foaw.update(&mut self.past, input),
-            Kind::Levant(levant) => levant.update(&mut self.levant, input),
-            Kind::Kalman(gains) => self.kalman.update(gains, input),
-            Kind::Cascade(CascadeDesign { sections }) => {
-                let mut value = input;
-                for (design, [inputs, outputs]) in sections.iter().zip(&mut self.sections) {
-                    value = section(design, inputs, outputs, value);
-                }
-                value
-            }
-            Kind::Window(window) => {
+            Equation::Sum(design) => weighted(design.weights(), &mut self.past, input),
+            Equation::Ends(window) => {
                 let count = self.counts[usize::from(self.newest)].wrapping_add(difference);
                 self.newest = self.newest.wrapping_add(1);
                 self.counts[usize::from(self.newest)] = count;
-                let before = self.counts[usize::from(self.newest.wrapping_sub(*window))];
+                let [.., samples] = window.to_be_bytes(); // at most 255
+                let before = self.counts[usize::from(self.newest.wrapping_sub(samples))];
                 f64::from(count.wrapping_sub(before)) / f64::from(*window)
             }
-            Kind::Butterworth(_) | Kind::FirstOrder(_) | Kind::Biquad(_) | Kind::Difference => {
-                input
+            Equation::Tracking(gains) => self.loops.track(gains, input),
+            Equation::Kalman(gains) => self.kalman.update(gains, input),
+            Equation::Observer(observer) => {
+                let force = f64::from(senses.force.bits()) / f64::from(Force::FULL_SCALE.bits());
+                let known = force * observer.per_full_scale;
+                self.loops.observe(observer, input, known)
             }
+            Equation::Fusion(observer) => {
+                let bits = f64::from(senses.acceleration.bits());
+                let known = bits / f64::from(1u32 << Acceleration::FRACTION_BITS);
+                self.loops.observe(observer, input, known)
+            }
+            Equation::TimeStamps(span) => {
+                self.stamps.update((*span).into(), difference, senses.edge)
+            }
+            Equation::Foaw(foaw) => foaw.update(&mut self.past, input),
+            Equation::Levant(levant) => levant.update(&mut self.levant, input),
         }
     }
 }
 
-/// One section; its numerator is over its first coefficient, as in [`LowPass`].
-#[inline(always)]
-fn section(
-    design: &BiquadDesign,
-    inputs: &mut [f64; 2],
-    outputs: &mut [f64; 2],
-    input: f64,
-) -> f64 {
-    let BiquadDesign { b: [b0, b1, b2], a: [a1, a2], .. } = design;
-    let ([x1, x2], [y1, y2]) = (*inputs, *outputs);
-    let raw = b0 * (input + b1 / b0 * x1 + b2 / b0 * x2) - a1 * y1 - a2 * y2;
-    let output = if raw.abs() < FLUSH_BELOW { 0.0 } else { raw };
-    *inputs = [input, x1];
-    *outputs = [output, y1];
-    output
-}
-
-/// Of an estimator that has no arm of its own above: a sum of differences.
-fn weights(settings: &VelocitySettings, design: &Design) -> Result<[f64; LENGTH], SettingsError> {
-    let mut weights = [0.0; LENGTH];
-    let exact = settings.weights(design)?.ok_or(SettingsError {
-        parameter: "estimators without a form in f64",
-        value: 1.0,
-        range: 0.0..=0.0,
-    })?;
-    for (weight, exact) in weights.iter_mut().zip(exact.weights()) {
-        *weight = *exact;
-    }
-    Ok(weights)
-}
-
 #[inline(never)] // so that the other estimators' state stays in registers
-fn weighted(weights: &[f64; LENGTH], past: &mut [f64; LENGTH], input: f64) -> f64 {
+fn weighted(weights: &[f64], past: &mut [f64; LENGTH], input: f64) -> f64 {
     past.rotate_right(1);
     past[0] = input;
     weights.iter().zip(past).map(|(weight, input)| weight * *input).sum()

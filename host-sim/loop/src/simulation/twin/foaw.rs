@@ -3,10 +3,13 @@
 use super::LENGTH;
 
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Foaw {
-    best: bool,
-    window: u32,
-    noise: f64,
+pub struct Foaw {
+    /// The line through all samples of the window, not through its ends.
+    pub best: bool,
+    /// Longest window, samples.
+    pub window: u32,
+    /// Half the width of what counts as still, counts.
+    pub noise: f64,
 }
 
 impl Foaw {

@@ -4,7 +4,7 @@ use zwidth::velocity::LevantDesign;
 
 /// Its sizes, and what it remembers, in counts and samples.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Levant {
+pub struct Levant {
     pub implicit: bool,
     pub sizes: LevantDesign,
 }

@@ -1,6 +1,7 @@
 //! The controller's twin in `f64`: the same maths without quantised coefficients, velocities,
 //! gains or forces. What differs between it and the core is what fixed point costs.
 
+mod equation;
 mod estimator;
 mod foaw;
 mod kalman;
@@ -8,8 +9,11 @@ mod levant;
 mod loops;
 mod stamps;
 
-pub(crate) use estimator::LowPass;
+pub use equation::{Equation, LowPass};
+pub(crate) use estimator::Section;
 pub use estimator::TwinEstimator;
+pub use foaw::Foaw;
+pub use levant::Levant;
 use zwidth::{
     Design, Output, Settings, SettingsError,
     velocity::{Senses, WINDOW_MAX},
@@ -96,7 +100,7 @@ impl Twin {
 
 impl Twin {
     /// The usual estimators in one form; `None` for the others.
-    pub(crate) fn low_pass(&self) -> Option<LowPass> {
+    pub(crate) fn low_pass(&self) -> Option<Section> {
         self.estimator.low_pass()
     }
 

@@ -8,6 +8,7 @@ use crate::{
         self,
         table::{FROM_0, Table},
     },
+    numerics,
     scene::{NamedScene, Units},
     study::boundary::BoundaryPoint,
 };
@@ -92,10 +93,5 @@ pub(super) fn row_of(scene: &crate::scene::Scene, damping_n_s_per_m: f64) -> Opt
     let whole = steps.round();
     let most = plan.damping_max_n_s_per_m + NEAR * plan.damping_step_n_s_per_m;
     let fits = (steps - whole).abs() < NEAR && whole >= 0.0 && damping_n_s_per_m <= most;
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a step of a walk, which has far fewer than 2^32"
-    )]
-    fits.then_some(whole as usize)
+    fits.then_some(numerics::whole(whole))
 }

@@ -30,7 +30,7 @@ use crate::{
     error::Error,
     scene::{NamedScene, Scene},
     simulation::prepared::{Numeric, PreparedScene},
-    study::{asked, boundary::Boundary, walk::walk},
+    study::{asked, boundary::BoundaryPoint, sweep::starts, walk::walk},
 };
 
 /// Walks of the scene as it is.
@@ -120,7 +120,7 @@ impl<D: Fn() + Sync> Walker<'_, D> {
         let of = |&start: &f64| {
             let walk = walk(self.engine, prepared, Numeric::Fixed, self.velocity, start, self.stop);
             (self.done)();
-            Ok(stiffnesses(prepared.scene(), &walk?))
+            Ok(stiffnesses(prepared.scene(), &walk?.points))
         };
         starts.iter().map(of).collect()
     }
@@ -141,25 +141,17 @@ impl<D: Fn() + Sync> Walker<'_, D> {
     }
 }
 
-fn starts(number: u32) -> Vec<f64> {
-    (0..number).map(|start| f64::from(start) / f64::from(number)).collect()
-}
-
-fn stiffnesses(scene: &Scene, boundary: &Boundary) -> Stiffnesses {
+fn stiffnesses(scene: &Scene, points: &[BoundaryPoint]) -> Stiffnesses {
     let mut all = vec![];
-    for point in &boundary.points {
+    for point in points {
         if let Some(row) = measured::row_of(scene, point.damping_n_s_per_m) {
-            put(&mut all, row, point.stiffness_n_per_m);
+            if all.len() <= row {
+                all.resize(row + 1, 0.0);
+            }
+            all[row] = point.stiffness_n_per_m;
         }
     }
     all
-}
-
-fn put(all: &mut Stiffnesses, row: usize, stiffness: f64) {
-    if all.len() <= row {
-        all.resize(row + 1, 0.0);
-    }
-    all[row] = stiffness;
 }
 
 fn at(walk: &[f64], row: usize) -> f64 {
@@ -235,18 +227,10 @@ pub fn agree(
         .map_err(|error: Error| error.of(&scene.name))?;
     let plan = scene.scene.walk_plan();
     let step = plan.stiffness_step_n_per_m;
-    let mut found = vec![];
-    for point in &measured.points {
-        if let Some(row) = measured::row_of(&scene.scene, point.damping_n_s_per_m) {
-            put(&mut found, row, point.stiffness_n_per_m);
-        }
-    }
+    let found = stiffnesses(&scene.scene, &measured.points);
     let to_measured = |walk: &[f64]| distance(walk, &found, step, measured.points.len());
     let predicted = mean(&own);
-    let others = |place: usize| {
-        let rest: Vec<_> = own.iter().enumerate().filter(|(n, _)| *n != place).collect();
-        mean(&rest.into_iter().map(|(_, walk)| walk.clone()).collect::<Vec<_>>())
-    };
+    let others = |place: usize| mean(&[&own[..place], &own[place + 1..]].concat());
     let apart = |place: usize| distance(&own[place], &others(place), step, measured.points.len());
     let scatter = (0..own.len()).map(apart).fold(0.0, f64::max);
     let mut agreement = Agreement {

@@ -76,43 +76,28 @@ pub fn suspects(scene: &Scene) -> Vec<Suspect> {
         };
     let times = |own: f64| TIMES.iter().map(|times| times * own).collect::<Vec<_>>();
     let device = &scene.device;
-    add(
-        "mass",
-        "device.mass_kg",
-        "kg",
-        Some(device.mass_kg),
-        times(device.mass_kg),
-        |scene, kg| {
-            scene.device.mass_kg = kg;
-        },
-    );
-    for (name, key, unit, own, edit) in [
-        (
-            "damping",
-            "device.damping_n_s_per_m",
-            "N s/m",
-            device.damping_n_s_per_m,
-            (|scene, b| scene.device.damping_n_s_per_m = b) as fn(&mut Scene, f64),
-        ),
-        ("stiffness", "device.stiffness_n_per_m", "N/m", device.stiffness_n_per_m, |scene, k| {
-            scene.device.stiffness_n_per_m = k;
-        }),
-    ] {
-        if own > 0.0 {
-            let wide = [0.1, 0.25, 4.0, 10.0].map(|times| times * own);
-            add(name, key, unit, Some(own), times(own).into_iter().chain(wide).collect(), edit);
-        }
+    let (kg, b, k) = (device.mass_kg, device.damping_n_s_per_m, device.stiffness_n_per_m);
+    add("mass", "device.mass_kg", "kg", Some(kg), times(kg), |scene, kg| scene.device.mass_kg = kg);
+    let wide = |own: f64| {
+        let wide = [0.1, 0.25, 4.0, 10.0].map(|times| times * own);
+        times(own).into_iter().chain(wide).collect()
+    };
+    if b > 0.0 {
+        let key = "device.damping_n_s_per_m";
+        add("damping", key, "N s/m", Some(b), wide(b), |scene, b| {
+            scene.device.damping_n_s_per_m = b
+        });
+    }
+    if k > 0.0 {
+        let key = "device.stiffness_n_per_m";
+        add("stiffness", key, "N/m", Some(k), wide(k), |scene, k| {
+            scene.device.stiffness_n_per_m = k
+        });
     }
     // An arm or a second mass is no part of what the motor's force is divided by.
     if scene.arm.is_none() && scene.mode.is_none() {
-        add(
-            "force per command",
-            "actuator.gain_n_per_v",
-            "times the scene's",
-            Some(1.0),
-            times(1.0),
-            force,
-        );
+        let (key, unit) = ("actuator.gain_n_per_v", "times the scene's");
+        add("force per command", key, unit, Some(1.0), times(1.0), force);
     }
     let (latency, period) = (scene.actuator.latency, f64::from(scene.actuator.period));
     let later = LATER.iter().map(|part| latency + part * period);
@@ -122,17 +107,14 @@ pub fn suspects(scene: &Scene) -> Vec<Suspect> {
         scene.actuator.latency = samples
     });
     let own = scene.amplifier.map(|amplifier| amplifier.bandwidth_hz);
-    let bandwidths = own.map_or(AMPLIFIERS_HZ.to_vec(), |own| {
-        TIMES.iter().chain(&[0.1, 0.25, 4.0]).map(|times| times * own).collect()
-    });
+    let wider = |own| TIMES.iter().chain(&[0.1, 0.25, 4.0]).map(|times| times * own).collect();
+    let bandwidths = own.map_or(AMPLIFIERS_HZ.to_vec(), wider);
     add("amplifier", "amplifier.bandwidth_hz", "Hz", own, bandwidths, |scene, bandwidth_hz| {
         scene.amplifier = Some(Amplifier { bandwidth_hz });
     });
     let own = scene.friction.map(|friction| friction.coulomb_n).filter(|own| *own > 0.0);
     let full_n = scene.full_scale_n();
-    let dry = own.map_or(DRY.map(|part| part * full_n).to_vec(), |own| {
-        TIMES.iter().chain(&[0.1, 0.25, 4.0]).map(|times| times * own).collect()
-    });
+    let dry = own.map_or(DRY.map(|part| part * full_n).to_vec(), wider);
     add("dry friction", "friction.coulomb_n", "N", own, dry, friction);
     let own = scene.encoder_noise.map(|noise| noise.rms_m);
     let resolution_m = scene.encoder.resolution_m;

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::{Agreement, Measured, Row, Tried};
 use crate::{
     scene::{NamedScene, Units},
-    table::{Cell, Kind, Table},
+    table::{self, Cell, Kind, Table},
 };
 
 /// All of it; docs/files.md has the keys.
@@ -116,27 +116,15 @@ impl Agreement {
 
     /// The same as a table.
     pub fn table(&self) -> Table {
-        let names = [
-            "damping_n_s_per_m",
-            "predicted_n_per_m",
-            "predicted_low_n_per_m",
-            "predicted_high_n_per_m",
-            "measured_n_per_m",
-            "explained_n_per_m",
+        let columns: [table::Told<WallRow>; 6] = [
+            ("damping_n_s_per_m", Kind::Number, |row| row.damping_n_s_per_m.into()),
+            ("predicted_n_per_m", Kind::Number, |row| row.predicted_n_per_m.into()),
+            ("predicted_low_n_per_m", Kind::Number, |row| row.predicted_low_n_per_m.into()),
+            ("predicted_high_n_per_m", Kind::Number, |row| row.predicted_high_n_per_m.into()),
+            ("measured_n_per_m", Kind::Number, |row| row.measured_n_per_m.into()),
+            ("explained_n_per_m", Kind::Number, |row| Cell::number(row.explained_n_per_m)),
         ];
-        let mut table = Table::new(names.map(|name| (name, Kind::Number)));
-        let cells = |row: WallRow| {
-            vec![
-                row.damping_n_s_per_m.into(),
-                row.predicted_n_per_m.into(),
-                row.predicted_low_n_per_m.into(),
-                row.predicted_high_n_per_m.into(),
-                row.measured_n_per_m.into(),
-                Cell::number(row.explained_n_per_m),
-            ]
-        };
-        table.rows = self.walls().into_iter().map(cells).collect();
-        table
+        Table::of(&columns, &self.walls())
     }
 
     /// The suspects, what leaves least first, their numbers in those units.

@@ -84,7 +84,6 @@ pub fn measure(
     let each = walls.iter().map(|wall| at_wall(scene, velocity, wall, stop));
     let points = each.collect::<Result<Vec<_>, Error>>()?.concat();
     let mean = |of: fn(&Point) -> f64| {
-        #[expect(clippy::cast_precision_loss, reason = "a handful of points")]
         let count = points.len().max(1) as f64;
         (points.iter().map(|point| of(point).max(FLOOR).ln()).sum::<f64>() / count).exp()
     };

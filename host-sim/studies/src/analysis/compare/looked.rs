@@ -22,22 +22,10 @@ pub(super) struct Look {
     pub(super) walks: u32,
 }
 
-/// What a walk left, with its count of hits.
-pub(super) trait Walked {
-    /// Hits that it took.
-    fn hits(&self) -> u64;
-}
-
-impl Walked for Boundary {
-    fn hits(&self) -> u64 {
-        self.hits
-    }
-}
-
 /// Tunings that were walked.
 pub(super) struct Looked<T> {
-    /// What each of their starts gave.
-    made: Vec<(VelocitySettings, Vec<T>)>,
+    /// What each of their starts gave, and what is thought of it.
+    made: Vec<(VelocitySettings, Vec<(T, Boundary)>)>,
     /// Hits of all walks so far.
     pub(super) hits: u64,
 }
@@ -48,7 +36,7 @@ impl<T> Default for Looked<T> {
     }
 }
 
-impl<T: Walked> Looked<T> {
+impl<T> Looked<T> {
     /// Looks at tunings, those before having reached an area of `best`. `walk` makes the walks from one start; those of
     /// tunings that will be asked for `soon` are made beside.
     pub(super) fn look(
@@ -56,8 +44,8 @@ impl<T: Walked> Looked<T> {
         settings: &[VelocitySettings],
         soon: &[VelocitySettings],
         best: f64,
-        area: impl Fn(&T) -> f64,
-        walk: impl Fn(&[VelocitySettings], f64) -> Result<Vec<T>, Error>,
+        area: impl Fn(&(T, Boundary)) -> f64,
+        walk: impl Fn(&[VelocitySettings], f64) -> Result<Vec<(T, Boundary)>, Error>,
     ) -> Result<Vec<Look>, Error> {
         let all = [settings, soon].concat();
         for (n, start) in STARTS.into_iter().enumerate() {
@@ -69,7 +57,7 @@ impl<T: Walked> Looked<T> {
             let due: Vec<VelocitySettings> = all.iter().filter(is_due).copied().collect();
             let made = if due.is_empty() { vec![] } else { walk(&due, start)? };
             for (one, walked) in due.into_iter().zip(made) {
-                self.hits += walked.hits();
+                self.hits += walked.1.hits;
                 match self.made.iter_mut().find(|(other, _)| *other == one) {
                     Some((_, known)) => known.push(walked),
                     None => self.made.push((one, vec![walked])),
@@ -83,12 +71,12 @@ impl<T: Walked> Looked<T> {
         Ok(settings.iter().map(of).collect())
     }
 
-    fn of(&self, settings: &VelocitySettings) -> &[T] {
+    fn of(&self, settings: &VelocitySettings) -> &[(T, Boundary)] {
         self.made.iter().find(|(other, _)| other == settings).map_or(&[], |(_, made)| made)
     }
 
     /// 0 where nothing is known.
-    fn mean(&self, settings: &VelocitySettings, area: impl Fn(&T) -> f64) -> f64 {
+    fn mean(&self, settings: &VelocitySettings, area: impl Fn(&(T, Boundary)) -> f64) -> f64 {
         Repeats::of(self.of(settings).iter().map(&area)).mean
     }
 }
@@ -152,7 +140,11 @@ mod tests {
                 _ => assert_eq!(found.area, other.area),
             }
         }
-        let again: Boundaries = walker.walks(&[best], &budget.starts()).unwrap().pop().unwrap();
+        let again: Boundaries = walker
+            .walks(&[best], &crate::study::sweep::starts(budget.repeats))
+            .unwrap()
+            .pop()
+            .unwrap();
         assert_eq!(tuned.boundaries, again);
         [tuned.hits, hits]
     }
@@ -206,13 +198,13 @@ mod tests {
         let walked = |area: f64| Boundary { points: vec![], area, hits: 10, ended: None };
         let walk = |all: &[VelocitySettings], _| {
             asked.fetch_add(all.len(), Ordering::Relaxed);
-            Ok(all.iter().map(|one| walked(one.tuning().map_or(0.0, |(_, hz)| hz))).collect())
+            Ok(all.iter().map(|one| ((), walked(one.tuning().map_or(0.0, |(_, hz)| hz)))).collect())
         };
         let mut looked = Looked::default();
         let mut look = |one: &[f64], soon: &[f64], best| {
             let [one, soon] = [one, soon].map(|all| all.iter().map(|hz| settings(*hz)).collect());
             let (one, soon): (Vec<_>, Vec<_>) = (one, soon);
-            looked.look(&one, &soon, best, |walked: &Boundary| walked.area, walk).unwrap()
+            looked.look(&one, &soon, best, |((), walked)| walked.area, walk).unwrap()
         };
         // 100 is best; 90 cannot win; 97 can
         let found = look(&[100.0, 90.0], &[97.0], 0.0);

@@ -32,7 +32,6 @@ pub mod winners;
 use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
-use serde::Serialize;
 use zwidth::{
     VelocitySettings,
     velocity::{EstimatorName, Sense},
@@ -50,7 +49,7 @@ use crate::{
     interrupt,
     numerics::statistics::Repeats,
     scene::{LATENCY_KNOWN_MAX, NamedScene, Scene},
-    simulation::prepared::{Numeric, PreparedScene, WallHit},
+    simulation::prepared::{Numeric, PreparedScene},
     study::{
         boundary::{Boundaries, Boundary},
         schedule::{Length, longest_first},
@@ -193,17 +192,16 @@ impl Class {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Wall {
-    pub stiffness_n_per_m: f64,
-    pub damping_n_s_per_m: f64,
-}
+pub use crate::study::boundary::BoundaryPoint as Wall;
 
 impl Wall {
-    /// A hit of it, from the scene's own start.
-    pub fn hit(&self, velocity: VelocitySettings) -> WallHit {
-        let Self { stiffness_n_per_m, damping_n_s_per_m } = *self;
-        WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
+    /// Half of the mean K that those boundaries reach at a B, at least the walk's first.
+    pub fn half_of(boundaries: Option<&Boundaries>, scene: &Scene, damping_n_s_per_m: f64) -> Self {
+        let reached = boundaries.map_or(0.0, |boundaries| {
+            Repeats::of(boundaries.stiffnesses_at(damping_n_s_per_m).into_iter()).mean
+        });
+        let first = scene.walk_plan().stiffness_start_n_per_m;
+        Self { stiffness_n_per_m: (reached / 2.0).max(first), damping_n_s_per_m }
     }
 }
 
@@ -322,16 +320,12 @@ pub fn compare(
     let found = found.into_iter().collect::<Result<Vec<_>, Error>>()?;
     let reference = searched.iter().zip(&found).find(|(entry, _)| **entry == REFERENCE);
     let plan = scene.walk_plan();
-    let damping_n_s_per_m = damping_n_s_per_m
-        .unwrap_or_else(|| damping_of(reference.map(|(_, (_, tuned))| &tuned.boundaries), scene));
+    let reference = reference.map(|(_, (_, tuned))| &tuned.boundaries);
+    let damping_n_s_per_m = damping_n_s_per_m.unwrap_or_else(|| damping_of(reference, scene));
     let walls = [0.5, 1.0, 2.0].map(|times| {
         let damping_n_s_per_m = (times * damping_n_s_per_m)
             .clamp(plan.damping_start_n_s_per_m, plan.damping_max_n_s_per_m);
-        let reached = reference.map_or(0.0, |(_, (_, tuned))| {
-            Repeats::of(tuned.boundaries.stiffnesses_at(damping_n_s_per_m).into_iter()).mean
-        });
-        let stiffness_n_per_m = (reached / 2.0).max(plan.stiffness_start_n_per_m);
-        Wall { stiffness_n_per_m, damping_n_s_per_m }
+        Wall::half_of(reference, scene, damping_n_s_per_m)
     });
     let told = PreparedScene::told(scene)?;
     let told: Vec<Result<Boundary, Error>> = (0..budget.repeats)

@@ -46,19 +46,15 @@ pub fn measure(
         .map(|n| {
             interrupt::unless(stop)?;
             let start_offset_counts = start_offset_counts(n, HITS);
-            Ok(hit(prepared, numeric, &WallHit { start_offset_counts, ..*wall }))
+            let wall = WallHit { start_offset_counts, ..*wall };
+            let (report, roughness_n) = of_hit(prepared, numeric, &wall);
+            Ok((report.is_ok_and(|report| report.is_stable()), roughness_n))
         })
         .collect::<Result<_, Error>>()?;
     Ok(Contact {
         stable: hits.iter().all(|(stable, _)| *stable),
         roughness_n: hits.into_iter().map(|(_, roughness_n)| roughness_n).collect(),
     })
-}
-
-/// Whether a hit is stable, and how rough.
-fn hit(prepared: &PreparedScene, numeric: Numeric, wall: &WallHit) -> (bool, f64) {
-    let (report, roughness_n) = of_hit(prepared, numeric, wall);
-    (report.is_ok_and(|report| report.is_stable()), roughness_n)
 }
 
 /// What a hit showed, and how rough it was, N.
@@ -81,14 +77,12 @@ pub fn of_hit(
 /// RMS of what lies above `above_hz` in a signal of that rate. The mean is taken off first; a Hann
 /// window keeps a drift at low frequencies from leaking up.
 fn rms_above(signal: &[f64], rate_hz: f64, above_hz: f64) -> f64 {
-    #[expect(clippy::cast_precision_loss, reason = "at most 2^24 samples")]
     let length = signal.len() as f64;
     if signal.is_empty() {
         return 0.0;
     }
     let mean = signal.iter().sum::<f64>() / length;
     let window = |n: usize| {
-        #[expect(clippy::cast_precision_loss, reason = "at most 2^24 samples")]
         let n = n as f64;
         0.5 - 0.5 * (2.0 * PI * n / length).cos()
     };
@@ -104,7 +98,6 @@ fn rms_above(signal: &[f64], rate_hz: f64, above_hz: f64) -> f64 {
         .enumerate()
         .filter(|(bin, _)| {
             let mirrored = (*bin).min(spectrum.len() - bin);
-            #[expect(clippy::cast_precision_loss, reason = "at most 2^24 bins")]
             let frequency = mirrored as f64 * rate_hz / length;
             frequency > above_hz
         })

@@ -29,12 +29,7 @@ use crate::{
     interrupt,
     scene::Scene,
     simulation::prepared::{Numeric, PreparedScene},
-    study::{
-        boundary::{Boundaries, Boundary},
-        filters::boundaries,
-        schedule::Length,
-        sweep::start_offset_counts,
-    },
+    study::{How, boundary::Boundaries, filters::boundaries, schedule::Length, sweep::starts},
 };
 
 /// What a search may cost.
@@ -51,11 +46,6 @@ impl Budget {
     pub fn most(&self) -> u64 {
         let walks = OF_TWO * self.tunings * WALKS_OF_A_TRY;
         u64::from(walks) + 5 * u64::from(self.repeats)
-    }
-
-    /// Starts of the walks at the result, counts.
-    pub(in crate::analysis) fn starts(&self) -> Vec<f64> {
-        (0..self.repeats).map(|repeat| start_offset_counts(repeat, self.repeats)).collect()
     }
 }
 
@@ -98,8 +88,8 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
     ) -> Result<Vec<Boundaries>, Error> {
         let Some(first) = settings.first() else { return Ok(vec![]) };
         let scenes = [PreparedScene::new(&with_filter(self.scene, first))?];
-        let (numeric, done) = (Numeric::Fixed, |_: &_| (self.done)(1));
-        let made = boundaries(self.engine, &scenes, numeric, settings, starts, self.stop, done)?;
+        let how = How { engine: self.engine, numeric: Numeric::Fixed, stop: self.stop };
+        let made = boundaries(how, &scenes, settings, starts, |_| (self.done)(1))?;
         Ok(made.into_iter().flatten().collect())
     }
 
@@ -112,7 +102,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         settings: &VelocitySettings,
         budget: Budget,
     ) -> Result<Boundaries, Error> {
-        Ok(self.walks(&[*settings], &budget.starts())?.pop().unwrap_or_default())
+        Ok(self.walks(&[*settings], &starts(budget.repeats))?.pop().unwrap_or_default())
     }
 
     /// The best tuning from `start` and its boundaries, without what is left of it where it is wrong; as it is if it is
@@ -140,14 +130,14 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         };
         let mut best = *start;
         if let Some(axes) = &axes {
-            let looked: RefCell<Looked<Boundary>> = RefCell::default();
+            let looked: RefCell<Looked<()>> = RefCell::default();
             let walk = |settings: &[VelocitySettings], start: f64| {
                 let made = self.walks(settings, &[start])?.into_iter();
-                Ok(made.flatten().collect())
+                Ok(made.flatten().map(|boundary| ((), boundary)).collect())
             };
             let look = |settings: &[_], soon: &[_], best| {
                 let soon = if self.has_lanes(start)? { soon } else { &[] };
-                looked.borrow_mut().look(settings, soon, best, |walked| walked.area, walk)
+                looked.borrow_mut().look(settings, soon, best, |(_, walked)| walked.area, walk)
             };
             let search = Search::over(axes, budget.tunings, look)?;
             tuned.hits = looked.borrow().hits;
@@ -210,47 +200,33 @@ pub fn tune(
 ) -> Result<(VelocitySettings, Tuned), Error> {
     let walker = Walker { engine, scene, stop, done };
     let (best, mut tuned) = walker.best(start, is_free, budget)?;
-    let (starts, design) = (budget.starts(), scene.design());
     let area = tuned.boundaries.area();
-    let mut wrongs: Vec<(Wrong, VelocitySettings)> = vec![];
+    // down and up: by what share the loss of area counts (none of the mass of a model), and the settings
+    let mut wrongs: Vec<(usize, Option<f64>, VelocitySettings)> = vec![];
     let axes = walker.axes(start, is_free);
     for (side, factor) in [1.0 / WRONG_BY, WRONG_BY].into_iter().enumerate() {
         let wrong = axes.as_ref().and_then(|axes| axes.off_by(&best, factor));
-        if let Some((wrong, reached)) = wrong {
-            // whole numbers miss the factor: the loss at it is in proportion on the logarithmic scale
-            let share = factor.ln() / reached.ln();
-            wrongs.push((Wrong::Bandwidth { side, share }, wrong));
-        }
+        // whole numbers miss the factor: the loss at it is in proportion on the logarithmic scale
+        let share = |reached: f64| Some(factor.ln() / reached.ln());
+        wrongs.extend(wrong.map(|(wrong, reached)| (side, share(reached), wrong)));
     }
-    for (side, factor) in [1.0 - MASS_WRONG_BY, 1.0 + MASS_WRONG_BY].into_iter().enumerate() {
-        if let VelocitySettings::Observer { mass_kg, .. } = best {
-            let wrong = best.with_second(factor * mass_kg);
-            if wrong.build(&design).is_ok() {
-                wrongs.push((Wrong::Mass { side }, wrong));
-            }
-        }
+    if let VelocitySettings::Observer { mass_kg, .. } = best {
+        let factors = [1.0 - MASS_WRONG_BY, 1.0 + MASS_WRONG_BY].into_iter().enumerate();
+        let wrong = factors.map(|(side, by)| (side, None, best.with_second(by * mass_kg)));
+        wrongs.extend(wrong.filter(|(.., wrong)| wrong.build(&scene.design()).is_ok()));
     }
     wrongs.retain(|_| area > 0.0);
-    let settings: Vec<VelocitySettings> = wrongs.iter().map(|(_, settings)| *settings).collect();
-    for ((wrong, _), boundaries) in wrongs.iter().zip(walker.walks(&settings, &starts)?) {
+    let settings: Vec<VelocitySettings> = wrongs.iter().map(|(.., settings)| *settings).collect();
+    let walked = walker.walks(&settings, &starts(budget.repeats))?;
+    for ((side, share, _), boundaries) in wrongs.into_iter().zip(walked) {
         let left = boundaries.area() / area;
         tuned.hits += boundaries.hits();
-        match *wrong {
-            Wrong::Bandwidth { side, share } => {
-                tuned.left_when_mistuned[side] = Some(1.0 - share * (1.0 - left));
-            }
-            Wrong::Mass { side } => tuned.left_when_mass_is_wrong[side] = Some(left),
+        match share {
+            Some(share) => tuned.left_when_mistuned[side] = Some(1.0 - share * (1.0 - left)),
+            None => tuned.left_when_mass_is_wrong[side] = Some(left),
         }
     }
     Ok((best, tuned))
-}
-
-/// Value of a result that is made wrong: down (`side` 0) or up (1).
-enum Wrong {
-    /// The bandwidth; the loss counts by that share.
-    Bandwidth { side: usize, share: f64 },
-    /// The mass of a model.
-    Mass { side: usize },
 }
 
 /// Which parameters of `best` are at an end of what was searched, to within the last step.
@@ -404,6 +380,7 @@ mod tests {
     use super::super::looked::STARTS;
     use super::*;
     use crate::scene::NamedScene;
+    use crate::study::sweep::start_offset_counts;
 
     fn first_two(settings: &VelocitySettings) -> [f64; 2] {
         let (_, [tuning, second, ..]) = EstimatorName::of(settings);

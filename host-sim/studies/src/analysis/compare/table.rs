@@ -1,6 +1,6 @@
 //! The comparison as a table: one list of criteria for CSV, JSON, the page and the winners.
 
-use zwidth::velocity::EstimatorName;
+use zwidth::{VelocitySettings, velocity};
 
 use super::{
     Compared, Place, Wall,
@@ -219,17 +219,16 @@ pub struct Parameter {
 
 /// The tuning and the second parameter, as far as the estimator has them.
 pub fn parameters(c: &Compared) -> [Option<Parameter>; 2] {
-    let (name, values) = EstimatorName::of(&c.settings);
-    let mut found = [None; 2];
-    for (n, parameter) in name.parameters().into_iter().take(found.len()).enumerate() {
-        found[n] = parameter.map(|parameter| Parameter {
-            name: parameter.name,
-            unit: parameter.unit,
-            value: values[n],
-            edge: c.tuned.edges[n],
-        });
-    }
-    found
+    [0, 1].map(|n| {
+        let (velocity::Parameter { name, unit, .. }, value) = c.settings.parameter(n)?;
+        Some(Parameter { name, unit, value, edge: c.tuned.edges[n] })
+    })
+}
+
+/// Value and unit of a parameter.
+pub(super) fn value_and_unit(settings: &VelocitySettings, n: usize) -> [Cell; 2] {
+    let parameter = settings.parameter(n);
+    parameter.map_or([Cell::Empty, Cell::Empty], |(of, value)| [value.into(), of.unit.into()])
 }
 
 /// An area, in its unit.
@@ -259,12 +258,11 @@ pub fn table(compared: &[Compared], place: &Place) -> Table {
     let criteria = CRITERIA.iter().map(|criterion| (criterion.key, Kind::Number));
     let mut table = Table::new(own.into_iter().chain(criteria));
     for c in compared {
-        let parameters = parameters(c).map(|parameter| match parameter {
-            Some(p) => [p.value.into(), p.unit.into(), p.edge.is_some().into()],
-            None => [Cell::Empty, Cell::Empty, false.into()],
-        });
         let mut row: Vec<Cell> = vec![c.entry.name().into(), c.needs().into()];
-        row.extend(parameters.into_iter().flatten());
+        for (n, edge) in c.tuned.edges.iter().enumerate() {
+            row.extend(value_and_unit(&c.settings, n));
+            row.push((edge.is_some() && c.settings.parameter(n).is_some()).into());
+        }
         row.push(Cell::Whole(search_walks(c).into()));
         row.push(c.tuned.settled.into());
         row.push(Cell::Whole(c.tuned.hits));
@@ -293,14 +291,8 @@ pub fn tunings(compared: &[Compared]) -> Table {
     ]);
     for c in compared {
         for tried in &c.tuned.tried {
-            let (name, values) = EstimatorName::of(&tried.settings);
-            let parameters = name.parameters();
-            let cells = [0, 1].map(|n| match parameters[n] {
-                Some(parameter) => [values[n].into(), parameter.unit.into()],
-                None => [Cell::Empty, Cell::Empty],
-            });
             let mut row: Vec<Cell> = vec![c.entry.name().into()];
-            row.extend(cells.into_iter().flatten());
+            row.extend([0, 1].into_iter().flat_map(|n| value_and_unit(&tried.settings, n)));
             row.push(tried.area.into());
             table.rows.push(row);
         }

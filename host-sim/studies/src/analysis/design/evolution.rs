@@ -13,7 +13,10 @@
 
 use crate::{
     error::Error,
-    numerics::random::{gaussian, uniform},
+    numerics::{
+        random::{gaussian, uniform},
+        whole,
+    },
 };
 
 /// Members that have the first cap, for each that has another one.
@@ -98,25 +101,13 @@ pub fn evolve<const N: usize>(
         let trials: Vec<Place<N>> = (0..caps.len())
             .map(|n| {
                 let mut any = || {
-                    #[expect(
-                        clippy::cast_possible_truncation,
-                        clippy::cast_sign_loss,
-                        clippy::cast_precision_loss,
-                        reason = "a number of a member"
-                    )]
-                    let number = (random() * caps.len() as f64) as usize;
+                    let number = whole(random() * caps.len() as f64);
                     members[number.min(caps.len() - 1)].place
                 };
                 let (one, other, base) = (any(), any(), any());
                 let own = caps_db.iter().position(|cap| *cap == caps[n]).unwrap_or(0);
                 let base = if random() < 0.5 { best[own] } else { base };
-                #[expect(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    clippy::cast_precision_loss,
-                    reason = "a number of a number"
-                )]
-                let always = (random() * N as f64) as usize;
+                let always = whole(random() * N as f64);
                 std::array::from_fn(|k| {
                     let crossed = random() < CROSSING || k == always;
                     let step = base[k] + scale * (one[k] - other[k]);
@@ -164,7 +155,6 @@ pub fn refine<const N: usize>(
     for _ in 0..budget.div_ceil(ROUND).saturating_sub(1) {
         found.sort_by(|a, b| b.2.total_cmp(&a.2));
         let best: Vec<Place<N>> = found.iter().take(SPREAD).map(|(place, ..)| *place).collect();
-        #[expect(clippy::cast_precision_loss, reason = "a dozen")]
         let number = best.len().max(1) as f64;
         let mean: Place<N> =
             std::array::from_fn(|k| best.iter().map(|place| place[k]).sum::<f64>() / number);

@@ -25,18 +25,21 @@ use zwidth::{
 
 use self::{
     evolution::{Field, Found, Place, evolve, refine},
-    references::{coarser, references, rough, starts, wall, with_biquad, with_low_pass},
+    references::{coarser, references, rough, wall, with_biquad, with_low_pass},
     shape::{NUMBERS, Shape},
 };
-use super::compare::Wall;
+use super::compare::{Wall, looked::STARTS};
 use crate::{
     engine::Engine,
     error::Error,
+    numerics::whole,
     scene::Scene,
     simulation::prepared::{Numeric, PreparedScene},
     study::{
+        How,
         boundary::{Boundaries, Boundary},
         filters::boundaries,
+        sweep::starts,
     },
 };
 
@@ -45,9 +48,7 @@ const COLUMNS: f64 = 28.0;
 /// The same where the result of the search is refined, and the share of the budget that is kept for that.
 const FINE_COLUMNS: f64 = 56.0;
 const REFINE: f64 = 0.2;
-/// Starts of the walks of the search, and of the choice among the best, counts: parts of the golden section, which no
-/// number of repeats has among its own.
-const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
+/// Starts of the walks of the choice among the best, counts: those of a search, and two between.
 const CHOICE: [f64; 4] =
     [0.118_033_988_749_895, 0.368_033_988_749_895, 0.618_033_988_749_895, 0.868_033_988_749_895];
 /// Filters of each cap and grid that are walked on the scene's grid.
@@ -56,8 +57,6 @@ const CHOSEN: usize = 8;
 const FRONT_DB: [f64; 6] = [12.0, 9.0, 6.0, 4.5, 3.0, 1.5];
 /// Factor of a mistuned frequency or damping, up or down.
 pub const MISTUNED_BY: f64 = 1.2;
-/// B at which the reference gives the wall at which roughness is measured, as in `compare`.
-const DAMPING_N_S_PER_M: f64 = 100.0;
 
 /// Who pushes, in whose hand, below which limit.
 #[derive(Clone, Debug)]
@@ -152,9 +151,7 @@ pub struct DesignStudy {
 
 /// What all walks share.
 struct Walker<'a, D> {
-    engine: Engine,
-    numeric: Numeric,
-    stop: &'a AtomicBool,
+    how: How<'a>,
     done: D,
 }
 
@@ -166,7 +163,7 @@ impl<D: Fn(&Boundary) + Sync> Walker<'_, D> {
         filters: &[VelocitySettings],
         starts: &[f64],
     ) -> Result<Vec<Vec<Boundaries>>, Error> {
-        boundaries(self.engine, scenes, self.numeric, filters, starts, self.stop, &self.done)
+        boundaries(self.how, scenes, filters, starts, &self.done)
     }
 }
 
@@ -192,7 +189,7 @@ fn of_numbers<const N: usize>(
     stop: &AtomicBool,
     done: impl Fn(&Boundary) + Sync,
 ) -> Result<DesignStudy, Error> {
-    let walker = Walker { engine, numeric: question.numeric, stop, done };
+    let walker = Walker { how: How { engine, numeric: question.numeric, stop }, done };
     let scenes: Vec<Scene> = question.conditions.iter().map(|c| with_biquad(&c.scene, N)).collect();
     let prepared = |scenes: &[Scene]| -> Result<Vec<PreparedScene>, Error> {
         scenes.iter().map(PreparedScene::new).collect()
@@ -230,12 +227,7 @@ fn of_numbers<const N: usize>(
     let asked = question.gain_peak_db.unwrap_or(f64::MAX);
     let caps: Vec<f64> =
         std::iter::once(asked).chain(FRONT_DB.into_iter().filter(|cap| *cap < asked)).collect();
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "at most a million"
-    )]
-    let kept = (REFINE * f64::from(question.budget)) as usize;
+    let kept = whole(REFINE * f64::from(question.budget));
     on_a_grid_of(COLUMNS, &mut search)?;
     let mut found = evolve(&mut search, &caps, question.budget as usize - kept, question.seed)?;
     found.sort_by(|a, b| b.2.total_cmp(&a.2));
@@ -254,13 +246,12 @@ fn of_numbers<const N: usize>(
         tried
     };
     let (coarse, fine_tried) = (tried(&found), tried(&refined));
-    let filters = choose(&walker, &question, &fine, &references, [&fine_tried, &coarse], &caps)?;
+    let scale = references.iter().map(|of| of.boundaries.area()).collect();
+    let last = Last { walker: &walker, question: &question, scenes: &fine, scale };
+    let filters = last.choose([&fine_tried, &coarse], &caps)?.into_iter();
     let tried = [fine_tried, coarse].concat();
     let mut filters = filters
-        .into_iter()
-        .map(|(shape, boundaries)| {
-            finish(&walker, &question, &fine, first, wall, &references, shape, boundaries)
-        })
+        .map(|(shape, boundaries)| last.finish(first, wall, shape, boundaries))
         .collect::<Result<Vec<Designed>, Error>>()?;
     filters.sort_by(|a, b| b.worth.total_cmp(&a.worth));
     if filters.first().is_none_or(|best| best.worth <= 0.0) {
@@ -330,7 +321,7 @@ impl<D: Fn(&Boundary) + Sync, const N: usize> Search<'_, D, N> {
         }
         let mut kept = true;
         if let Some(most) = roughness_n {
-            let found = rough(self.scene, &shape.settings(), self.wall, self.walker.stop)?;
+            let found = rough(self.scene, &shape.settings(), self.wall, self.walker.how.stop)?;
             kept &= found.is_some_and(|found| found <= *most);
         }
         if let (true, Some(share)) = (kept, mistuned_share) {
@@ -371,80 +362,84 @@ impl<D: Fn(&Boundary) + Sync, const N: usize> Field<N> for Search<'_, D, N> {
     }
 }
 
-/// The best filter below each cap, on the scene's grid, and its boundaries by condition.
-fn choose<D: Fn(&Boundary) + Sync>(
-    walker: &Walker<'_, D>,
-    question: &Question,
-    scenes: &[PreparedScene],
-    references: &[Reference],
-    tried: [&[Tried]; 2],
-    caps: &[f64],
-) -> Result<Vec<(Shape, Vec<Boundaries>)>, Error> {
-    let mut shapes: Vec<(Shape, f64)> = vec![];
-    for cap in caps {
-        for grid in tried {
-            let below = grid.iter().filter(|one| one.gain_peak_db <= *cap && one.worth > 0.0);
-            for one in below.take(CHOSEN) {
-                if shapes.iter().all(|(shape, _)| *shape != one.shape) {
-                    shapes.push((one.shape, one.gain_peak_db));
+/// The last walks, on the scenes' own grids.
+struct Last<'a, D> {
+    walker: &'a Walker<'a, D>,
+    question: &'a Question,
+    scenes: &'a [PreparedScene],
+    /// Areas of the references.
+    scale: Vec<f64>,
+}
+
+impl<D: Fn(&Boundary) + Sync> Last<'_, D> {
+    /// The best filter below each cap, and its boundaries by condition.
+    fn choose(
+        &self,
+        tried: [&[Tried]; 2],
+        caps: &[f64],
+    ) -> Result<Vec<(Shape, Vec<Boundaries>)>, Error> {
+        let Self { walker, question, scenes, scale } = self;
+        let mut shapes: Vec<(Shape, f64)> = vec![];
+        for cap in caps {
+            for grid in tried {
+                let below = grid.iter().filter(|one| one.gain_peak_db <= *cap && one.worth > 0.0);
+                for one in below.take(CHOSEN) {
+                    if shapes.iter().all(|(shape, _)| *shape != one.shape) {
+                        shapes.push((one.shape, one.gain_peak_db));
+                    }
                 }
             }
         }
-    }
-    let settings: Vec<VelocitySettings> =
-        shapes.iter().map(|(shape, _)| shape.settings()).collect();
-    let scale: Vec<f64> = references.iter().map(|of| of.boundaries.area()).collect();
-    let walked = walker.walk(scenes, &settings, question.spread(&CHOICE))?;
-    let areas = |n: usize| walked.iter().map(move |of_filter| of_filter[n].area());
-    let worths: Vec<f64> = (0..shapes.len()).map(|n| worth(areas(n), &scale).0).collect();
-    let mut best: Vec<usize> = vec![];
-    for cap in caps {
-        let below = (0..shapes.len()).filter(|&n| shapes[n].1 <= *cap);
-        if let Some(n) = below.max_by(|&a, &b| worths[a].total_cmp(&worths[b]))
-            && !best.contains(&n)
-        {
-            best.push(n);
+        let settings: Vec<VelocitySettings> =
+            shapes.iter().map(|(shape, _)| shape.settings()).collect();
+        let walked = walker.walk(scenes, &settings, question.spread(&CHOICE))?;
+        let areas = |n: usize| walked.iter().map(move |of_filter| of_filter[n].area());
+        let worths: Vec<f64> = (0..shapes.len()).map(|n| worth(areas(n), scale).0).collect();
+        let mut best: Vec<usize> = vec![];
+        for cap in caps {
+            let below = (0..shapes.len()).filter(|&n| shapes[n].1 <= *cap);
+            if let Some(n) = below.max_by(|&a, &b| worths[a].total_cmp(&worths[b]))
+                && !best.contains(&n)
+            {
+                best.push(n);
+            }
         }
+        let settings: Vec<VelocitySettings> = best.iter().map(|&n| settings[n]).collect();
+        let walked = walker.walk(scenes, &settings, &starts(question.repeats))?;
+        let of = |place: usize| walked.iter().map(|of_filter| of_filter[place].clone()).collect();
+        Ok(best.iter().enumerate().map(|(place, &n)| (shapes[n].0, of(place))).collect())
     }
-    let settings: Vec<VelocitySettings> = best.iter().map(|&n| settings[n]).collect();
-    let walked = walker.walk(scenes, &settings, &starts(question.repeats))?;
-    let of = |place: usize| walked.iter().map(|of_filter| of_filter[place].clone()).collect();
-    Ok(best.iter().enumerate().map(|(place, &n)| (shapes[n].0, of(place))).collect())
-}
 
-/// All that is said of a filter of the result.
-#[expect(clippy::too_many_arguments, reason = "each a part of the question")]
-fn finish<D: Fn(&Boundary) + Sync>(
-    walker: &Walker<'_, D>,
-    question: &Question,
-    scenes: &[PreparedScene],
-    first: &Scene,
-    wall: Wall,
-    references: &[Reference],
-    shape: Shape,
-    boundaries: Vec<Boundaries>,
-) -> Result<Designed, Error> {
-    let design = first.design();
-    let scale: Vec<f64> = references.iter().map(|of| of.boundaries.area()).collect();
-    let (worth, worst) = worth(boundaries.iter().map(Boundaries::area), &scale);
-    let wrong: Vec<VelocitySettings> =
-        shape.mistuned(MISTUNED_BY, &design).iter().map(Shape::settings).collect();
-    let walked = walker.walk(&scenes[worst..=worst], &wrong, &starts(question.repeats))?;
-    let own = boundaries[worst].area();
-    let left = walked.iter().flatten().map(|of| of.area() / own).fold(f64::INFINITY, f64::min);
-    let sections = match shape.settings().build(&design).map_err(Error::input)? {
-        Estimator::LowPass(biquad) => vec![biquad],
-        Estimator::Cascade(cascade) => cascade.sections().to_vec(),
-        _ => return Err(Error::Internal("a biquad is a low-pass to the core".into())),
-    };
-    Ok(Designed {
-        shape,
-        boundaries,
-        worth,
-        worst,
-        gain_peak_db: shape.gain_peak_db(&design).unwrap_or(f64::INFINITY),
-        roughness_n: rough(first, &shape.settings(), wall, walker.stop)?,
-        mistuned_share: left,
-        sections,
-    })
+    /// All that is said of a filter of the result.
+    fn finish(
+        &self,
+        first: &Scene,
+        wall: Wall,
+        shape: Shape,
+        boundaries: Vec<Boundaries>,
+    ) -> Result<Designed, Error> {
+        let Self { walker, question, scenes, scale } = self;
+        let design = first.design();
+        let (worth, worst) = worth(boundaries.iter().map(Boundaries::area), scale);
+        let wrong: Vec<VelocitySettings> =
+            shape.mistuned(MISTUNED_BY, &design).iter().map(Shape::settings).collect();
+        let walked = walker.walk(&scenes[worst..=worst], &wrong, &starts(question.repeats))?;
+        let own = boundaries[worst].area();
+        let left = walked.iter().flatten().map(|of| of.area() / own).fold(f64::INFINITY, f64::min);
+        let sections = match shape.settings().build(&design).map_err(Error::input)? {
+            Estimator::LowPass(biquad) => vec![biquad],
+            Estimator::Cascade(cascade) => cascade.sections().to_vec(),
+            _ => return Err(Error::Internal("a biquad is a low-pass to the core".into())),
+        };
+        Ok(Designed {
+            shape,
+            boundaries,
+            worth,
+            worst,
+            gain_peak_db: shape.gain_peak_db(&design).unwrap_or(f64::INFINITY),
+            roughness_n: rough(first, &shape.settings(), wall, walker.how.stop)?,
+            mistuned_share: left,
+            sections,
+        })
+    }
 }

@@ -5,18 +5,18 @@ use std::sync::atomic::AtomicBool;
 use zwidth::VelocitySettings;
 
 use super::{
-    DAMPING_N_S_PER_M, Question, Reference, STARTS, Walker,
+    Question, Reference, Walker,
     shape::{NUMBERS, Second, Shape},
 };
 use crate::{
-    analysis::compare::{Wall, roughness, with_filter},
+    analysis::compare::{Wall, damping_of, looked::STARTS, roughness, with_filter},
     error::Error,
     numerics::statistics::Repeats,
     scene::Scene,
     simulation::prepared::{Numeric, PreparedScene},
     study::{
         boundary::{Boundaries, Boundary},
-        sweep::start_offset_counts,
+        sweep::starts,
     },
 };
 
@@ -69,10 +69,6 @@ pub(super) fn references<D: Fn(&Boundary) + Sync>(
         .collect())
 }
 
-pub(super) fn starts(repeats: u32) -> Vec<f64> {
-    (0..repeats).map(|repeat| start_offset_counts(repeat, repeats)).collect()
-}
-
 /// The scene with a grid on which the reference's boundary has about that many columns and rows.
 pub(super) fn coarser(scene: &Scene, reference: &Boundaries, columns: f64) -> Scene {
     let mut scene = scene.clone();
@@ -90,18 +86,8 @@ pub(super) fn coarser(scene: &Scene, reference: &Boundaries, columns: f64) -> Sc
 
 /// Half of the K that the reference reaches at the B of `compare`, or at half of its largest B.
 pub(super) fn wall(scene: &Scene, references: &[Reference]) -> Wall {
-    let plan = scene.walk_plan();
-    let (first, step) = (plan.damping_start_n_s_per_m, plan.damping_step_n_s_per_m);
-    let reached = references.first().map_or(0.0, |reference| {
-        reference.boundaries.dampings_max_n_s_per_m().into_iter().fold(f64::INFINITY, f64::min)
-    });
-    let steps = ((0.5 * reached - first) / step).floor().max(0.0);
-    let damping_n_s_per_m = DAMPING_N_S_PER_M.clamp(first, first + steps * step);
-    let stiffness = references.first().map_or(0.0, |reference| {
-        Repeats::of(reference.boundaries.stiffnesses_at(damping_n_s_per_m).into_iter()).mean
-    });
-    let stiffness_n_per_m = (stiffness / 2.0).max(plan.stiffness_start_n_per_m);
-    Wall { stiffness_n_per_m, damping_n_s_per_m }
+    let boundaries = references.first().map(|reference| &reference.boundaries);
+    Wall::half_of(boundaries, scene, damping_of(boundaries, scene))
 }
 
 /// Mean roughness of a filter at the wall, N; `None` where it is not stable.

@@ -20,6 +20,8 @@ pub enum Kind {
     Firmware,
     /// Nothing to buy: an element that the scene leaves out, as it may be.
     LeftOut,
+    /// Nothing: the scene as it is.
+    Nothing,
 }
 
 impl Kind {
@@ -28,6 +30,7 @@ impl Kind {
             Self::Part => "part",
             Self::Firmware => "firmware",
             Self::LeftOut => "left-out",
+            Self::Nothing => "",
         }
     }
 }
@@ -48,6 +51,21 @@ pub struct Change {
     pub scene: Scene,
     /// Estimators of which the best is taken; the scene's own if there is none.
     pub estimators: Vec<EstimatorName>,
+}
+
+impl Change {
+    /// The scene as it is.
+    pub fn none(scene: &Scene) -> Self {
+        Self {
+            name: "none",
+            text: "the scene as it is".into(),
+            kind: Kind::Nothing,
+            cost: String::new(),
+            cycles_per_s: Some(0.0),
+            scene: scene.clone(),
+            estimators: vec![],
+        }
+    }
 }
 
 /// Worst cycles of `render` on the faster board, and its clock.
@@ -122,15 +140,7 @@ pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
         let mut changed = scene.clone();
         edit(&mut changed);
         if changed != *scene && changed.check().is_ok() {
-            all.push(Change {
-                name,
-                text,
-                kind,
-                cost,
-                cycles_per_s: Some(0.0),
-                scene: changed,
-                estimators: vec![],
-            });
+            all.push(Change { name, text, kind, cost, ..Change::none(&changed) });
         }
     };
     let (part, firmware) = (Kind::Part, Kind::Firmware);
@@ -289,8 +299,8 @@ pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
         kind: firmware,
         cost,
         cycles_per_s: None,
-        scene: scene.clone(),
         estimators: estimators.to_vec(),
+        ..Change::none(scene)
     };
     if !estimators.is_empty() {
         all.push(of_estimators("estimator", "the best estimator", String::new(), estimators));

@@ -37,6 +37,7 @@ use crate::{
     study::{
         boundary::Boundaries,
         schedule::{Length, longest_first},
+        sweep::starts,
     },
 };
 
@@ -52,8 +53,8 @@ const INTEGRATED_TUNINGS: u32 = 5;
 /// A scene with one element changed, and its walls.
 #[derive(Clone, Debug)]
 pub struct Explained {
-    /// What was changed; `None` for the scene as it is.
-    pub change: Option<Change>,
+    /// What was changed.
+    pub change: Change,
     /// The estimator with its best tuning.
     pub settings: VelocitySettings,
     /// Its boundaries, one per start.
@@ -122,9 +123,7 @@ impl Explanation {
 
     /// The best change of a kind.
     pub fn best_of(&self, kind: Kind) -> Option<&Explained> {
-        let of_kind =
-            |one: &&Explained| one.change.as_ref().is_some_and(|change| change.kind == kind);
-        self.changes.iter().find(of_kind)
+        self.changes.iter().find(|one| one.change.kind == kind)
     }
 
     /// Whether a change is better than the scene as it is, for certain.
@@ -185,7 +184,7 @@ pub fn explain(
         let budget = Budget { tunings: budget.tunings.min(most), ..budget };
         Walker { engine, scene: changed, stop, done: &done }.best(start, true, budget)
     };
-    let found = |change: Option<Change>, (settings, tuned): (VelocitySettings, Tuned)| Explained {
+    let found = |change: Change, (settings, tuned): (VelocitySettings, Tuned)| Explained {
         change,
         settings,
         boundaries: tuned.boundaries,
@@ -199,26 +198,22 @@ pub fn explain(
     let first = || scene.velocity.at(scene.sweep.cutoffs_hz[0]);
     let own = scene.velocity.settings().unwrap_or_else(first);
     let names = estimators(scene);
-    let asked: Vec<Option<Change>> =
-        [None].into_iter().chain(changes(scene, &names).into_iter().map(Some)).collect();
+    let asked = [vec![Change::none(scene)], changes(scene, &names)].concat();
     let start = |name: EstimatorName, changed: &Scene| settings_of(Entry::Tuned(name), changed);
-    let length = |change: &Option<Change>| -> Result<Length, Error> {
-        let changed = change.as_ref().map_or(scene, |change| &change.scene);
-        let estimators = change.as_ref().map_or(&[][..], |change| &change.estimators);
-        let first = estimators.first().map_or(own, |name| start(*name, changed));
-        let own = Walker { engine, scene: changed, stop, done: &done }.length(&first)?;
+    let length = |Change { scene, estimators, .. }: &Change| -> Result<Length, Error> {
+        let first = estimators.first().map_or(own, |name| start(*name, scene));
+        let own = Walker { engine, scene, stop, done: &done }.length(&first)?;
         Ok(if estimators.is_empty() { own } else { own.max(Length::Long) })
     };
     let lengths = asked.iter().map(length).collect::<Result<Vec<_>, Error>>()?;
     let explained = longest_first(&lengths, |n| {
         let change = &asked[n];
-        let changed = change.as_ref().map_or(scene, |change| &change.scene);
-        let estimators = change.as_ref().map_or(&[][..], |change| &change.estimators);
+        let changed = &change.scene;
         let start = |name: EstimatorName| start(name, changed);
-        match estimators {
+        match change.estimators[..] {
             [] => Ok(found(change.clone(), of(changed, &own, budget)?)),
-            [name] => Ok(found(change.clone(), of(changed, &start(*name), budget)?)),
-            names => {
+            [name] => Ok(found(change.clone(), of(changed, &start(name), budget)?)),
+            ref names => {
                 let screened: Vec<Result<(f64, u64, EstimatorName), Error>> = names
                     .par_iter()
                     .map(|&name| {
@@ -247,35 +242,30 @@ pub fn explain(
                 })?;
                 let (cost, cycles_per_s) = cost_of_estimator(scene, name);
                 let text = format!("the best estimator, {}", name.text());
-                let change =
-                    change.clone().map(|change| Change { text, cost, cycles_per_s, ..change });
+                let change = Change { text, cost, cycles_per_s, ..change.clone() };
                 Ok(Explained { hits, ..found(change, best) })
             }
         }
     });
     let mut explained = explained.into_iter().collect::<Result<Vec<_>, Error>>()?;
     let mut base = explained.remove(0);
-    let starts = budget.starts();
+    let starts = starts(budget.repeats);
     let walks = |changed: &Scene, settings: &[VelocitySettings], starts: &[f64]| {
         Walker { engine, scene: changed, stop, done: &done }.walks(settings, starts)
     };
-    pool(&walks, scene, &mut base, &mut explained, &starts)?;
-    let same = beside.map_or_else(Vec::new, |own| changes(own, &names));
+    pool(&walks, &mut base, &mut explained, &starts)?;
+    let same = |own| [vec![Change::none(own)], changes(own, &names)].concat();
+    let same = beside.map_or_else(Vec::new, same);
     let conclude = |one: &mut Explained| {
-        let changed = one.scene(scene);
+        let changed = &one.change.scene;
         let signal = signal::measure(changed, one.settings).map_err(Error::input)?;
         let walker = Walker { engine, scene: changed, stop, done: &done };
         let at_edge = match one.missed > 0.0 {
             true => walker.is_at_edge(&one.settings),
             false => one.at_edge,
         };
-        let own = match &one.change {
-            None => beside,
-            Some(change) => {
-                same.iter().find(|other| other.name == change.name).map(|other| &other.scene)
-            }
-        };
-        let walked = own.map(|own| walks(own, &[one.settings], &starts)).transpose()?;
+        let own = same.iter().find(|other| other.name == one.change.name);
+        let walked = own.map(|own| walks(&own.scene, &[one.settings], &starts)).transpose()?;
         one.beside = walked.and_then(|mut walked| walked.pop());
         (one.noise_m_per_s, one.at_edge) = (signal.noise_in_motion_m_per_s, at_edge);
         Ok::<_, Error>(())
@@ -294,7 +284,6 @@ type Walks<'a> =
 /// Tries the scene at the tunings of its changes, and these at its own.
 fn pool(
     walks: &Walks<'_>,
-    scene: &Scene,
     base: &mut Explained,
     explained: &mut [Explained],
     starts: &[f64],
@@ -302,11 +291,11 @@ fn pool(
     let estimator = base.settings.name();
     let like = |one: &Explained| one.settings.name() == estimator;
     let others = explained.iter().filter(|one| like(one)).map(|one| one.settings).collect();
-    base.try_at(walks, scene, others, starts)?;
+    base.try_at(walks, others, starts)?;
     explained
         .par_iter_mut()
         .filter(|one| like(one))
-        .try_for_each(|one| one.try_at(walks, scene, vec![base.settings], starts))
+        .try_for_each(|one| one.try_at(walks, vec![base.settings], starts))
 }
 
 impl Explained {
@@ -316,20 +305,14 @@ impl Explained {
         self.boundaries.repeats().is_below(same, &other.boundaries.repeats())
     }
 
-    /// The explained scene with this change.
-    fn scene<'a>(&'a self, base: &'a Scene) -> &'a Scene {
-        self.change.as_ref().map_or(base, |change| &change.scene)
-    }
-
     /// Takes the best of its own and other tunings.
     fn try_at(
         &mut self,
         walks: &Walks<'_>,
-        base: &Scene,
         others: Vec<VelocitySettings>,
         starts: &[f64],
     ) -> Result<(), Error> {
-        let scene = self.scene(base);
+        let scene = &self.change.scene;
         let mut all = vec![self.settings];
         for other in others {
             if !all.contains(&other) && other.build(&scene.design()).is_ok() {
@@ -379,7 +362,7 @@ mod tests {
         let (one, many) = (explained(1), explained(3));
         assert_eq!(one.base.boundaries, many.base.boundaries);
         for (place, (a, b)) in one.changes.iter().zip(&many.changes).enumerate() {
-            let name = |one: &Explained| one.change.as_ref().unwrap().name;
+            let name = |one: &Explained| one.change.name;
             assert_eq!(name(a), name(b));
             assert_eq!((&a.boundaries, a.settings), (&b.boundaries, b.settings), "{}", name(a));
             assert!(one.rank(place) <= place + 1);
@@ -388,7 +371,7 @@ mod tests {
         }
         // half the latency is more, an amplifier in between less, and both are told from none
         let of = |name: &str| {
-            let is_it = |one: &&Explained| one.change.as_ref().is_some_and(|c| c.name == name);
+            let is_it = |one: &&Explained| one.change.name == name;
             one.changes.iter().find(is_it).unwrap()
         };
         let (soon, slow) = (of("latency-half"), of("amplifier-1khz"));

@@ -23,7 +23,7 @@
 //! Units are SI throughout; frequencies in reports are hertz, `omega` is radians per step of the z in question.
 
 use crate::{
-    scene,
+    numerics, scene,
     scene::element::{Amplifier, Arm, Chain, Mode},
 };
 
@@ -36,7 +36,7 @@ mod transfer;
 
 pub use boundary::{Boundary, Crossing, StiffnessLimit};
 pub use monodromy::Monodromy;
-pub use transfer::{Order, TransferFunction, position_response, transfer_function};
+pub use transfer::{TransferFunction, position_response, transfer_function};
 
 /// Longest latency that the analysis accepts, in samples: ten times the longest a scene may ask for.
 pub const LATENCY_MAX_SAMPLES: f64 = 10_000.0;
@@ -105,41 +105,27 @@ impl Loop {
     /// Names the first quantity that is not a number or out of its range.
     pub fn check(&self) -> Result<(), LinearError> {
         let Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = self.device;
+        let Elements { amplifier, mode, arm } = self.elements;
+        let (least, most) = (f64::MIN_POSITIVE, f64::MAX);
+        let period = Some(f64::from(self.period));
         let numbers = [
-            ("mass_kg", mass_kg, f64::MIN_POSITIVE, f64::MAX),
-            ("damping_n_s_per_m", damping_n_s_per_m, 0.0, f64::MAX),
-            ("stiffness_n_per_m", stiffness_n_per_m, 0.0, f64::MAX),
-            ("rate_hz", self.rate_hz, f64::MIN_POSITIVE, f64::MAX),
-            ("latency_samples", self.latency_samples, 0.0, LATENCY_MAX_SAMPLES),
-            ("period", f64::from(self.period), 1.0, f64::from(PERIOD_MAX)),
+            ("mass_kg", Some(mass_kg), least, most),
+            ("damping_n_s_per_m", Some(damping_n_s_per_m), 0.0, most),
+            ("stiffness_n_per_m", Some(stiffness_n_per_m), 0.0, most),
+            ("rate_hz", Some(self.rate_hz), least, most),
+            ("latency_samples", Some(self.latency_samples), 0.0, LATENCY_MAX_SAMPLES),
+            ("period", period, 1.0, f64::from(PERIOD_MAX)),
+            ("amplifier.bandwidth_hz", amplifier.map(|a| a.bandwidth_hz), least, most),
+            ("mode.mass_kg", mode.map(|m| m.mass_kg), least, most),
+            ("arm.mass_kg", arm.map(|a| a.mass_kg), least, most),
+            ("mode.stiffness_n_per_m", mode.map(|m| m.stiffness_n_per_m), 0.0, most),
+            ("mode.damping_n_s_per_m", mode.map(|m| m.damping_n_s_per_m), 0.0, most),
+            ("arm.stiffness_n_per_m", arm.map(|a| a.stiffness_n_per_m), 0.0, most),
+            ("arm.damping_n_s_per_m", arm.map(|a| a.damping_n_s_per_m), 0.0, most),
+            ("arm.grip_stiffness_n_per_m", arm.map(|a| a.grip_stiffness_n_per_m), 0.0, most),
+            ("arm.grip_damping_n_s_per_m", arm.map(|a| a.grip_damping_n_s_per_m), 0.0, most),
         ];
         for (name, value, low, high) in numbers {
-            if !(low..=high).contains(&value) {
-                return Err(LinearError::OutOfRange { name, low, high });
-            }
-        }
-        let joints = [
-            ("amplifier.bandwidth_hz", self.elements.amplifier.map(|a| a.bandwidth_hz)),
-            ("mode.mass_kg", self.elements.mode.map(|m| m.mass_kg)),
-            ("arm.mass_kg", self.elements.arm.map(|a| a.mass_kg)),
-        ];
-        for (name, value) in joints {
-            let (low, high) = (f64::MIN_POSITIVE, f64::MAX);
-            if value.is_some_and(|value| !(low..=high).contains(&value)) {
-                return Err(LinearError::OutOfRange { name, low, high });
-            }
-        }
-        let (mode, arm) = (self.elements.mode, self.elements.arm);
-        let joints = [
-            ("mode.stiffness_n_per_m", mode.map(|m| m.stiffness_n_per_m)),
-            ("mode.damping_n_s_per_m", mode.map(|m| m.damping_n_s_per_m)),
-            ("arm.stiffness_n_per_m", arm.map(|a| a.stiffness_n_per_m)),
-            ("arm.damping_n_s_per_m", arm.map(|a| a.damping_n_s_per_m)),
-            ("arm.grip_stiffness_n_per_m", arm.map(|a| a.grip_stiffness_n_per_m)),
-            ("arm.grip_damping_n_s_per_m", arm.map(|a| a.grip_damping_n_s_per_m)),
-        ];
-        for (name, value) in joints {
-            let (low, high) = (0.0, f64::MAX);
             if value.is_some_and(|value| !(low..=high).contains(&value)) {
                 return Err(LinearError::OutOfRange { name, low, high });
             }
@@ -172,13 +158,7 @@ impl Loop {
     pub(crate) fn split_latency(&self) -> (usize, f64) {
         let period = f64::from(self.period);
         let whole = (self.latency_samples / period).floor();
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "0 to LATENCY_MAX_SAMPLES"
-        )]
-        let count = whole as usize;
-        (count, (self.latency_samples - whole * period).max(0.0))
+        (numerics::whole(whole), (self.latency_samples - whole * period).max(0.0))
     }
 }
 

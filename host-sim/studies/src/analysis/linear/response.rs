@@ -80,6 +80,10 @@ enum Plant {
     Augmented(Augmented),
 }
 
+/// The positions at the samples of a period, the first of them again, and what 1 / Hx times the first is without the
+/// latency's whole periods.
+type Positions = (Vec<Complex<f64>>, Complex<f64>, Complex<f64>);
+
 /// The open loop, ready to be evaluated.
 #[derive(Clone, Debug)]
 pub(super) struct Response {
@@ -123,23 +127,15 @@ impl Alone {
         Self { less, now, before, mass, samples }
     }
 
-    /// The positions at the samples of a period, the first of them again, and what 1 / Hx times the first is
-    /// without the latency's whole periods.
-    fn at(
-        &self,
-        delta: Complex<f64>,
-        z_inverse: Complex<f64>,
-    ) -> (impl DoubleEndedIterator<Item = Complex<f64>>, Complex<f64>, Complex<f64>) {
+    fn at(&self, delta: Complex<f64>, z_inverse: Complex<f64>) -> Positions {
         let [[e11, e12], [e21, e22]] = self.less;
         let determinant = delta * (delta - (e11 + e22)) + (e11 * e22 - e12 * e21);
         let gamma = [0, 1].map(|row| z_inverse * self.before[row] + self.now[row]);
         let x = (delta - e22) * gamma[0] + gamma[1] * e12;
         let v = (delta - e11) * gamma[1] + gamma[0] * e21;
-        let positions = self
-            .samples
-            .iter()
-            .map(move |s| x * s.x + v * s.v + determinant * (z_inverse * s.before + s.now));
-        (positions, x, determinant * self.mass)
+        let position =
+            |s: &Sample| x * s.x + v * s.v + determinant * (z_inverse * s.before + s.now);
+        (self.samples.iter().map(position).collect(), x, determinant * self.mass)
     }
 }
 
@@ -186,11 +182,7 @@ impl Augmented {
         Self { less: step(period).0, now, before, samples, marks }
     }
 
-    fn at(
-        &self,
-        delta: Complex<f64>,
-        z_inverse: Complex<f64>,
-    ) -> (impl DoubleEndedIterator<Item = Complex<f64>>, Complex<f64>, Complex<f64>) {
+    fn at(&self, delta: Complex<f64>, z_inverse: Complex<f64>) -> Positions {
         let states = self.now.len();
         let matrix = DMatrix::from_fn(states, states, |row, column| {
             Complex::from(-self.less[(row, column)])
@@ -203,11 +195,11 @@ impl Augmented {
             .solve(&gamma)
             .unwrap_or_else(|| DVector::from_element(states, f64::INFINITY.into()));
         let x = state[0];
-        let positions = self.samples.iter().map(move |(row, now, before)| {
+        let positions = self.samples.iter().map(|(row, now, before)| {
             let start: Complex<f64> = row.iter().zip(state.iter()).map(|(r, z)| z * r).sum();
             start + z_inverse * before + now
         });
-        (positions, x, 1.0.into())
+        (positions.collect(), x, 1.0.into())
     }
 }
 
@@ -262,53 +254,24 @@ impl Response {
         let delta = Complex::new(-2.0 * half * half, sin); // exp(j omega) - 1 without cancellation
         let delta = delta + (delta + 1.0) * outside;
         let z_inverse = (delta + 1.0).inv();
-        match &self.plant {
-            Plant::Alone(plant) => self.point(
-                omega,
-                outside,
-                z_inverse,
-                plant.samples.len(),
-                plant.at(delta, z_inverse),
-            ),
-            Plant::Augmented(plant) => self.point(
-                omega,
-                outside,
-                z_inverse,
-                plant.samples.len(),
-                plant.at(delta, z_inverse),
-            ),
-        }
-    }
-
-    fn point(
-        &self,
-        omega: f64,
-        outside: f64,
-        z_inverse: Complex<f64>,
-        samples: usize,
-        (positions, x, unit): (
-            impl DoubleEndedIterator<Item = Complex<f64>>,
-            Complex<f64>,
-            Complex<f64>,
-        ),
-    ) -> Point {
+        let (positions, x, unit) = match &self.plant {
+            Plant::Alone(plant) => plant.at(delta, z_inverse),
+            Plant::Augmented(plant) => plant.at(delta, z_inverse),
+        };
         let inverse = unit / x / z_inverse.powu(u32::try_from(self.late).unwrap_or(u32::MAX));
-        let velocity = if samples == 1 {
-            self.estimator.at(z_inverse)
-        } else {
-            self.lifted(omega, outside, positions.collect()) / x
+        let velocity = match positions.len() {
+            1 => self.estimator.at(z_inverse),
+            _ => self.lifted(omega, outside, &positions) / x,
         };
         Point { omega, inverse, velocity }
     }
 
     /// Estimated velocity at the output instants for the positions at the samples of a period.
-    fn lifted(&self, omega: f64, outside: f64, positions: Vec<Complex<f64>>) -> Complex<f64> {
-        #[expect(clippy::cast_precision_loss, reason = "at most PERIOD_MAX")]
+    fn lifted(&self, omega: f64, outside: f64, positions: &[Complex<f64>]) -> Complex<f64> {
         let period = positions.len() as f64;
         let shrink = libm::pow(1.0 + outside, -1.0 / period);
         let mut velocity = Complex::new(0.0, 0.0);
         for alias in 0..positions.len() {
-            #[expect(clippy::cast_precision_loss, reason = "at most PERIOD_MAX")]
             let angle = (omega + TAU * alias as f64) / period;
             let back = Complex::new(libm::cos(angle), -libm::sin(angle)) * shrink;
             let share =

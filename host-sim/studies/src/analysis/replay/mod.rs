@@ -118,7 +118,6 @@ impl Replayed {
             }
             _ => 0.0,
         };
-        #[expect(clippy::cast_precision_loss, reason = "some hundred")]
         Some(lag(best) as f64 + bend)
     }
 

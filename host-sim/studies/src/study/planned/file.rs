@@ -40,13 +40,16 @@ pub type Changes = Vec<(String, Value)>;
 /// The keys of the file.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
-    measure: Measure,
-    scenes: Vec<String>,
+pub struct Keys {
+    /// What is made at each point.
+    pub measure: Measure,
+    /// Built-in names and paths.
+    pub scenes: Vec<String>,
     #[serde(default)]
     estimators: Vec<Value>,
+    /// `None`: the scenes' own.
     #[serde(default, deserialize_with = "numbers")]
-    cutoffs_hz: Option<Vec<f64>>,
+    pub cutoffs_hz: Option<Vec<f64>>,
     #[serde(default, deserialize_with = "numbers")]
     starts_counts: Option<Vec<f64>>,
     #[serde(default, deserialize_with = "numbers")]
@@ -54,7 +57,8 @@ struct Keys {
     #[serde(default, deserialize_with = "numbers")]
     dampings: Option<Vec<f64>>,
     repeat: Option<u32>,
-    points_per_unit: Option<u64>,
+    /// `None`: as many as take some seconds.
+    pub points_per_unit: Option<u64>,
     #[serde(default)]
     product: Table,
     #[serde(default)]
@@ -69,28 +73,35 @@ pub struct StudyFile {
     pub text: String,
     /// Where the scenes are that it names by a relative path.
     pub folder: PathBuf,
-    /// What is made at each point.
-    pub measure: Measure,
-    /// Built-in names and paths.
-    pub scenes: Vec<String>,
+    pub keys: Keys,
     /// `[velocity]` of each; empty: the scenes' own.
     pub estimators: Vec<Table>,
-    /// `None`: the scenes' own.
-    pub cutoffs_hz: Option<Vec<f64>>,
-    /// Starts, counts beyond the scene's own.
-    pub starts_counts: Vec<f64>,
-    /// K of the walls, in the unit of the scenes.
-    pub stiffnesses: Vec<f64>,
-    /// B of the walls, in the unit of the scenes.
-    pub dampings: Vec<f64>,
-    /// Walks of each cutoff of a sweep.
-    pub repeat: u32,
-    /// `None`: as many as take some seconds.
-    pub points_per_unit: Option<u64>,
     /// Every key of `[product]` with its values.
     pub product: Vec<(String, Vec<Value>)>,
     /// Every `[[list]]`; one without changes if there is none.
     pub list: Vec<Changes>,
+}
+
+impl Keys {
+    /// Starts, counts beyond the scene's own.
+    pub fn starts_counts(&self) -> &[f64] {
+        self.starts_counts.as_deref().unwrap_or(&[0.0])
+    }
+
+    /// K of the walls, in the unit of the scenes.
+    pub fn stiffnesses(&self) -> &[f64] {
+        self.stiffnesses.as_deref().unwrap_or_default()
+    }
+
+    /// B of the walls, in the unit of the scenes.
+    pub fn dampings(&self) -> &[f64] {
+        self.dampings.as_deref().unwrap_or_default()
+    }
+
+    /// Walks of each cutoff of a sweep.
+    pub fn repeat(&self) -> u32 {
+        self.repeat.unwrap_or(REPEAT)
+    }
 }
 
 /// An array of numbers, or the text of a list.
@@ -110,7 +121,6 @@ fn numbers<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec<f64>>, D::Er
 }
 
 fn as_number(value: &Value) -> Option<f64> {
-    #[expect(clippy::cast_precision_loss, reason = "a whole number that a person typed")]
     match value {
         Value::Integer(value) => Some(*value as f64),
         Value::Float(value) => Some(*value),
@@ -160,27 +170,7 @@ impl StudyFile {
         let estimators = keys.estimators().map_err(refused)?;
         keys.check().map_err(refused)?;
         let (origin, folder) = (origin.to_owned(), folder.to_path_buf());
-        let Keys { measure, scenes, cutoffs_hz, stiffnesses, dampings, points_per_unit, .. } = keys;
-        let starts_counts = keys.starts_counts.unwrap_or_else(|| vec![0.0]);
-        let (stiffnesses, dampings) =
-            (stiffnesses.unwrap_or_default(), dampings.unwrap_or_default());
-        let repeat = keys.repeat.unwrap_or(REPEAT);
-        Ok(Self {
-            origin,
-            text,
-            folder,
-            measure,
-            scenes,
-            estimators,
-            cutoffs_hz,
-            starts_counts,
-            stiffnesses,
-            dampings,
-            repeat,
-            points_per_unit,
-            product,
-            list,
-        })
+        Ok(Self { origin, text, folder, keys, estimators, product, list })
     }
 }
 

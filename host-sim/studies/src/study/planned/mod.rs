@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use toml::{Table, Value};
 use zwidth::VelocitySettings;
 
-pub use file::{Changes, Measure, StudyFile};
+pub use file::{Changes, Keys, Measure, StudyFile};
 
 use crate::{
     error::Error,
@@ -133,7 +133,7 @@ impl Study {
             return Err(refused(what));
         }
         let (mut blocks, mut files): (Vec<Block>, Vec<PathBuf>) = (vec![], vec![]);
-        for name in &file.scenes {
+        for name in &file.keys.scenes {
             let scene = NamedScene::load(&file.place_of(name))
                 .map_err(|error| error.of(&format!("{}: scenes", file.origin)))?;
             if blocks.iter().any(|block| block.name == scene.name) {
@@ -153,7 +153,9 @@ impl Study {
                 format!("scenes has {first} and {other}, one of them rotary; allowed is one kind");
             return Err(refused(what));
         }
-        if file.cutoffs_hz.is_some() && !blocks.iter().any(|block| block.cutoffs_hz[0].is_some()) {
+        if file.keys.cutoffs_hz.is_some()
+            && !blocks.iter().any(|block| block.cutoffs_hz[0].is_some())
+        {
             let what =
                 format!("cutoffs_hz is given, but the estimator {} has none", blocks[0].estimator);
             return Err(refused(what));
@@ -205,16 +207,16 @@ impl Study {
         let named = |error: Error| error.of(&self.described(block, variant));
         let units = scene.scene.units;
         let walk = &scene.scene.walk;
-        let (dampings, stiffnesses) = match self.file.measure {
+        let (dampings, stiffnesses) = match self.file.keys.measure {
             Measure::Hit => (
-                self.file.dampings.iter().map(|&b| units.damping_n_s_per_m(b)).collect(),
-                self.file.stiffnesses.iter().map(|&k| units.stiffness_n_per_m(k)).collect(),
+                self.file.keys.dampings().iter().map(|&b| units.damping_n_s_per_m(b)).collect(),
+                self.file.keys.stiffnesses().iter().map(|&k| units.stiffness_n_per_m(k)).collect(),
             ),
             _ => (vec![walk.damping_start_n_s_per_m], vec![walk.stiffness_start_n_per_m]),
         };
         let filters = block.cutoffs_hz.iter().map(|&hz| filter(&scene.scene, hz));
         let filters: Vec<VelocitySettings> = filters.collect();
-        for &start_offset_counts in &self.file.starts_counts {
+        for &start_offset_counts in self.file.keys.starts_counts() {
             let (filters, dampings, stiffnesses) =
                 (filters.clone(), Vec::clone(&dampings), Vec::clone(&stiffnesses));
             let walls = Walls { filters, dampings, stiffnesses, start_offset_counts };
@@ -246,12 +248,13 @@ impl Study {
             digit as usize
         };
         let mut of = Point::default();
-        if file.measure != Measure::Sweep {
-            if file.measure == Measure::Hit {
-                of.stiffness = file.stiffnesses[digit(file.stiffnesses.len())];
-                of.damping = file.dampings[digit(file.dampings.len())];
+        if file.keys.measure != Measure::Sweep {
+            if file.keys.measure == Measure::Hit {
+                of.stiffness = file.keys.stiffnesses()[digit(file.keys.stiffnesses().len())];
+                of.damping = file.keys.dampings()[digit(file.keys.dampings().len())];
             }
-            of.start_offset_counts = file.starts_counts[digit(file.starts_counts.len())];
+            of.start_offset_counts =
+                file.keys.starts_counts()[digit(file.keys.starts_counts().len())];
             of.cutoff_hz = block.cutoffs_hz[digit(block.cutoffs_hz.len())];
         }
         Point { number: block.first_point + within, variant: rest, ..of }
@@ -327,28 +330,30 @@ impl StudyFile {
         };
         let with = NamedScene::of_table(scene.name.clone(), table.clone(), &origin)?;
         let velocity = with.scene.velocity;
-        let own = self.cutoffs_hz.as_ref().unwrap_or(&with.scene.sweep.cutoffs_hz);
+        let own = self.keys.cutoffs_hz.as_ref().unwrap_or(&with.scene.sweep.cutoffs_hz);
         let cutoffs_hz = match velocity.has_cutoff() {
             true => own.iter().copied().map(Some).collect(),
             false => vec![None],
         };
-        let (walls, starts) = match self.measure {
-            Measure::Hit => {
-                (self.stiffnesses.len() * self.dampings.len(), self.starts_counts.len())
-            }
-            Measure::Walk => (1, self.starts_counts.len()),
+        let (walls, starts) = match self.keys.measure {
+            Measure::Hit => (
+                self.keys.stiffnesses().len() * self.keys.dampings().len(),
+                self.keys.starts_counts().len(),
+            ),
+            Measure::Walk => (1, self.keys.starts_counts().len()),
             Measure::Sweep => (1, 1),
         };
-        let cutoffs = if self.measure == Measure::Sweep { 1 } else { cutoffs_hz.len() };
+        let cutoffs = if self.keys.measure == Measure::Sweep { 1 } else { cutoffs_hz.len() };
         let of_variant = [cutoffs, starts, walls].map(|n| n as u64);
         let points = of_variant.into_iter().fold(self.variants(), u64::saturating_mul);
         let hit = &with.scene.wall_hit;
         let samples = hit.times_s().iter().sum::<f64>() * with.scene.control.rate_hz;
-        #[expect(clippy::cast_precision_loss, reason = "at most ten thousand cutoffs")]
-        let hits = match self.measure {
+        let hits = match self.keys.measure {
             Measure::Hit => 1.0,
             Measure::Walk => HITS_PER_WALK,
-            Measure::Sweep => HITS_PER_WALK * cutoffs_hz.len() as f64 * f64::from(self.repeat),
+            Measure::Sweep => {
+                HITS_PER_WALK * cutoffs_hz.len() as f64 * f64::from(self.keys.repeat())
+            }
         };
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 10^9")]
         let fitting = (SAMPLES_PER_UNIT / (samples * hits)).clamp(1.0, 1e6) as u64;
@@ -362,7 +367,7 @@ impl StudyFile {
             first_point: 0,
             first_unit: 0,
             points,
-            points_per_unit: self.points_per_unit.unwrap_or(fitting),
+            points_per_unit: self.keys.points_per_unit.unwrap_or(fitting),
         })
     }
 }

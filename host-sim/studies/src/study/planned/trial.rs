@@ -58,8 +58,6 @@ impl Study {
             runs *= 2;
         }
     }
-
-    #[expect(clippy::cast_precision_loss, reason = "at most 10^9 points")]
     fn tried(&self, runs: u64, length: u64, how: How<'_>) -> Result<Trial, Error> {
         let all = u128::from(self.points.div_ceil(length));
         // In the middle of as many equal parts.

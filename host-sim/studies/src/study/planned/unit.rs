@@ -8,15 +8,14 @@ use zwidth::{VelocitySettings, experiment::Ended};
 
 use super::{Block, Measure, Point, SCHEMA, SOURCES, Study};
 use crate::{
-    engine::{Depth, Outcome, stream},
+    engine::{Depth, Outcome},
     error::Error,
     scene::{NamedScene, Units},
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
     study::{
         How,
-        boundary::Boundary,
-        sweep::{Plan, SweepResult, filters, on_all_threads, sweep},
-        walk_lanes::{Queue, Start, walks},
+        sweep::{Plan, SweepResult, filters, sweep},
+        walk_lanes::{Start, all_walks},
     },
     table::{Cell, Column, Kind, Table},
 };
@@ -81,7 +80,7 @@ impl Study {
         for part in ["zwidth study", &SCHEMA.to_string(), SOURCES] {
             hash.part(part);
         }
-        hash.part(self.file.measure.name());
+        hash.part(self.file.keys.measure.name());
         hash.part(numeric.name());
         hash
     }
@@ -95,10 +94,10 @@ impl Study {
             cutoffs_part(&mut hash, block);
             hash.part(block.points_per_unit.to_le_bytes());
         }
-        for numbers in [&file.starts_counts, &file.stiffnesses, &file.dampings] {
+        for numbers in [file.keys.starts_counts(), file.keys.stiffnesses(), file.keys.dampings()] {
             numbers_part(&mut hash, numbers);
         }
-        hash.part(file.repeat.to_le_bytes());
+        hash.part(file.keys.repeat().to_le_bytes());
         for (key, values) in &file.product {
             hash.part(key);
             hash.part(Value::Array(values.clone()).to_string());
@@ -115,9 +114,9 @@ impl Study {
         let mut hash = self.head_part(numeric);
         let block = self.block_of(unit);
         scene_part(&mut hash, block);
-        if self.file.measure == Measure::Sweep {
+        if self.file.keys.measure == Measure::Sweep {
             cutoffs_part(&mut hash, block);
-            hash.part(self.file.repeat.to_le_bytes());
+            hash.part(self.file.keys.repeat().to_le_bytes());
         }
         let mut last = None;
         for point in self.points_of(unit) {
@@ -167,7 +166,7 @@ impl Study {
         for (key, value) in self.file.changes(0) {
             columns.push(Column { name: key, kind: kind_of(&value) });
         }
-        columns.extend(told(match self.file.measure {
+        columns.extend(told(match self.file.keys.measure {
             Measure::Walk => &[
                 ("cutoff_hz", Number),
                 ("start_offset_counts", Number),
@@ -218,8 +217,11 @@ impl Study {
                 let name = self.described(block, points[0].variant);
                 Ok(Variant { study: self, block, scene, prepared, name, points })
             };
-            let variants: Vec<Variant<'_>> = in_order(variants.par_iter().map(prepare).collect())?;
-            match self.file.measure {
+            // the error that is the first in order, not the first in time
+            let variants: Vec<Result<Variant<'_>, Error>> =
+                variants.par_iter().map(prepare).collect();
+            let variants = variants.into_iter().collect::<Result<Vec<_>, _>>()?;
+            match self.file.keys.measure {
                 Measure::Walk => walk(&variants, how, &mut made)?,
                 Measure::Hit => hit(&variants, how, &mut made)?,
                 Measure::Sweep => swept(&variants, how, &mut made)?,
@@ -227,11 +229,6 @@ impl Study {
         }
         Ok(made)
     }
-}
-
-/// All results, or the error that is the first in order, not the first in time.
-fn in_order<T>(results: Vec<Result<T, Error>>) -> Result<Vec<T>, Error> {
-    results.into_iter().collect()
 }
 
 fn kind_of(value: &Value) -> Kind {
@@ -261,7 +258,6 @@ impl Variant<'_> {
             Cell::Text(self.block.name.clone().into()),
             Cell::Text(self.block.estimator.into()),
         ];
-        #[expect(clippy::cast_precision_loss, reason = "a whole number that a person typed")]
         cells.extend(self.study.file.changes(point.variant).into_iter().map(
             |(_, value)| match value {
                 Value::String(text) => Cell::Text(text.into()),
@@ -282,33 +278,18 @@ impl Variant<'_> {
 }
 
 fn walk(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Error> {
-    let starts = |variant: &Variant<'_>| {
+    let begins = |variant: &'_ Variant<'_>| {
         let start = |point: &Point| {
             let WallHit { velocity, start_offset_counts, .. } = point.hit(&variant.scene.scene);
             Start { velocity, start_offset_counts }
         };
         variant.points.iter().map(start).collect()
     };
-    let starts: Vec<Vec<Start>> = variants.iter().map(starts).collect();
-    let queues: Vec<Queue<'_>> = variants
-        .iter()
-        .zip(&starts)
-        .map(|(variant, starts)| Queue::new(&variant.prepared, starts))
-        .collect();
-    let mut found = on_all_threads(queues.len(), |queue, found| {
-        walks(how.engine, how.numeric, &queues[queue], how.stop, |walk, boundary| {
-            found.push(((queue, walk), boundary));
-        });
-    });
-    if how.stop.load(std::sync::atomic::Ordering::Relaxed) {
-        return Err(Error::Interrupted);
-    }
-    for (place, variant) in variants.iter().enumerate() {
-        for (walk, point) in variant.points.iter().enumerate() {
-            let boundary = found.remove(&(place, walk));
-            let boundary =
-                boundary.unwrap_or_else(|| Err(Error::Internal("a walk has no result".into())));
-            let boundary: Boundary = boundary.map_err(|error| error.of(&variant.name))?;
+    let begins: Vec<(&PreparedScene, Vec<Start>)> =
+        variants.iter().map(|variant| (&variant.prepared, begins(variant))).collect();
+    for (variant, found) in variants.iter().zip(all_walks(how, &begins, |_| ())?) {
+        for (point, boundary) in variant.points.iter().zip(found) {
+            let boundary = boundary.map_err(|error| error.of(&variant.name))?;
             let mut row = variant.cells(point);
             row.extend([
                 Cell::number(point.cutoff_hz),
@@ -336,9 +317,7 @@ fn hit(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Er
         let of = |point: &Point| point.hit(&variant.scene.scene);
         let hits: Vec<WallHit> = variant.points.iter().map(of).collect();
         let mut rows = Vec::with_capacity(hits.len());
-        #[expect(clippy::cast_possible_truncation, reason = "an index of a vector")]
-        let wall = |number: u64| hits[number as usize];
-        let sink = |_, outcome: Result<Outcome, HitError>| {
+        let sink = |outcome: Result<Outcome, HitError>| {
             let (verdict, rms_m) = match outcome {
                 Ok(outcome) => (outcome.verdict.name(), outcome.rms_m),
                 Err(HitError::OutOfRange(_)) => (OUT_OF_RANGE, None),
@@ -357,15 +336,15 @@ fn hit(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Er
             rows.push(row);
             Ok(())
         };
-        let (prepared, total) = (&variant.prepared, hits.len() as u64);
-        stream(how.engine, prepared, how.numeric, Depth::Whole, total, wall, how.stop, sink)
+        how.run(&variant.prepared, Depth::Whole, &hits, sink)
             .map_err(|error| error.of(&variant.name))?;
         Ok(rows)
     };
-    let rows: Vec<Vec<Vec<Cell>>> = in_order(variants.par_iter().map(rows).collect())?;
-    for row in rows.into_iter().flatten() {
-        made.hits += 1;
-        made.table.rows.push(row);
+    let rows: Vec<Result<Vec<Vec<Cell>>, Error>> = variants.par_iter().map(rows).collect();
+    for rows in rows {
+        let rows = rows?;
+        made.hits += rows.len() as u64;
+        made.table.rows.extend(rows);
     }
     Ok(())
 }
@@ -381,7 +360,7 @@ fn swept(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), 
         .zip(&asked)
         .map(|(Variant { name, prepared, .. }, filters)| Plan { name, prepared, filters })
         .collect();
-    let Some(repeat) = variants.first().map(|variant| variant.study.file.repeat) else {
+    let Some(repeat) = variants.first().map(|variant| variant.study.file.keys.repeat()) else {
         return Ok(());
     };
     let results = sweep(how.engine, &plans, how.numeric, repeat, how.stop, |_| ())?;

@@ -12,7 +12,10 @@ use super::{Draws, How, Map, held};
 use zwidth::VelocitySettings;
 
 use crate::{
-    error::Error, numerics::random, simulation::prepared::WallHit, study::envelope::Interval,
+    error::Error,
+    numerics::{random, whole},
+    simulation::prepared::WallHit,
+    study::envelope::Interval,
 };
 
 /// The share that holds along the firmware's contour.
@@ -49,10 +52,16 @@ pub fn contour(map: &Map, share: f64) -> Vec<Interval> {
             match (holds, from) {
                 (true, None) => from = Some(cell),
                 (false, Some(first)) => {
-                    let low_n_per_m = if first == 0 { 0.0 } else { crossing(first, first - 1) };
+                    let stiffness_low_n_per_m =
+                        if first == 0 { 0.0 } else { crossing(first, first - 1) };
                     let last = cell - 1;
-                    let high_n_per_m = if cell == cells { k(last) } else { crossing(last, cell) };
-                    let run = Interval { damping_n_s_per_m, low_n_per_m, high_n_per_m };
+                    let stiffness_high_n_per_m =
+                        if cell == cells { k(last) } else { crossing(last, cell) };
+                    let run = Interval {
+                        damping_n_s_per_m,
+                        stiffness_low_n_per_m,
+                        stiffness_high_n_per_m,
+                    };
                     if longest.is_none_or(|longest| length(&run) > length(&longest)) {
                         longest = Some(run);
                     }
@@ -68,7 +77,7 @@ pub fn contour(map: &Map, share: f64) -> Vec<Interval> {
 }
 
 fn length(interval: &Interval) -> f64 {
-    interval.high_n_per_m - interval.low_n_per_m
+    interval.stiffness_high_n_per_m - interval.stiffness_low_n_per_m
 }
 
 /// A contour that was tried.
@@ -99,17 +108,11 @@ impl Tried {
 
 /// A draw at its place: `[K low, K high]` of that place, and B.
 fn place(intervals: &[Interval], number: u64) -> Option<([f64; 2], f64)> {
-    #[expect(clippy::cast_precision_loss, reason = "some columns")]
     let along = random::uniform(PLACES, number) * (intervals.len() as f64 - 1.0);
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a place in the list"
-    )]
-    let before = along.floor() as usize;
+    let before = whole(along);
     let (a, b) = (intervals.get(before)?, intervals.get(before + 1).or(intervals.get(before))?);
     let between = |of: fn(&Interval) -> f64| of(a) + (of(b) - of(a)) * along.fract();
-    let ends = [between(|i| i.low_n_per_m), between(|i| i.high_n_per_m)];
+    let ends = [between(|i| i.stiffness_low_n_per_m), between(|i| i.stiffness_high_n_per_m)];
     Some((ends, between(|i| i.damping_n_s_per_m)))
 }
 
@@ -166,7 +169,7 @@ pub fn fitted(how: How<'_>, draws: &Draws, map: &Map) -> Result<Option<Tried>, E
         if enough(count) { length = middle } else { beyond = middle }
     }
     let shorter = |interval: &Interval| Interval {
-        high_n_per_m: interval.low_n_per_m + length * self::length(interval),
+        stiffness_high_n_per_m: interval.stiffness_low_n_per_m + length * self::length(interval),
         ..*interval
     };
     let intervals: Vec<Interval> = intervals.iter().map(shorter).collect();
@@ -209,7 +212,8 @@ mod tests {
         }
         let of = |share| {
             let ends = contour(&map, share).into_iter();
-            ends.map(|i| [i.damping_n_s_per_m, i.low_n_per_m, i.high_n_per_m]).collect::<Vec<_>>()
+            ends.map(|i| [i.damping_n_s_per_m, i.stiffness_low_n_per_m, i.stiffness_high_n_per_m])
+                .collect::<Vec<_>>()
         };
         // 20 -> 10 crosses 19 after a tenth of a cell, 0 -> 20 after 19 of 20
         assert_eq!(of(0.95), [[5.0, 0.0, 360.0], [15.0, 145.0, 350.0], [25.0, 345.0, 550.0]]);

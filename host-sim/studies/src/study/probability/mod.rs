@@ -15,7 +15,7 @@
 
 pub mod contour;
 
-use std::{collections::BTreeMap, sync::atomic::AtomicBool};
+use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 use statrs::distribution::{Binomial, DiscreteCDF as _};
@@ -26,9 +26,10 @@ use super::{
     sweep::{CutoffResult, SweepResult},
 };
 use crate::{
-    engine::{Depth, Outcome, Work, run},
+    engine::{Depth, Outcome},
     error::Error,
-    numerics::{random, statistics::AS_GOOD_AS_BEST},
+    interrupt,
+    numerics::{random, statistics::AS_GOOD_AS_BEST, whole},
     scene::Scene,
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
@@ -39,8 +40,6 @@ const CELLS: u32 = 40;
 const BEYOND: f64 = 1.1;
 /// Rows and columns that are added where walls still hold at its edge.
 const MORE: u32 = 8;
-/// Hits of a task: enough to fill the lanes many times.
-const HITS_OF_A_TASK: usize = 512;
 /// Seeds of what is drawn.
 const DEVICES: u64 = 0x5eed_0001;
 const STARTS: u64 = 0x5eed_0002;
@@ -117,73 +116,28 @@ impl Draws {
     }
 }
 
-/// Hits of one scene, in order.
-struct List<'a> {
-    hits: &'a [WallHit],
-    next: usize,
-    lanes: Vec<usize>,
-    stop: &'a AtomicBool,
-    held: Vec<Result<bool, Error>>,
-}
-
-impl Work for List<'_> {
-    fn next(&mut self, lane: usize) -> Option<WallHit> {
-        if self.stop.load(std::sync::atomic::Ordering::Relaxed) {
-            return None;
-        }
-        let hit = *self.hits.get(self.next)?;
-        if self.lanes.len() <= lane {
-            self.lanes.resize(lane + 1, 0);
-        }
-        *self.lanes.get_mut(lane)? = self.next;
-        self.next += 1;
-        Some(hit)
-    }
-
-    fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>) {
-        let held = match outcome {
-            Ok(outcome) => Ok(outcome.verdict == Verdict::Stable),
-            Err(HitError::OutOfRange(_)) => Ok(false),
-            Err(error) => Err(error.into()),
-        };
-        if let Some(place) = self.lanes.get(lane).and_then(|&n| self.held.get_mut(n)) {
-            *place = held;
-        }
-    }
-}
-
 /// Whether each wall of each scene holds; on all threads.
 pub(super) fn held(
     how: How<'_>,
     tasks: &[(&PreparedScene, Vec<WallHit>)],
 ) -> Result<Vec<Vec<bool>>, Error> {
-    let chunks: Vec<(usize, &PreparedScene, &[WallHit])> = tasks
-        .iter()
-        .enumerate()
-        .flat_map(|(n, (prepared, hits))| {
-            hits.chunks(HITS_OF_A_TASK).map(move |chunk| (n, *prepared, chunk))
-        })
-        .collect();
-    let made: Vec<(usize, Vec<Result<bool, Error>>)> = chunks
-        .into_par_iter()
-        .with_max_len(1)
-        .map(|(n, prepared, hits)| {
-            let held = hits.iter().map(|_| Ok(false)).collect();
-            let mut list = List { hits, next: 0, lanes: vec![], stop: how.stop, held };
-            run(how.engine, prepared, how.numeric, Depth::Verdict, &mut list);
-            (n, list.held)
-        })
-        .collect();
-    if how.stop.load(std::sync::atomic::Ordering::Relaxed) {
-        return Err(Error::Interrupted);
-    }
-    let mut all: Vec<Vec<bool>> = tasks.iter().map(|_| vec![]).collect();
-    for (n, part) in made {
-        for one in part {
-            all[n].push(one?);
-        }
-    }
-    Ok(all)
+    let of_scene = |(prepared, hits): &(&PreparedScene, Vec<WallHit>)| {
+        let mut held = Vec::with_capacity(hits.len());
+        let sink = |outcome: Result<Outcome, HitError>| {
+            held.push(match outcome {
+                Err(HitError::OutOfRange(_)) => false,
+                outcome => outcome?.verdict == Verdict::Stable,
+            });
+            Ok(())
+        };
+        how.run(prepared, Depth::Verdict, hits, sink)?;
+        Ok(held)
+    };
+    // the error that is the first in order, not the first in time
+    let all: Vec<Result<Vec<bool>, Error>> =
+        tasks.par_iter().with_max_len(1).map(of_scene).collect();
+    interrupt::unless(how.stop)?;
+    all.into_iter().collect()
 }
 
 /// Which draws hold at each of those walls, `[K, B]`: by wall, then by draw (devices, each with its starts).
@@ -275,9 +229,7 @@ impl Map {
             (|held: u32| f64::from(held) > few, |held: u32| f64::from(self.trials - held) > few);
         let any = self.held.values().filter(|held| hold(**held)).count();
         let some = self.held.values().filter(|held| hold(**held) && fail(**held)).count();
-        #[expect(clippy::cast_precision_loss, reason = "some thousand cells")]
-        let share = some as f64 / any.max(1) as f64;
-        share
+        some as f64 / any.max(1) as f64
     }
 
     /// That quantile of the draws' areas, N^2 s/m^2.
@@ -319,14 +271,8 @@ fn quantile(values: &[f64], share: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     let Some(last) = sorted.len().checked_sub(1) else { return 0.0 };
-    #[expect(clippy::cast_precision_loss, reason = "some thousand draws")]
     let at = share * last as f64;
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a place in the list"
-    )]
-    let below = at.floor() as usize;
+    let below = whole(at);
     let above = (below + 1).min(last);
     sorted[below] + (sorted[above] - sorted[below]) * at.fract()
 }

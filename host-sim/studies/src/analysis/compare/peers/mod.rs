@@ -6,18 +6,18 @@
 
 mod table;
 
-use std::{f64::consts::PI, sync::atomic::AtomicBool};
+use std::f64::consts::PI;
 
 use rayon::prelude::*;
 use zwidth::{VelocitySettings, velocity::RATIO};
 
 use super::with_filter;
 use crate::{
-    engine::Engine,
     error::Error,
     scene::{NamedScene, RmsOf, Scene, Walk, velocity::describe},
     simulation::prepared::Numeric,
     study::{
+        How,
         boundary::Boundaries,
         limits::{Limit, LimitResult, Question, Situation, limits},
         limits_asked::{LimitAsked, Names, check, finer},
@@ -169,24 +169,15 @@ pub const PEERS: [Peer; 13] = [
     },
 ];
 
-/// A loop in which all rows are walked: the scene's own, or with the output stage of a board.
-#[derive(Clone, Debug)]
-pub struct Loop {
-    pub name: String,
-    /// The scene in it.
-    pub scene: Scene,
-}
-
-/// The scene's own loop, and those of the boards: their latency and output in place of the scene's.
+/// The scene in its own loop, and in those of the boards: their latency and output in place of the scene's.
 ///
 /// # Errors
 /// The scene is out of range with a board's output.
-pub fn loops(scene: &NamedScene) -> Result<Vec<Loop>, Error> {
-    let mut loops = vec![Loop { name: scene.name.clone(), scene: scene.scene.clone() }];
-    for (name, own) in boards(&scene.scene)? {
-        let is_there = loops.iter().any(|other| other.scene == own);
-        if !is_there {
-            loops.push(Loop { name, scene: own });
+pub fn loops(scene: &NamedScene) -> Result<Vec<(String, Scene)>, Error> {
+    let mut loops = vec![(scene.name.clone(), scene.scene.clone())];
+    for of_board in boards(&scene.scene)? {
+        if loops.iter().all(|(_, other)| *other != of_board.1) {
+            loops.push(of_board);
         }
     }
     Ok(loops)
@@ -207,7 +198,8 @@ pub struct Row {
 
 #[derive(Clone, Debug)]
 pub struct PeerQuestion {
-    pub loops: Vec<Loop>,
+    /// Names, and the scene in each: its own loop, and those with the output stage of a board.
+    pub loops: Vec<(String, Scene)>,
     /// The limits: of the RMS of the motion, of what is felt.
     pub limits: Vec<Limit>,
     /// The scene's own estimator, at some cutoffs.
@@ -266,79 +258,63 @@ impl PeerStudy {
 /// Name of the row of the true velocity.
 pub const TOLD: &str = "true-velocity";
 
-/// What is walked for a row: name, text, source, scene and filter.
-struct Job {
-    of_loop: usize,
-    name: String,
-    does: String,
-    source: &'static str,
-    scene: Scene,
-    velocity: VelocitySettings,
-}
-
 /// Walks every default, the scene's own estimator and the true velocity in all loops. `done` is called after each walk.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
 pub fn compare_peers(
-    engine: Engine,
+    how: How<'_>,
     question: PeerQuestion,
-    stop: &AtomicBool,
     done: impl Fn() + Sync,
 ) -> Result<PeerStudy, Error> {
     let (mut jobs, mut notes) = (vec![], vec![]);
-    for (of_loop, Loop { scene, .. }) in question.loops.iter().enumerate() {
+    for (of_loop, (_, scene)) in question.loops.iter().enumerate() {
+        let row = |name, does, source| Row { of_loop, name, does, source, boundaries: vec![] };
         for peer in &PEERS {
-            let settings = (peer.settings)(scene.control.rate_hz);
-            let refused = match settings {
-                None => Some("it is unstable".to_owned()),
-                Some(settings) => {
-                    settings.build(&scene.design()).err().map(|error| error.to_string())
+            let settings =
+                (peer.settings)(scene.control.rate_hz).ok_or("it is unstable".to_owned());
+            let refused = |settings: &VelocitySettings| settings.build(&scene.design()).err();
+            match settings
+                .and_then(|own| refused(&own).map_or(Ok(own), |error| Err(error.to_string())))
+            {
+                Ok(velocity) => {
+                    let row = row(peer.name.to_owned(), peer.does.to_owned(), peer.source);
+                    jobs.push((row, with_filter(scene, &velocity), velocity));
                 }
-            };
-            let (Some(settings), None) = (settings, &refused) else {
-                if let (0, Some(why)) = (of_loop, refused) {
+                Err(why) if of_loop == 0 => {
                     notes.push(format!("{}: not at this sample rate, {why}", peer.name));
                 }
-                continue;
-            };
-            let (scene, velocity) = (with_filter(scene, &settings), settings);
-            let (name, does) = (peer.name.to_owned(), peer.does.to_owned());
-            jobs.push(Job { of_loop, name, does, source: peer.source, scene, velocity });
+                Err(_) => {}
+            }
         }
         for &velocity in &question.own {
-            let scene = scene.clone();
-            let does = describe(&velocity, scene.control.rate_hz);
             let name = match velocity.cutoff_hz() {
                 Some(cutoff_hz) => format!("{}-{cutoff_hz}", scene.velocity.name()),
                 None => scene.velocity.name().into(),
             };
-            jobs.push(Job { of_loop, name, does, source: "", scene, velocity });
+            let does = describe(&velocity, scene.control.rate_hz);
+            jobs.push((row(name, does, ""), scene.clone(), velocity));
         }
     }
-    let ask = |job: &Job, told: bool| -> Result<Vec<LimitResult>, Error> {
-        let push = job.scene.wall_hit.push_by;
+    // the last row of each loop brings the true velocity
+    let last = |at: usize| jobs.get(at + 1).is_none_or(|next| next.0.of_loop != jobs[at].0.of_loop);
+    let ask = |at: usize| -> Result<Vec<LimitResult>, Error> {
+        let (_, scene, velocity) = &jobs[at];
         let PeerQuestion { limits: asked, walk, repeats, .. } = &question;
         let question = Question {
             limits: asked.clone(),
             rms_of: RmsOf::Motion,
-            filters: vec![job.velocity],
+            filters: vec![*velocity],
             repeats: *repeats,
             walk: *walk,
-            situations: vec![Situation { push, arm: None }],
-            told,
+            situations: vec![Situation { push: scene.wall_hit.push_by, arm: None }],
+            told: last(at),
         };
-        limits(engine, &job.scene, &question, Numeric::Fixed, stop, &done)
+        limits(How { numeric: Numeric::Fixed, ..how }, scene, &question, &done)
     };
-    // the last row of each loop brings the true velocity
-    let last = |at: usize| jobs.get(at + 1).is_none_or(|next| next.of_loop != jobs[at].of_loop);
-    let asked: Vec<Result<Vec<LimitResult>, Error>> = (0..jobs.len())
-        .into_par_iter()
-        .with_max_len(1)
-        .map(|at| ask(&jobs[at], last(at)))
-        .collect();
+    let asked: Vec<_> = (0..jobs.len()).into_par_iter().with_max_len(1).map(ask).collect();
     let mut rows = vec![];
-    for (at, (job, results)) in jobs.iter().zip(asked).enumerate() {
+    for (at, ((row, ..), results)) in jobs.iter().zip(asked).enumerate() {
         let results = results?;
         let of = |limit: &Limit| results.iter().find(|result| result.limit == *limit);
         let found: Vec<&LimitResult> = question.limits.iter().filter_map(of).collect();
@@ -346,17 +322,10 @@ pub fn compare_peers(
             let cutoff = result.result.cutoffs.first();
             cutoff.map(|cutoff| cutoff.boundaries.clone()).unwrap_or_default()
         };
-        let Job { of_loop, name, does, source, .. } = job;
-        rows.push(Row {
-            of_loop: *of_loop,
-            name: name.clone(),
-            does: does.clone(),
-            source,
-            boundaries: found.iter().map(estimated).collect(),
-        });
+        rows.push(Row { boundaries: found.iter().map(estimated).collect(), ..row.clone() });
         if last(at) {
             rows.push(Row {
-                of_loop: *of_loop,
+                of_loop: row.of_loop,
                 name: TOLD.into(),
                 does: "no noise, quantisation or delay in the velocity; counts as they are".into(),
                 source: "",

@@ -14,7 +14,7 @@ use zwidth::{VelocitySettings, velocity::EstimatorName};
 
 use super::{
     Entry,
-    looked::{Looked, Walked},
+    looked::Looked,
     search::{Budget, OF_TWO, Search, WALKS_OF_A_TRY, Walker},
     settings_of,
 };
@@ -26,6 +26,7 @@ use crate::{
     scene::Scene,
     study::boundary::{Boundaries, Boundary, BoundaryPoint},
     study::schedule::longest_first,
+    study::sweep::starts,
 };
 
 /// Parts of a column of K whose error is looked at.
@@ -140,12 +141,6 @@ struct Parts {
 /// A boundary, and what is usable of it.
 type Judged = (Parts, Boundary);
 
-impl Walked for Judged {
-    fn hits(&self) -> u64 {
-        self.1.hits
-    }
-}
-
 fn parts(boundary: &Boundary, rendered: &Rendered, limits: &[f64]) -> Parts {
     let mut parts = Parts {
         areas: vec![0.0; limits.len()],
@@ -221,7 +216,7 @@ fn of_entry(
         Ok(judged.into_iter().collect::<Result<Vec<_>, Error>>()?.concat())
     };
     // every tuning that any limit's search has tried
-    let looked: RefCell<Looked<Judged>> = RefCell::default();
+    let looked: RefCell<Looked<Parts>> = RefCell::default();
     let start = settings_of(entry, scene);
     let has_lanes = walker.has_lanes(&start)?;
     let axes = walker.axes(&start, entry != Entry::AdHoc);
@@ -243,7 +238,7 @@ fn of_entry(
         let result = match results.iter().find(|(other, _)| *other == settings) {
             Some((_, result)) => result.clone(),
             None => {
-                let boundaries = walker.walks(&[settings], &budget.starts())?.pop();
+                let boundaries = walker.walks(&[settings], &starts(budget.repeats))?.pop();
                 let boundaries = boundaries.unwrap_or_default();
                 hits += boundaries.hits();
                 let result = judged(&settings, boundaries)?;

@@ -1,58 +1,60 @@
 //! Usable areas as a table and as JSON.
 
-use serde::Serialize;
-use zwidth::velocity::EstimatorName;
+use serde::{Serialize, Serializer};
 
-use super::{Usable, UsableQuestion};
-use crate::table::{Cell, Kind, Table};
+use super::{super::table::value_and_unit, Usable, UsableQuestion};
+use crate::table::{Cell, Kind, Table, Told};
 
-/// One estimator within one limit.
-#[derive(Clone, Debug, Serialize)]
-pub struct UsableArea {
-    /// Limit of the error, %; `null`: any error.
-    within_percent: Option<f64>,
-    /// By the mean area, from 1, within this limit.
+/// One estimator within one limit: its place by the mean area, from 1, and the walks of each.
+#[derive(Clone, Copy, Debug)]
+pub struct UsableArea<'a> {
     place: usize,
-    estimator: String,
-    tuning: Option<f64>,
-    tuning_unit: Option<&'static str>,
-    second: Option<f64>,
-    second_unit: Option<&'static str>,
-    search_settled: bool,
-    area_n2_s_per_m2: f64,
-    area_low_n2_s_per_m2: f64,
-    area_high_n2_s_per_m2: f64,
-    stable_area_n2_s_per_m2: f64,
-    stiffness_peak_n_per_m: f64,
-    impedance_error_mean: f64,
-    capped_walks: usize,
-    #[serde(skip)]
+    usable: &'a Usable,
     walks: u32,
-    hits: u64,
 }
 
-/// A column: its name, what it holds, and its cell of an area.
-type Column = (&'static str, Kind, fn(&UsableArea) -> Cell);
+impl UsableArea<'_> {
+    /// A value of its tuning, and its unit.
+    fn parameter(&self, n: usize) -> [Cell; 2] {
+        value_and_unit(&self.usable.settings, n)
+    }
 
-const COLUMNS: [Column; 17] = [
-    ("within_percent", Kind::Number, |a| Cell::number(a.within_percent)),
-    ("place", Kind::Whole, |a| Cell::count(a.place)),
-    ("estimator", Kind::Text, |a| a.estimator.clone().into()),
-    ("tuning", Kind::Number, |a| Cell::number(a.tuning)),
-    ("tuning_unit", Kind::Text, |a| Cell::text(a.tuning_unit)),
-    ("second", Kind::Number, |a| Cell::number(a.second)),
-    ("second_unit", Kind::Text, |a| Cell::text(a.second_unit)),
-    ("search_settled", Kind::Flag, |a| a.search_settled.into()),
-    ("area_n2_s_per_m2", Kind::Number, |a| a.area_n2_s_per_m2.into()),
-    ("area_low_n2_s_per_m2", Kind::Number, |a| a.area_low_n2_s_per_m2.into()),
-    ("area_high_n2_s_per_m2", Kind::Number, |a| a.area_high_n2_s_per_m2.into()),
-    ("stable_area_n2_s_per_m2", Kind::Number, |a| a.stable_area_n2_s_per_m2.into()),
-    ("stiffness_peak_n_per_m", Kind::Number, |a| a.stiffness_peak_n_per_m.into()),
-    ("impedance_error_mean", Kind::Number, |a| a.impedance_error_mean.into()),
-    ("capped_walks", Kind::Whole, |a| Cell::count(a.capped_walks)),
-    ("walks", Kind::Whole, |a| Cell::Whole(a.walks.into())),
-    ("hits", Kind::Whole, |a| Cell::Whole(a.hits)),
-];
+    fn least_or_most(&self, of: fn(f64, f64) -> f64) -> Cell {
+        self.usable.areas.iter().copied().reduce(of).unwrap_or(0.0).into()
+    }
+}
+
+impl UsableArea<'_> {
+    /// All of them; the number of walks is no part of the JSON.
+    const COLUMNS: [Told<Self>; 17] = [
+        ("within_percent", Kind::Number, |a| {
+            Cell::number(a.usable.limit.is_finite().then_some(100.0 * a.usable.limit))
+        }),
+        ("place", Kind::Whole, |a| Cell::count(a.place)),
+        ("estimator", Kind::Text, |a| a.usable.entry.name().into()),
+        ("tuning", Kind::Number, |a| a.parameter(0)[0].clone()),
+        ("tuning_unit", Kind::Text, |a| a.parameter(0)[1].clone()),
+        ("second", Kind::Number, |a| a.parameter(1)[0].clone()),
+        ("second_unit", Kind::Text, |a| a.parameter(1)[1].clone()),
+        ("search_settled", Kind::Flag, |a| a.usable.settled.into()),
+        ("area_n2_s_per_m2", Kind::Number, |a| a.usable.area().into()),
+        ("area_low_n2_s_per_m2", Kind::Number, |a| a.least_or_most(f64::min)),
+        ("area_high_n2_s_per_m2", Kind::Number, |a| a.least_or_most(f64::max)),
+        ("stable_area_n2_s_per_m2", Kind::Number, |a| a.usable.boundaries.area().into()),
+        ("stiffness_peak_n_per_m", Kind::Number, |a| a.usable.stiffness_peak_n_per_m.into()),
+        ("impedance_error_mean", Kind::Number, |a| a.usable.error_mean.into()),
+        ("capped_walks", Kind::Whole, |a| Cell::count(a.usable.boundaries.capped())),
+        ("walks", Kind::Whole, |a| Cell::Whole(a.walks.into())),
+        ("hits", Kind::Whole, |a| Cell::Whole(a.usable.hits)),
+    ];
+}
+
+impl Serialize for UsableArea<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let told = Self::COLUMNS.iter().filter(|(name, ..)| *name != "walks");
+        serializer.collect_map(told.map(|(name, _, cell)| (name, cell(self))))
+    }
+}
 
 #[derive(Clone, Debug)]
 pub struct UsableStudy {
@@ -70,50 +72,25 @@ impl UsableStudy {
     }
 
     /// Every area, by limit and place.
-    pub fn areas(&self) -> Vec<UsableArea> {
-        let limits = self.question.limits.iter();
-        let placed = limits.flat_map(|&limit| (1..).zip(self.ranked(limit)));
+    pub fn areas(&self) -> Vec<UsableArea<'_>> {
         let walks = self.question.budget.repeats;
-        placed.map(|(place, usable)| area(place, usable, walks)).collect()
+        let of_limit = |&limit: &f64| {
+            (1..).zip(self.ranked(limit)).map(move |(place, usable)| UsableArea {
+                place,
+                usable,
+                walks,
+            })
+        };
+        self.question.limits.iter().flat_map(of_limit).collect()
     }
 
     /// The same as rows.
     pub fn table(&self) -> Table {
-        let mut table = Table::new(COLUMNS.map(|(name, kind, _)| (name, kind)));
-        let row = |area: &UsableArea| COLUMNS.iter().map(|(.., cell)| cell(area)).collect();
-        table.rows = self.areas().iter().map(row).collect();
-        table
+        Table::of(&UsableArea::COLUMNS, &self.areas())
     }
 }
 
 /// The values that its tuning has, with units.
 pub fn parameters(usable: &Usable) -> [Option<(f64, &'static str)>; 2] {
-    let (name, values) = EstimatorName::of(&usable.settings);
-    let all = name.parameters();
-    [0, 1].map(|n| all[n].map(|parameter| (values[n], parameter.unit)))
-}
-
-fn area(place: usize, usable: &Usable, walks: u32) -> UsableArea {
-    let [tuning, second] = parameters(usable);
-    let [low, high] =
-        [f64::min, f64::max].map(|of| usable.areas.iter().copied().reduce(of).unwrap_or(0.0));
-    UsableArea {
-        within_percent: usable.limit.is_finite().then_some(100.0 * usable.limit),
-        place,
-        estimator: usable.entry.name(),
-        tuning: tuning.map(|(value, _)| value),
-        tuning_unit: tuning.map(|(_, unit)| unit),
-        second: second.map(|(value, _)| value),
-        second_unit: second.map(|(_, unit)| unit),
-        search_settled: usable.settled,
-        area_n2_s_per_m2: usable.area(),
-        area_low_n2_s_per_m2: low,
-        area_high_n2_s_per_m2: high,
-        stable_area_n2_s_per_m2: usable.boundaries.area(),
-        stiffness_peak_n_per_m: usable.stiffness_peak_n_per_m,
-        impedance_error_mean: usable.error_mean,
-        capped_walks: usable.boundaries.capped(),
-        walks,
-        hits: usable.hits,
-    }
+    [0, 1].map(|n| usable.settings.parameter(n).map(|(of, value)| (value, of.unit)))
 }

@@ -142,10 +142,9 @@ impl Boundary {
         Ok(found.limit())
     }
 
-    /// Unstable roots at a stiffness and damping.
-    #[must_use]
-    pub fn unstable_roots(&self, stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> u32 {
-        self.count(&self.points, stiffness_n_per_m, damping_n_s_per_m).0
+    #[cfg(test)]
+    pub(in crate::analysis) fn unstable_roots(&self, stiffness: f64, damping: f64) -> u32 {
+        self.count(&self.points, stiffness, damping).0
     }
 
     /// Unstable roots, and how far the nearest lies from the circle.
@@ -249,35 +248,21 @@ impl Boundary {
         let inner = values.len() - 1;
         for i in 1..inner {
             let (low, high) = (points[i - 1].omega, points[i].omega);
-            if values[i - 1] < 0.0 && values[i] >= 0.0 || values[i - 1] >= 0.0 && values[i] < 0.0 {
-                self.keep(
-                    &mut found,
-                    damping,
-                    root(&imaginary, low, high, values[i - 1], values[i]),
-                    values[i] >= 0.0,
-                    2,
-                );
-            } else if i + 1 < inner && dips(values[i - 1], values[i], values[i + 1]) {
-                let sign = values[i].signum();
+            let (before, here, after) = (values[i - 1], values[i], values[i + 1]);
+            let mut cross = |[low, high]: [f64; 2], [at_low, at_high]: [f64; 2], outward| {
+                let omega = root(&imaginary, low, high, at_low, at_high);
+                self.keep(&mut found, damping, omega, outward, 2);
+            };
+            if before < 0.0 && here >= 0.0 || before >= 0.0 && here < 0.0 {
+                cross([low, high], [before, here], here >= 0.0);
+            } else if i + 1 < inner && dips(before, here, after) {
+                let sign = here.signum();
                 let end = points[i + 1].omega;
                 let turn = minimum(|omega| imaginary(omega) * sign, low, end);
                 let there = imaginary(turn);
                 if there * sign < 0.0 {
-                    self.keep(
-                        &mut found,
-                        damping,
-                        root(&imaginary, low, turn, values[i - 1], there),
-                        there > 0.0,
-                        2,
-                    );
-                    let after = values[i + 1];
-                    self.keep(
-                        &mut found,
-                        damping,
-                        root(&imaginary, turn, end, there, after),
-                        after > 0.0,
-                        2,
-                    );
+                    cross([low, turn], [before, there], there > 0.0);
+                    cross([turn, end], [there, after], after > 0.0);
                 }
             }
         }
@@ -340,7 +325,6 @@ impl Intervals {
 fn grid(response: &Response, refinement: u32) -> Vec<Point> {
     let fine = f64::from(refinement);
     let ratio = libm::pow(10.0, 1.0 / (fine * f64::from(PER_DECADE)));
-    #[expect(clippy::cast_precision_loss, reason = "at most LATENCY_MAX_SAMPLES")]
     let step = PI / (fine * PER_HALF_CIRCLE.max(PER_TURN * 0.5 * (response.late as f64 + 2.0)));
     let mut omegas = Vec::new();
     let mut omega = OMEGA_MIN;

@@ -1,12 +1,15 @@
 //! The boundary against eigenvalues that know nothing of it, over random and extreme loops.
 
 use super::{
-    super::{Device, Elements, Loop, Order, TransferFunction},
+    super::{Device, Elements, Loop, TransferFunction},
     *,
 };
+use zwidth::velocity::{ButterworthDesign, FirstOrder};
+
 use crate::{
     figure::figure,
     scene::element::{Amplifier, Arm, Mode},
+    simulation::twin::LowPass,
 };
 
 const LOOPS: u32 = 400;
@@ -46,13 +49,16 @@ impl Dice {
         };
         let cutoff = rate_hz * self.logarithmic(1e-3, 0.45);
         let plain = TransferFunction::finite_difference(rate_hz);
-        let filter =
-            |order, prewarp| TransferFunction::butterworth(rate_hz, cutoff, order, prewarp);
+        let second = |prewarp| {
+            let cutoff = if prewarp { cutoff.min(0.38 * rate_hz) } else { cutoff };
+            LowPass::from(ButterworthDesign::new(cutoff, rate_hz, prewarp).unwrap())
+        };
+        let first = LowPass::from(FirstOrder::new(cutoff, rate_hz, false).unwrap());
         let estimator = match self.below(4) {
             0 => plain,
-            1 => plain.then(&filter(Order::First, false)),
-            2 => plain.then(&filter(Order::Second, true)),
-            _ => plain.then(&filter(Order::Second, false)),
+            1 => plain.then(&first.into()),
+            2 => plain.then(&second(true).into()),
+            _ => plain.then(&second(false).into()),
         };
         let period = [1, 2, 5, 10][self.below(4) as usize];
         let latency_samples = match self.below(3) {
@@ -199,7 +205,7 @@ fn a_body_that_no_spring_holds_does_not_make_the_loop_unstable() {
                 let near = |stiffness: f64| if stiffness == 0.0 { spring } else { stiffness };
                 let mode = mode.map(|m| Mode { stiffness_n_per_m: near(m.stiffness_n_per_m), ..m });
                 let arm = arm.map(|a| Arm { stiffness_n_per_m: near(a.stiffness_n_per_m), ..a });
-                let estimator = TransferFunction::paper(1e4, 500.0);
+                let estimator = TransferFunction::paper(1e4, 500.0).unwrap();
                 let elements = Elements { amplifier, mode, arm };
                 let of =
                     Loop { elements, period, ..Loop::single_rate(Device::PAPER, 1e4, estimator) };
@@ -251,8 +257,10 @@ fn half_the_rate_is_no_crossing_where_the_sampling_zero_lies() {
         grip_stiffness_n_per_m: 333.28,
     });
     let elements = Elements { amplifier: None, mode, arm };
-    let of =
-        Loop { elements, ..Loop::single_rate(device, 5e4, TransferFunction::paper(5e4, 1500.0)) };
+    let of = Loop {
+        elements,
+        ..Loop::single_rate(device, 5e4, TransferFunction::paper(5e4, 1500.0).unwrap())
+    };
     let limit = Boundary::new(&of).unwrap().at(1624.8).unwrap();
     assert!(limit.stiffness_max > 1e7 && limit.phase_crossings.len() == 1, "{limit:?}");
 }
@@ -350,7 +358,7 @@ fn long_latency_follows_gils_rule() {
 #[test]
 fn latency_is_split_exactly() {
     // The limit is continuous in the latency, also across whole samples and whole periods.
-    let estimator = TransferFunction::paper(1e4, 500.0);
+    let estimator = TransferFunction::paper(1e4, 500.0).unwrap();
     let at = |latency_samples: f64| {
         let of = Loop {
             period: 10,
@@ -376,7 +384,11 @@ fn lower_cutoff_never_helps_from_100_hz_up() {
         let mut last = 0.0;
         for step in 0..60 {
             let cutoff = 100.0 * 40.0_f64.powf(f64::from(step) / 59.0);
-            let of = Loop::single_rate(Device::PAPER, 1e4, TransferFunction::paper(1e4, cutoff));
+            let of = Loop::single_rate(
+                Device::PAPER,
+                1e4,
+                TransferFunction::paper(1e4, cutoff).unwrap(),
+            );
             let k = Boundary::new(&of).unwrap().at(damping).unwrap().stiffness_max;
             assert!(k >= last, "B {damping}: {k} at {cutoff} Hz, {last} below it");
             last = k;
@@ -386,9 +398,12 @@ fn lower_cutoff_never_helps_from_100_hz_up() {
 
 #[test]
 fn gain_margin_fails_where_damping_alone_is_unstable() {
-    let boundary =
-        Boundary::new(&Loop::single_rate(Device::PAPER, 1e4, TransferFunction::paper(1e4, 20.0)))
-            .unwrap();
+    let boundary = Boundary::new(&Loop::single_rate(
+        Device::PAPER,
+        1e4,
+        TransferFunction::paper(1e4, 20.0).unwrap(),
+    ))
+    .unwrap();
     let fails = boundary.at(100.0).unwrap();
     assert!(fails.unstable_at_zero && !fails.gain_margin_holds());
     assert_eq!(fails.gain_margin(), None, "it would have called every stiffness stable");
@@ -407,7 +422,7 @@ fn powers_of_two_of_force_scale_the_limit_exactly() {
         };
         for period in [1, 10] {
             let limit = |device: Device, damping: f64| {
-                let estimator = TransferFunction::paper(1e4, 500.0);
+                let estimator = TransferFunction::paper(1e4, 500.0).unwrap();
                 let of = Loop { period, ..Loop::single_rate(device, 1e4, estimator) };
                 Boundary::new(&of).unwrap().at(damping).unwrap().stiffness_max
             };
@@ -445,7 +460,7 @@ fn stable_interval_is_followed_until_it_closes() {
     // A filter far slower than a sprung device: with growing damping the loop becomes unstable at K = 0 first, a stable
     // interval remains above, and shrinks to a point, where two crossings meet between search points.
     let device = Device { mass_kg: 0.4, damping_n_s_per_m: 5.0, stiffness_n_per_m: 1e4 };
-    let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0));
+    let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0).unwrap());
     let boundary = Boundary::new(&of).unwrap();
     let interval = |damping: f64| {
         let limit = boundary.at(damping).unwrap();

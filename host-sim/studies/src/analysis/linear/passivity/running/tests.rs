@@ -7,7 +7,7 @@ use crate::{
 fn running(rate_hz: f64, period: u32, latency_samples: f64, cutoff_hz: f64) -> Loop {
     let estimator = match cutoff_hz {
         0.0 => TransferFunction::finite_difference(rate_hz),
-        _ => TransferFunction::paper(rate_hz, cutoff_hz),
+        _ => TransferFunction::paper(rate_hz, cutoff_hz).unwrap(),
     };
     let mut of = Loop::single_rate(Device::PAPER, rate_hz, estimator);
     (of.period, of.latency_samples) = (period, latency_samples);
@@ -23,7 +23,7 @@ fn with_a_force_for_every_sample_at_once_it_is_colgate_and_schenkels() {
     for (rate_hz, cutoff_hz) in [(1e3, 0.0), (1e3, 50.0), (1e4, 200.0), (1e4, 1500.0)] {
         let of = running(rate_hz, 1, 0.0, cutoff_hz);
         for (k, b) in [(1000.0, 0.0), (1000.0, 5.0), (20_000.0, 20.0), (0.0, 7.0), (0.0, -7.0)] {
-            let known = passivity::demand(k, b, rate_hz, &of.estimator).unwrap();
+            let known = passivity::tests::demand(k, b, rate_hz, &of.estimator).unwrap();
             let here = damping(&of, k, b);
             assert!(
                 (here / known.damping_n_s_per_m - 1.0).abs() < 1e-6,
@@ -157,13 +157,11 @@ fn worst(of: &Loop, k: f64, b: f64, omega: f64) -> (f64, Motion) {
     for (ago, value) in (1..).zip(&response) {
         let sample = (period - ago % period) % period;
         let periods = (ago + sample) / period;
-        #[expect(clippy::cast_precision_loss, reason = "below 400")]
         let back = turn(periods as f64);
         command[sample] += back * (b * value);
     }
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole samples")]
     let late = of.latency_samples as usize;
-    #[expect(clippy::cast_precision_loss, reason = "a few")]
     let force = |sample: usize| {
         let periods = late / period + usize::from(sample < late % period);
         -turn(periods as f64)
