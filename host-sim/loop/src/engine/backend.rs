@@ -195,12 +195,12 @@ fn each_plant<'a, S: SimdOps, const R: usize>(
 ) -> Tally {
     use scheduler::run;
     match &task.prepared.parts().plant {
-        AnyPlant::Plain(step) => run(simd, task, &step.linear(), controller, work),
-        AnyPlant::Three(step) => run(simd, task, &step.linear(), controller, work),
-        AnyPlant::Four(step) => run(simd, task, &step.linear().padded::<5>(), controller, work),
-        AnyPlant::Five(step) => run(simd, task, &step.linear(), controller, work),
-        AnyPlant::Six(step) => run(simd, task, &step.linear().padded::<7>(), controller, work),
-        AnyPlant::Seven(step) => run(simd, task, &step.linear(), controller, work),
+        AnyPlant::Plain(step) => run(simd, task, step, controller, work),
+        AnyPlant::Three(step) => run(simd, task, step, controller, work),
+        AnyPlant::Four(step) => run(simd, task, &step.padded::<5>(), controller, work),
+        AnyPlant::Five(step) => run(simd, task, step, controller, work),
+        AnyPlant::Six(step) => run(simd, task, &step.padded::<7>(), controller, work),
+        AnyPlant::Seven(step) => run(simd, task, step, controller, work),
         _ => one_by_one(task, work),
     }
 }

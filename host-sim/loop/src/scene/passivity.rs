@@ -16,7 +16,6 @@ use super::Scene;
 pub struct PassivityTable {
     /// The most that the handle accelerates. Absent: what twice the actuator's full scale does with the
     /// handle's mass: motor and hand, each at full scale.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub acceleration_m_per_s2: Option<f64>,
 }
 

@@ -41,13 +41,10 @@ pub struct Rotary {
     /// What the command sets.
     pub drive: DriveKind,
     /// With `drive = "current"`: current per volt of command.
-    #[serde(default)]
     pub amplifier_a_per_v: Option<f64>,
     /// With `drive = "voltage"`: resistance of winding and amplifier.
-    #[serde(default)]
     pub resistance_ohm: Option<f64>,
     /// With `drive = "voltage"`: the largest voltage, in place of `actuator.limit_v`.
-    #[serde(default)]
     pub supply_v: Option<f64>,
 }
 
