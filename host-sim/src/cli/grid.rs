@@ -24,7 +24,6 @@ use crate::{
         SCHEMA_VERSION,
         estimated::print_of,
         grid::{self, Counts},
-        in_units,
         table::Kind,
     },
     scene::NamedScene,
@@ -86,9 +85,7 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     if let Some(draws) = args.draws.of(&scene)? {
         let table = probable(&draws, &scene, &walls, common)?;
         let units = scene.scene.units;
-        if let Some(csv) = csv {
-            outputs.write(csv, in_units::csv(units, table.csv.clone()).as_bytes())?;
-        }
+        outputs.tell(csv, units, || table.csv.clone())?;
         outputs.commit()?;
         return print_of(common.json, &scene.scene, &table.json, || table.text());
     }
@@ -112,7 +109,7 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let bar = progress::bar_of(points, "walls");
     let (numeric, wall) = (common.numeric, |number| walls.wall(number));
     stream(
-        common.engine.into(),
+        common.engine,
         &prepared,
         numeric,
         Depth::Whole,
@@ -191,7 +188,7 @@ fn probable<'a>(
             "walls and draws make {verdicts} hits, allowed {VERDICTS_MAX}"
         )));
     }
-    let (engine, numeric, stop) = (common.engine.into(), common.numeric, interrupt::flag());
+    let (engine, numeric, stop) = (common.engine, common.numeric, interrupt::flag());
     let how = How { engine, numeric, stop };
     let mut csv = String::from(
         "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m,held,draws,share,schema_version\n",

@@ -13,7 +13,7 @@ use super::{
 use crate::{
     error::Error,
     notation::rounded,
-    output::{estimated::print_of, in_units, table::Kind, trace},
+    output::{estimated::print_of, table::Kind, trace},
     scene::{NamedScene, velocity::describe},
     simulation::{
         prepared::{HitReport, WallHit},
@@ -108,13 +108,8 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     } else {
         let mut samples = Trace::new(&prepared, &hit).map_err(|error| error.of(&scene.name))?;
         let pushes = prepared.reports(numeric, &hit, |sample| samples.push(sample))?;
-        if let Some(csv) = csv {
-            outputs.write(csv, in_units::csv(units, trace::csv(&samples)).as_bytes())?;
-        }
-        if let Some(plot) = plot {
-            let report = deciding(&pushes)?;
-            outputs.draw(plot, &trace::figure(&samples, &scene, &hit, &report)?)?;
-        }
+        outputs.tell(csv, units, || trace::csv(&samples))?;
+        outputs.draw(plot, || trace::figure(&samples, &scene, &hit, &deciding(&pushes)?))?;
         pushes
     };
     outputs.commit()?;

@@ -12,7 +12,6 @@ use zwidth::{
 
 use super::{Common, progress};
 use crate::{
-    engine::Engine,
     error::Error,
     interrupt,
     output::{
@@ -132,7 +131,7 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
         _ => (asked, parts),
     };
     let bar = progress::bar(parts.iter().map(Part::walks).sum());
-    let (engine, numeric) = (Engine::from(common.engine), common.numeric);
+    let (engine, numeric) = (common.engine, common.numeric);
     let stop = interrupt::flag();
     let of = (first, parts);
     let made = DeviceRecord::of(&scene, &board, of, engine, numeric, stop, || bar.inc(1))?;

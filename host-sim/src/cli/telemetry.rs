@@ -12,7 +12,7 @@ use crate::{
     error::Error,
     input,
     output::{table::Kind, telemetry::telemetry_figure, terminal::print_result},
-    scene::NamedScene,
+    scene::{NamedScene, Units},
 };
 
 /// Decodes a capture of a board's binary telemetry (RTT up channel 1), and checks every sample by the core.
@@ -120,20 +120,12 @@ pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
         )));
     };
     let all = Recomputed::of(&capture);
-    if let Some(samples) = samples {
-        outputs.write(samples, all.csv().as_bytes())?;
-    }
-    if let Some(csv) = csv {
-        outputs.write(csv, capture.csv().as_bytes())?;
-    }
-    if let Some(plot) = plot {
-        let file = args
-            .capture
-            .file_name()
-            .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-        let figure = telemetry_figure(&capture, &file, scene.as_ref().map(|scene| &scene.scene))?;
-        outputs.draw(plot, &figure)?;
-    }
+    outputs.tell(samples, Units::Linear, || all.csv())?;
+    outputs.tell(csv, Units::Linear, || capture.csv())?;
+    outputs.draw(plot, || {
+        let file = args.capture.file_name().unwrap_or_default().to_string_lossy();
+        telemetry_figure(&capture, &file, scene.as_ref().map(|scene| &scene.scene))
+    })?;
     outputs.commit()?;
     let json = Json {
         frames: capture.frames.len(),

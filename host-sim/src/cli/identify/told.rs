@@ -6,10 +6,7 @@ use super::of_records;
 use crate::{
     analysis::identify::{CONFIDENCE, Estimate, Identification, Options, Record, Tested},
     error::Error,
-    output::{
-        figure::{self, ResponsePlot},
-        in_units,
-    },
+    output::figure::{self, ResponsePlot},
     scene::Units,
 };
 
@@ -72,12 +69,12 @@ pub(super) fn rows(found: &Identification, options: &Options, units: Units) -> V
 }
 
 /// Voltage, measured and modelled position of a record.
-pub(super) fn csv(record: &Record, found: &Identification, units: Units) -> String {
+pub(super) fn csv(record: &Record, found: &Identification) -> String {
     let mut text = String::from("time_s,voltage_v,position_m,model_m,residual_m\n");
     for [time_s, volts, position_m, model_m, residual_m] in found.fits[0].rows(record) {
         let _ = writeln!(text, "{time_s:.7},{volts},{position_m},{model_m:.9},{residual_m:.3e}");
     }
-    in_units::csv(units, text)
+    text
 }
 
 pub(super) fn draw(
