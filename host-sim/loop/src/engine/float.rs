@@ -8,7 +8,7 @@ use super::{
     simd_ops::{SIGN, SimdOps, lanes_mut},
 };
 use crate::simulation::{
-    controller::{Controller as _, Replaceable},
+    controller::Controller,
     prepared::{PreparedScene, WallHit},
     twin::{FLUSH_BELOW, LowPass, Rounding},
 };
@@ -64,7 +64,7 @@ impl<S: SimdOps, const R: usize> LaneController<S, R> for FloatLoop<S, R> {
         let (state, gains) = (&mut self.states[vector], &mut self.gains[vector]);
         if let Some(LowPass { past, b0, a }) = twin.low_pass() {
             let [stiffness, damping] = twin.wall_gains();
-            let push = Replaceable::push(&twin);
+            let push = Controller::push(&twin);
             let [p1, p2] = &mut gains.past;
             let [a1, a2] = &mut gains.a;
             let places = [

@@ -12,7 +12,7 @@ use crate::{
     numerics::integrator::Integrator,
     scene::{
         Scene,
-        element::{Chain, Nonlinear},
+        element::{Chain, Nonlinear, STATES_MAX, of_states},
     },
 };
 
@@ -174,21 +174,9 @@ impl AnyPlant {
         sample_s: f64,
         fraction: f64,
     ) -> Self {
-        macro_rules! of {
-            ($n:literal) => {
-                Self::other(IntegratedStep::<$n>::new(
-                    chain, nonlinear, integrator, sample_s, fraction,
-                ))
-            };
-        }
-        match chain.states() {
-            2 => of!(2),
-            3 => of!(3),
-            4 => of!(4),
-            5 => of!(5),
-            6 => of!(6),
-            _ => of!(7),
-        }
+        of_states!(chain.states(), N => Self::other(IntegratedStep::<N>::new(
+            chain, nonlinear, integrator, sample_s, fraction,
+        )))
     }
 
     /// The exact step over `sample_s`, split at `fraction` (0 to below 1) of it.

@@ -6,7 +6,7 @@ use zwidth::{
     velocity::Senses,
 };
 
-use super::controller::{Controller, ControllerOutput, Replaceable};
+use super::controller::{Controller, ControllerOutput};
 
 /// Full scale, LSB of force.
 pub(super) const FULL_SCALE: f64 = (1u32 << Force::FRACTION_BITS) as f64;
@@ -40,7 +40,7 @@ impl<C> Passive<C> {
     }
 }
 
-impl<C: Replaceable> Controller for Passive<C> {
+impl<C: Controller> Controller for Passive<C> {
     const IS_TOLD: bool = C::IS_TOLD;
 
     fn sample(&mut self, count: i32, senses: &Senses) -> bool {
@@ -75,9 +75,7 @@ impl<C: Replaceable> Controller for Passive<C> {
     fn told(&mut self, speed_m_per_s: f64) {
         self.controller.told(speed_m_per_s);
     }
-}
 
-impl<C: Replaceable> Replaceable for Passive<C> {
     fn push(&self) -> f64 {
         self.controller.push()
     }

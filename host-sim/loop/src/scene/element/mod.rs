@@ -34,6 +34,7 @@ mod travel;
 
 pub use amplifier::Amplifier;
 pub use arm::Arm;
+pub(crate) use chain::of_states;
 pub use chain::{Chain, NOTHING, STATES_MAX};
 pub use cogging::Cogging;
 pub use encoder_error::EncoderError;

@@ -12,10 +12,10 @@ use crate::{
     plant::{AnyPlant, Plant, each_plant},
     simulation::{
         Sample, Simulation,
-        controller::{Controller, Replaceable, Told},
+        controller::{Controller, Told},
         hit::{HitError, HitReport, Numeric, WallHit, louder},
         passive::Passive,
-        senses::{AnySensing, Blind, Sensing},
+        senses::{Blind, Sensing},
         window::Stiff,
     },
 };
@@ -134,7 +134,7 @@ impl PreparedScene {
     }
 
     /// A hit whose controller few scenes have, with the passivity controller where the scene has one.
-    fn rare_hit<C: Replaceable + Copy>(
+    fn rare_hit<C: Controller + Copy>(
         &self,
         hit: &WallHit,
         controller: C,
@@ -172,9 +172,10 @@ impl PreparedScene {
         bounded: bool,
     ) -> Result<Option<HitReport>, HitError> {
         let start_m = self.start_m(hit);
-        if let AnySensing::Full(full) = self.sensing(hit) {
+        let sensing = self.sensing(hit);
+        if sensing.looks() {
             let parts = self.parts.clone();
-            let simulation = Simulation::new(parts, controller, full, start_m);
+            let simulation = Simulation::new(parts, controller, sensing, start_m);
             return self.run_whole(hit, simulation, observe, bounded);
         }
         each_plant!(&self.parts.plant, plant => {
@@ -185,7 +186,7 @@ impl PreparedScene {
     }
 
     /// The same compiled once for all plants and senses: for what is asked rarely.
-    fn any_hit<C: Replaceable>(
+    fn any_hit<C: Controller>(
         &self,
         hit: &WallHit,
         controller: C,
@@ -201,7 +202,7 @@ impl PreparedScene {
     }
 
     /// The verdict with any controller that is at rest where the hit starts.
-    pub fn early_verdict<C: Replaceable + Copy>(
+    pub fn early_verdict<C: Controller + Copy>(
         &self,
         hit: &WallHit,
         controller: C,
@@ -237,14 +238,15 @@ impl PreparedScene {
     ) -> Result<(Verdict, Hit), HitError> {
         let start_m = self.start_m(hit);
         match (self.sensing(hit), &self.parts.plant) {
-            (AnySensing::Blind, _) => {}
-            (AnySensing::Full(full), AnyPlant::Plain(plant)) => {
-                let parts = self.parts.with(plant);
-                return self.run_counted(Simulation::new(parts, controller, full, start_m), early);
+            (sensing, _) if !sensing.looks() => {}
+            (sensing, AnyPlant::Plain(plant)) => {
+                let simulation =
+                    Simulation::new(self.parts.with(plant), controller, sensing, start_m);
+                return self.run_counted(simulation, early);
             }
-            (AnySensing::Full(full), _) => {
-                let parts = self.parts.clone();
-                return self.run_counted(Simulation::new(parts, controller, full, start_m), early);
+            (sensing, _) => {
+                let simulation = Simulation::new(self.parts.clone(), controller, sensing, start_m);
+                return self.run_counted(simulation, early);
             }
         }
         each_plant!(&self.parts.plant, plant => {
@@ -297,17 +299,11 @@ impl PreparedScene {
         let verdict = self.judge.verdict(&hit, wall, &measures);
         let report = HitReport {
             verdict,
-            rms_m: measures.rms_m,
+            measures,
             mean_m: scatter.mean_counts() * self.design.resolution_m,
             peak_penetration_m: (shown.deepest_m - surface_m).max(0.0),
             saturated_fraction: f64::from(shown.saturated) / f64::from(shown.outputs),
             contact_fraction: f64::from(hit.contact_samples()) / f64::from(scatter.samples()),
-            rms_motion_m: measures.rms_motion_m,
-            at_limit_fraction: measures.at_limit_fraction,
-            sensation_db: measures.sensation_db,
-            force_rms_n: measures.force_rms_n,
-            wall_force_n: measures.wall_force_n,
-            penetration_ratio: measures.penetration_ratio,
             velocity_clipped_fraction: f64::from(shown.clipped) / f64::from(self.samples()),
             port: port.report(shown.last),
         };
