@@ -168,7 +168,7 @@ fn with_units(schema: &mut Value, key: &str) {
 
 /// The unit that the end of a key names.
 pub fn unit(key: &str) -> Option<String> {
-    const WORDS: [(&str, &str); 15] = [
+    const WORDS: [(&str, &str); 16] = [
         ("n", "N"),
         ("m", "m"),
         ("s", "s"),
@@ -178,6 +178,7 @@ pub fn unit(key: &str) -> Option<String> {
         ("a", "A"),
         ("hz", "Hz"),
         ("ohm", "ohm"),
+        ("j", "J"),
         ("db", "dB"),
         ("m2", "m^2"),
         ("s2", "s^2"),

@@ -7,7 +7,7 @@ fn write(folder: &Path, files: &[&str], text: &[u8], force: bool) -> Result<(), 
     let mut outputs = Outputs::new(force, &[]);
     let to = outputs.folder(folder, Units::Linear, &NAMES)?;
     for name in files {
-        outputs.add(to, name, text)?;
+        outputs.add(to, name, String::from_utf8_lossy(text).into_owned())?;
     }
     outputs.commit()
 }
@@ -32,7 +32,7 @@ fn a_result_that_is_not_committed_leaves_no_trace() {
     let root = tempfile::tempdir().unwrap();
     let mut outputs = Outputs::new(false, &[]);
     let to = outputs.folder(&root.path().join("a/b"), Units::Linear, &NAMES).unwrap();
-    outputs.add(to, "x.csv", b"1").unwrap();
+    outputs.add(to, "x.csv", "1".into()).unwrap();
     outputs.file(&root.path().join("c/d.csv")).unwrap();
     assert_eq!(names(&root.path().join("a/b")).len(), 2);
     drop(outputs);
@@ -57,7 +57,7 @@ fn results_are_replaced_only_with_force_and_other_files_stay() {
 #[test]
 fn a_new_result_leaves_nothing_of_the_old_one() {
     let root = tempfile::tempdir().unwrap();
-    write(root.path(), Units::Linear, &NAMES, b"1", false).unwrap();
+    write(root.path(), &NAMES, b"1", false).unwrap();
     write(root.path(), &["x.csv", MANIFEST], b"2", true).unwrap();
     assert_eq!(names(root.path()), [MANIFEST, "x.csv"]);
 }
@@ -68,13 +68,13 @@ fn what_is_no_plain_file_is_refused_before_anything_is_touched() {
     fs::write(root.path().join(MANIFEST), "old").unwrap();
     let mut outputs = Outputs::new(true, &[]);
     let to = outputs.folder(root.path(), Units::Linear, &NAMES).unwrap();
-    outputs.add(to, "x.csv", b"new").unwrap();
-    outputs.add(to, MANIFEST, b"new").unwrap();
+    outputs.add(to, "x.csv", "new".into()).unwrap();
+    outputs.add(to, MANIFEST, "new".into()).unwrap();
     fs::create_dir(root.path().join("x.csv")).unwrap();
     assert_eq!(outputs.commit().unwrap_err().exit_code(), 2);
     assert_eq!(fs::read(root.path().join(MANIFEST)).unwrap(), b"old");
     assert_eq!(names(root.path()), [MANIFEST, "x.csv"]);
-    assert!(write(root.path(), Units::Linear, &NAMES, b"", true).is_err());
+    assert!(write(root.path(), &NAMES, b"", true).is_err());
     assert!(write_file(&root.path().join("x.csv"), b"", true).is_err());
 }
 
@@ -82,11 +82,11 @@ fn what_is_no_plain_file_is_refused_before_anything_is_touched() {
 fn a_result_that_fails_half_way_leaves_the_old_one() {
     let root = tempfile::tempdir().unwrap();
     let (result, other) = (root.path().join("result"), root.path().join("other"));
-    write(&result, Units::Linear, &NAMES, b"old", false).unwrap();
+    write(&result, &NAMES, b"old", false).unwrap();
     let mut outputs = Outputs::new(true, &[]);
     let to = outputs.folder(&result, Units::Linear, &NAMES).unwrap();
-    outputs.add(to, "x.csv", b"new").unwrap();
-    outputs.add(to, MANIFEST, b"new").unwrap();
+    outputs.add(to, "x.csv", "new".into()).unwrap();
+    outputs.add(to, MANIFEST, "new".into()).unwrap();
     let first = outputs.file(&root.path().join("first.csv")).unwrap();
     let last = outputs.file(&other.join("last.csv")).unwrap();
     outputs.write(first, b"new").unwrap();

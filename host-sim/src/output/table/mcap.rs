@@ -68,7 +68,7 @@ fn schema(table: &Table) -> Value {
             Cells::Words(_) => "string",
         };
         let mut about = json!({ "type": kind });
-        if let Some(unit) = column.unit {
+        if let Some(unit) = &column.unit {
             about["description"] = format!("unit: {unit}").into();
         }
         (column.name.clone(), about)
