@@ -204,7 +204,6 @@ fn probable<'a>(
         let held = at_walls(how, draws, filter, &hits.iter().map(wall).collect::<Vec<_>>())?;
         for (hit, holds) in hits.iter().zip(held) {
             let held = holds.iter().filter(|holds| **holds).count();
-            #[expect(clippy::cast_precision_loss, reason = "at most 10^8 draws")]
             let share = held as f64 / f64::from(count);
             let (b, k) = (hit.damping_n_s_per_m, hit.stiffness_n_per_m);
             let _ = writeln!(csv, "{cutoff_hz},{b},{k},{held},{count},{share},{SCHEMA_VERSION}");
@@ -214,7 +213,6 @@ fn probable<'a>(
     }
     bar.finish_and_clear();
     let at_least = |least: f64| shares.iter().filter(|share| **share >= least).count() as u64;
-    #[expect(clippy::cast_precision_loss, reason = "at most 10^8 walls")]
     let share = shares.iter().sum::<f64>() / points.max(1) as f64;
     let json = ProbableJson {
         scene: &scene.name,

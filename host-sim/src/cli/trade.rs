@@ -203,9 +203,8 @@ fn write(
 
 /// One line per variant: what it costs, where it would do, what it misses elsewhere. At most 120 columns.
 fn filter_text(filters: &Filters, good: &[GoodFor], bench: &Bench) -> String {
-    let mut text = format!(
-        "{:<28} {:>6} {:>7}  {:<20} {}",
-        "velocity filter", "cycles", "host ns", "would do, Hz", "misses just beyond"
+    let mut text = String::from(
+        "velocity filter              cycles host ns  would do, Hz         misses just beyond",
     );
     let names =
         |missed: &[Criterion]| missed.iter().map(|c| c.name()).collect::<Vec<_>>().join(", ");
@@ -245,9 +244,8 @@ fn filter_text(filters: &Filters, good: &[GoodFor], bench: &Bench) -> String {
 }
 
 fn plant_text(plants: &Plants) -> String {
-    let mut text = format!(
-        "{:<20} {:>8} {:>14} {:>8} {:>14} {:>9} {:>12}",
-        "plant", "setting", "operations/s", "host ns", "trajectory, m", "verdicts", "area, %"
+    let mut text = String::from(
+        "plant                 setting   operations/s  host ns  trajectory, m  verdicts      area, %",
     );
     for row in &plants.rows {
         let setting = row.method.setting().map_or(String::new(), |value| {

@@ -285,20 +285,7 @@ impl Designs {
             self.0.tried.len(),
             self.0.question.repeats
         );
-        let _ = write!(
-            text,
-            "\n     {:>8} {:>12} {:>7} {:>8} {:>9} {:>8}  {:>8} {:>7} {:>9} {:>7}",
-            "area",
-            "butterworth x",
-            "peak dB",
-            "lead ms",
-            "rough mN",
-            "mistuned",
-            "f Hz",
-            "damping",
-            "lead_s",
-            "zero"
-        );
+        text += "\n         area butterworth x peak dB  lead ms  rough mN mistuned      f Hz damping    lead_s    zero";
         for (place, filter) in self.0.filters.iter().enumerate() {
             let shape = &filter.shape;
             let rough = filter.roughness_n.map_or("-".into(), |n| format!("{:.0}", 1e3 * n));
@@ -397,13 +384,7 @@ impl Designs {
             x_title: "area, 10\u{2076} N\u{b2} s/m\u{b2}".into(),
             panels: values
                 .iter()
-                .map(|(name, floor, _)| TradePanel {
-                    title: String::new(),
-                    y_title: (*name).into(),
-                    limit: None,
-                    floor: *floor,
-                    front: vec![],
-                })
+                .map(|(name, floor, _)| TradePanel::new("", *name, *floor))
                 .collect(),
             series: series.collect(),
             lines: false,

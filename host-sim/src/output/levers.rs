@@ -315,12 +315,8 @@ impl LeverStudy {
         if series.iter().flat_map(|series| &series.points).all(Vec::is_empty) {
             return Ok(None);
         }
-        let panel = |limit: &Limit| TradePanel {
-            title: format!("Limit {}", name(*limit)),
-            y_title: "Area [N² s/m²]".into(),
-            limit: None,
-            floor: 1.0,
-            front: vec![],
+        let panel = |limit: &Limit| {
+            TradePanel::new(format!("Limit {}", name(*limit)), "Area [N² s/m²]", 1.0)
         };
         trade(&TradePlot {
             title: format!("{title}, {scene}"),

@@ -237,13 +237,9 @@ impl LimitStudy {
         if series.iter().flat_map(|series| &series.points).all(|points| points.len() < 2) {
             return Ok(None);
         }
-        let panel = |felt: &bool| TradePanel {
-            title: if *felt { "Limit of what is felt (a model)" } else { "Limit of the RMS" }
-                .into(),
-            y_title: "Ideal cutoff [Hz]".into(),
-            limit: None,
-            floor: 1e-3,
-            front: vec![],
+        let panel = |felt: &bool| {
+            let title = if *felt { "Limit of what is felt (a model)" } else { "Limit of the RMS" };
+            TradePanel::new(title, "Ideal cutoff [Hz]", 1e-3)
         };
         trade(&TradePlot {
             title: format!("Ideal cutoff against the limit, {scene}"),

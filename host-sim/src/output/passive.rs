@@ -79,21 +79,12 @@ impl Passive {
     pub fn text(&self) -> String {
         let mut text = format!(
             "with the controller a contact gives at most {:.3e} J; {} walks each, > cut at a cap\n  {}\n  hits at walls of \
-             the boundary: most given in a contact, force withheld, RMS of the motion, force above 100 Hz\n  {:>14} {:>10} \
-             {:>10} {:>8}  {:>8} {:>11} {:>9} {:>8} {:>9}",
+             the boundary: most given in a contact, force withheld, RMS of the motion, force above 100 Hz\n",
             self.0.reserve_j,
             self.0.question.repeats,
-            grid_text(&self.0.question.walk),
-            "limit",
-            "cutoff",
-            "controller",
-            "area",
-            "walls of",
-            "given, J",
-            "withheld",
-            "RMS, um",
-            "rough, N"
+            grid_text(&self.0.question.walk)
         );
+        text += "           limit     cutoff controller     area  walls of    given, J  withheld  RMS, um  rough, N";
         for row in &self.0.rows {
             let cut = if row.boundaries.capped() > 0 { ">" } else { "" };
             let area = format!("{cut}{}", millions(row.boundaries.area()));

@@ -62,11 +62,8 @@ impl UsableReport {
         );
         for &limit in &self.0.question.limits {
             let _ = write!(text, "\n  within {}", name(limit));
-            let _ = write!(
-                text,
-                "\n  {:>2}  {:20} {:>10} {:>10} {:>9} {:>9}  tuning",
-                "", "", "area", "stable", "K, kN/m", "error, %"
-            );
+            text +=
+                "\n                                 area     stable   K, kN/m  error, %  tuning";
             for (place, usable) in (1..).zip(self.0.ranked(limit)) {
                 let cut = if usable.boundaries.capped() > 0 { ">" } else { "" };
                 let _ = write!(

@@ -206,7 +206,6 @@ fn convert(units: Units, path: &str, value: &mut Value) -> Result<(), String> {
             table.insert(key, value);
             continue;
         }
-        #[expect(clippy::cast_precision_loss, reason = "as serde reads a whole number")]
         let number = value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64));
         match number.and_then(|number| units.to_handle(&key, number)) {
             Some((renamed, number)) => {

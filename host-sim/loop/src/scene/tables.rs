@@ -268,7 +268,6 @@ impl Criterion {
     }
 }
 
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's form")]
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
 }

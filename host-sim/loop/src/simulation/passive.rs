@@ -15,7 +15,6 @@ pub(super) const FULL_SCALE: f64 = (1u32 << Force::FRACTION_BITS) as f64;
 pub(super) fn bits(fraction: f64) -> i64 {
     let exact = fraction * FULL_SCALE;
     #[expect(clippy::cast_possible_truncation, reason = "at most two full scales")]
-    #[expect(clippy::cast_precision_loss, reason = "below 2^53")]
     let bits = {
         let towards_zero = exact as i64; // of the core's forces it is exact, and rounding is a call
         if towards_zero as f64 == exact { towards_zero } else { exact.round() as i64 }
@@ -58,7 +57,6 @@ impl<C: Controller> Controller for Passive<C> {
         if given == wants {
             return output;
         }
-        #[expect(clippy::cast_precision_loss, reason = "at most two full scales")]
         let [given, withheld] = [given, wants - given].map(|bits| bits as f64 / FULL_SCALE);
         let force = push - given;
         ControllerOutput { force, output: self.controller.put_out(force), withheld, ..output }

@@ -80,6 +80,14 @@ pub struct TradePanel {
     pub front: Vec<[f64; 2]>,
 }
 
+impl TradePanel {
+    /// A panel with neither limit nor front.
+    pub fn new(title: impl Into<String>, y_title: impl Into<String>, floor: f64) -> Self {
+        let (title, y_title) = (title.into(), y_title.into());
+        Self { title, y_title, limit: None, floor, front: vec![] }
+    }
+}
+
 #[derive(Debug, Clone, PartialEq)]
 pub struct TradePlot {
     /// First line above the plot.
