@@ -11,13 +11,13 @@ use super::{
     shared::{Typed, check_filters, listed},
 };
 use crate::{
-    analysis::passive::{Length, PassiveQuestion, passive},
+    analysis::passive::{self as walls, Length, PassiveQuestion},
     error::Error,
     interrupt,
     output::{
         estimated::print_of,
         manifest::Manifest,
-        passive::{Passive, PassiveArea},
+        passive::{self, PassiveArea},
     },
     scene::{NamedScene, PassivityTable, Protocol},
     study::{
@@ -142,22 +142,22 @@ pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
         .with("repeat", args.repeat)
         .by(common);
     let bar = progress::bar(question.walks());
-    let study = passive(common.engine, &scene.scene, question, interrupt::flag(), || bar.inc(1))
-        .map_err(|error| error.of(&scene.name))?;
+    let study =
+        walls::passive(common.engine, &scene.scene, question, interrupt::flag(), || bar.inc(1))
+            .map_err(|error| error.of(&scene.name))?;
     bar.finish_and_clear();
-    let study = Passive(study);
-    to.add("passivity.csv", study.csv())?;
-    to.add("lengths.csv", study.lengths_csv())?;
-    to.figure("passivity", &study.figure(&scene)?)?;
+    to.add("passivity.csv", passive::csv(&study))?;
+    to.add("lengths.csv", passive::lengths_csv(&study))?;
+    to.figure("passivity", &passive::figure(&study, &scene)?)?;
     let results = to.finish(&Manifest::new(command, &scene))?;
     let json = Json {
         scene: &scene.name,
         acceleration_m_per_s2,
-        reserve_j: study.0.reserve_j,
-        rows: study.areas(),
-        lengths: &study.0.lengths,
+        reserve_j: study.reserve_j,
+        rows: passive::areas(&study),
+        lengths: &study.lengths,
     };
     print_of(common.json, &scene.scene, json, || {
-        format!("{}: {}\n  {results}", scene.name, study.text())
+        format!("{}: {}\n  {results}", scene.name, passive::text(&study))
     })
 }

@@ -13,7 +13,7 @@ use crate::{
     analysis::compare::peers::{LIMITS, PeerArea, PeerQuestion, compare_peers},
     error::Error,
     interrupt,
-    output::{estimated::print_of, manifest::Manifest, peers::Peers},
+    output::{estimated::print_of, manifest::Manifest, peers},
     scene::NamedScene,
     study::{asked::prepare, limits_asked::Names},
 };
@@ -62,12 +62,11 @@ pub fn run(
     let bar = progress::bar(question.walks());
     let study = compare_peers(common.engine, question, interrupt::flag(), || bar.inc(1))
         .map_err(|error| error.of(&scene.name))?;
-    let study = Peers(study);
     bar.finish_and_clear();
-    to.add("peers.csv", study.csv())?;
+    to.add("peers.csv", peers::csv(&study))?;
     let results = to.finish(&Manifest::new(command, scene))?;
-    let json = Json { scene: &scene.name, areas: study.0.areas(), notes: &study.0.notes };
+    let json = Json { scene: &scene.name, areas: study.areas(), notes: &study.notes };
     print_of(common.json, &scene.scene, json, || {
-        format!("{}: {}\n  {results}", scene.name, study.text())
+        format!("{}: {}\n  {results}", scene.name, peers::text(&study))
     })
 }

@@ -18,7 +18,7 @@ use crate::{
     },
     error::Error,
     interrupt,
-    output::{estimated::print_of, manifest::Manifest, usable::UsableReport},
+    output::{estimated::print_of, manifest::Manifest, usable as report},
     scene::NamedScene,
 };
 
@@ -69,12 +69,12 @@ pub fn run(
     let found = usable::usable(common.engine, &scene.scene, &question, interrupt::flag(), done)
         .map_err(|error| error.of(&scene.name))?;
     bar.finish_and_clear();
-    let study = UsableReport(UsableStudy { question, found });
-    to.add("usable.csv", study.csv())?;
-    to.figure("usable", &study.figure(scene)?)?;
+    let study = UsableStudy { question, found };
+    to.add("usable.csv", report::csv(&study))?;
+    to.figure("usable", &report::figure(&study, scene)?)?;
     let results = to.finish(&Manifest::new(command, scene))?;
-    let json = Json { scene: &scene.name, areas: study.0.areas() };
+    let json = Json { scene: &scene.name, areas: study.areas() };
     print_of(common.json, &scene.scene, json, || {
-        format!("{}: {}\n  {results}", scene.name, study.text())
+        format!("{}: {}\n  {results}", scene.name, report::text(&study))
     })
 }

@@ -40,7 +40,7 @@ impl PreparedScene {
         let mut observe: Option<&mut Observer<'_>> = Some(&mut observe);
         let report = deciding(self.pushes().iter().map(|of| {
             let observe = if self.has_push_of(of) { observe.take() } else { None };
-            of.observed_hit(numeric, hit, observe).map(Some)
+            of.by(numeric, hit, observe, false)
         }))?;
         if observe.is_some() {
             self.observed_hit(numeric, hit, observe)?; // one push before it was not held
@@ -53,8 +53,7 @@ impl PreparedScene {
     /// # Errors
     /// As [`hit`](Self::hit).
     pub fn report(&self, numeric: Numeric, hit: &WallHit) -> Result<HitReport, HitError> {
-        let pushes = self.pushes().iter();
-        let report = deciding(pushes.map(|of| of.observed_hit(numeric, hit, None).map(Some)))?;
+        let report = self.at_pushes(numeric, hit, false)?;
         report.ok_or(HitError::OutOfRange(0)) // never: each was run to its end
     }
 
@@ -102,7 +101,16 @@ impl PreparedScene {
     /// # Errors
     /// As [`verdict`](Self::verdict).
     pub fn bounded(&self, numeric: Numeric, hit: &WallHit) -> Result<Option<HitReport>, HitError> {
-        deciding(self.pushes().iter().map(|of| of.by(numeric, hit, None, true)))
+        self.at_pushes(numeric, hit, true)
+    }
+
+    fn at_pushes(
+        &self,
+        numeric: Numeric,
+        hit: &WallHit,
+        bounded: bool,
+    ) -> Result<Option<HitReport>, HitError> {
+        deciding(self.pushes().iter().map(|of| of.by(numeric, hit, None, bounded)))
     }
 
     /// A hit by the controller of that arithmetic.
