@@ -367,17 +367,8 @@ fn table(study: &Study, folder: &str) -> String {
     for variant in &study.variants {
         let _ = writeln!(text, "  {}", variant.sentence());
     }
-    if let Some(limits) = &study.limits {
-        let _ = writeln!(text, "  {}", limits.text());
-    }
-    if let Some(levers) = &study.levers {
-        let _ = writeln!(text, "  {}", levers.text());
-    }
-    if let Some(rates) = &study.rates {
-        let _ = writeln!(text, "  {}", rates.text());
-    }
-    if let Some(probability) = &study.probability {
-        let _ = writeln!(text, "  {}", probability.text());
+    for (_, told) in study.texts() {
+        let _ = writeln!(text, "  {told}");
     }
     for note in study.notes() {
         let _ = writeln!(text, "  note: {note}");

@@ -458,6 +458,19 @@ impl Study {
         text
     }
 
+    /// What was asked for beside the scene's own sweep, as people read it.
+    pub fn texts(&self) -> Vec<(&'static str, String)> {
+        [
+            self.limits.as_ref().map(|limits| ("Limits", limits.text())),
+            self.levers.as_ref().map(|levers| ("When the loop acts", levers.text())),
+            self.rates.as_ref().map(|rates| ("Encoder rate and output rate", rates.text())),
+            self.probability.as_ref().map(|sure| ("How sure", sure.text())),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+
     fn report(&self, figures: Vec<ReportFigure>, manifest: &Manifest) -> String {
         let mut answers = self.answers().into_iter();
         let answer = answers.next();
@@ -471,10 +484,7 @@ impl Study {
             figures,
             units: self.scene.scene.units,
             areas: areas(&self.result).collect(),
-            limits: self.limits.as_ref().map(LimitStudy::text).unwrap_or_default(),
-            levers: self.levers.as_ref().map(LeverStudy::text).unwrap_or_default(),
-            rates: self.rates.as_ref().map(RateStudy::text).unwrap_or_default(),
-            probability: self.probability.as_ref().map(ProbabilityStudy::text).unwrap_or_default(),
+            texts: self.texts(),
             notes,
             scene: self.scene.text.clone(),
             provenance: manifest.facts(),

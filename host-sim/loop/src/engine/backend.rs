@@ -117,15 +117,7 @@ pub fn lanes_for(prepared: &PreparedScene, numeric: Numeric) -> bool {
 }
 
 fn form_for(prepared: &PreparedScene, numeric: Numeric) -> Option<Form> {
-    let linear = matches!(
-        prepared.parts().plant,
-        AnyPlant::Plain(_)
-            | AnyPlant::Three(_)
-            | AnyPlant::Four(_)
-            | AnyPlant::Five(_)
-            | AnyPlant::Six(_)
-            | AnyPlant::Seven(_)
-    );
+    let linear = !matches!(prepared.parts().plant, AnyPlant::Other(_));
     let estimator = prepared.scene().velocity.estimator();
     let form = Form::of(estimator)?;
     let stated = numeric == Numeric::Fixed || form == Form::LowPass;
