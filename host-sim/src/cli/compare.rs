@@ -8,8 +8,8 @@ use super::{
     conditions::Conditions,
     peers::{self, PeerArgs},
     progress,
-    shared::{Filled, Typed, listed},
-    usable::{self, Asked, UsableArgs},
+    shared::{Typed, listed},
+    usable::{self, UsableArgs},
 };
 use crate::{
     analysis::compare::{
@@ -124,8 +124,8 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     if let Some(percents) = &args.usable.usable {
         let named = (!args.estimators.is_empty())
             .then(|| Entry::named(&args.estimators, &scene, "--estimators"));
-        let asked = Asked { entries: named.transpose()?, conditions: &args.conditions, budget };
-        return usable::run(percents, asked, &scene, common);
+        let named = named.transpose()?;
+        return usable::run(percents, named, &args.conditions, budget, &scene, common);
     }
     let entries = Entry::named(&args.estimators, &scene, "--estimators")?;
     let units = scene.scene.units;
@@ -148,7 +148,23 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     bar.finish_and_clear();
     let winners = winners::winners(&compared, &place);
     let manifest = Manifest::new(command_line(args, common, &scene, &place), &scene);
-    write(&mut to, &scene, &compared, &place, &winners, &manifest)?;
+    let mut figures = vec![];
+    for (class, stem) in Class::ALL.into_iter().zip(["zwidth", "zwidth_more"]) {
+        if compared.iter().any(|c| c.class() == class) {
+            let figure = zwidth(&scene, &compared, class)?;
+            to.figure(stem, &figure)?;
+            let caption = format!(
+                "Boundary of the stable walls, estimators {}, each at the tuning with the largest area.",
+                class.text()
+            );
+            figures.push(ReportFigure { figure, caption });
+        }
+    }
+    to.add("compare.csv", table::table(&compared, &place).csv())?;
+    to.add("tuning.csv", table::tunings(&compared).csv())?;
+    to.add("boundary.csv", table::boundaries(&compared).csv())?;
+    to.add("fidelity.csv", table::fidelities(&compared).csv())?;
+    to.add("report.html", page(&scene, &compared, &place, &winners, &figures, &manifest))?;
     let results = to.finish(&manifest)?;
     let mut notes = table::notes(&compared, &place, units);
     notes.extend(scene.scene.estimated_note());
@@ -179,33 +195,6 @@ fn command_line(args: &CompareArgs, common: &Common, scene: &NamedScene, place: 
         .with("budget", args.budget)
         .with("repeat", args.repeat)
         .by(common)
-}
-
-fn write(
-    to: &mut Filled,
-    scene: &NamedScene,
-    compared: &[Compared],
-    place: &Place,
-    winners: &[Winner],
-    manifest: &Manifest,
-) -> Result<(), Error> {
-    let mut figures = vec![];
-    for (class, stem) in Class::ALL.into_iter().zip(["zwidth", "zwidth_more"]) {
-        if compared.iter().any(|c| c.class() == class) {
-            let figure = zwidth(scene, compared, class)?;
-            to.figure(stem, &figure)?;
-            let caption = format!(
-                "Boundary of the stable walls, estimators {}, each at the tuning with the largest area.",
-                class.text()
-            );
-            figures.push(ReportFigure { figure, caption });
-        }
-    }
-    to.add("compare.csv", table::table(compared, place).csv())?;
-    to.add("tuning.csv", table::tunings(compared).csv())?;
-    to.add("boundary.csv", table::boundaries(compared).csv())?;
-    to.add("fidelity.csv", table::fidelities(compared).csv())?;
-    to.add("report.html", page(scene, compared, place, winners, &figures, manifest))
 }
 
 /// Its parameters, for people.

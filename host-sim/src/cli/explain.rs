@@ -106,7 +106,16 @@ pub fn run(args: &ExplainArgs, common: &Common) -> Result<(), Error> {
         figure,
         caption: "Boundary of the stable walls: the scene as it is, and its best changes.".into(),
     }];
-    to.add("report.html", page(&scene, &report, &figures, &manifest))?;
+    let answers = found.answers();
+    let notes: Vec<String> = answers.iter().cloned().chain(scene.scene.estimated_note()).collect();
+    let sections = [
+        ("Changes", report.html()),
+        ("Answers", report::notes(&notes)),
+        ("Scene", report::scene(&scene.text)),
+        ("Provenance", report::provenance(&manifest.facts())),
+    ];
+    let title = format!("{}: what limits the walls", scene.name);
+    to.add("report.html", report::page(&title, &answers.join(". "), &figures, &sections))?;
     let results = to.finish(&manifest)?;
     let json = Json {
         scene: &scene.name,
@@ -114,25 +123,7 @@ pub fn run(args: &ExplainArgs, common: &Common) -> Result<(), Error> {
         budget: args.budget,
         repeats: args.repeat,
         changes: found.rows(),
-        answers: found.answers(),
+        answers,
     };
     print_of(common.json, &scene.scene, json, || format!("{}\n{results}", report.text()))
-}
-
-fn page(
-    scene: &NamedScene,
-    report: &ExplainReport<'_>,
-    figures: &[ReportFigure],
-    manifest: &Manifest,
-) -> String {
-    let answers: Vec<String> =
-        report.found.answers().into_iter().chain(scene.scene.estimated_note()).collect();
-    let sections = vec![
-        ("Changes", report.html()),
-        ("Answers", report::notes(&answers)),
-        ("Scene", report::scene(&scene.text)),
-        ("Provenance", report::provenance(&manifest.facts())),
-    ];
-    let answer = report.found.answers().join(". ");
-    report::page(&format!("{}: what limits the walls", scene.name), &answer, figures, &sections)
 }

@@ -13,7 +13,7 @@ use super::{
     draws::DrawArgs,
     list::{self, List},
     progress,
-    shared::{AtCutoffs, Grid, Start},
+    shared::{AtCutoffs, Start},
 };
 use crate::{
     analysis::rendered::Rendered,
@@ -77,17 +77,17 @@ struct Json<'a> {
 const WITHIN: [f64; 3] = [0.05, 0.1, 0.2];
 
 pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
-    let Grid { mut scene, walls } = args.at.load(&args.stiffnesses.0, Some(args.start))?;
+    let (mut scene, walls) = args.at.load(&args.stiffnesses.0, Some(args.start))?;
     args.judged.apply(&mut scene)?;
     let prepared = prepare(&scene)?;
     let mut outputs = common.outputs(&scene.files)?;
     let csv = outputs.table(args.csv.as_ref(), Kind::Rows, Some(&scene))?;
     if let Some(draws) = args.draws.of(&scene)? {
-        let table = probable(&draws, &scene, &walls, common)?;
+        let (json, table) = probable(&draws, &scene, &walls, common)?;
         let units = scene.scene.units;
-        outputs.tell(csv, units, || table.csv.clone())?;
+        outputs.tell(csv, units, || table)?;
         outputs.commit()?;
-        return print_of(common.json, &scene.scene, &table.json, || table.text());
+        return print_of(common.json, &scene.scene, &json, || json.text());
     }
     let mut table = grid::Grid::new(scene.scene.units, args.impedance);
     if let Some(csv) = csv {
@@ -153,11 +153,6 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
 }
 
 /// How sure each wall is.
-struct Probable<'a> {
-    json: ProbableJson<'a>,
-    csv: String,
-}
-
 #[derive(Serialize)]
 struct ProbableJson<'a> {
     scene: &'a str,
@@ -180,7 +175,7 @@ fn probable<'a>(
     scene: &'a NamedScene,
     walls: &Walls,
     common: &Common,
-) -> Result<Probable<'a>, Error> {
+) -> Result<(ProbableJson<'a>, String), Error> {
     let (points, count) = (walls.count(), draws.count());
     let verdicts = points.saturating_mul(count.into());
     if verdicts > VERDICTS_MAX {
@@ -224,12 +219,12 @@ fn probable<'a>(
         held_by_5_percent: at_least(0.05),
         share,
     };
-    Ok(Probable { json, csv })
+    Ok((json, csv))
 }
 
-impl Probable<'_> {
+impl ProbableJson<'_> {
     fn text(&self) -> String {
-        let j = &self.json;
+        let j = self;
         format!(
             "{}: {} walls, {} draws each; 95 % of them hold {}, half {}, 5 % {}; mean share {:.3}",
             j.scene,

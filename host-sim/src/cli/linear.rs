@@ -7,10 +7,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use zwidth::VelocitySettings;
 
-use super::{
-    Common,
-    shared::{AtCutoffs, Grid},
-};
+use super::{Common, shared::AtCutoffs};
 use crate::{
     analysis::{
         linear::{Boundary, StiffnessLimit, passivity::Passivity},
@@ -122,7 +119,7 @@ struct Analysis {
 }
 
 pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
-    let Grid { scene, walls: Walls { filters, dampings, .. } } = args.at.load(&[0.0], None)?;
+    let (scene, Walls { filters, dampings, .. }) = args.at.load(&[0.0], None)?;
     let points = filters.len() * dampings.len();
     if points > POINTS_MAX {
         return Err(Error::Input(format!(

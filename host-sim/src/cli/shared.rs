@@ -27,14 +27,7 @@ use crate::{
 pub struct Start {
     /// Start this many counts beyond the scene's start; the repeats of a sweep use 0, 1/4, 1/2, 3/4.
     #[arg(long, value_name = "COUNTS", default_value_t = 0.0, allow_negative_numbers = true)]
-    start_offset: f64,
-}
-
-impl Start {
-    /// Counts of `--start-offset`, still to be checked.
-    pub fn counts(self) -> f64 {
-        self.start_offset
-    }
+    pub start_offset: f64,
 }
 
 /// What the options are called that describe a wall; a command with lists has others.
@@ -66,7 +59,7 @@ impl AtCutoff {
         let scene = NamedScene::load(&self.scene)?;
         let units = scene.scene.units;
         let wall = wall.map(|[k, b]| [units.stiffness_n_per_m(k), units.damping_n_s_per_m(b)]);
-        let hit = asked::hit(&scene, self.cutoff, wall, self.start.counts(), NAMES)?;
+        let hit = asked::hit(&scene, self.cutoff, wall, self.start.start_offset, NAMES)?;
         if self.cutoff.is_none() {
             note_old_place(&scene);
         }
@@ -111,15 +104,13 @@ pub struct AtCutoffs {
     dampings: List,
 }
 
-/// What [`AtCutoffs`] names, checked.
-pub struct Grid {
-    pub scene: NamedScene,
-    pub walls: Walls,
-}
-
 impl AtCutoffs {
     /// Loads the scene and checks every value of every list, before the first one is used.
-    pub fn load(&self, stiffnesses: &[f64], start: Option<Start>) -> Result<Grid, Error> {
+    pub fn load(
+        &self,
+        stiffnesses: &[f64],
+        start: Option<Start>,
+    ) -> Result<(NamedScene, Walls), Error> {
         let scene = NamedScene::load(&self.scene)?;
         let filters = match &self.cutoffs {
             Some(List(cutoffs_hz)) => asked::filters(&scene, cutoffs_hz)?,
@@ -131,11 +122,11 @@ impl AtCutoffs {
         };
         let units = scene.scene.units;
         let dampings = self.dampings.0.iter().map(|&b| units.damping_n_s_per_m(b)).collect();
-        let start_offset_counts = start.map_or(0.0, Start::counts);
+        let start_offset_counts = start.map_or(0.0, |start| start.start_offset);
         let stiffnesses = stiffnesses.iter().map(|&k| units.stiffness_n_per_m(k)).collect();
         let walls = Walls { filters, dampings, stiffnesses, start_offset_counts };
         walls.check(&scene, LISTS)?;
-        Ok(Grid { scene, walls })
+        Ok((scene, walls))
     }
 }
 

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::{
     Common, list, progress,
-    shared::{Filled, Typed, listed},
+    shared::{Typed, listed},
 };
 use crate::{
     error::Error,
@@ -111,7 +111,12 @@ pub fn run(args: &TradeArgs, common: &Common) -> Result<(), Error> {
     let bench = Bench::of(&scene.scene);
     let good = table::good_for(&filters);
     let json = json(&scene, &cutoffs_hz, &bench, &good, &plants);
-    write(&mut to, &scene, &filters, &plants, &json)?;
+    to.add("filters.csv", table::filters_csv(&filters, &bench))?;
+    to.add("plant.csv", table::plant_csv(&plants))?;
+    to.figure("filters", &trade_figures::filters(&scene.name, &filters, &bench)?)?;
+    to.figure("cutoffs", &trade_figures::cutoffs(&scene.name, &filters)?)?;
+    to.figure("plant", &trade_figures::plants(&scene.name, &plants)?)?;
+    to.add("summary.json", headed(marked(&scene.scene, &json))? + "\n")?;
     let command = Typed::new("trade", &scene.name)
         .maybe("cutoffs", args.cutoffs.as_ref().and_then(|cutoffs| listed(&cutoffs.0)))
         .with("repeat", args.repeat);
@@ -183,22 +188,6 @@ fn json<'a>(
             methods: methods.collect(),
         },
     }
-}
-
-fn write(
-    to: &mut Filled,
-    scene: &NamedScene,
-    filters: &Filters,
-    plants: &Plants,
-    json: &Json<'_>,
-) -> Result<(), Error> {
-    let bench = Bench::of(&scene.scene);
-    to.add("filters.csv", table::filters_csv(filters, &bench))?;
-    to.add("plant.csv", table::plant_csv(plants))?;
-    to.figure("filters", &trade_figures::filters(&scene.name, filters, &bench)?)?;
-    to.figure("cutoffs", &trade_figures::cutoffs(&scene.name, filters)?)?;
-    to.figure("plant", &trade_figures::plants(&scene.name, plants)?)?;
-    to.add("summary.json", headed(marked(&scene.scene, json))? + "\n")
 }
 
 /// One line per variant: what it costs, where it would do, what it misses elsewhere. At most 120 columns.

@@ -32,13 +32,6 @@ pub struct UsableArgs {
     pub usable: Option<List>,
 }
 
-/// Which walls are asked about: all of it but the scene.
-pub struct Asked<'a> {
-    pub entries: Option<Vec<Entry>>,
-    pub conditions: &'a Conditions,
-    pub budget: Budget,
-}
-
 #[derive(Serialize)]
 struct Json<'a> {
     scene: &'a str,
@@ -47,22 +40,24 @@ struct Json<'a> {
 
 pub fn run(
     percents: &List,
-    asked: Asked<'_>,
+    entries: Option<Vec<Entry>>,
+    conditions: &Conditions,
+    budget: Budget,
     scene: &NamedScene,
     common: &Common,
 ) -> Result<(), Error> {
     let percents = usable::percents(&percents.0, "--usable")?;
-    let entries = asked.entries.unwrap_or_else(|| usable::usual(&scene.scene));
+    let entries = entries.unwrap_or_else(|| usable::usual(&scene.scene));
     let names: Vec<String> = entries.iter().map(|entry| entry.name()).collect();
-    let question = UsableQuestion::of(entries, &percents, asked.budget);
+    let question = UsableQuestion::of(entries, &percents, budget);
     let mut to = common.fill(scene, "usable", &["usable.csv", "usable"])?;
-    let scene = &asked.conditions.ranked(scene, common)?.scene;
+    let scene = &conditions.ranked(scene, common)?.scene;
     let command = Typed::new("compare", &scene.name)
         .with("usable", listed(&percents).unwrap_or_default())
         .with("estimators", names.join(","))
-        .and(&asked.conditions.as_typed())
-        .with("budget", asked.budget.tunings)
-        .with("repeat", asked.budget.repeats)
+        .and(&conditions.as_typed())
+        .with("budget", budget.tunings)
+        .with("repeat", budget.repeats)
         .by(common);
     let bar = progress::bar(question.most_walks());
     let done = |walks| bar.inc(walks);
