@@ -341,7 +341,7 @@ def theory_elements():
         [f"one exact step against 50 digits, energy norm, {kept('augmented/chains')} chains of 3 to 7 states, time "
          "constants from 1 ns",
          f"{kept('augmented/step_of_size')} of max(1, norm(A) T); {kept('augmented/step')} at most",
-         "`host-sim/loop/src/plant/augmented/tests.rs`"],
+         "`host-sim/loop/src/plant/exact/tests.rs`"],
         ["60,000 exact steps under changing force against 60 digits, share of the largest value",
          kept("augmented/trajectory"), "same"],
         [f"{changes} multirate envelope (bilateral contact, saturation out of reach, 10 nm; cutoffs, B and latencies)",

@@ -111,9 +111,8 @@ fn run() -> Result<(), Error> {
         panels: vec![panel("fixed-point core"), panel("f64, velocity rounded")],
         series,
         lines: true,
-    })
-    .map_err(|error| Error::Internal(error.to_string()))?;
-    let png = figure.png().map_err(|error| Error::Internal(error.to_string()))?;
+    })?;
+    let png = figure.png()?;
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/figures");
     for (name, bytes) in
         [("fixed-point-limits.csv", csv.as_bytes()), ("fixed-point-limits.png", &png[..])]

@@ -6,7 +6,7 @@
 //! which sees the same counts and keeps the old settings for one more output.
 
 use host_sim::{
-    plant::{Plant as _, PlantState, PlantStep},
+    plant::{Plant as _, PlantStep},
     scene::NamedScene,
 };
 use proptest::{
@@ -59,7 +59,7 @@ struct Loop {
     down: GuardCommand,
     push: Force,
     plant: PlantStep,
-    state: PlantState,
+    state: [f64; 2],
     force_n: f64,
     last: Option<Rendered>,
 }

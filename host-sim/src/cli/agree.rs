@@ -9,9 +9,8 @@ use crate::{
     analysis::agree::{Told, agree_with_file, most_walks},
     error::Error,
     interrupt,
-    output::{agree::AgreeReport, estimated::print_of, in_units, table::Kind},
+    output::{agree::AgreeReport, estimated::print_of, table::Kind},
     scene::NamedScene,
-    simulation::prepared::Numeric,
 };
 
 /// Puts a walk that a board measured beside the one that the scene predicts, says whether they agree, and which number of the
@@ -32,9 +31,7 @@ pub struct AgreeArgs {
 }
 
 pub fn run(args: &AgreeArgs, common: &Common) -> Result<(), Error> {
-    if common.numeric != Numeric::Fixed {
-        return Err(Error::input("--numeric: agree runs the fixed-point core only, allowed fixed"));
-    }
+    common.only_fixed("agree")?;
     let scene = NamedScene::load(&args.scene)?;
     let units = scene.scene.units;
     let mut inputs = scene.files.clone();
@@ -44,17 +41,13 @@ pub fn run(args: &AgreeArgs, common: &Common) -> Result<(), Error> {
     let plot = outputs.figure(args.plot.as_ref())?;
     let name = args.measured.display().to_string();
     let bar = progress::bar(most_walks(&scene.scene));
-    let (engine, stop) = (common.engine.into(), interrupt::flag());
+    let (engine, stop) = (common.engine, interrupt::flag());
     let done = || bar.inc(1);
     let (measured, found) = agree_with_file(engine, &scene, &args.measured, stop, done)?;
     bar.finish_and_clear();
     let report = AgreeReport { scene: &scene.name, units, measured: &name, found: &found };
-    if let Some(csv) = csv {
-        outputs.write(csv, in_units::csv(units, report.csv()).as_bytes())?;
-    }
-    if let Some(plot) = plot {
-        outputs.draw(plot, &report.figure()?)?;
-    }
+    outputs.tell(csv, units, || report.csv())?;
+    outputs.draw(plot, || report.figure())?;
     outputs.commit()?;
     let json = Told::new(&scene, &name, &measured, &found);
     print_of(common.json, &scene.scene, json, || report.text())

@@ -1,7 +1,5 @@
 //! `compare`: every velocity estimator on the same boundary.
 
-use std::path::PathBuf;
-
 use clap::Args;
 use serde::Serialize;
 
@@ -10,7 +8,8 @@ use super::{
     conditions::Conditions,
     peers::{self, PeerArgs},
     progress,
-    usable::{self, Asked, UsableArgs},
+    shared::{Typed, listed},
+    usable::{self, UsableArgs},
 };
 use crate::{
     analysis::compare::{
@@ -20,19 +19,16 @@ use crate::{
         terminal,
         winners::{self, Winner},
     },
-    engine::Engine,
     error::Error,
     interrupt,
     output::{
         figure::{self, Curve, Figure, ZwidthPlot},
-        files::{FolderPlace, MANIFEST, Outputs, json as json_bytes},
-        in_units::{self, InUnits},
+        in_units::InUnits,
         manifest::Manifest,
         report::{self, ReportFigure},
         terminal::print_result,
     },
     scene::{NamedScene, Units},
-    simulation::prepared::Numeric,
     study::{
         asked::{check_read_off, prepare},
         recommended::Ranked,
@@ -69,17 +65,14 @@ pub struct CompareArgs {
 }
 
 /// Every file of a result.
-const FILES: [&str; 10] = [
+const FILES: &[&str] = &[
     "compare.csv",
     "tuning.csv",
     "boundary.csv",
     "fidelity.csv",
-    "zwidth.svg",
-    "zwidth.png",
-    "zwidth_more.svg",
-    "zwidth_more.png",
+    "zwidth",
+    "zwidth_more",
     "report.html",
-    MANIFEST,
 ];
 
 #[derive(Serialize)]
@@ -122,11 +115,7 @@ struct JsonRow {
 pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     let mut scene = NamedScene::load(&args.scene)?;
     args.conditions.apply(&mut scene.scene).map_err(|error| error.of(&scene.name))?;
-    if common.numeric != Numeric::Fixed {
-        return Err(Error::input(
-            "--numeric: compare runs the fixed-point core only, allowed fixed",
-        ));
-    }
+    common.only_fixed("compare")?;
     if args.peers.peers {
         return peers::run(&args.peers, args.repeat, &scene, common);
     }
@@ -135,8 +124,8 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     if let Some(percents) = &args.usable.usable {
         let named = (!args.estimators.is_empty())
             .then(|| Entry::named(&args.estimators, &scene, "--estimators"));
-        let asked = Asked { entries: named.transpose()?, conditions: &args.conditions, budget };
-        return usable::run(percents, asked, &scene, common);
+        let named = named.transpose()?;
+        return usable::run(percents, named, &args.conditions, budget, &scene, common);
     }
     let entries = Entry::named(&args.estimators, &scene, "--estimators")?;
     let units = scene.scene.units;
@@ -144,14 +133,11 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     if let Some(damping) = damping {
         check_read_off(&scene, damping, "--damping")?;
     }
-    let default = || PathBuf::from("zwidth-out").join(&scene.name).join("compare");
-    let folder = common.out.clone().unwrap_or_else(default);
-    let mut outputs = common.outputs(&scene.files)?;
-    let to = outputs.folder(&folder, &FILES)?;
+    let mut to = common.fill(&scene, "compare", FILES)?;
     let Ranked { scene, beside } = args.conditions.ranked(&scene, common)?;
     let bar = progress::bar(most_walks(&entries, budget));
     let (place, compared) = compare(
-        common.engine.into(),
+        common.engine,
         (&scene.scene, beside.as_ref()),
         &entries,
         damping,
@@ -162,8 +148,24 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     bar.finish_and_clear();
     let winners = winners::winners(&compared, &place);
     let manifest = Manifest::new(command_line(args, common, &scene, &place), &scene);
-    write((&mut outputs, to), &scene, &compared, &place, &winners, &manifest)?;
-    outputs.commit()?;
+    let mut figures = vec![];
+    for (class, stem) in Class::ALL.into_iter().zip(["zwidth", "zwidth_more"]) {
+        if compared.iter().any(|c| c.class() == class) {
+            let figure = zwidth(&scene, &compared, class)?;
+            to.figure(stem, &figure)?;
+            let caption = format!(
+                "Boundary of the stable walls, estimators {}, each at the tuning with the largest area.",
+                class.text()
+            );
+            figures.push(ReportFigure { figure, caption });
+        }
+    }
+    to.add("compare.csv", table::table(&compared, &place).csv())?;
+    to.add("tuning.csv", table::tunings(&compared).csv())?;
+    to.add("boundary.csv", table::boundaries(&compared).csv())?;
+    to.add("fidelity.csv", table::fidelities(&compared).csv())?;
+    to.add("report.html", page(&scene, &compared, &place, &winners, &figures, &manifest))?;
+    let results = to.finish(&manifest)?;
     let mut notes = table::notes(&compared, &place, units);
     notes.extend(scene.scene.estimated_note());
     let json = Json {
@@ -180,60 +182,19 @@ pub fn run(args: &CompareArgs, common: &Common) -> Result<(), Error> {
     print_result(common.json, InUnits(units, json), || {
         let text = terminal::text(&compared, &place, &winners, units);
         let estimated = scene.scene.estimated_note().map_or_else(String::new, |note| note + "\n");
-        format!("{text}{estimated}\nresults in {}", folder.display())
+        format!("{text}{estimated}\n{results}")
     })
 }
 
 fn command_line(args: &CompareArgs, common: &Common, scene: &NamedScene, place: &Place) -> String {
-    let estimators = match args.estimators.is_empty() {
-        true => String::new(),
-        false => format!(" --estimators {}", args.estimators.join(",")),
-    };
-    format!(
-        "compare {}{estimators}{} --damping {} --budget {} --repeat {} --engine {}",
-        scene.name,
-        args.conditions.as_typed(),
-        told_damping(scene, place),
-        args.budget,
-        args.repeat,
-        Engine::from(common.engine).name()
-    )
-}
-
-/// B of the middle wall, as it would be typed.
-fn told_damping(scene: &NamedScene, place: &Place) -> f64 {
     let (_, factor) = scene.scene.units.written("N s/m");
-    Units::told(place.middle().damping_n_s_per_m, factor)
-}
-
-fn write(
-    (outputs, to): (&mut Outputs, FolderPlace),
-    scene: &NamedScene,
-    compared: &[Compared],
-    place: &Place,
-    winners: &[Winner],
-    manifest: &Manifest,
-) -> Result<(), Error> {
-    let csv = |table| in_units::csv(scene.scene.units, table);
-    let mut figures = vec![];
-    for (class, stem) in Class::ALL.into_iter().zip(["zwidth", "zwidth_more"]) {
-        if compared.iter().any(|c| c.class() == class) {
-            let figure = zwidth(scene, compared, class)?;
-            outputs.add_figure(to, stem, &figure)?;
-            let caption = format!(
-                "Boundary of the stable walls, estimators {}, each at the tuning with the largest area.",
-                class.text()
-            );
-            figures.push(ReportFigure { figure, caption });
-        }
-    }
-    outputs.add(to, "compare.csv", csv(table::table(compared, place).csv()).as_bytes())?;
-    outputs.add(to, "tuning.csv", csv(table::tunings(compared).csv()).as_bytes())?;
-    outputs.add(to, "boundary.csv", csv(table::boundaries(compared).csv()).as_bytes())?;
-    outputs.add(to, "fidelity.csv", csv(table::fidelities(compared).csv()).as_bytes())?;
-    let page = page(scene, compared, place, winners, &figures, manifest);
-    outputs.add(to, "report.html", page.as_bytes())?;
-    outputs.add(to, MANIFEST, &json_bytes(manifest)?)
+    Typed::new("compare", &scene.name)
+        .maybe("estimators", listed(&args.estimators))
+        .and(&args.conditions.as_typed())
+        .with("damping", Units::told(place.middle().damping_n_s_per_m, factor))
+        .with("budget", args.budget)
+        .with("repeat", args.repeat)
+        .by(common)
 }
 
 /// Its parameters, for people.

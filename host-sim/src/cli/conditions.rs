@@ -1,11 +1,13 @@
 //! Options that put other conditions in the place of a scene's: limit, criterion, who pushes, in whose hand, when the loop
 //! acts.
 
-use clap::{Args, ValueEnum};
+use clap::{Args, builder::ValueParser};
 
 use super::{
     Common,
-    limits::{Limits, RmsOfArg, parse},
+    limits::{Limits, parse, rms_ofs},
+    named,
+    shared::Typed,
 };
 use crate::{
     error::Error,
@@ -20,15 +22,15 @@ use crate::{
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Judged {
     /// What the RMS is taken of, in the place of the scene's; counts resolve no limit near one of them.
-    #[arg(long, value_enum)]
-    rms_of: Option<RmsOfArg>,
+    #[arg(long, value_parser = rms_ofs())]
+    rms_of: Option<RmsOf>,
     /// When a wall counts as stable, in the place of the scene's.
-    #[arg(long, value_enum)]
-    criterion: Option<CriterionArg>,
+    #[arg(long, value_parser = criteria())]
+    criterion: Option<Criterion>,
     /// How it is tried, in the place of the scene's: the paper's constant push; the last 2 s of a minute of it; taps, two a
     /// second, the last half of each contact; a hand's push that sways by 30 %, motion and force above 20 Hz.
-    #[arg(long, value_enum)]
-    protocol: Option<ProtocolArg>,
+    #[arg(long, value_parser = named(&Protocol::ALL.map(|of| (of.name(), "", of))))]
+    protocol: Option<Protocol>,
 }
 
 impl Judged {
@@ -39,9 +41,9 @@ impl Judged {
     pub fn apply(self, named: &mut NamedScene) -> Result<(), Error> {
         let scene = &mut named.scene;
         let hit = &mut scene.wall_hit;
-        let criterion = self.criterion.map_or(hit.criterion, Into::into);
-        hit.judge(criterion, self.rms_of.map(Into::into).or(hit.rms_of));
-        hit.protocol = self.protocol.map_or(hit.protocol, Into::into);
+        let criterion = self.criterion.unwrap_or(hit.criterion);
+        hit.judge(criterion, self.rms_of.or(hit.rms_of));
+        hit.protocol = self.protocol.unwrap_or(hit.protocol);
         let checked = scene.check().map_err(|why| scene.units.text(&why));
         checked.map_err(|why| Error::Input(why).of(&named.name))
     }
@@ -54,15 +56,15 @@ pub struct Conditions {
     #[arg(long, value_name = "LIMIT", value_parser = one, conflicts_with = "criterion")]
     limit: Option<Limits>,
     /// What the RMS is taken of, in the place of the scene's; counts resolve no limit near one of them.
-    #[arg(long, value_enum)]
-    rms_of: Option<RmsOfArg>,
+    #[arg(long, value_parser = rms_ofs())]
+    rms_of: Option<RmsOf>,
     /// When a wall counts as stable. `quiet` walks on a grid that suits these walls, and the area by the scene's own
     /// criterion stands beside [default: quiet, or the limit's].
-    #[arg(long, value_enum)]
-    criterion: Option<CriterionArg>,
+    #[arg(long, value_parser = criteria())]
+    criterion: Option<Criterion>,
     /// Who pushes, in the place of the scene's.
-    #[arg(long, value_enum)]
-    push: Option<PushArg>,
+    #[arg(long, value_parser = named(&PushBy::ALL.map(|of| (of.name(), "", of))))]
+    push: Option<PushBy>,
     /// The arm that holds the handle: a name of [arms.NAME] or of a built-in model (heavy, light).
     #[arg(long, value_name = "NAME")]
     arm: Option<String>,
@@ -74,48 +76,8 @@ pub struct Conditions {
     period: Option<u32>,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum CriterionArg {
-    Rms,
-    Unsaturated,
-    Felt,
-    Quiet,
-}
-
-impl From<CriterionArg> for Criterion {
-    fn from(arg: CriterionArg) -> Self {
-        match arg {
-            CriterionArg::Rms => Self::Rms,
-            CriterionArg::Unsaturated => Self::Unsaturated,
-            CriterionArg::Felt => Self::Felt,
-            CriterionArg::Quiet => Self::Quiet,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum ProtocolArg {
-    Paper,
-    Press,
-    Taps,
-    Hand,
-}
-
-impl From<ProtocolArg> for Protocol {
-    fn from(arg: ProtocolArg) -> Self {
-        match arg {
-            ProtocolArg::Paper => Self::Paper,
-            ProtocolArg::Press => Self::Press,
-            ProtocolArg::Taps => Self::Taps,
-            ProtocolArg::Hand => Self::Hand,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum PushArg {
-    Motor,
-    Hand,
+fn criteria() -> ValueParser {
+    named(&Criterion::ALL.map(|of| (of.name(), "", of)))
 }
 
 fn one(text: &str) -> Result<Limits, String> {
@@ -134,14 +96,14 @@ impl Conditions {
         let mut scene = scene.clone();
         let limit = self.limit.as_ref().and_then(|limits| limits.0.first());
         let limit = limit.map(|limit| limit.of(&scene.scene));
-        let rms_of = self.rms_of.map(RmsOf::from);
+        let rms_of = self.rms_of;
         let own = &mut scene.scene.wall_hit;
         let (by, rms_of) = match limit {
             Some(limit @ (Limit::Rms(_) | Limit::Felt(_))) => {
                 limit.set(own);
                 (own.criterion, rms_of.or(own.rms_of))
             }
-            _ => match self.criterion.map_or(Criterion::Quiet, Into::into) {
+            _ => match self.criterion.unwrap_or(Criterion::Quiet) {
                 Criterion::Quiet => (Criterion::Quiet, rms_of),
                 by => (by, rms_of.or(own.rms_of)),
             },
@@ -154,41 +116,27 @@ impl Conditions {
     /// # Errors
     /// There is no such arm, or the scene cannot have them.
     pub fn apply(&self, scene: &mut Scene) -> Result<(), Error> {
-        if let Some(push) = self.push {
-            scene.wall_hit.push_by = match push {
-                PushArg::Motor => PushBy::Motor,
-                PushArg::Hand => PushBy::Hand,
-            };
-        }
+        scene.wall_hit.push_by = self.push.unwrap_or(scene.wall_hit.push_by);
         if let Some(name) = &self.arm {
             let arm = scene.named_arm(name);
             scene.arm = Some(arm.map_err(|error| Error::Input(format!("--arm: {error}")))?);
         }
-        if let Some(latency) = self.latency {
-            scene.actuator.latency = latency;
-        }
-        if let Some(period) = self.period {
-            scene.actuator.period = period;
-        }
+        let actuator = &mut scene.actuator;
+        actuator.latency = self.latency.unwrap_or(actuator.latency);
+        actuator.period = self.period.unwrap_or(actuator.period);
         scene.check().map_err(Error::Input)
     }
 
     /// As on the command line.
     pub fn as_typed(&self) -> String {
-        let name =
-            |value: Option<clap::builder::PossibleValue>| value.map(|v| v.get_name().to_owned());
-        let Self { rms_of, criterion, .. } = self;
-        let typed = [
-            ("limit", self.limit.as_ref().map(Limits::as_typed)),
-            ("rms-of", name(rms_of.as_ref().and_then(|value| value.to_possible_value()))),
-            ("criterion", name(criterion.as_ref().and_then(|value| value.to_possible_value()))),
-            ("push", name(self.push.as_ref().and_then(|value| value.to_possible_value()))),
-            ("arm", self.arm.clone()),
-            ("latency", self.latency.map(|latency| latency.to_string())),
-            ("period", self.period.map(|period| period.to_string())),
-        ];
-        let option =
-            |(option, value): (&str, Option<String>)| value.map(|v| format!(" --{option} {v}"));
-        typed.into_iter().filter_map(option).collect()
+        Typed(String::new())
+            .maybe("limit", self.limit.as_ref())
+            .maybe("rms-of", self.rms_of.map(RmsOf::name))
+            .maybe("criterion", self.criterion.map(Criterion::name))
+            .maybe("push", self.push.map(PushBy::name))
+            .maybe("arm", self.arm.as_ref())
+            .maybe("latency", self.latency)
+            .maybe("period", self.period)
+            .0
     }
 }

@@ -1,25 +1,21 @@
 //! `design`: the best velocity filter, not the best cutoff.
 
-use std::path::PathBuf;
-
 use clap::Args;
 use serde::Serialize;
 
 use super::{
     Common,
-    limits::{Asked, Limits, Pair, RmsOfArg, pair, parse},
+    limits::{Asked, Limits, Pair, pair, parse, rms_ofs},
     progress,
+    shared::{Typed, listed},
 };
 use crate::{
     analysis::design::{Condition, Question, design},
-    engine::Engine,
     error::Error,
     interrupt,
     output::{
         design::{ConditionRow, Designs, FilterRow, best_scene},
         estimated::print_of,
-        files::{MANIFEST, json as json_bytes},
-        in_units,
         manifest::Manifest,
     },
     scene::{Criterion, NamedScene, PushBy, RmsOf, Scene},
@@ -63,8 +59,8 @@ pub struct DesignArgs {
     #[arg(long, value_name = "LIST", value_parser = parse)]
     limits: Option<Limits>,
     /// What the RMS is taken of, in the place of the scene's; counts resolve no limit near one of them.
-    #[arg(long, value_enum)]
-    rms_of: Option<RmsOfArg>,
+    #[arg(long, value_parser = rms_ofs())]
+    rms_of: Option<RmsOf>,
     /// A wall counts as stable only while no output of the window is at the actuator's limit.
     #[arg(long)]
     unsaturated: bool,
@@ -86,8 +82,7 @@ pub struct DesignArgs {
 }
 
 /// Every file of a result.
-const FILES: [&str; 7] =
-    ["design.csv", "tried.csv", "conditions.csv", "best.toml", "front.svg", "front.png", MANIFEST];
+const FILES: &[&str] = &["design.csv", "tried.csv", "conditions.csv", "best.toml", "front"];
 
 #[derive(Serialize)]
 struct Json<'a> {
@@ -139,26 +134,19 @@ pub fn run(args: &DesignArgs, common: &Common) -> Result<(), Error> {
         seed: args.seed,
         numeric: common.numeric,
     };
-    let default = || PathBuf::from("zwidth-out").join(&named.name).join("design");
-    let folder = common.out.clone().unwrap_or_else(default);
-    let mut outputs = common.outputs(&named.files)?;
-    let to = outputs.folder(&folder, &FILES)?;
-    let (engine, units) = (Engine::from(common.engine), named.scene.units);
+    let mut to = common.fill(&named, "design", FILES)?;
     let walks = u64::from(budget) * 2 * question.conditions.len() as u64;
     let bar = progress::bar(walks);
-    let study = design(engine, question, interrupt::flag(), |_| bar.inc(1))
+    let study = design(common.engine, question, interrupt::flag(), |_| bar.inc(1))
         .map(Designs)
         .map_err(|error| error.of(&named.name))?;
     bar.finish_and_clear();
-    let manifest = Manifest::new(args.typed(&named.name, budget, common, engine), &named);
-    outputs.add(to, "design.csv", in_units::csv(units, study.csv()).as_bytes())?;
-    outputs.add(to, "tried.csv", in_units::csv(units, study.tried_csv()).as_bytes())?;
-    outputs.add(to, "conditions.csv", in_units::csv(units, study.conditions_csv()).as_bytes())?;
-    let best = best_scene(&named.scene, &study).map_err(Error::Internal)?;
-    outputs.add(to, "best.toml", best.as_bytes())?;
-    outputs.add_figure(to, "front", &study.figure(&named.name)?)?;
-    outputs.add(to, MANIFEST, &json_bytes(&manifest)?)?;
-    outputs.commit()?;
+    to.add("design.csv", study.csv())?;
+    to.add("tried.csv", study.tried_csv())?;
+    to.add("conditions.csv", study.conditions_csv())?;
+    to.add("best.toml", best_scene(&named.scene, &study).map_err(Error::Internal)?)?;
+    to.figure("front", &study.figure(&named.name)?)?;
+    let results = to.finish(&Manifest::new(args.typed(&named.name, budget, common), &named))?;
     let json = Json {
         scene: &named.name,
         filters: study.rows(),
@@ -169,7 +157,7 @@ pub fn run(args: &DesignArgs, common: &Common) -> Result<(), Error> {
         notes: study.notes(),
     };
     print_of(common.json, &named.scene, json, || {
-        format!("{}: {}\n  results in {}", named.name, study.text(), folder.display())
+        format!("{}: {}\n  {results}", named.name, study.text())
     })
 }
 
@@ -183,7 +171,7 @@ impl DesignArgs {
         }
         let mut base = named.scene.clone();
         if let Some(rms_of) = self.rms_of {
-            base.wall_hit.judge(base.wall_hit.criterion, Some(rms_of.into()));
+            base.wall_hit.judge(base.wall_hit.criterion, Some(rms_of));
         }
         if self.unsaturated {
             base.wall_hit.criterion = Criterion::Unsaturated;
@@ -249,34 +237,25 @@ impl DesignArgs {
     }
 
     /// As on the command line.
-    fn typed(&self, scene: &str, budget: u32, common: &Common, engine: Engine) -> String {
-        let number = |value: Option<f64>| value.map(|value| value.to_string());
-        let pushes =
-            |all: &Vec<PushBy>| all.iter().map(|push| push.name()).collect::<Vec<_>>().join(",");
-        let options = [
-            ("gain-peak-db", number(self.gain_peak_db)),
-            ("delay", number(self.delay)),
-            ("roughness", number(self.roughness)),
-            ("mistuned", number(self.mistuned)),
-            ("push", self.push.as_ref().map(pushes)),
-            ("arms", self.arms.as_ref().map(|arms| arms.join(","))),
-            ("limits", self.limits.as_ref().map(Limits::as_typed)),
-            ("rms-of", self.rms_of.map(|rms_of| RmsOf::from(rms_of).name().to_owned())),
-            ("steps", self.steps.map(|Pair([k, b])| format!("{k},{b}"))),
-        ];
-        let typed: String = options
-            .into_iter()
-            .filter_map(|(option, value)| Some(format!(" --{option} {}", value?)))
-            .collect();
-        let unsaturated = if self.unsaturated { " --unsaturated" } else { "" };
-        format!(
-            "design {scene}{typed}{unsaturated} --sections {} --budget {} --repeat {} --seed {} --numeric {} --engine {}",
-            self.sections,
-            budget,
-            self.repeat,
-            self.seed,
-            common.numeric.name(),
-            engine.name()
-        )
+    fn typed(&self, scene: &str, budget: u32, common: &Common) -> String {
+        let pushes: Option<Vec<&str>> =
+            self.push.as_ref().map(|all| all.iter().map(|push| push.name()).collect());
+        Typed::new("design", scene)
+            .maybe("gain-peak-db", self.gain_peak_db)
+            .maybe("delay", self.delay)
+            .maybe("roughness", self.roughness)
+            .maybe("mistuned", self.mistuned)
+            .maybe("push", pushes.and_then(|pushes| listed(&pushes)))
+            .maybe("arms", self.arms.as_ref().map(|arms| arms.join(",")))
+            .maybe("limits", self.limits.as_ref())
+            .maybe("rms-of", self.rms_of.map(RmsOf::name))
+            .maybe("steps", self.steps)
+            .flag("unsaturated", self.unsaturated)
+            .with("sections", self.sections)
+            .with("budget", budget)
+            .with("repeat", self.repeat)
+            .with("seed", self.seed)
+            .with("numeric", common.numeric.name())
+            .by(common)
     }
 }

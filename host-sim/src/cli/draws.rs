@@ -2,6 +2,8 @@
 
 use clap::Args;
 
+use super::shared::Typed;
+
 use crate::{error::Error, scene::NamedScene, study::probability::Draws};
 
 /// Starts of the scene's own device, and of each that is drawn, unless another number is asked for.
@@ -37,7 +39,7 @@ impl DrawArgs {
         if !self.probability {
             return String::new();
         }
-        let uncertain = self.uncertain.map_or(String::new(), |n| format!(" --uncertain {n}"));
-        format!(" --probability{uncertain} --starts-each {}", self.starts())
+        let typed = Typed(" --probability".into()).maybe("uncertain", self.uncertain);
+        typed.with("starts-each", self.starts()).0
     }
 }

@@ -1,29 +1,23 @@
 //! `explain`: what limits the walls of a device.
 
-use std::path::PathBuf;
-
 use clap::Args;
 use serde::Serialize;
 
-use super::{Common, conditions::Conditions, progress};
+use super::{Common, conditions::Conditions, progress, shared::Typed};
 use crate::{
     analysis::{
         compare::search::Budget,
         explain::{explain, most_walks, table::Row},
     },
-    engine::Engine,
     error::Error,
     interrupt,
     output::{
         estimated::print_of,
         explain::ExplainReport,
-        files::{MANIFEST, json as json_bytes},
-        in_units,
         manifest::Manifest,
         report::{self, ReportFigure},
     },
     scene::{NamedScene, Units},
-    simulation::prepared::Numeric,
     study::{
         asked::{check_read_off, prepare},
         recommended::Ranked,
@@ -65,8 +59,7 @@ Columns:
 explain.csv has these and more (docs/files.md).";
 
 /// Every file of a result.
-const FILES: [&str; 6] =
-    ["explain.csv", "boundary.csv", "explain.svg", "explain.png", "report.html", MANIFEST];
+const FILES: &[&str] = &["explain.csv", "boundary.csv", "explain", "report.html"];
 
 #[derive(Serialize)]
 struct Json<'a> {
@@ -81,79 +74,56 @@ struct Json<'a> {
 pub fn run(args: &ExplainArgs, common: &Common) -> Result<(), Error> {
     let mut scene = NamedScene::load(&args.scene)?;
     args.conditions.apply(&mut scene.scene).map_err(|error| error.of(&scene.name))?;
-    if common.numeric != Numeric::Fixed {
-        return Err(Error::input(
-            "--numeric: explain runs the fixed-point core only, allowed fixed",
-        ));
-    }
+    common.only_fixed("explain")?;
     prepare(&scene)?;
     let units = scene.scene.units;
     let damping = args.damping.map(|damping| units.damping_n_s_per_m(damping));
     if let Some(damping) = damping {
         check_read_off(&scene, damping, "--damping")?;
     }
-    let default = || PathBuf::from("zwidth-out").join(&scene.name).join("explain");
-    let folder = common.out.clone().unwrap_or_else(default);
-    let mut outputs = common.outputs(&scene.files)?;
-    let to = outputs.folder(&folder, &FILES)?;
+    let mut to = common.fill(&scene, "explain", FILES)?;
     let Ranked { scene, beside } = args.conditions.ranked(&scene, common)?;
     let budget = Budget { tunings: args.budget, repeats: args.repeat };
     let bar = progress::bar(most_walks(&scene.scene, budget));
-    let engine: Engine = common.engine.into();
     let (both, done) = ((&scene.scene, beside.as_ref()), |walks| bar.inc(walks));
-    let found = explain(engine, both, damping, budget, interrupt::flag(), done)
+    let found = explain(common.engine, both, damping, budget, interrupt::flag(), done)
         .map_err(|error| error.of(&scene.name))?;
     bar.finish_and_clear();
     let criterion = scene.scene.wall_hit.criterion.name();
     let report = ExplainReport { scene: &scene.name, criterion, units, found: &found };
-    let command = format!(
-        "explain {}{} --damping {} --budget {} --repeat {} --engine {}",
-        scene.name,
-        args.conditions.as_typed(),
-        Units::told(found.damping_n_s_per_m, units.written("N s/m").1),
-        args.budget,
-        args.repeat,
-        engine.name()
-    );
+    let command = Typed::new("explain", &scene.name)
+        .and(&args.conditions.as_typed())
+        .with("damping", Units::told(found.damping_n_s_per_m, units.written("N s/m").1))
+        .with("budget", args.budget)
+        .with("repeat", args.repeat)
+        .by(common);
     let manifest = Manifest::new(command, &scene);
     let figure = report.figure()?;
-    outputs.add_figure(to, "explain", &figure)?;
-    outputs.add(to, "explain.csv", in_units::csv(units, report.csv()).as_bytes())?;
-    outputs.add(to, "boundary.csv", in_units::csv(units, found.boundaries().csv()).as_bytes())?;
+    to.figure("explain", &figure)?;
+    to.add("explain.csv", report.csv())?;
+    to.add("boundary.csv", found.boundaries().csv())?;
     let figures = [ReportFigure {
         figure,
         caption: "Boundary of the stable walls: the scene as it is, and its best changes.".into(),
     }];
-    outputs.add(to, "report.html", page(&scene, &report, &figures, &manifest).as_bytes())?;
-    outputs.add(to, MANIFEST, &json_bytes(&manifest)?)?;
-    outputs.commit()?;
+    let answers = found.answers();
+    let notes: Vec<String> = answers.iter().cloned().chain(scene.scene.estimated_note()).collect();
+    let sections = [
+        ("Changes", report.html()),
+        ("Answers", report::notes(&notes)),
+        ("Scene", report::scene(&scene.text)),
+        ("Provenance", report::provenance(&manifest.facts())),
+    ];
+    let title = format!("{}: what limits the walls", scene.name);
+    to.add("report.html", report::page(&title, &answers.join(". "), &figures, &sections))?;
+    let results = to.finish(&manifest)?;
     let json = Json {
         scene: &scene.name,
         damping_n_s_per_m: found.damping_n_s_per_m,
         budget: args.budget,
         repeats: args.repeat,
         changes: found.rows(),
-        answers: found.answers(),
+        answers,
     };
-    print_of(common.json, &scene.scene, json, || {
-        format!("{}\nresults in {}", report.text(), folder.display())
-    })
-}
-
-fn page(
-    scene: &NamedScene,
-    report: &ExplainReport<'_>,
-    figures: &[ReportFigure],
-    manifest: &Manifest,
-) -> String {
-    let answers: Vec<String> =
-        report.found.answers().into_iter().chain(scene.scene.estimated_note()).collect();
-    let sections = vec![
-        ("Changes", report.html()),
-        ("Answers", report::notes(&answers)),
-        ("Scene", report::scene(&scene.text)),
-        ("Provenance", report::provenance(&manifest.facts())),
-    ];
-    let answer = report.found.answers().join(". ");
-    report::page(&format!("{}: what limits the walls", scene.name), &answer, figures, &sections)
+    print_of(common.json, &scene.scene, json, || format!("{}\n{results}", report.text()))
 }

@@ -13,7 +13,7 @@ use super::{
     draws::DrawArgs,
     list::{self, List},
     progress,
-    shared::{AtCutoffs, Grid, Start},
+    shared::{AtCutoffs, Start},
 };
 use crate::{
     analysis::rendered::Rendered,
@@ -24,7 +24,6 @@ use crate::{
         SCHEMA_VERSION,
         estimated::print_of,
         grid::{self, Counts},
-        in_units,
         table::Kind,
     },
     scene::NamedScene,
@@ -78,19 +77,17 @@ struct Json<'a> {
 const WITHIN: [f64; 3] = [0.05, 0.1, 0.2];
 
 pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
-    let Grid { mut scene, walls } = args.at.load(&args.stiffnesses.0, Some(args.start))?;
+    let (mut scene, walls) = args.at.load(&args.stiffnesses.0, Some(args.start))?;
     args.judged.apply(&mut scene)?;
     let prepared = prepare(&scene)?;
     let mut outputs = common.outputs(&scene.files)?;
     let csv = outputs.table(args.csv.as_ref(), Kind::Rows, Some(&scene))?;
     if let Some(draws) = args.draws.of(&scene)? {
-        let table = probable(&draws, &scene, &walls, common)?;
+        let (json, table) = probable(&draws, &scene, &walls, common)?;
         let units = scene.scene.units;
-        if let Some(csv) = csv {
-            outputs.write(csv, in_units::csv(units, table.csv.clone()).as_bytes())?;
-        }
+        outputs.tell(csv, units, || table)?;
         outputs.commit()?;
-        return print_of(common.json, &scene.scene, &table.json, || table.text());
+        return print_of(common.json, &scene.scene, &json, || json.text());
     }
     let mut table = grid::Grid::new(scene.scene.units, args.impedance);
     if let Some(csv) = csv {
@@ -112,7 +109,7 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     let bar = progress::bar_of(points, "walls");
     let (numeric, wall) = (common.numeric, |number| walls.wall(number));
     stream(
-        common.engine.into(),
+        common.engine,
         &prepared,
         numeric,
         Depth::Whole,
@@ -156,11 +153,6 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
 }
 
 /// How sure each wall is.
-struct Probable<'a> {
-    json: ProbableJson<'a>,
-    csv: String,
-}
-
 #[derive(Serialize)]
 struct ProbableJson<'a> {
     scene: &'a str,
@@ -183,7 +175,7 @@ fn probable<'a>(
     scene: &'a NamedScene,
     walls: &Walls,
     common: &Common,
-) -> Result<Probable<'a>, Error> {
+) -> Result<(ProbableJson<'a>, String), Error> {
     let (points, count) = (walls.count(), draws.count());
     let verdicts = points.saturating_mul(count.into());
     if verdicts > VERDICTS_MAX {
@@ -191,7 +183,7 @@ fn probable<'a>(
             "walls and draws make {verdicts} hits, allowed {VERDICTS_MAX}"
         )));
     }
-    let (engine, numeric, stop) = (common.engine.into(), common.numeric, interrupt::flag());
+    let (engine, numeric, stop) = (common.engine, common.numeric, interrupt::flag());
     let how = How { engine, numeric, stop };
     let mut csv = String::from(
         "cutoff_hz,damping_n_s_per_m,stiffness_n_per_m,held,draws,share,schema_version\n",
@@ -207,7 +199,6 @@ fn probable<'a>(
         let held = at_walls(how, draws, filter, &hits.iter().map(wall).collect::<Vec<_>>())?;
         for (hit, holds) in hits.iter().zip(held) {
             let held = holds.iter().filter(|holds| **holds).count();
-            #[expect(clippy::cast_precision_loss, reason = "at most 10^8 draws")]
             let share = held as f64 / f64::from(count);
             let (b, k) = (hit.damping_n_s_per_m, hit.stiffness_n_per_m);
             let _ = writeln!(csv, "{cutoff_hz},{b},{k},{held},{count},{share},{SCHEMA_VERSION}");
@@ -217,7 +208,6 @@ fn probable<'a>(
     }
     bar.finish_and_clear();
     let at_least = |least: f64| shares.iter().filter(|share| **share >= least).count() as u64;
-    #[expect(clippy::cast_precision_loss, reason = "at most 10^8 walls")]
     let share = shares.iter().sum::<f64>() / points.max(1) as f64;
     let json = ProbableJson {
         scene: &scene.name,
@@ -229,12 +219,12 @@ fn probable<'a>(
         held_by_5_percent: at_least(0.05),
         share,
     };
-    Ok(Probable { json, csv })
+    Ok((json, csv))
 }
 
-impl Probable<'_> {
+impl ProbableJson<'_> {
     fn text(&self) -> String {
-        let j = &self.json;
+        let j = self;
         format!(
             "{}: {} walls, {} draws each; 95 % of them hold {}, half {}, 5 % {}; mean share {:.3}",
             j.scene,

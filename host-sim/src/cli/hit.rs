@@ -13,12 +13,9 @@ use super::{
 use crate::{
     error::Error,
     notation::rounded,
-    output::{estimated::print_of, in_units, table::Kind, trace},
-    scene::{NamedScene, velocity::describe},
-    simulation::{
-        prepared::{HitReport, WallHit},
-        trace::Trace,
-    },
+    output::{estimated::print_of, table::Kind, trace},
+    scene::velocity::describe,
+    simulation::{prepared::HitReport, trace::Trace},
     study::asked::prepare,
 };
 
@@ -108,33 +105,15 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     } else {
         let mut samples = Trace::new(&prepared, &hit).map_err(|error| error.of(&scene.name))?;
         let pushes = prepared.reports(numeric, &hit, |sample| samples.push(sample))?;
-        if let Some(csv) = csv {
-            outputs.write(csv, in_units::csv(units, trace::csv(&samples)).as_bytes())?;
-        }
-        if let Some(plot) = plot {
-            let report = deciding(&pushes)?;
-            outputs.draw(plot, &trace::figure(&samples, &scene, &hit, &report)?)?;
-        }
+        outputs.tell(csv, units, || trace::csv(&samples))?;
+        outputs.draw(plot, || trace::figure(&samples, &scene, &hit, &deciding(&pushes)?))?;
         pushes
     };
     outputs.commit()?;
-    print(&scene, &hit, &deciding(&pushes)?, &pushes, common)
-}
-
-fn deciding(pushes: &[(f64, HitReport)]) -> Result<HitReport, Error> {
-    HitReport::deciding(pushes).ok_or_else(|| Error::Internal("a hit has no push".into()))
-}
-
-fn print(
-    scene: &NamedScene,
-    hit: &WallHit,
-    report: &HitReport,
-    pushes: &[(f64, HitReport)],
-    common: &Common,
-) -> Result<(), Error> {
+    let report = deciding(&pushes)?;
     let passive = scene.scene.passivity.is_some();
     let json = Json {
-        subject: Subject::new(scene, &hit.velocity, common),
+        subject: Subject::new(&scene, &hit.velocity, common),
         stiffness_n_per_m: hit.stiffness_n_per_m,
         damping_n_s_per_m: hit.damping_n_s_per_m,
         verdict: report.verdict.name(),
@@ -240,4 +219,8 @@ fn print(
             note.unwrap_or_default()
         ))
     })
+}
+
+fn deciding(pushes: &[(f64, HitReport)]) -> Result<HitReport, Error> {
+    HitReport::deciding(pushes).ok_or_else(|| Error::Internal("a hit has no push".into()))
 }

@@ -1,7 +1,14 @@
 //! Options of `sweep` that ask for several limits at once.
 
-use clap::{Args, ValueEnum};
+use std::fmt;
+
+use clap::{Args, builder::ValueParser};
 use zwidth::VelocitySettings;
+
+use super::{
+    named,
+    shared::{Typed, listed},
+};
 
 use crate::{
     error::Error,
@@ -31,8 +38,8 @@ pub struct LimitArgs {
     #[arg(long, value_name = "NAMES", requires = "limits", value_delimiter = ',')]
     arms: Option<Vec<String>>,
     /// With --limits: what the RMS is taken of.
-    #[arg(long, value_enum, default_value_t, requires = "limits")]
-    rms_of: RmsOfArg,
+    #[arg(long, value_parser = rms_ofs(), default_value = "motion", requires = "limits")]
+    rms_of: RmsOf,
     /// With --limits: steps of K and B of the walks, in the scene's units [default: a quarter of the scene's K, half of its B].
     #[arg(long, value_name = "K,B", value_parser = pair, requires = "limits")]
     steps: Option<Pair>,
@@ -41,37 +48,35 @@ pub struct LimitArgs {
     starts: Option<Pair>,
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub(super) enum RmsOfArg {
-    /// The true position.
-    #[default]
-    Motion,
-    /// The counts, which resolve no limit near one of them.
-    Counts,
-}
-
-impl From<RmsOfArg> for RmsOf {
-    fn from(rms_of: RmsOfArg) -> Self {
-        match rms_of {
-            RmsOfArg::Motion => Self::Motion,
-            RmsOfArg::Counts => Self::Counts,
-        }
-    }
+/// What an RMS is taken of.
+pub(super) fn rms_ofs() -> ValueParser {
+    named(&[
+        ("motion", "The true position", RmsOf::Motion),
+        ("counts", "The counts, which resolve no limit near one of them", RmsOf::Counts),
+    ])
 }
 
 #[derive(Clone, Debug)]
 pub(super) struct Limits(pub Vec<Asked>);
 
-impl Limits {
-    /// As on the command line.
-    pub fn as_typed(&self) -> String {
-        self.0.iter().map(Asked::to_string).collect::<Vec<String>>().join(",")
+/// As on the command line.
+impl fmt::Display for Limits {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&listed(&self.0).unwrap_or_default())
     }
 }
 
 /// K and B, in the scene's units.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pair(pub [f64; 2]);
+
+/// As on the command line.
+impl fmt::Display for Pair {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self([k, b]) = self;
+        write!(f, "{k},{b}")
+    }
+}
 
 impl Pair {
     /// In N/m and N s/m, typed in the scene's units.
@@ -127,7 +132,7 @@ impl LimitArgs {
             hands.flat_map(|arm| PushBy::ALL.map(|push| Situation { push, arm: arm.clone() }));
         Ok(Some(Question {
             limits,
-            rms_of: self.rms_of.into(),
+            rms_of: self.rms_of,
             filters: filters.to_vec(),
             repeats,
             walk,
@@ -173,19 +178,13 @@ impl LimitArgs {
 
     /// As on the command line.
     pub fn as_typed(&self) -> String {
-        let Some(limits) = &self.limits else { return String::new() };
-        let mut text = format!(" --limits {}", limits.as_typed());
-        if let Some(arms) = &self.arms {
-            text += &format!(" --arms {}", arms.join(","));
-        }
-        if self.rms_of == RmsOfArg::Counts {
-            text += " --rms-of counts";
-        }
-        for (option, pair) in [("steps", self.steps), ("starts", self.starts)] {
-            if let Some(Pair([k, b])) = pair {
-                text += &format!(" --{option} {k},{b}");
-            }
-        }
-        text
+        let counts = (self.rms_of == RmsOf::Counts).then_some("counts");
+        Typed(String::new())
+            .maybe("limits", self.limits.as_ref())
+            .maybe("arms", self.arms.as_ref().map(|arms| arms.join(",")))
+            .maybe("rms-of", counts)
+            .maybe("steps", self.steps)
+            .maybe("starts", self.starts)
+            .0
     }
 }

@@ -7,10 +7,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use zwidth::VelocitySettings;
 
-use super::{
-    Common,
-    shared::{AtCutoffs, Grid},
-};
+use super::{Common, shared::AtCutoffs};
 use crate::{
     analysis::{
         linear::{Boundary, StiffnessLimit, passivity::Passivity},
@@ -21,7 +18,6 @@ use crate::{
     output::{
         estimated::print_of,
         figure::{self, Curve, ZwidthPlot},
-        in_units,
         table::Kind,
     },
     scene::{self, NamedScene, Units},
@@ -123,7 +119,7 @@ struct Analysis {
 }
 
 pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
-    let Grid { scene, walls: Walls { filters, dampings, .. } } = args.at.load(&[0.0], None)?;
+    let (scene, Walls { filters, dampings, .. }) = args.at.load(&[0.0], None)?;
     let points = filters.len() * dampings.len();
     if points > POINTS_MAX {
         return Err(Error::Input(format!(
@@ -140,12 +136,8 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
         .map(|&filter| analyse(&scene, filter, &dampings, args, prepared.as_ref(), common))
         .collect();
     let analyses = analyses?;
-    if let Some(file) = file {
-        outputs.write(file, in_units::csv(units, csv(&analyses)).as_bytes())?;
-    }
-    if let Some(plot) = plot {
-        outputs.draw(plot, &draw(&scene, &analyses, args.multirate)?)?;
-    }
+    outputs.tell(file, units, || csv(&analyses))?;
+    outputs.draw(plot, || draw(&scene, &analyses, args.multirate))?;
     outputs.commit()?;
     let left_out = scene.scene.nonlinear_elements();
     let passivity_left_out =
@@ -285,14 +277,9 @@ fn analyse(
     let rows: Vec<Row> = rows.collect::<Result<_, Error>>()?;
     let simulated = match prepared {
         None => vec![],
-        Some(prepared) => explain(
-            common.engine.into(),
-            prepared,
-            common.numeric,
-            filter,
-            &boundary,
-            interrupt::flag(),
-        )?,
+        Some(prepared) => {
+            explain(common.engine, prepared, common.numeric, filter, &boundary, interrupt::flag())?
+        }
     };
     Ok(Analysis { cutoff_hz, rows, passive_region: region, simulated })
 }

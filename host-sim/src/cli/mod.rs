@@ -30,8 +30,8 @@ mod walk;
 use std::path::PathBuf;
 
 use clap::{
-    Args, CommandFactory as _, Parser, Subcommand, ValueEnum,
-    builder::{EnumValueParser, TypedValueParser as _},
+    Args, CommandFactory as _, Parser, Subcommand,
+    builder::{PossibleValue, PossibleValuesParser, TypedValueParser as _, ValueParser},
 };
 
 use crate::{
@@ -90,11 +90,11 @@ struct Common {
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
     /// Arithmetic of the controller.
-    #[arg(long, global = true, value_parser = EnumValueParser::<NumericArg>::new().map(Numeric::from), default_value = "fixed")]
+    #[arg(long, global = true, value_parser = named(&NUMERICS), default_value = "fixed")]
     numeric: Numeric,
     /// What runs the hits; the results do not depend on it.
-    #[arg(long, global = true, value_enum, default_value_t)]
-    engine: EngineArg,
+    #[arg(long, global = true, value_parser = named(&[CORE, ("lanes", LANES, Engine::lanes())]), default_value = "lanes")]
+    engine: Engine,
     /// Folder for the results; with several scenes, one folder per scene in it
     /// [default: zwidth-out/SCENE]. For `identify` and `read` the scene file that is written, for `prepare` the record. The other commands
     /// name their files one by one.
@@ -112,7 +112,7 @@ struct Common {
 impl Common {
     /// How hits are run.
     fn how(&self) -> How<'static> {
-        How { engine: self.engine.into(), numeric: self.numeric, stop: interrupt::flag() }
+        How { engine: self.engine, numeric: self.numeric, stop: interrupt::flag() }
     }
 
     /// The files that a command is to write; `inputs` are not replaced.
@@ -122,43 +122,35 @@ impl Common {
     }
 }
 
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum EngineArg {
-    /// The controller itself, hit by hit: with fixed-point arithmetic the core, as on the board.
-    Core,
-    /// Many hits side by side, by a second text of its arithmetic for vectors, where a scene has it.
-    #[default]
-    Lanes,
-}
+const CORE: (&str, &str, Engine) = (
+    "core",
+    "The controller itself, hit by hit: with fixed-point arithmetic the core, as on the board",
+    Engine::Core,
+);
+const LANES: &str =
+    "Many hits side by side, by a second text of its arithmetic for vectors, where a scene has it";
+const NUMERICS: [(&str, &str, Numeric); 3] = [
+    ("fixed", "Fixed point: the core's arithmetic, as on the board", Numeric::Fixed),
+    ("f64", "Its twin in 64-bit floats", Numeric::F64),
+    (
+        "f64-rounded",
+        "The twin with its velocity rounded to the fixed-point LSB",
+        Numeric::F64Rounded,
+    ),
+];
 
-impl From<EngineArg> for Engine {
-    fn from(engine: EngineArg) -> Self {
-        match engine {
-            EngineArg::Core => Self::Core,
-            EngineArg::Lanes => Self::lanes(),
-        }
-    }
-}
-
-/// [`Numeric`] as the command line names it.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum NumericArg {
-    /// Fixed point: the core's arithmetic, as on the board.
-    Fixed,
-    /// Its twin in 64-bit floats.
-    F64,
-    /// The twin with its velocity rounded to the fixed-point LSB.
-    F64Rounded,
-}
-
-impl From<NumericArg> for Numeric {
-    fn from(numeric: NumericArg) -> Self {
-        match numeric {
-            NumericArg::Fixed => Self::Fixed,
-            NumericArg::F64 => Self::F64,
-            NumericArg::F64Rounded => Self::F64Rounded,
-        }
-    }
+/// Takes one of these by its name; beside it what help says of it, or nothing.
+fn named<T: Copy + Send + Sync + 'static>(all: &[(&'static str, &'static str, T)]) -> ValueParser {
+    let all = all.to_vec();
+    let names = all.iter().map(|&(name, help, _)| match help {
+        "" => PossibleValue::new(name),
+        help => PossibleValue::new(name).help(help),
+    });
+    let of = PossibleValuesParser::new(names.collect::<Vec<_>>());
+    ValueParser::new(of.try_map(move |name: String| {
+        let found = all.iter().find(|(known, ..)| *known == name);
+        found.map(|&(.., value)| value).ok_or("unknown")
+    }))
 }
 
 impl Command {
@@ -170,28 +162,19 @@ impl Command {
 
     /// Name of a command that has no folder of results, and the options that name its files.
     fn named_outputs(&self) -> Option<[&'static str; 2]> {
-        match self {
-            Self::Hit(_) => Some(["hit", "--trace and --plot"]),
-            Self::Walk(_) => Some(["walk", "--csv"]),
-            Self::Agree(_) => Some(["agree", "--csv and --plot"]),
-            Self::Grid(_) => Some(["grid", "--csv"]),
-            Self::Linear(_) => Some(["linear", "--csv and --plot"]),
-            Self::Telemetry(_) => Some(["telemetry", "--csv and --plot"]),
-            Self::Replay(_) => Some(["replay", "--csv"]),
-            Self::StudyPlan(_) => Some(["study-plan", "none"]),
-            Self::Reference(_) => Some(["reference", "none"]),
-            Self::Schema(_) => Some(["schema", "none"]),
-            Self::Sweep(_)
-            | Self::Compare(_)
-            | Self::Design(_)
-            | Self::Explain(_)
-            | Self::Passivity(_)
-            | Self::Trade(_)
-            | Self::Identify(_)
-            | Self::Prepare(_)
-            | Self::Read(_)
-            | Self::Study(_) => None,
-        }
+        Some(match self {
+            Self::Hit(_) => ["hit", "--trace and --plot"],
+            Self::Walk(_) => ["walk", "--csv"],
+            Self::Agree(_) => ["agree", "--csv and --plot"],
+            Self::Grid(_) => ["grid", "--csv"],
+            Self::Linear(_) => ["linear", "--csv and --plot"],
+            Self::Telemetry(_) => ["telemetry", "--csv and --plot"],
+            Self::Replay(_) => ["replay", "--csv"],
+            Self::StudyPlan(_) => ["study-plan", "none"],
+            Self::Reference(_) => ["reference", "none"],
+            Self::Schema(_) => ["schema", "none"],
+            _ => return None,
+        })
     }
 }
 

@@ -1,7 +1,5 @@
 //! `passivity`: what a wall's passivity controller gives and costs.
 
-use std::path::PathBuf;
-
 use clap::Args;
 use serde::Serialize;
 
@@ -10,21 +8,17 @@ use super::{
     limits::{Limits, Pair, pair, parse},
     list::{self, List},
     progress,
-    shared::check_filters,
+    shared::{Typed, check_filters, listed},
 };
 use crate::{
-    analysis::passive::{Length, PassiveQuestion, passive},
-    engine::Engine,
+    analysis::passive::{self as walls, Length, PassiveQuestion},
     error::Error,
     output::{
         estimated::print_of,
-        files::{MANIFEST, json as json_bytes},
-        in_units,
         manifest::Manifest,
-        passive::{Passive, PassiveArea},
+        passive::{self, PassiveArea},
     },
     scene::{NamedScene, PassivityTable, Protocol},
-    simulation::prepared::Numeric,
     study::{
         asked::{no_cutoff, prepare},
         limits::Limit,
@@ -90,8 +84,7 @@ Columns of lengths.csv, one row for each limit, cutoff, controller and length of
   sag                       mean penetration over push / K: above 1 the wall is softer than it was commanded";
 
 /// Every file of a result.
-const FILES: [&str; 5] =
-    ["passivity.csv", "lengths.csv", "passivity.svg", "passivity.png", MANIFEST];
+const FILES: &[&str] = &["passivity.csv", "lengths.csv", "passivity"];
 
 #[derive(Serialize)]
 struct Json<'a> {
@@ -104,11 +97,7 @@ struct Json<'a> {
 
 pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
     let scene = NamedScene::load(&args.scene)?;
-    if common.numeric != Numeric::Fixed {
-        return Err(Error::input(
-            "--numeric: passivity runs the fixed-point core only, allowed fixed",
-        ));
-    }
+    common.only_fixed("passivity")?;
     prepare(&scene)?;
     let protocol = scene.scene.wall_hit.protocol;
     if protocol != Protocol::Paper {
@@ -118,7 +107,6 @@ pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
             protocol.name()
         )));
     }
-    let units = scene.scene.units;
     let acceleration_m_per_s2 = args.acceleration.unwrap_or_else(|| scene.scene.acceleration());
     let table = PassivityTable { acceleration_m_per_s2: Some(acceleration_m_per_s2) };
     let limits: Vec<Limit> = args.limits.0.iter().map(|limit| limit.of(&scene.scene)).collect();
@@ -133,8 +121,7 @@ pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
     let cutoffs_hz = args.cutoffs.as_ref().map_or(&CUTOFFS_HZ[..], |list| &list.0);
     let filters = filters(&scene.scene.velocity, cutoffs_hz);
     check_filters(&scene, &filters)?;
-    let cutoffs: Vec<String> =
-        filters.iter().filter_map(|filter| Some(filter.cutoff_hz()?.to_string())).collect();
+    let cutoffs: Vec<f64> = filters.iter().filter_map(|filter| filter.cutoff_hz()).collect();
     let own_s = scene.scene.wall_hit.settle_s;
     let settles_s = args.settle.as_ref().map_or_else(|| vec![own_s, LONG_S], |list| list.0.clone());
     for settle_s in &settles_s {
@@ -142,48 +129,33 @@ pub fn run(args: &PassivityArgs, common: &Common) -> Result<(), Error> {
         long.scene.wall_hit.settle_s = *settle_s;
         long.scene.check().map_err(|why| Error::Input(format!("--settle: {why}")))?;
     }
-    let settle: Vec<String> = settles_s.iter().map(f64::to_string).collect();
     let question =
         PassiveQuestion { limits, filters, repeats: args.repeat, walk, table, settles_s };
-    let default = || PathBuf::from("zwidth-out").join(&scene.name).join("passivity");
-    let folder = common.out.clone().unwrap_or_else(default);
-    let mut outputs = common.outputs(&scene.files)?;
-    let to = outputs.folder(&folder, &FILES)?;
-    let engine = Engine::from(common.engine);
-    let steps = match args.steps {
-        Some(Pair([k, b])) => format!(" --steps {k},{b}"),
-        None => String::new(),
-    };
-    let cutoffs = match cutoffs.as_slice() {
-        [] => String::new(),
-        all => format!(" --cutoffs {}", all.join(",")),
-    };
-    let command = format!(
-        "passivity {}{cutoffs} --limits {} --acceleration {acceleration_m_per_s2}{steps} --settle {} --repeat {} --engine {}",
-        scene.name,
-        args.limits.as_typed(),
-        settle.join(","),
-        args.repeat,
-        engine.name()
-    );
+    let mut to = common.fill(&scene, "passivity", FILES)?;
+    let command = Typed::new("passivity", &scene.name)
+        .maybe("cutoffs", listed(&cutoffs))
+        .with("limits", &args.limits)
+        .with("acceleration", acceleration_m_per_s2)
+        .maybe("steps", args.steps)
+        .maybe("settle", listed(&question.settles_s))
+        .with("repeat", args.repeat)
+        .by(common);
     let bar = progress::bar(question.walks());
-    let study = passive(common.how(), &scene.scene, question, || bar.inc(1))
+    let study = walls::passive(common.how(), &scene.scene, question, || bar.inc(1))
         .map_err(|error| error.of(&scene.name))?;
     bar.finish_and_clear();
-    let study = Passive(study);
-    outputs.add(to, "passivity.csv", in_units::csv(units, study.csv()).as_bytes())?;
-    outputs.add(to, "lengths.csv", in_units::csv(units, study.lengths_csv()).as_bytes())?;
-    outputs.add_figure(to, "passivity", &study.figure(&scene)?)?;
-    outputs.add(to, MANIFEST, &json_bytes(&Manifest::new(command, &scene))?)?;
-    outputs.commit()?;
+    to.add("passivity.csv", passive::csv(&study))?;
+    to.add("lengths.csv", passive::lengths_csv(&study))?;
+    to.figure("passivity", &passive::figure(&study, &scene)?)?;
+    let results = to.finish(&Manifest::new(command, &scene))?;
     let json = Json {
         scene: &scene.name,
         acceleration_m_per_s2,
-        reserve_j: study.0.reserve_j,
-        rows: study.areas(),
-        lengths: &study.0.lengths,
+        reserve_j: study.reserve_j,
+        rows: passive::areas(&study),
+        lengths: &study.lengths,
     };
     print_of(common.json, &scene.scene, json, || {
-        format!("{}: {}\n  results in {}", scene.name, study.text(), folder.display())
+        format!("{}: {}\n  {results}", scene.name, passive::text(&study))
     })
 }

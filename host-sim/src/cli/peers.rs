@@ -1,7 +1,5 @@
 //! `compare --peers`: the defaults of other systems.
 
-use std::path::PathBuf;
-
 use clap::Args;
 use serde::Serialize;
 
@@ -9,24 +7,16 @@ use super::{
     Common,
     limits::{Limits, Pair, pair, parse},
     progress,
+    shared::Typed,
 };
 use crate::{
     analysis::compare::peers::{LIMITS, PeerArea, PeerQuestion, compare_peers},
-    engine::Engine,
     error::Error,
-    output::{
-        estimated::print_of,
-        files::{MANIFEST, json as json_bytes},
-        in_units,
-        manifest::Manifest,
-        peers::Peers,
-    },
+    output::{estimated::print_of, manifest::Manifest, peers},
     scene::NamedScene,
     study::{asked::prepare, limits_asked::Names},
 };
 
-/// Every file of a result.
-const FILES: [&str; 2] = ["peers.csv", MANIFEST];
 const NAMES: Names = Names { limits: "--limits", steps: "--steps" };
 
 /// Options of `--peers`.
@@ -59,34 +49,23 @@ pub fn run(
     common: &Common,
 ) -> Result<(), Error> {
     prepare(scene)?;
-    let units = scene.scene.units;
     let steps = args.steps.map(|pair| pair.at_handle(&scene.scene));
     let question = PeerQuestion::of(scene, &args.limits.0, steps, repeats, NAMES)?;
-    let default = || PathBuf::from("zwidth-out").join(&scene.name).join("peers");
-    let folder = common.out.clone().unwrap_or_else(default);
-    let mut outputs = common.outputs(&scene.files)?;
-    let to = outputs.folder(&folder, &FILES)?;
-    let engine = Engine::from(common.engine);
-    let steps = match args.steps {
-        Some(Pair([k, b])) => format!(" --steps {k},{b}"),
-        None => String::new(),
-    };
-    let command = format!(
-        "compare {} --peers --limits {}{steps} --repeat {repeats} --engine {}",
-        scene.name,
-        args.limits.as_typed(),
-        engine.name()
-    );
+    let mut to = common.fill(scene, "peers", &["peers.csv"])?;
+    let command = Typed::new("compare", &scene.name)
+        .flag("peers", true)
+        .with("limits", &args.limits)
+        .maybe("steps", args.steps)
+        .with("repeat", repeats)
+        .by(common);
     let bar = progress::bar(question.walks());
     let study = compare_peers(common.how(), question, || bar.inc(1))
         .map_err(|error| error.of(&scene.name))?;
-    let study = Peers(study);
     bar.finish_and_clear();
-    outputs.add(to, "peers.csv", in_units::csv(units, study.csv()).as_bytes())?;
-    outputs.add(to, MANIFEST, &json_bytes(&Manifest::new(command, scene))?)?;
-    outputs.commit()?;
-    let json = Json { scene: &scene.name, areas: study.0.areas(), notes: &study.0.notes };
+    to.add("peers.csv", peers::csv(&study))?;
+    let results = to.finish(&Manifest::new(command, scene))?;
+    let json = Json { scene: &scene.name, areas: study.areas(), notes: &study.notes };
     print_of(common.json, &scene.scene, json, || {
-        format!("{}: {}\n  results in {}", scene.name, study.text(), folder.display())
+        format!("{}: {}\n  {results}", scene.name, peers::text(&study))
     })
 }

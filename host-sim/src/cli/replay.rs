@@ -10,12 +10,7 @@ use crate::{
     analysis::replay::{Told, replay, velocity},
     error::Error,
     interrupt,
-    output::{
-        in_units::{self, InUnits},
-        table::Kind,
-        telemetry::replay_figure,
-        terminal::print_result,
-    },
+    output::{in_units::InUnits, table::Kind, telemetry::replay_figure, terminal::print_result},
     scene::NamedScene,
 };
 
@@ -62,14 +57,12 @@ pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {
     let own = scene.velocity.at(cutoff_hz);
     let velocity = velocity(own, args.estimator.as_deref(), "--estimator")?;
     let replayed = replay(&args.capture, scene, velocity, interrupt::flag())?;
-    if let Some(csv) = csv {
-        outputs.write(csv, in_units::csv(scene.units, replayed.csv()).as_bytes())?;
-    }
-    if let Some(plot) = plot {
+    outputs.tell(csv, scene.units, || replayed.csv())?;
+    outputs.draw(plot, || {
         let title = format!("{}, {} Hz beside the board's", velocity.name().text(), cutoff_hz);
         let file = args.capture.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        outputs.draw(plot, &replay_figure(&replayed, [&title, &file], scene)?)?;
-    }
+        replay_figure(&replayed, [&title, &file], scene)
+    })?;
     outputs.commit()?;
     let told = Told::new(scene, velocity, cutoff_hz, &replayed, interrupt::flag())?;
     print_result(common.json, InUnits(scene.units, &told), || {

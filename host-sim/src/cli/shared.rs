@@ -1,5 +1,7 @@
 //! Arguments that several commands have, and their checks.
 
+use std::{fmt::Display, path::PathBuf};
+
 use clap::Args;
 use serde::Serialize;
 use zwidth::VelocitySettings;
@@ -10,8 +12,13 @@ use super::{
 };
 use crate::{
     error::Error,
+    output::{
+        figure::Figure,
+        files::{FolderPlace, MANIFEST, Outputs, json},
+        manifest::Manifest,
+    },
     scene::NamedScene,
-    simulation::prepared::WallHit,
+    simulation::prepared::{Numeric, WallHit},
     study::asked::{self, Names, Walls, only_of_sweep},
 };
 
@@ -20,14 +27,7 @@ use crate::{
 pub struct Start {
     /// Start this many counts beyond the scene's start; the repeats of a sweep use 0, 1/4, 1/2, 3/4.
     #[arg(long, value_name = "COUNTS", default_value_t = 0.0, allow_negative_numbers = true)]
-    start_offset: f64,
-}
-
-impl Start {
-    /// Counts of `--start-offset`, still to be checked.
-    pub fn counts(self) -> f64 {
-        self.start_offset
-    }
+    pub start_offset: f64,
 }
 
 /// What the options are called that describe a wall; a command with lists has others.
@@ -59,7 +59,7 @@ impl AtCutoff {
         let scene = NamedScene::load(&self.scene)?;
         let units = scene.scene.units;
         let wall = wall.map(|[k, b]| [units.stiffness_n_per_m(k), units.damping_n_s_per_m(b)]);
-        let hit = asked::hit(&scene, self.cutoff, wall, self.start.counts(), NAMES)?;
+        let hit = asked::hit(&scene, self.cutoff, wall, self.start.start_offset, NAMES)?;
         if self.cutoff.is_none() {
             note_old_place(&scene);
         }
@@ -104,15 +104,13 @@ pub struct AtCutoffs {
     dampings: List,
 }
 
-/// What [`AtCutoffs`] names, checked.
-pub struct Grid {
-    pub scene: NamedScene,
-    pub walls: Walls,
-}
-
 impl AtCutoffs {
     /// Loads the scene and checks every value of every list, before the first one is used.
-    pub fn load(&self, stiffnesses: &[f64], start: Option<Start>) -> Result<Grid, Error> {
+    pub fn load(
+        &self,
+        stiffnesses: &[f64],
+        start: Option<Start>,
+    ) -> Result<(NamedScene, Walls), Error> {
         let scene = NamedScene::load(&self.scene)?;
         let filters = match &self.cutoffs {
             Some(List(cutoffs_hz)) => asked::filters(&scene, cutoffs_hz)?,
@@ -124,11 +122,11 @@ impl AtCutoffs {
         };
         let units = scene.scene.units;
         let dampings = self.dampings.0.iter().map(|&b| units.damping_n_s_per_m(b)).collect();
-        let start_offset_counts = start.map_or(0.0, Start::counts);
+        let start_offset_counts = start.map_or(0.0, |start| start.start_offset);
         let stiffnesses = stiffnesses.iter().map(|&k| units.stiffness_n_per_m(k)).collect();
         let walls = Walls { filters, dampings, stiffnesses, start_offset_counts };
         walls.check(&scene, LISTS)?;
-        Ok(Grid { scene, walls })
+        Ok((scene, walls))
     }
 }
 
@@ -151,4 +149,89 @@ pub fn check_filters(scene: &NamedScene, filters: &[VelocitySettings]) -> Result
         start_offset_counts: 0.0,
     };
     filters.iter().try_for_each(|filter| asked::check_wall(scene, &wall(filter), LISTS))
+}
+
+/// The folder of a result, before its files are in their places.
+pub struct Filled {
+    outputs: Outputs,
+    to: FolderPlace,
+    path: PathBuf,
+}
+
+impl Common {
+    /// Reserves the folder of a scene's result: `--out`, or the one of that kind.
+    pub fn fill(&self, scene: &NamedScene, kind: &str, files: &[&str]) -> Result<Filled, Error> {
+        let default = || PathBuf::from("zwidth-out").join(&scene.name).join(kind);
+        let path = self.out.clone().unwrap_or_else(default);
+        let mut outputs = self.outputs(&scene.files)?;
+        let to = outputs.folder(&path, scene.scene.units, files)?;
+        Ok(Filled { outputs, to, path })
+    }
+
+    /// Refuses another arithmetic than the board's.
+    pub fn only_fixed(&self, command: &str) -> Result<(), Error> {
+        match self.numeric {
+            Numeric::Fixed => Ok(()),
+            _ => Err(Error::Input(format!(
+                "--numeric: {command} runs the fixed-point core only, allowed fixed"
+            ))),
+        }
+    }
+}
+
+impl Filled {
+    pub fn add(&mut self, name: &str, text: String) -> Result<(), Error> {
+        self.outputs.add(self.to, name, text)
+    }
+
+    pub fn figure(&mut self, stem: &str, figure: &Figure) -> Result<(), Error> {
+        self.outputs.add_figure(self.to, stem, figure)
+    }
+
+    /// Adds the manifest, and puts all files into their places; where they are, for people.
+    pub fn finish(mut self, manifest: &Manifest) -> Result<String, Error> {
+        self.outputs.add(self.to, MANIFEST, json(manifest)?)?;
+        self.outputs.commit()?;
+        Ok(format!("results in {}", self.path.display()))
+    }
+}
+
+/// A command as it would be typed, for the manifest.
+pub struct Typed(pub String);
+
+impl Typed {
+    pub fn new(command: &str, scene: &str) -> Self {
+        Self(format!("{command} {scene}"))
+    }
+
+    pub fn with(self, option: &str, value: impl Display) -> Self {
+        Self(format!("{} --{option} {value}", self.0))
+    }
+
+    pub fn maybe(self, option: &str, value: Option<impl Display>) -> Self {
+        match value {
+            Some(value) => self.with(option, value),
+            None => self,
+        }
+    }
+
+    pub fn flag(self, option: &str, is_set: bool) -> Self {
+        if is_set { Self(format!("{} --{option}", self.0)) } else { self }
+    }
+
+    /// With options that are typed already.
+    pub fn and(self, typed: &str) -> Self {
+        Self(self.0 + typed)
+    }
+
+    /// The whole, with what runs the hits.
+    pub fn by(self, common: &Common) -> String {
+        self.with("engine", common.how().engine.name()).0
+    }
+}
+
+/// Values of an option, `None` if there are none.
+pub fn listed<T: Display>(values: &[T]) -> Option<String> {
+    let texts: Vec<String> = values.iter().map(T::to_string).collect();
+    (!texts.is_empty()).then(|| texts.join(","))
 }

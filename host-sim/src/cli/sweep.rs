@@ -12,10 +12,9 @@ use super::{
     limits::LimitArgs,
     list::{self, List},
     progress,
-    shared::check_filters,
+    shared::{Typed, check_filters, listed},
 };
 use crate::{
-    engine::Engine,
     error::Error,
     interrupt,
     output::{
@@ -125,7 +124,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     let walks: usize = plans.iter().map(|plan| plan.filters.len()).sum();
     let bar = progress::bar(walks as u64 * u64::from(args.repeat));
     let numeric = common.numeric;
-    let engine = Engine::from(common.engine);
+    let engine = common.engine;
     let results = sweep(engine, &plans, numeric, args.repeat, interrupt::flag(), |_| bar.inc(1))?;
     bar.finish_and_clear();
     let mut results = results.into_iter();
@@ -259,7 +258,7 @@ fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Err
         let rates = args.rates().map(|rates| question_of(rates.loops(&scene)?)).transpose();
         let rates = rates.map_err(|error| error.of(&scene.name))?;
         let draws = args.draws.of(&scene)?;
-        let to = outputs.folder(&folder, &sweep_files::FILES)?;
+        let to = outputs.folder(&folder, scene.scene.units, sweep_files::FILES)?;
         let job = Job {
             scene,
             prepared,
@@ -297,24 +296,19 @@ fn command_line(
     scene: &NamedScene,
     cutoffs_hz: &[f64],
 ) -> String {
-    let list: Vec<String> = cutoffs_hz.iter().map(f64::to_string).collect();
-    let sensitivity = if args.sensitivity { " --sensitivity" } else { "" };
-    let plain = if args.plain { " --plain" } else { "" };
-    let levers = if args.levers { " --levers" } else { "" };
-    let rates = [("encoder", &args.encoder_rates), ("output", &args.output_rates)];
-    let rates = rates.map(|(which, list)| {
-        let rates = list.as_ref().map(|list| list.0.iter().map(f64::to_string).collect::<Vec<_>>());
-        rates.map_or(String::new(), |rates| format!(" --{which}-rates {}", rates.join(",")))
-    });
-    let limits = rates.concat() + &args.limits.as_typed() + &args.draws.as_typed();
-    format!(
-        "sweep {} --cutoffs {} --repeat {}{sensitivity}{plain}{levers}{limits} --numeric {} --engine {}",
-        scene.name,
-        list.join(","),
-        args.repeat,
-        common.numeric.name(),
-        Engine::from(common.engine).name()
-    )
+    let rates = |rates: &Option<List>| rates.as_ref().and_then(|rates| listed(&rates.0));
+    Typed::new("sweep", &scene.name)
+        .maybe("cutoffs", listed(cutoffs_hz))
+        .with("repeat", args.repeat)
+        .flag("sensitivity", args.sensitivity)
+        .flag("plain", args.plain)
+        .flag("levers", args.levers)
+        .maybe("encoder-rates", rates(&args.encoder_rates))
+        .maybe("output-rates", rates(&args.output_rates))
+        .and(&args.limits.as_typed())
+        .and(&args.draws.as_typed())
+        .with("numeric", common.numeric.name())
+        .by(common)
 }
 
 const HEAD: &str = concat!(
@@ -371,17 +365,8 @@ fn table(study: &Study, folder: &str) -> String {
     for variant in &study.variants {
         let _ = writeln!(text, "  {}", variant.sentence());
     }
-    if let Some(limits) = &study.limits {
-        let _ = writeln!(text, "  {}", limits.text());
-    }
-    if let Some(levers) = &study.levers {
-        let _ = writeln!(text, "  {}", levers.text());
-    }
-    if let Some(rates) = &study.rates {
-        let _ = writeln!(text, "  {}", rates.text());
-    }
-    if let Some(probability) = &study.probability {
-        let _ = writeln!(text, "  {}", probability.text());
+    for (_, told) in study.texts() {
+        let _ = writeln!(text, "  {told}");
     }
     for note in study.notes() {
         let _ = writeln!(text, "  note: {note}");

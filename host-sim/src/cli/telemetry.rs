@@ -8,11 +8,14 @@ use zwidth::contract::RATE_HZ;
 
 use super::Common;
 use crate::{
-    analysis::{recompute::Recomputed, telemetry::Capture},
+    analysis::{
+        recompute::{Difference, Recomputed},
+        telemetry::Capture,
+    },
     error::Error,
     input,
     output::{table::Kind, telemetry::telemetry_figure, terminal::print_result},
-    scene::NamedScene,
+    scene::{NamedScene, Units},
 };
 
 /// Decodes a capture of a board's binary telemetry (RTT up channel 1), and checks every sample by the core.
@@ -50,15 +53,7 @@ struct Json {
     states_equal: u64,
     energies_equal: u64,
     unknown: Vec<(u64, u64, &'static str)>,
-    first_difference: Option<Differs>,
-}
-
-#[derive(Serialize)]
-struct Differs {
-    sample: u64,
-    what: &'static str,
-    board: i64,
-    core: i64,
+    first_difference: Option<Difference>,
 }
 
 impl Json {
@@ -91,7 +86,7 @@ impl Json {
         for (from, to, why) in &self.unknown {
             let _ = write!(text, "\nnot computed: samples {from} to {to}: {why}");
         }
-        if let Some(Differs { sample, what, board, core }) = self.first_difference {
+        if let Some(Difference { sample, what, board, core }) = &self.first_difference {
             let _ = write!(
                 text,
                 "\nthe first that differs: sample {sample}, its {what} is {board} on the board, {core} by the core"
@@ -120,20 +115,12 @@ pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
         )));
     };
     let all = Recomputed::of(&capture);
-    if let Some(samples) = samples {
-        outputs.write(samples, all.csv().as_bytes())?;
-    }
-    if let Some(csv) = csv {
-        outputs.write(csv, capture.csv().as_bytes())?;
-    }
-    if let Some(plot) = plot {
-        let file = args
-            .capture
-            .file_name()
-            .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-        let figure = telemetry_figure(&capture, &file, scene.as_ref().map(|scene| &scene.scene))?;
-        outputs.draw(plot, &figure)?;
-    }
+    outputs.tell(samples, Units::Linear, || all.csv())?;
+    outputs.tell(csv, Units::Linear, || capture.csv())?;
+    outputs.draw(plot, || {
+        let file = args.capture.file_name().unwrap_or_default().to_string_lossy();
+        telemetry_figure(&capture, &file, scene.as_ref().map(|scene| &scene.scene))
+    })?;
     outputs.commit()?;
     let json = Json {
         frames: capture.frames.len(),
@@ -149,12 +136,7 @@ pub fn run(args: &TelemetryArgs, common: &Common) -> Result<(), Error> {
         forces_equal: all.forces,
         states_equal: all.states,
         energies_equal: all.energies,
-        first_difference: all.first_difference().map(|difference| Differs {
-            sample: difference.sample,
-            what: difference.what,
-            board: difference.board,
-            core: difference.core,
-        }),
+        first_difference: all.first_difference().cloned(),
         unknown: all.unknown,
     };
     print_result(common.json, &json, || json.text(&name.to_string()))

@@ -1,11 +1,14 @@
 //! `trade`: number formats and forms of the velocity filter, and ways to advance the plant.
 
-use std::{fmt::Write as _, path::PathBuf};
+use std::fmt::Write as _;
 
 use clap::Args;
 use serde::Serialize;
 
-use super::{Common, list, progress};
+use super::{
+    Common, list, progress,
+    shared::{Typed, listed},
+};
 use crate::{
     error::Error,
     interrupt,
@@ -13,8 +16,6 @@ use crate::{
     output::{
         estimated::{marked, print_of},
         figure::hertz,
-        files::{FolderPlace, MANIFEST, Outputs, json as json_bytes},
-        in_units,
         manifest::Manifest,
         terminal::headed,
         trade_figures,
@@ -44,18 +45,7 @@ pub struct TradeArgs {
 }
 
 /// Every file of a result.
-const FILES: [&str; 10] = [
-    "filters.csv",
-    "plant.csv",
-    "filters.svg",
-    "filters.png",
-    "cutoffs.svg",
-    "cutoffs.png",
-    "plant.svg",
-    "plant.png",
-    "summary.json",
-    MANIFEST,
-];
+const FILES: &[&str] = &["filters.csv", "plant.csv", "filters", "cutoffs", "plant", "summary.json"];
 
 #[derive(Serialize)]
 struct Json<'a> {
@@ -107,16 +97,13 @@ pub fn run(args: &TradeArgs, common: &Common) -> Result<(), Error> {
         return Err(Error::input("--numeric: trade runs all formats, allowed fixed"));
     }
     let cutoffs_hz = cutoffs(args, &scene)?;
-    let default = || PathBuf::from("zwidth-out").join(&scene.name).join("trade");
-    let folder = common.out.clone().unwrap_or_else(default);
-    let mut outputs = common.outputs(&scene.files)?;
-    let to = outputs.folder(&folder, &FILES)?;
+    let mut to = common.fill(&scene, "trade", FILES)?;
     let filters_done = cutoffs_hz.len() * Variant::ALL.len() * (1 + args.repeat as usize);
     let methods_done = 1 + plant::Method::all(&scene.scene).len();
     let bar = progress::bar((filters_done + methods_done) as u64);
     let done = || bar.inc(1);
     let stop = interrupt::flag();
-    let plants = plant::measure(common.engine.into(), &scene.scene, stop, done)
+    let plants = plant::measure(common.engine, &scene.scene, stop, done)
         .map_err(|error| error.of(&scene.name))?;
     let filters = filters::measure(&scene.scene, &cutoffs_hz, args.repeat, stop, done)
         .map_err(|error| error.of(&scene.name))?;
@@ -124,11 +111,19 @@ pub fn run(args: &TradeArgs, common: &Common) -> Result<(), Error> {
     let bench = Bench::of(&scene.scene);
     let good = table::good_for(&filters);
     let json = json(&scene, &cutoffs_hz, &bench, &good, &plants);
-    write((&mut outputs, to), args, &scene, &filters, &plants, &json)?;
-    outputs.commit()?;
+    to.add("filters.csv", table::filters_csv(&filters, &bench))?;
+    to.add("plant.csv", table::plant_csv(&plants))?;
+    to.figure("filters", &trade_figures::filters(&scene.name, &filters, &bench)?)?;
+    to.figure("cutoffs", &trade_figures::cutoffs(&scene.name, &filters)?)?;
+    to.figure("plant", &trade_figures::plants(&scene.name, &plants)?)?;
+    to.add("summary.json", headed(marked(&scene.scene, &json))? + "\n")?;
+    let command = Typed::new("trade", &scene.name)
+        .maybe("cutoffs", args.cutoffs.as_ref().and_then(|cutoffs| listed(&cutoffs.0)))
+        .with("repeat", args.repeat);
+    let results = to.finish(&Manifest::new(command.0, &scene))?;
     print_of(common.json, &scene.scene, &json, || {
         let filters = filter_text(&filters, &good, &bench);
-        format!("{filters}\n{}\nresults in {}", plant_text(&plants), folder.display())
+        format!("{filters}\n{}\n{results}", plant_text(&plants))
     })
 }
 
@@ -195,36 +190,10 @@ fn json<'a>(
     }
 }
 
-fn write(
-    (outputs, to): (&mut Outputs, FolderPlace),
-    args: &TradeArgs,
-    scene: &NamedScene,
-    filters: &Filters,
-    plants: &Plants,
-    json: &Json<'_>,
-) -> Result<(), Error> {
-    let bench = Bench::of(&scene.scene);
-    let cutoffs = args.cutoffs.as_ref().map_or(String::new(), |list::List(cutoffs)| {
-        let cutoffs: Vec<String> = cutoffs.iter().map(f64::to_string).collect();
-        format!(" --cutoffs {}", cutoffs.join(","))
-    });
-    let command = format!("trade {}{cutoffs} --repeat {}", scene.name, args.repeat);
-    let manifest = Manifest::new(command, scene);
-    let csv = |table| in_units::csv(scene.scene.units, table);
-    outputs.add(to, "filters.csv", csv(table::filters_csv(filters, &bench)).as_bytes())?;
-    outputs.add(to, "plant.csv", csv(table::plant_csv(plants)).as_bytes())?;
-    outputs.add_figure(to, "filters", &trade_figures::filters(&scene.name, filters, &bench)?)?;
-    outputs.add_figure(to, "cutoffs", &trade_figures::cutoffs(&scene.name, filters)?)?;
-    outputs.add_figure(to, "plant", &trade_figures::plants(&scene.name, plants)?)?;
-    outputs.add(to, "summary.json", (headed(marked(&scene.scene, json))? + "\n").as_bytes())?;
-    outputs.add(to, MANIFEST, &json_bytes(&manifest)?)
-}
-
 /// One line per variant: what it costs, where it would do, what it misses elsewhere. At most 120 columns.
 fn filter_text(filters: &Filters, good: &[GoodFor], bench: &Bench) -> String {
-    let mut text = format!(
-        "{:<28} {:>6} {:>7}  {:<20} {}",
-        "velocity filter", "cycles", "host ns", "would do, Hz", "misses just beyond"
+    let mut text = String::from(
+        "velocity filter              cycles host ns  would do, Hz         misses just beyond",
     );
     let names =
         |missed: &[Criterion]| missed.iter().map(|c| c.name()).collect::<Vec<_>>().join(", ");
@@ -264,9 +233,8 @@ fn filter_text(filters: &Filters, good: &[GoodFor], bench: &Bench) -> String {
 }
 
 fn plant_text(plants: &Plants) -> String {
-    let mut text = format!(
-        "{:<20} {:>8} {:>14} {:>8} {:>14} {:>9} {:>12}",
-        "plant", "setting", "operations/s", "host ns", "trajectory, m", "verdicts", "area, %"
+    let mut text = String::from(
+        "plant                 setting   operations/s  host ns  trajectory, m  verdicts      area, %",
     );
     for row in &plants.rows {
         let setting = row.method.setting().map_or(String::new(), |value| {

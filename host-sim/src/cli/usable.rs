@@ -1,7 +1,5 @@
 //! `compare --usable`: walls that are stable and rendered as they were commanded.
 
-use std::path::PathBuf;
-
 use clap::Args;
 use serde::Serialize;
 
@@ -10,6 +8,7 @@ use super::{
     conditions::Conditions,
     list::{self, List},
     progress,
+    shared::{Typed, listed},
 };
 use crate::{
     analysis::compare::{
@@ -17,21 +16,11 @@ use crate::{
         search::Budget,
         usable::{self, PERCENTS, UsableArea, UsableQuestion, UsableStudy},
     },
-    engine::Engine,
     error::Error,
     interrupt,
-    output::{
-        estimated::print_of,
-        files::{MANIFEST, json as json_bytes},
-        in_units,
-        manifest::Manifest,
-        usable::UsableReport,
-    },
+    output::{estimated::print_of, manifest::Manifest, usable as report},
     scene::NamedScene,
 };
-
-/// Every file of a result.
-const FILES: [&str; 4] = ["usable.csv", "usable.svg", "usable.png", MANIFEST];
 
 /// Options of `--usable`.
 #[derive(Debug, Args)]
@@ -43,13 +32,6 @@ pub struct UsableArgs {
     pub usable: Option<List>,
 }
 
-/// Which walls are asked about: all of it but the scene.
-pub struct Asked<'a> {
-    pub entries: Option<Vec<Entry>>,
-    pub conditions: &'a Conditions,
-    pub budget: Budget,
-}
-
 #[derive(Serialize)]
 struct Json<'a> {
     scene: &'a str,
@@ -58,44 +40,36 @@ struct Json<'a> {
 
 pub fn run(
     percents: &List,
-    asked: Asked<'_>,
+    entries: Option<Vec<Entry>>,
+    conditions: &Conditions,
+    budget: Budget,
     scene: &NamedScene,
     common: &Common,
 ) -> Result<(), Error> {
     let percents = usable::percents(&percents.0, "--usable")?;
-    let typed: Vec<String> = percents.iter().map(f64::to_string).collect();
-    let entries = asked.entries.unwrap_or_else(|| usable::usual(&scene.scene));
+    let entries = entries.unwrap_or_else(|| usable::usual(&scene.scene));
     let names: Vec<String> = entries.iter().map(|entry| entry.name()).collect();
-    let question = UsableQuestion::of(entries, &percents, asked.budget);
-    let default = || PathBuf::from("zwidth-out").join(&scene.name).join("usable");
-    let folder = common.out.clone().unwrap_or_else(default);
-    let mut outputs = common.outputs(&scene.files)?;
-    let to = outputs.folder(&folder, &FILES)?;
-    let engine = Engine::from(common.engine);
-    let scene = &asked.conditions.ranked(scene, common)?.scene;
-    let command = format!(
-        "compare {} --usable {} --estimators {}{} --budget {} --repeat {} --engine {}",
-        scene.name,
-        typed.join(","),
-        names.join(","),
-        asked.conditions.as_typed(),
-        asked.budget.tunings,
-        asked.budget.repeats,
-        engine.name()
-    );
+    let question = UsableQuestion::of(entries, &percents, budget);
+    let mut to = common.fill(scene, "usable", &["usable.csv", "usable"])?;
+    let scene = &conditions.ranked(scene, common)?.scene;
+    let command = Typed::new("compare", &scene.name)
+        .with("usable", listed(&percents).unwrap_or_default())
+        .with("estimators", names.join(","))
+        .and(&conditions.as_typed())
+        .with("budget", budget.tunings)
+        .with("repeat", budget.repeats)
+        .by(common);
     let bar = progress::bar(question.most_walks());
     let done = |walks| bar.inc(walks);
-    let found = usable::usable(engine, &scene.scene, &question, interrupt::flag(), done)
+    let found = usable::usable(common.engine, &scene.scene, &question, interrupt::flag(), done)
         .map_err(|error| error.of(&scene.name))?;
     bar.finish_and_clear();
-    let study = UsableReport(UsableStudy { question, found });
-    let units = scene.scene.units;
-    outputs.add(to, "usable.csv", in_units::csv(units, study.csv()).as_bytes())?;
-    outputs.add_figure(to, "usable", &study.figure(scene)?)?;
-    outputs.add(to, MANIFEST, &json_bytes(&Manifest::new(command, scene))?)?;
-    outputs.commit()?;
-    let json = Json { scene: &scene.name, areas: study.0.areas() };
+    let study = UsableStudy { question, found };
+    to.add("usable.csv", report::csv(&study))?;
+    to.figure("usable", &report::figure(&study, scene)?)?;
+    let results = to.finish(&Manifest::new(command, scene))?;
+    let json = Json { scene: &scene.name, areas: study.areas() };
     print_of(common.json, &scene.scene, json, || {
-        format!("{}: {}\n  results in {}", scene.name, study.text(), folder.display())
+        format!("{}: {}\n  {results}", scene.name, report::text(&study))
     })
 }

@@ -14,7 +14,7 @@ use super::{
 use crate::{
     error::Error,
     interrupt,
-    output::{estimated::print_of, in_units, table::Kind},
+    output::{estimated::print_of, table::Kind},
     scene::velocity::describe,
     study::{
         asked::{self, prepare},
@@ -57,16 +57,13 @@ pub fn run(args: &WalkArgs, common: &Common) -> Result<(), Error> {
     let prepared = prepare(&scene)?;
     let boundary = asked::boundary(
         &scene,
-        common.engine.into(),
+        common.engine,
         &prepared,
         common.numeric,
         &first,
         interrupt::flag(),
     )?;
-    if let Some(file) = file {
-        let csv = csv(first.velocity.cutoff_hz().unwrap_or_default(), &boundary);
-        outputs.write(file, in_units::csv(units, csv).as_bytes())?;
-    }
+    outputs.tell(file, units, || csv(first.velocity.cutoff_hz().unwrap_or_default(), &boundary))?;
     outputs.commit()?;
     let json = Json {
         subject: Subject::new(&scene, &first.velocity, common),

@@ -3,12 +3,14 @@
 use std::fmt::Write as _;
 
 use serde::Serialize;
+use sim_studies::table::Cell;
 use zwidth::{device::designs::DESIGNS_MAX, velocity::Biquad};
 
 use super::{
-    SCHEMA_VERSION,
+    Cells, area_cells, csv_of,
     figure::{Figure, FigureError, Mark, TradePanel, TradePlot, TradeSeries, trade},
     limits::millions,
+    version,
 };
 use crate::{
     analysis::{
@@ -18,43 +20,9 @@ use crate::{
             shape::{Second, Shape},
         },
     },
-    scene::Scene,
+    scene::{Scene, VelocityTable},
     study::boundary::Boundaries,
 };
-
-/// `[velocity]` of a scene.
-#[derive(Clone, Debug, Serialize)]
-pub struct VelocityKeys {
-    estimator: &'static str,
-    damping: f64,
-    lead_s: f64,
-    zero: f64,
-    #[serde(flatten)]
-    second: Option<SecondKeys>,
-}
-
-/// Keys of a second section.
-#[derive(Clone, Debug, Serialize)]
-struct SecondKeys {
-    second_ratio: f64,
-    second_damping: f64,
-    second_lead_s: f64,
-    second_zero: f64,
-}
-
-impl VelocityKeys {
-    fn of(shape: &Shape) -> Self {
-        let Shape { damping, lead_s, zero, second, .. } = *shape;
-        let estimator = shape.settings().name().text();
-        let second = second.map(|second| SecondKeys {
-            second_ratio: second.ratio,
-            second_damping: second.damping,
-            second_lead_s: second.lead_s,
-            second_zero: second.zero,
-        });
-        Self { estimator, damping, lead_s, zero, second }
-    }
-}
 
 /// A section as the core runs it: a DC gain of one, `1 + a1 z^-1 + a2 z^-2` below.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -89,7 +57,8 @@ pub struct FilterRow {
     /// Both sections, where there are two.
     #[serde(skip_serializing_if = "Option::is_none")]
     sections: Option<Vec<SectionRow>>,
-    velocity: VelocityKeys,
+    /// `[velocity]` of a scene.
+    velocity: VelocityTable,
     sweep: SweepKeys,
 }
 
@@ -116,8 +85,28 @@ fn as_run(biquad: &Biquad) -> SectionRow {
     SectionRow { b: [b0, b1, b2], a: [a1, a2] }
 }
 
-fn optional(value: Option<f64>) -> String {
-    value.map(|value| value.to_string()).unwrap_or_default()
+/// The numbers of a shape: of its first section, and of the second if there is one.
+fn shape_cells(shape: &Shape) -> [Cells; 2] {
+    let &Shape { frequency_hz, damping, lead_s, zero, second } = shape;
+    let first: [(&str, f64); 4] =
+        [("frequency_hz", frequency_hz), ("damping", damping), ("lead_s", lead_s), ("zero", zero)];
+    let second = second.map(|Second { ratio, damping, lead_s, zero }| {
+        [
+            ("second_ratio", ratio),
+            ("second_damping", damping),
+            ("second_lead_s", lead_s),
+            ("second_zero", zero),
+        ]
+    });
+    let cells = |numbers: [(&'static str, f64); 4]| {
+        numbers.into_iter().map(|(name, number)| (name, number.into())).collect()
+    };
+    [cells(first), second.map_or(vec![], cells)]
+}
+
+fn section_cells(names: [&'static str; 5], SectionRow { b, a }: &SectionRow) -> Cells {
+    let numbers = [b[0], b[1], b[2], a[0], a[1]];
+    names.into_iter().zip(numbers.map(Cell::Number)).collect()
 }
 
 /// Name of the best filter in its scene.
@@ -164,7 +153,7 @@ impl Designs {
             capped_walks: boundaries.capped(),
             first: sections[0],
             sections: (sections.len() > 1).then_some(sections),
-            velocity: VelocityKeys::of(shape),
+            velocity: VelocityTable::from(shape.settings()).with_cutoff(None),
             sweep: SweepKeys { cutoffs_hz: [shape.frequency_hz] },
         }
     }
@@ -203,87 +192,54 @@ impl Designs {
     }
 
     pub fn csv(&self) -> String {
-        let mut text = String::from(
-            "frequency_hz,damping,lead_s,zero,area_n2_s_per_m2,area_low_n2_s_per_m2,area_high_n2_s_per_m2,\
-             times_butterworth,worst_condition,gain_peak_db,delay_s,roughness_n,mistuned_share,capped_walks,\
-             b0,b1,b2,a1,a2,",
-        );
-        if self.0.question.sections > 1 {
-            text += "second_ratio,second_damping,second_lead_s,second_zero,";
-            text += "second_b0,second_b1,second_b2,second_a1,second_a2,";
-        }
-        text += "schema_version\n";
-        for (filter, row) in self.0.filters.iter().zip(self.rows()) {
-            let shape = &filter.shape;
-            let numbers = |SectionRow { b, a }: &SectionRow| [b[0], b[1], b[2], a[0], a[1]];
-            let mut rest = numbers(&row.first).to_vec();
-            if let (Some(second), Some([_, section])) = (shape.second, row.sections.as_deref()) {
-                rest.extend([second.ratio, second.damping, second.lead_s, second.zero]);
-                rest.extend(numbers(section));
+        csv_of(self.0.filters.iter().zip(self.rows()).map(|(filter, row)| {
+            let [mut cells, second] = shape_cells(&filter.shape);
+            cells.extend(area_cells(&filter.boundaries[filter.worst]));
+            cells.extend([
+                ("times_butterworth", row.times_butterworth.into()),
+                ("worst_condition", Cell::Quoted(row.worst_condition.into())),
+                ("gain_peak_db", row.gain_peak_db.into()),
+                ("delay_s", row.delay_s.into()),
+                ("roughness_n", Cell::number(row.roughness_n)),
+                ("mistuned_share", row.mistuned_share.into()),
+                ("capped_walks", Cell::count(row.capped_walks)),
+            ]);
+            cells.extend(section_cells(["b0", "b1", "b2", "a1", "a2"], &row.first));
+            if let Some([_, section]) = row.sections.as_deref() {
+                let names = ["second_b0", "second_b1", "second_b2", "second_a1", "second_a2"];
+                cells.extend(second.into_iter().chain(section_cells(names, section)));
             }
-            let rest: Vec<String> = rest.iter().map(f64::to_string).collect();
-            let _ = writeln!(
-                text,
-                "{},{},{},{},{},{},{},{},\"{}\",{},{},{},{},{},{},{SCHEMA_VERSION}",
-                shape.frequency_hz,
-                shape.damping,
-                shape.lead_s,
-                shape.zero,
-                row.area_n2_s_per_m2,
-                row.area_low_n2_s_per_m2,
-                row.area_high_n2_s_per_m2,
-                row.times_butterworth,
-                row.worst_condition,
-                row.gain_peak_db,
-                row.delay_s,
-                optional(row.roughness_n),
-                row.mistuned_share,
-                row.capped_walks,
-                rest.join(",")
-            );
-        }
-        text
+            cells.push(version());
+            cells
+        }))
     }
 
     pub fn tried_csv(&self) -> String {
-        let mut text = String::from("frequency_hz,damping,lead_s,zero,");
-        if self.0.question.sections > 1 {
-            text += "second_ratio,second_damping,second_lead_s,second_zero,";
-        }
-        text += "gain_peak_db,times_butterworth_on_search_grid\n";
-        for Tried { shape, gain_peak_db, worth } in &self.0.tried {
-            let (f, d, l, z) = (shape.frequency_hz, shape.damping, shape.lead_s, shape.zero);
-            let _ = write!(text, "{f},{d},{l},{z},");
-            if let Some(Second { ratio, damping, lead_s, zero }) = shape.second {
-                let _ = write!(text, "{ratio},{damping},{lead_s},{zero},");
-            }
-            let _ = writeln!(text, "{gain_peak_db},{worth}");
-        }
-        text
+        csv_of(self.0.tried.iter().map(|Tried { shape, gain_peak_db, worth }| {
+            let more = [
+                ("gain_peak_db", (*gain_peak_db).into()),
+                ("times_butterworth_on_search_grid", (*worth).into()),
+            ];
+            shape_cells(shape).into_iter().flatten().chain(more).collect()
+        }))
     }
 
     pub fn conditions_csv(&self) -> String {
-        let mut text = String::from(
-            "condition,filter,cutoff_hz,area_n2_s_per_m2,area_low_n2_s_per_m2,area_high_n2_s_per_m2,\
-             times_butterworth,stiffness_peak_n_per_m,damping_max_n_s_per_m,capped_walks\n",
-        );
-        for row in self.condition_rows() {
-            let _ = writeln!(
-                text,
-                "\"{}\",{},{},{},{},{},{},{},{},{}",
-                row.condition,
-                row.filter.map_or("butterworth".into(), |place| place.to_string()),
-                optional(row.cutoff_hz),
-                row.area_n2_s_per_m2,
-                row.area_low_n2_s_per_m2,
-                row.area_high_n2_s_per_m2,
-                row.times_butterworth,
-                row.stiffness_peak_n_per_m,
-                row.damping_max_n_s_per_m,
-                row.capped_walks
-            );
-        }
-        text
+        csv_of(self.condition_rows().into_iter().map(|row| {
+            let filter = row.filter.map_or("butterworth".into(), Cell::count);
+            vec![
+                ("condition", Cell::Quoted(row.condition.into())),
+                ("filter", filter),
+                ("cutoff_hz", Cell::number(row.cutoff_hz)),
+                ("area_n2_s_per_m2", row.area_n2_s_per_m2.into()),
+                ("area_low_n2_s_per_m2", row.area_low_n2_s_per_m2.into()),
+                ("area_high_n2_s_per_m2", row.area_high_n2_s_per_m2.into()),
+                ("times_butterworth", row.times_butterworth.into()),
+                ("stiffness_peak_n_per_m", row.stiffness_peak_n_per_m.into()),
+                ("damping_max_n_s_per_m", row.damping_max_n_s_per_m.into()),
+                ("capped_walks", Cell::count(row.capped_walks)),
+            ]
+        }))
     }
 
     fn describe(&self, filter: &Designed) -> String {
@@ -329,20 +285,7 @@ impl Designs {
             self.0.tried.len(),
             self.0.question.repeats
         );
-        let _ = write!(
-            text,
-            "\n     {:>8} {:>12} {:>7} {:>8} {:>9} {:>8}  {:>8} {:>7} {:>9} {:>7}",
-            "area",
-            "butterworth x",
-            "peak dB",
-            "lead ms",
-            "rough mN",
-            "mistuned",
-            "f Hz",
-            "damping",
-            "lead_s",
-            "zero"
-        );
+        text += "\n         area butterworth x peak dB  lead ms  rough mN mistuned      f Hz damping    lead_s    zero";
         for (place, filter) in self.0.filters.iter().enumerate() {
             let shape = &filter.shape;
             let rough = filter.roughness_n.map_or("-".into(), |n| format!("{:.0}", 1e3 * n));
@@ -441,13 +384,7 @@ impl Designs {
             x_title: "area, 10\u{2076} N\u{b2} s/m\u{b2}".into(),
             panels: values
                 .iter()
-                .map(|(name, floor, _)| TradePanel {
-                    title: String::new(),
-                    y_title: (*name).into(),
-                    limit: None,
-                    floor: *floor,
-                    front: vec![],
-                })
+                .map(|(name, floor, _)| TradePanel::new("", *name, *floor))
                 .collect(),
             series: series.collect(),
             lines: false,

@@ -108,20 +108,12 @@ impl ExplainReport<'_> {
         let Spoken { k: (k_unit, k), v: (v_unit, v), area_unit, area } = self.spoken();
         let mut text = format!(
             "what limits the walls of {}, judged by {}; areas in {area_unit}, K in {k_unit}, K at B = {}, noise in {v_unit}, \
-             each with the best tuning\n{:>4} {:<60} {:>24} {:>9} {:>12} {:>9} {:>9} {:>9} {:>9}  cost",
+             each with the best tuning",
             self.scene,
             self.criterion,
             self.units.said(self.found.damping_n_s_per_m, "N s/m"),
-            "rank",
-            "change",
-            "times the area",
-            "area",
-            "by the scene",
-            "peak K",
-            "K at B",
-            "noise",
-            "of core %",
         );
+        text += "\nrank change                                                                 times the area      area by the scene    peak K    K at B     noise of core %  cost";
         for row in self.found.rows() {
             let [rank, what, times, area, own, peak, at_damping, noise, share, cost] =
                 cells(&row, [area, k, v]);

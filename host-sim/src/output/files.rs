@@ -14,10 +14,11 @@ use crate::{
     error::Error,
     output::{
         figure::Figure,
+        in_units,
         manifest::Manifest,
         table::{self, About, Format, Kind},
     },
-    scene::NamedScene,
+    scene::{NamedScene, Units},
 };
 
 const CSV: &str = ".csv";
@@ -65,6 +66,8 @@ struct Output {
 #[derive(Debug)]
 struct Folder {
     shown: PathBuf,
+    /// Those of its tables.
+    units: Units,
     /// Every file that a result may have.
     possible: Vec<String>,
     manifest: Place,
@@ -134,7 +137,6 @@ impl Outputs {
         let place = self.file(path)?;
         if format != Format::Csv {
             let manifest = json(&Manifest::of_call(scene))?;
-            let manifest = String::from_utf8_lossy(&manifest).into_owned();
             self.files[place.0].table = Some((format, About { kind, manifest }, String::new()));
         }
         Ok(Some(place))
@@ -149,20 +151,27 @@ impl Outputs {
         self.option(path)
     }
 
-    /// Reserves a folder for a result that may have the files `possible`.
+    /// Reserves a folder for a result that may have the files `possible` and the manifest; a name without an ending is a
+    /// figure. Its tables become those of a scene with these units.
     ///
     /// # Errors
     /// As [`file`](Self::file), and if it holds one of those files and `force` is not given.
     pub fn folder(
         &mut self,
         folder: &Path,
-        possible: &[&'static str],
+        units: Units,
+        possible: &[&str],
     ) -> Result<FolderPlace, Error> {
         let path = folder.join(MANIFEST);
         let (place, draft) = self.reserve(&path)?;
+        let files = |name: &&str| match name.contains('.') {
+            true => vec![(*name).to_owned()],
+            false => [".svg", ".png"].map(|ending| format!("{name}{ending}")).to_vec(),
+        };
         let as_parquet = |name: &&str| name.strip_suffix(CSV).map(|stem| stem.to_owned() + PARQUET);
         let also = possible.iter().filter_map(as_parquet);
-        let possible: Vec<String> = possible.iter().map(|&name| name.into()).chain(also).collect();
+        let possible = possible.iter().chain([&MANIFEST]).flat_map(files).chain(also);
+        let possible: Vec<String> = possible.collect();
         for name in &possible {
             let path = folder.join(name);
             self.refuse(&path, &real(&path)?, Some((folder, name)))?;
@@ -170,6 +179,7 @@ impl Outputs {
         let manifest = self.push(&path, place, draft);
         self.folders.push(Folder {
             shown: folder.into(),
+            units,
             possible,
             manifest,
             told: String::new(),
@@ -194,8 +204,25 @@ impl Outputs {
         }
     }
 
-    /// A figure, in the format that the file's name asks for.
-    pub fn draw(&mut self, place: Place, figure: &Figure) -> Result<(), Error> {
+    /// A table in the file of an option, if it is given, in these units.
+    pub fn tell(
+        &mut self,
+        place: Option<Place>,
+        units: Units,
+        csv: impl FnOnce() -> String,
+    ) -> Result<(), Error> {
+        let Some(place) = place else { return Ok(()) };
+        self.write(place, in_units::csv(units, csv()).as_bytes())
+    }
+
+    /// A figure in the file of an option, if it is given, in the format that its name asks for.
+    pub fn draw<E: Into<Error>>(
+        &mut self,
+        place: Option<Place>,
+        figure: impl FnOnce() -> Result<Figure, E>,
+    ) -> Result<(), Error> {
+        let Some(place) = place else { return Ok(()) };
+        let figure = figure().map_err(Into::into)?;
         let bytes = match is_svg(&self.files[place.0].shown)? {
             true => figure.svg().as_bytes().to_vec(),
             false => figure.png()?,
@@ -203,8 +230,14 @@ impl Outputs {
         self.write(place, &bytes)
     }
 
-    /// A whole file of a result folder.
-    pub fn add(&mut self, to: FolderPlace, name: &str, bytes: &[u8]) -> Result<(), Error> {
+    /// A whole text of a result folder; a table in the units of the folder's scene.
+    pub fn add(&mut self, to: FolderPlace, name: &str, text: String) -> Result<(), Error> {
+        let units = self.folders[to.0].units;
+        let text = if name.ends_with(CSV) { in_units::csv(units, text) } else { text };
+        self.put(to, name, text.as_bytes())
+    }
+
+    fn put(&mut self, to: FolderPlace, name: &str, bytes: &[u8]) -> Result<(), Error> {
         let folder = &self.folders[to.0];
         let place = match name {
             MANIFEST => folder.manifest,
@@ -238,8 +271,8 @@ impl Outputs {
         stem: &str,
         figure: &Figure,
     ) -> Result<(), Error> {
-        self.add(to, &format!("{stem}.svg"), figure.svg().as_bytes())?;
-        self.add(to, &format!("{stem}.png"), &figure.png()?)
+        self.put(to, &format!("{stem}.svg"), figure.svg().as_bytes())?;
+        self.put(to, &format!("{stem}.png"), &figure.png()?)
     }
 
     /// A draft of `path`, and its real path.
@@ -421,11 +454,10 @@ fn is_svg(path: &Path) -> Result<bool, Error> {
 }
 
 /// JSON as it stands in files.
-pub fn json(value: &impl serde::Serialize) -> Result<Vec<u8>, Error> {
-    let mut text = serde_json::to_vec_pretty(value)
-        .map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))?;
-    text.push(b'\n');
-    Ok(text)
+pub fn json(value: &impl serde::Serialize) -> Result<String, Error> {
+    let text = serde_json::to_string_pretty(value);
+    text.map(|text| text + "\n")
+        .map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))
 }
 
 #[cfg(test)]

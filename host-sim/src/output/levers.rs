@@ -4,28 +4,23 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
+use sim_studies::table::Cell;
+
 use super::{
-    SCHEMA_VERSION,
+    Cells, area_cells, csv_of,
     figure::{Figure, FigureError, Mark, TradePanel, TradePlot, TradeSeries, trade},
-    limits::{millions, name, range},
+    ideal_cells,
+    limits::{limit_cells, millions, name, range, walk_cells},
+    reach_cells, version,
 };
 use crate::{
     notation::three_digits,
-    scene::PushBy,
+    scene::{PushBy, Scene},
     study::{
         levers::{Between, Lever, LeverQuestion, LeverResult, Walked},
         limits::Limit,
-        limits_asked::grid,
     },
 };
-
-/// Columns behind those that say which loop it is.
-const WALKED: &str = "push,limit,limit_unit,estimator,cutoff_hz,\
-                      area_n2_s_per_m2,area_low_n2_s_per_m2,area_high_n2_s_per_m2,stiffness_peak_n_per_m,\
-                      damping_max_n_s_per_m,capped_walks,walks,stiffness_start_n_per_m,stiffness_step_n_per_m,\
-                      stiffness_max_n_per_m,damping_start_n_s_per_m,damping_step_n_s_per_m,\
-                      damping_max_tried_n_s_per_m,ideal_cutoff_hz,\
-                      ideal_low_hz,ideal_high_hz,schema_version";
 
 #[derive(Clone, Debug)]
 pub struct LeverStudy {
@@ -68,6 +63,14 @@ fn stiffness(n_per_m: f64) -> String {
     )
 }
 
+/// When a loop acts.
+pub(super) fn actuator_cells(scene: &Scene) -> [(&'static str, Cell); 2] {
+    [
+        ("output_period_samples", Cell::Whole(scene.actuator.period.into())),
+        ("latency_samples", scene.actuator.latency.into()),
+    ]
+}
+
 fn peak(walked: &Walked) -> f64 {
     walked.boundaries.stiffness_peak_n_per_m()
 }
@@ -90,46 +93,31 @@ impl LeverStudy {
     }
 
     pub fn csv(&self) -> String {
-        self.table_of("loop,output_period_samples,latency_samples,between", |lever| {
-            let Lever { of_loop, between, scene } = lever;
-            let actuator = &scene.actuator;
-            format!("{of_loop},{},{},{}", actuator.period, actuator.latency, between.name())
+        self.table_of(|Lever { of_loop, between, scene }| {
+            let loop_of = ("loop", of_loop.clone().into());
+            let between = ("between", between.name().into());
+            [loop_of].into_iter().chain(actuator_cells(scene)).chain([between]).collect()
         })
     }
 
-    /// A row for each loop, limit, push and cutoff, in its first `columns` what `of_loop` says.
-    pub(super) fn table_of(&self, columns: &str, of_loop: impl Fn(&Lever) -> String) -> String {
-        let mut text = format!("{columns},{WALKED}\n");
-        for result in &self.results {
-            let of_loop = of_loop(self.lever(result));
-            let (limit, unit) = result.limit.told();
+    /// A row for each loop, limit, push and cutoff, which begins with what `of_loop` says.
+    pub(super) fn table_of(&self, of_loop: impl Fn(&Lever) -> Cells) -> String {
+        csv_of(self.results.iter().flat_map(|result| {
             let estimated =
-                result.cutoffs.iter().map(|(cutoff_hz, walked)| (cutoff_hz.to_string(), walked));
-            let ideal = result.sweep.ideal.map_or(",,".into(), |ideal| {
-                let [low, high] = ideal.range_hz;
-                format!("{},{low},{high}", ideal.cutoff_hz)
-            });
-            let told = [(String::new(), &result.told)];
-            let told = told.into_iter().filter(|(_, walked)| !walked.boundaries.is_empty());
-            for (cutoff_hz, walked) in estimated.chain(told) {
-                let Walked { boundaries, walk } = walked;
-                let [low, high] = boundaries.area_range();
-                let grid = grid(walk).map(|value| value.to_string()).join(",");
-                let estimator = if cutoff_hz.is_empty() { "true-velocity" } else { "scene" };
-                let _ = writeln!(
-                    text,
-                    "{of_loop},{},{limit},{unit},{estimator},{cutoff_hz},{},{low},{high},{},{},{},{},{grid},\
-                     {ideal},{SCHEMA_VERSION}",
-                    result.push.name(),
-                    boundaries.area(),
-                    boundaries.stiffness_peak_n_per_m(),
-                    boundaries.damping_max_n_s_per_m(),
-                    boundaries.capped(),
-                    boundaries.len(),
-                );
-            }
-        }
-        text
+                result.cutoffs.iter().map(|(cutoff_hz, walked)| (Some(*cutoff_hz), walked));
+            let told = (!result.told.boundaries.is_empty()).then_some((None, &result.told));
+            estimated.chain(told).map(|(cutoff_hz, Walked { boundaries, walk })| {
+                let mut row = of_loop(self.lever(result));
+                row.push(("push", result.push.name().into()));
+                row.extend(limit_cells(result.limit, cutoff_hz));
+                row.extend(area_cells(boundaries));
+                row.extend(reach_cells(boundaries));
+                row.extend(walk_cells(boundaries.len() as u64, walk));
+                row.extend(ideal_cells(result.sweep.ideal));
+                row.push(version());
+                row
+            })
+        }))
     }
 
     pub fn summary(&self) -> Vec<LeverSummary> {
@@ -327,12 +315,8 @@ impl LeverStudy {
         if series.iter().flat_map(|series| &series.points).all(Vec::is_empty) {
             return Ok(None);
         }
-        let panel = |limit: &Limit| TradePanel {
-            title: format!("Limit {}", name(*limit)),
-            y_title: "Area [N² s/m²]".into(),
-            limit: None,
-            floor: 1.0,
-            front: vec![],
+        let panel = |limit: &Limit| {
+            TradePanel::new(format!("Limit {}", name(*limit)), "Area [N² s/m²]", 1.0)
         };
         trade(&TradePlot {
             title: format!("{title}, {scene}"),

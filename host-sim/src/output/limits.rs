@@ -4,14 +4,18 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
+use sim_studies::table::Cell;
+
 use super::{
-    SCHEMA_VERSION,
+    Cells, area_cells, csv_of,
     figure::{Figure, FigureError, Mark, TradePanel, TradePlot, TradeSeries, trade},
+    ideal_cells, reach_cells, version,
 };
 use crate::{
     notation::three_digits,
     scene::{PushBy, Walk},
     study::{
+        boundary::Boundaries,
         limits::{Limit, LimitResult, Question, Situation},
         limits_asked::grid,
     },
@@ -19,11 +23,31 @@ use crate::{
 
 /// Areas of the tables are in this unit, N^2 s/m^2.
 const MILLION: f64 = 1e6;
-const HEADER: &str = "push,arm,limit,limit_unit,estimator,cutoff_hz,area_n2_s_per_m2,area_low_n2_s_per_m2,\
-                      area_high_n2_s_per_m2,share_of_true_velocity,stiffness_peak_n_per_m,damping_max_n_s_per_m,\
-                      capped_walks,ideal_cutoff_hz,ideal_low_hz,ideal_high_hz,rms_of,walks,\
-                      stiffness_start_n_per_m,stiffness_step_n_per_m,stiffness_max_n_per_m,\
-                      damping_start_n_s_per_m,damping_step_n_s_per_m,damping_max_tried_n_s_per_m,schema_version";
+/// The limit of a row, who estimates, and its cutoff; without one it is the true velocity.
+pub(super) fn limit_cells(limit: Limit, cutoff_hz: Option<f64>) -> [(&'static str, Cell); 4] {
+    let (value, unit) = limit.told();
+    let estimator = if cutoff_hz.is_some() { "scene" } else { "true-velocity" };
+    [
+        ("limit", value.into()),
+        ("limit_unit", unit.into()),
+        ("estimator", estimator.into()),
+        ("cutoff_hz", Cell::number(cutoff_hz)),
+    ]
+}
+
+/// How many walks there were, and their grid.
+pub(super) fn walk_cells(walks: u64, walk: &Walk) -> impl Iterator<Item = (&'static str, Cell)> {
+    const NAMES: [&str; 6] = [
+        "stiffness_start_n_per_m",
+        "stiffness_step_n_per_m",
+        "stiffness_max_n_per_m",
+        "damping_start_n_s_per_m",
+        "damping_step_n_s_per_m",
+        "damping_max_tried_n_s_per_m",
+    ];
+    let grid = NAMES.into_iter().zip(grid(walk).map(Cell::Number));
+    [("walks", Cell::Whole(walks))].into_iter().chain(grid)
+}
 
 #[derive(Clone, Debug)]
 pub struct LimitStudy {
@@ -87,40 +111,29 @@ fn situation(result: &LimitResult) -> String {
 
 impl LimitStudy {
     pub fn csv(&self) -> String {
-        let mut text = format!("{HEADER}\n");
-        let Question { rms_of, repeats, .. } = self.question;
-        let grid = grid(&self.question.walk).map(|value| value.to_string()).join(",");
-        let tail = format!("{},{repeats},{grid},{SCHEMA_VERSION}", rms_of.name());
-        let cell = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
-        for result in &self.results {
-            let ideal = result.result.ideal;
-            let (limit, unit) = result.limit.told();
+        let Question { rms_of, repeats, walk, .. } = &self.question;
+        let row = |result: &LimitResult, cutoff_hz, boundaries: &Boundaries| {
+            let arm = arm(result).unwrap_or_default().to_owned();
+            let mut row: Cells = vec![("push", push(result).into()), ("arm", arm.into())];
+            row.extend(limit_cells(result.limit, cutoff_hz));
+            row.extend(area_cells(boundaries));
+            let share = share(boundaries.area(), result);
+            row.push(("share_of_true_velocity", Cell::number(share)));
+            row.extend(reach_cells(boundaries));
+            row.extend(ideal_cells(result.result.ideal));
+            row.push(("rms_of", rms_of.name().into()));
+            row.extend(walk_cells((*repeats).into(), walk));
+            row.push(version());
+            row
+        };
+        csv_of(self.results.iter().flat_map(|result| {
             let estimated = result.result.cutoffs.iter();
             let estimated = estimated.map(|cutoff| (Some(cutoff.cutoff_hz), &cutoff.boundaries));
             let told = (!result.told.is_empty()).then_some((None, &result.told));
-            for (cutoff_hz, boundaries) in estimated.chain(told) {
-                let [low, high] = boundaries.area_range();
-                let _ = writeln!(
-                    text,
-                    "{},{},{limit},{unit},{},{},{},{},{},{},{},{},{},{},{},{},{tail}",
-                    push(result),
-                    arm(result).unwrap_or_default(),
-                    if cutoff_hz.is_some() { "scene" } else { "true-velocity" },
-                    cell(cutoff_hz),
-                    boundaries.area(),
-                    low,
-                    high,
-                    cell(share(boundaries.area(), result)),
-                    boundaries.stiffness_peak_n_per_m(),
-                    boundaries.damping_max_n_s_per_m(),
-                    boundaries.capped(),
-                    cell(ideal.map(|ideal| ideal.cutoff_hz)),
-                    cell(ideal.map(|ideal| ideal.range_hz[0])),
-                    cell(ideal.map(|ideal| ideal.range_hz[1])),
-                );
-            }
-        }
-        text
+            estimated
+                .chain(told)
+                .map(move |(cutoff_hz, boundaries)| row(result, cutoff_hz, boundaries))
+        }))
     }
 
     pub fn summary(&self) -> Vec<LimitSummary> {
@@ -224,13 +237,9 @@ impl LimitStudy {
         if series.iter().flat_map(|series| &series.points).all(|points| points.len() < 2) {
             return Ok(None);
         }
-        let panel = |felt: &bool| TradePanel {
-            title: if *felt { "Limit of what is felt (a model)" } else { "Limit of the RMS" }
-                .into(),
-            y_title: "Ideal cutoff [Hz]".into(),
-            limit: None,
-            floor: 1e-3,
-            front: vec![],
+        let panel = |felt: &bool| {
+            let title = if *felt { "Limit of what is felt (a model)" } else { "Limit of the RMS" };
+            TradePanel::new(title, "Ideal cutoff [Hz]", 1e-3)
         };
         trade(&TradePlot {
             title: format!("Ideal cutoff against the limit, {scene}"),

@@ -28,7 +28,9 @@ pub mod trace;
 pub mod trade_figures;
 pub mod usable;
 
-use sim_studies::table::{Cell, Column, Kind, Table};
+use sim_studies::table::{Cell, Column, Kind, Table, csv_line};
+
+use crate::study::{boundary::Boundaries, sweep::Ideal};
 
 /// Version of every JSON object that the commands print or write: 2 since areas carry their unit.
 pub const SCHEMA_VERSION: u32 = 2;
@@ -38,4 +40,52 @@ fn versioned(mut table: Table) -> Table {
     table.columns.push(Column { name: "schema_version".into(), kind: Kind::Whole });
     table.rows.iter_mut().for_each(|row| row.push(Cell::Whole(SCHEMA_VERSION.into())));
     table
+}
+
+/// Cells of a row with the names of their columns.
+type Cells = Vec<(&'static str, Cell)>;
+
+/// Rows as CSV, all with the columns of the first.
+fn csv_of(rows: impl IntoIterator<Item = Cells>) -> String {
+    let mut text = String::new();
+    for row in rows {
+        let (names, cells): (Vec<_>, Vec<Cell>) = row.into_iter().unzip();
+        if text.is_empty() {
+            text = names.join(",") + "\n";
+        }
+        text += &csv_line(&cells);
+    }
+    text
+}
+
+fn version() -> (&'static str, Cell) {
+    ("schema_version", Cell::Whole(SCHEMA_VERSION.into()))
+}
+
+/// Mean area of the walks, and the least and the most.
+fn area_cells(boundaries: &Boundaries) -> [(&'static str, Cell); 3] {
+    let [low, high] = boundaries.area_range();
+    [
+        ("area_n2_s_per_m2", boundaries.area().into()),
+        ("area_low_n2_s_per_m2", low.into()),
+        ("area_high_n2_s_per_m2", high.into()),
+    ]
+}
+
+/// How far the walks came.
+fn reach_cells(boundaries: &Boundaries) -> [(&'static str, Cell); 3] {
+    [
+        ("stiffness_peak_n_per_m", boundaries.stiffness_peak_n_per_m().into()),
+        ("damping_max_n_s_per_m", boundaries.damping_max_n_s_per_m().into()),
+        ("capped_walks", Cell::count(boundaries.capped())),
+    ]
+}
+
+fn ideal_cells(ideal: Option<Ideal>) -> [(&'static str, Cell); 3] {
+    let of = |value: fn(Ideal) -> f64| Cell::number(ideal.map(value));
+    [
+        ("ideal_cutoff_hz", of(|ideal| ideal.cutoff_hz)),
+        ("ideal_low_hz", of(|ideal| ideal.range_hz[0])),
+        ("ideal_high_hz", of(|ideal| ideal.range_hz[1])),
+    ]
 }

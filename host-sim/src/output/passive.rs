@@ -32,108 +32,94 @@ pub struct PassiveArea {
     at_boundary_with: Option<Hits>,
 }
 
-#[derive(Clone, Debug)]
-pub struct Passive(pub PassiveStudy);
+pub fn areas(study: &PassiveStudy) -> Vec<PassiveArea> {
+    study.rows.iter().map(area).collect()
+}
 
-impl Passive {
-    pub fn areas(&self) -> Vec<PassiveArea> {
-        self.0.rows.iter().map(area).collect()
-    }
+pub fn csv(study: &PassiveStudy) -> String {
+    versioned(study.table()).csv()
+}
 
-    pub fn csv(&self) -> String {
-        versioned(self.0.table()).csv()
-    }
+pub fn lengths_csv(study: &PassiveStudy) -> String {
+    versioned(study.length_table()).csv()
+}
 
-    pub fn lengths_csv(&self) -> String {
-        versioned(self.0.length_table()).csv()
-    }
+/// The boundaries at the first limit, without the controller and with it.
+///
+/// # Errors
+/// It cannot be drawn.
+pub fn figure(study: &PassiveStudy, scene: &NamedScene) -> Result<Figure, FigureError> {
+    let first = study.rows.first().map(|row| row.limit);
+    let rows = study.rows.iter().filter(|row| Some(row.limit) == first);
+    let curve = |row: &PassiveRow| Curve {
+        name: told(row),
+        detail: told(row),
+        ideal: false,
+        points: row.boundaries.first().map(|first| first.points.clone()).unwrap_or_default(),
+    };
+    zwidth(&ZwidthPlot {
+        units: scene.scene.units,
+        title: format!("Stable walls with a passivity controller, {}", scene.name),
+        subtitle: format!(
+            "limit {}; a contact gives at most {:.3e} J with it",
+            first.map(name).unwrap_or_default(),
+            study.reserve_j
+        ),
+        marked: "ideal",
+        legend: "Cutoff, controller".into(),
+        curves: rows.map(curve).collect(),
+    })
+}
 
-    /// The boundaries at the first limit, without the controller and with it.
-    ///
-    /// # Errors
-    /// It cannot be drawn.
-    pub fn figure(&self, scene: &NamedScene) -> Result<Figure, FigureError> {
-        let first = self.0.rows.first().map(|row| row.limit);
-        let rows = self.0.rows.iter().filter(|row| Some(row.limit) == first);
-        let curve = |row: &PassiveRow| Curve {
-            name: told(row),
-            detail: told(row),
-            ideal: false,
-            points: row.boundaries.first().map(|first| first.points.clone()).unwrap_or_default(),
-        };
-        zwidth(&ZwidthPlot {
-            units: scene.scene.units,
-            title: format!("Stable walls with a passivity controller, {}", scene.name),
-            subtitle: format!(
-                "limit {}; a contact gives at most {:.3e} J with it",
-                first.map(name).unwrap_or_default(),
-                self.0.reserve_j
-            ),
-            marked: "ideal",
-            legend: "Cutoff, controller".into(),
-            curves: rows.map(curve).collect(),
-        })
-    }
-
-    /// The table for people.
-    pub fn text(&self) -> String {
-        let mut text = format!(
-            "with the controller a contact gives at most {:.3e} J; {} walks each, > cut at a cap\n  {}\n  hits at walls of \
-             the boundary: most given in a contact, force withheld, RMS of the motion, force above 100 Hz\n  {:>14} {:>10} \
-             {:>10} {:>8}  {:>8} {:>11} {:>9} {:>8} {:>9}",
-            self.0.reserve_j,
-            self.0.question.repeats,
-            grid_text(&self.0.question.walk),
-            "limit",
-            "cutoff",
-            "controller",
-            "area",
-            "walls of",
-            "given, J",
-            "withheld",
-            "RMS, um",
-            "rough, N"
-        );
-        for row in &self.0.rows {
-            let cut = if row.boundaries.capped() > 0 { ">" } else { "" };
-            let area = format!("{cut}{}", millions(row.boundaries.area()));
-            let controller = with(row.controller);
-            let cutoff = cutoff(row.cutoff_hz);
-            for (of, hits) in ["without", "with"].into_iter().zip(&row.hits) {
-                if hits.walls == 0 {
-                    continue;
-                }
-                let _ = write!(
-                    text,
-                    "\n  {:>14} {cutoff:>10} {controller:>10} {area:>8}  {of:>8} {:>11.3e} {:>7.2} % {:>8.2} {:>9.4}",
-                    name(row.limit),
-                    hits.given_j,
-                    100.0 * hits.withheld_fraction,
-                    1e6 * hits.rms_motion_m,
-                    hits.roughness_n
-                );
+/// The table for people.
+pub fn text(study: &PassiveStudy) -> String {
+    let mut text = format!(
+        "with the controller a contact gives at most {:.3e} J; {} walks each, > cut at a cap\n  {}\n  hits at walls of \
+         the boundary: most given in a contact, force withheld, RMS of the motion, force above 100 Hz\n",
+        study.reserve_j,
+        study.question.repeats,
+        grid_text(&study.question.walk)
+    );
+    text += "           limit     cutoff controller     area  walls of    given, J  withheld  RMS, um  rough, N";
+    for row in &study.rows {
+        let cut = if row.boundaries.capped() > 0 { ">" } else { "" };
+        let area = format!("{cut}{}", millions(row.boundaries.area()));
+        let controller = with(row.controller);
+        let cutoff = cutoff(row.cutoff_hz);
+        for (of, hits) in ["without", "with"].into_iter().zip(&row.hits) {
+            if hits.walls == 0 {
+                continue;
             }
-        }
-        text += "\n  area in 10^6 N^2 s/m^2\n  the walls of the boundary without, by the length of the hit: most given by counts and by \
-                 the motion, fed by the hum,\n  force withheld, mean and most, and how far the wall sags";
-        for row in &self.0.lengths {
             let _ = write!(
                 text,
-                "\n  {:>14} {:>10} {:>10} {:>6} s {:>11.3e} J {:>11.3e} J {:>11.3e} W {:>7.2} % {:>7.2} % {:>6.3}",
+                "\n  {:>14} {cutoff:>10} {controller:>10} {area:>8}  {of:>8} {:>11.3e} {:>7.2} % {:>8.2} {:>9.4}",
                 name(row.limit),
-                cutoff(row.cutoff_hz),
-                with(row.controller),
-                row.settle_s,
-                row.given_j,
-                row.given_by_motion_j,
-                row.fed_w,
-                100.0 * row.withheld_fraction,
-                100.0 * row.withheld_most_fraction,
-                row.sag
+                hits.given_j,
+                100.0 * hits.withheld_fraction,
+                1e6 * hits.rms_motion_m,
+                hits.roughness_n
             );
         }
-        text
     }
+    text += "\n  area in 10^6 N^2 s/m^2\n  the walls of the boundary without, by the length of the hit: most given by counts and by \
+             the motion, fed by the hum,\n  force withheld, mean and most, and how far the wall sags";
+    for row in &study.lengths {
+        let _ = write!(
+            text,
+            "\n  {:>14} {:>10} {:>10} {:>6} s {:>11.3e} J {:>11.3e} J {:>11.3e} W {:>7.2} % {:>7.2} % {:>6.3}",
+            name(row.limit),
+            cutoff(row.cutoff_hz),
+            with(row.controller),
+            row.settle_s,
+            row.given_j,
+            row.given_by_motion_j,
+            row.fed_w,
+            100.0 * row.withheld_fraction,
+            100.0 * row.withheld_most_fraction,
+            row.sag
+        );
+    }
+    text
 }
 
 fn told(row: &PassiveRow) -> String {

@@ -8,57 +8,50 @@ use super::{
 };
 use crate::analysis::compare::peers::PeerStudy;
 
-/// A finished study of the defaults of other systems.
-#[derive(Clone, Debug)]
-pub struct Peers(pub PeerStudy);
+pub fn csv(study: &PeerStudy) -> String {
+    versioned(study.table()).csv()
+}
 
-impl Peers {
-    pub fn csv(&self) -> String {
-        versioned(self.0.table()).csv()
-    }
-
-    /// The tables for people.
-    pub fn text(&self) -> String {
-        let mut text = format!(
-            "area by limit of the motion, 10^6 N^2 s/m^2, and its share of what the true velocity reaches; > cut at a cap\n  \
-             untuned defaults; {} walks each; {}",
-            self.0.question.repeats,
-            grid_text(&self.0.question.walk)
+/// The tables for people.
+pub fn text(study: &PeerStudy) -> String {
+    let mut text = format!(
+        "area by limit of the motion, 10^6 N^2 s/m^2, and its share of what the true velocity reaches; > cut at a cap\n  \
+         untuned defaults; {} walks each; {}",
+        study.question.repeats,
+        grid_text(&study.question.walk)
+    );
+    let width = study.rows.iter().map(|row| row.name.len()).max().unwrap_or(0);
+    for (place, (loop_name, scene)) in study.question.loops.iter().enumerate() {
+        let _ = write!(
+            text,
+            "\n  loop of {}, latency {} samples, the {} pushes\n  {:width$}",
+            loop_name,
+            scene.actuator.latency,
+            scene.wall_hit.push_by.name(),
+            ""
         );
-        let width = self.0.rows.iter().map(|row| row.name.len()).max().unwrap_or(0);
-        for (place, (loop_name, scene)) in self.0.question.loops.iter().enumerate() {
-            let _ = write!(
-                text,
-                "\n  loop of {}, latency {} samples, the {} pushes\n  {:width$}",
-                loop_name,
-                scene.actuator.latency,
-                scene.wall_hit.push_by.name(),
-                ""
-            );
-            for limit in &self.0.question.limits {
-                let _ = write!(text, "  {:>14}", name(*limit));
-            }
-            for row in self.0.rows.iter().filter(|row| row.of_loop == place) {
-                let _ = write!(text, "\n  {:width$}", row.name);
-                for n in 0..row.boundaries.len() {
-                    let a = self.0.area(row, n);
-                    let cut = if a.boundaries().capped() > 0 { ">" } else { "" };
-                    let share = a.share_of_true_velocity().unwrap_or_default() * 100.0;
-                    let digits = usize::from(share < 9.95);
-                    let cell =
-                        format!("{cut}{} {share:5.digits$} %", millions(a.boundaries().area()));
-                    let _ = write!(text, "  {cell:>14}");
-                }
+        for limit in &study.question.limits {
+            let _ = write!(text, "  {:>14}", name(*limit));
+        }
+        for row in study.rows.iter().filter(|row| row.of_loop == place) {
+            let _ = write!(text, "\n  {:width$}", row.name);
+            for n in 0..row.boundaries.len() {
+                let a = study.area(row, n);
+                let cut = if a.boundaries().capped() > 0 { ">" } else { "" };
+                let share = a.share_of_true_velocity().unwrap_or_default() * 100.0;
+                let digits = usize::from(share < 9.95);
+                let cell = format!("{cut}{} {share:5.digits$} %", millions(a.boundaries().area()));
+                let _ = write!(text, "  {cell:>14}");
             }
         }
-        text.push_str("\n  where each stands");
-        for row in self.0.rows.iter().filter(|row| row.of_loop == 0) {
-            let source = if row.source.is_empty() { "" } else { "; " };
-            let _ = write!(text, "\n  {:width$}  {}{source}{}", row.name, row.does, row.source);
-        }
-        for note in &self.0.notes {
-            let _ = write!(text, "\n  note: {note}");
-        }
-        text
     }
+    text.push_str("\n  where each stands");
+    for row in study.rows.iter().filter(|row| row.of_loop == 0) {
+        let source = if row.source.is_empty() { "" } else { "; " };
+        let _ = write!(text, "\n  {:width$}  {}{source}{}", row.name, row.does, row.source);
+    }
+    for note in &study.notes {
+        let _ = write!(text, "\n  note: {note}");
+    }
+    text
 }

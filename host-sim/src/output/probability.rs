@@ -228,18 +228,10 @@ impl ProbabilityStudy {
     pub fn text(&self) -> String {
         let summary = self.summary();
         let mut text = format!(
-            "how sure: integral of the share of {} draws that hold, and areas of the draws, 10^6 N^2 s/m^2; > cut at a cap\n  {:>9} {:>10} {:>8} {:>14} {:>8} {:>8} {:>7} {:>7} {:>10}",
-            summary.draws,
-            "cutoff Hz",
-            "integral",
-            "5 %",
-            "95 % interval",
-            "50 %",
-            "95 %",
-            "best",
-            "ideal",
-            "undecided"
+            "how sure: integral of the share of {} draws that hold, and areas of the draws, 10^6 N^2 s/m^2; > cut at a cap",
+            summary.draws
         );
+        text += "\n  cutoff Hz   integral      5 %  95 % interval     50 %     95 %    best   ideal  undecided";
         for c in &summary.cutoffs {
             let cut = if c.is_capped { ">" } else { "" };
             let _ = write!(

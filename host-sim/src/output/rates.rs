@@ -3,10 +3,11 @@
 use std::fmt::Write as _;
 
 use serde::Serialize;
+use sim_studies::table::Cell;
 
 use super::{
     figure::{Figure, FigureError, Mark},
-    levers::{LeverStudy, cell},
+    levers::{LeverStudy, actuator_cells, cell},
     limits::name,
 };
 use crate::{
@@ -52,13 +53,11 @@ impl RateStudy {
     }
 
     pub fn csv(&self) -> String {
-        self.0.table_of(
-            "encoder_rate_hz,output_rate_hz,output_period_samples,latency_samples",
-            |lever| {
-                let ([encoder, output], actuator) = (rates(&lever.scene), &lever.scene.actuator);
-                format!("{encoder},{output},{},{}", actuator.period, actuator.latency)
-            },
-        )
+        self.0.table_of(|lever| {
+            let [encoder, output] = rates(&lever.scene).map(Cell::Number);
+            let rates = [("encoder_rate_hz", encoder), ("output_rate_hz", output)];
+            rates.into_iter().chain(actuator_cells(&lever.scene)).collect()
+        })
     }
 
     pub fn summary(&self) -> Vec<RateSummary> {

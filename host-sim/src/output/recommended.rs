@@ -6,7 +6,7 @@ use crate::{
     notation::rounded,
     scene::{Criterion, NamedScene, Protocol, RmsOf, Units},
     study::{
-        recommended::{AS_GOOD, QuietStudy, Recommended},
+        recommended::{AS_GOOD, FreeMotion, QuietStudy, Recommended},
         sweep::Ideal,
     },
 };
@@ -34,7 +34,7 @@ struct Row {
     reason: String,
     /// Lower end of the Z-width: the free motion.
     #[serde(skip_serializing_if = "Option::is_none")]
-    free_motion: Option<FreeRow>,
+    free_motion: Option<FreeMotion>,
     protocols: Vec<ProtocolRow>,
 }
 
@@ -45,14 +45,6 @@ struct ProtocolRow {
     stiffness_n_per_m: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     not_tried: Option<String>,
-}
-
-#[derive(Clone, Copy, Debug, Serialize)]
-struct FreeRow {
-    mass_kg: f64,
-    damping_n_s_per_m: f64,
-    friction_n: f64,
-    hum_n: f64,
 }
 
 impl Answer {
@@ -70,12 +62,7 @@ impl Answer {
                     area_n2_s_per_m2: of.area,
                     is_capped: of.is_cut,
                     reason: reason(scene.scene.units, study, of),
-                    free_motion: study.free.map(|free| FreeRow {
-                        mass_kg: free.mass_kg,
-                        damping_n_s_per_m: free.damping_n_s_per_m,
-                        friction_n: free.friction_n,
-                        hum_n: free.hum_n,
-                    }),
+                    free_motion: study.free,
                     protocols: study
                         .protocols
                         .iter()

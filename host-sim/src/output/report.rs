@@ -49,14 +49,8 @@ pub struct Report {
     pub units: Units,
     /// One row per cutoff.
     pub areas: Vec<AreaPoint>,
-    /// Areas by limit, as lines of text; empty if nobody asked for them.
-    pub limits: String,
-    /// Areas in other loops, as lines of text; empty if nobody asked for them.
-    pub levers: String,
-    /// Areas at other rates, as lines of text; empty if nobody asked for them.
-    pub rates: String,
-    /// How sure the areas are, as lines of text; empty if nobody asked for it.
-    pub probability: String,
+    /// What else was asked for, as lines of text under a heading; empty ones are left out.
+    pub texts: Vec<(&'static str, String)>,
     /// Remarks, one sentence each.
     pub notes: Vec<String>,
     /// The scene file as it was read.
@@ -76,21 +70,14 @@ pub struct ReportFigure {
 /// The report as one HTML file.
 #[must_use]
 pub fn html(report: &Report) -> String {
-    page(
-        &report.title,
-        &answer(report),
-        &report.figures,
-        &[
-            ("Areas", areas(report)),
-            ("Limits", scene(&report.limits)),
-            ("When the loop acts", scene(&report.levers)),
-            ("Encoder rate and output rate", scene(&report.rates)),
-            ("How sure", scene(&report.probability)),
-            ("Notes", notes(&report.notes)),
-            ("Scene", scene(&report.scene)),
-            ("Provenance", provenance(&report.provenance)),
-        ],
-    )
+    let mut sections = vec![("Areas", areas(report))];
+    sections.extend(report.texts.iter().map(|(heading, text)| (*heading, scene(text))));
+    sections.extend([
+        ("Notes", notes(&report.notes)),
+        ("Scene", scene(&report.scene)),
+        ("Provenance", provenance(&report.provenance)),
+    ]);
+    page(&report.title, &answer(report), &report.figures, &sections)
 }
 
 /// One HTML file: a small line, the answer, figures, and sections of which empty ones are left out.
@@ -298,10 +285,7 @@ mod tests {
                 .map(|figure| ReportFigure { figure, caption: "K & B".to_owned() })
                 .collect(),
             areas: vec![row(500.0, 2.65e7), row(1200.0, 4.17e7), row(1700.0, 4.55e7)],
-            limits: "1 um".to_owned(),
-            levers: String::new(),
-            rates: String::new(),
-            probability: String::new(),
+            texts: vec![("Limits", "1 um".to_owned()), ("How sure", String::new())],
             notes: vec!["a < b".to_owned()],
             scene: "[device]\nname = \"<script>\"\n".to_owned(),
             provenance: vec![("version".to_owned(), "0.1.0 & more".to_owned())],

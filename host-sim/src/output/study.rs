@@ -214,7 +214,7 @@ impl Folder {
         } else {
             let mut outputs = Outputs::new(false, inputs);
             let (place, manifest) = (outputs.file(&head)?, outputs.file(&path.join(MANIFEST))?);
-            outputs.write(place, &files::json(&ours)?)?;
+            outputs.write(place, files::json(&ours)?.as_bytes())?;
             outputs.write(manifest, b"")?;
             outputs.commit()?;
         }

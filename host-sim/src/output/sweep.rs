@@ -12,7 +12,7 @@ use crate::{
         SCHEMA_VERSION,
         figure::{self, AreaPlot, AreaPoint, Curve, Figure, ZwidthPlot},
         files::{FolderPlace, MANIFEST, Outputs, json},
-        in_units::{self, InUnits},
+        in_units::InUnits,
         levers::{LeverStudy, LeverSummary},
         limits::{LimitStudy, LimitSummary},
         manifest::Manifest,
@@ -35,42 +35,31 @@ use crate::{
 };
 
 /// All files that a study may have. `sensitivity.csv` and the figure of a hit are not always there.
-pub const FILES: [&str; 33] = [
+pub const FILES: &[&str] = &[
     QUIET_AREAS,
     QUIET_BOUNDARY,
-    "quiet.svg",
-    "quiet.png",
-    "quiet_area.svg",
-    "quiet_area.png",
+    "quiet",
+    "quiet_area",
     "boundary.csv",
     "areas.csv",
     "envelope.csv",
     "summary.json",
-    "zwidth.svg",
-    "zwidth.png",
-    "area.svg",
-    "area.png",
-    "hit.svg",
-    "hit.png",
+    "zwidth",
+    "area",
+    "hit",
     "report.html",
     SENSITIVITY,
     LIMITS,
-    "limits.svg",
-    "limits.png",
+    "limits",
     LEVERS,
-    "levers.svg",
-    "levers.png",
+    "levers",
     RATES,
-    "rates.svg",
-    "rates.png",
+    "rates",
     PROBABILITY,
     CONTOURS,
     ENVELOPE95,
-    "probability.svg",
-    "probability.png",
-    MANIFEST,
+    "probability",
 ];
-
 const QUIET_AREAS: &str = "quiet_areas.csv";
 const QUIET_BOUNDARY: &str = "quiet_boundary.csv";
 const SENSITIVITY: &str = "sensitivity.csv";
@@ -235,8 +224,6 @@ impl Study {
     /// Draws and writes every file.
     pub fn write(&self, outputs: &mut Outputs, to: FolderPlace) -> Result<(), Error> {
         let manifest = Manifest::new(self.command.clone(), &self.scene);
-        let units = self.scene.scene.units;
-        let csv = |table| in_units::csv(units, table);
         let mut figures = vec![];
         let shown = [
             ("quiet_area", self.quiet_area()?),
@@ -267,36 +254,31 @@ impl Study {
                 figures.push(ReportFigure { figure, caption: caption.into() });
             }
         }
+        let mut tables = vec![
+            ("boundary.csv", boundary_csv(&self.result.cutoffs, self.repeats)),
+            ("areas.csv", areas_csv(&self.result.cutoffs)),
+            ("envelope.csv", self.envelope_csv(&self.envelopes)),
+        ];
         if let Some(probability) = &self.probability {
-            outputs.add(to, PROBABILITY, csv(probability.csv()).as_bytes())?;
-            outputs.add(to, CONTOURS, csv(probability.contours_csv()).as_bytes())?;
-            let rows = envelope::rows(&self.scene, &probability.envelope());
-            let envelope = format!("{}{rows}", envelope::HEADER);
-            outputs.add(to, ENVELOPE95, csv(envelope).as_bytes())?;
+            tables.push((PROBABILITY, probability.csv()));
+            tables.push((CONTOURS, probability.contours_csv()));
+            tables.push((ENVELOPE95, self.envelope_csv(&probability.envelope())));
         }
-        let boundary = boundary_csv(&self.result.cutoffs, self.repeats);
-        outputs.add(to, "boundary.csv", csv(boundary).as_bytes())?;
-        outputs.add(to, "areas.csv", csv(areas_csv(&self.result.cutoffs)).as_bytes())?;
-        outputs.add(to, "envelope.csv", csv(self.envelope_csv()).as_bytes())?;
         if let Some(quiet) = &self.quiet {
-            outputs.add(to, QUIET_AREAS, csv(areas_csv(&quiet.cutoffs)).as_bytes())?;
-            outputs.add(to, QUIET_BOUNDARY, csv(boundary_csv(&quiet.cutoffs, 1)).as_bytes())?;
+            tables.push((QUIET_AREAS, areas_csv(&quiet.cutoffs)));
+            tables.push((QUIET_BOUNDARY, boundary_csv(&quiet.cutoffs, 1)));
         }
-        if !self.variants.is_empty() {
-            outputs.add(to, SENSITIVITY, csv(self.sensitivity_csv()).as_bytes())?;
+        tables.extend((!self.variants.is_empty()).then(|| (SENSITIVITY, self.sensitivity_csv())));
+        tables.extend(self.levers.as_ref().map(|levers| (LEVERS, levers.csv())));
+        tables.extend(self.rates.as_ref().map(|rates| (RATES, rates.csv())));
+        tables.extend(self.limits.as_ref().map(|limits| (LIMITS, limits.csv())));
+        for (name, table) in tables {
+            outputs.add(to, name, table)?;
         }
-        if let Some(levers) = &self.levers {
-            outputs.add(to, LEVERS, csv(levers.csv()).as_bytes())?;
-        }
-        if let Some(rates) = &self.rates {
-            outputs.add(to, RATES, csv(rates.csv()).as_bytes())?;
-        }
-        if let Some(limits) = &self.limits {
-            outputs.add(to, LIMITS, csv(limits.csv()).as_bytes())?;
-        }
-        outputs.add(to, "summary.json", &json(&InUnits(units, self.summary()))?)?;
-        outputs.add(to, "report.html", self.report(figures, &manifest).as_bytes())?;
-        outputs.add(to, MANIFEST, &json(&manifest)?)
+        let summary = InUnits(self.scene.scene.units, self.summary());
+        outputs.add(to, "summary.json", json(&summary)?)?;
+        outputs.add(to, "report.html", self.report(figures, &manifest))?;
+        outputs.add(to, MANIFEST, json(&manifest)?)
     }
 
     /// What is recommended, with all cutoffs that were tried.
@@ -459,8 +441,8 @@ impl Study {
     }
 
     /// For the firmware, see [`crate::study::envelope`].
-    fn envelope_csv(&self) -> String {
-        format!("{}{}", envelope::HEADER, envelope::rows(&self.scene, &self.envelopes))
+    fn envelope_csv(&self, envelopes: &[Envelope]) -> String {
+        format!("{}{}", envelope::HEADER, envelope::rows(&self.scene, envelopes))
     }
 
     fn sensitivity_csv(&self) -> String {
@@ -476,6 +458,19 @@ impl Study {
         text
     }
 
+    /// What was asked for beside the scene's own sweep, as people read it.
+    pub fn texts(&self) -> Vec<(&'static str, String)> {
+        [
+            self.limits.as_ref().map(|limits| ("Limits", limits.text())),
+            self.levers.as_ref().map(|levers| ("When the loop acts", levers.text())),
+            self.rates.as_ref().map(|rates| ("Encoder rate and output rate", rates.text())),
+            self.probability.as_ref().map(|sure| ("How sure", sure.text())),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+
     fn report(&self, figures: Vec<ReportFigure>, manifest: &Manifest) -> String {
         let mut answers = self.answers().into_iter();
         let answer = answers.next();
@@ -489,10 +484,7 @@ impl Study {
             figures,
             units: self.scene.scene.units,
             areas: areas(&self.result).collect(),
-            limits: self.limits.as_ref().map(LimitStudy::text).unwrap_or_default(),
-            levers: self.levers.as_ref().map(LeverStudy::text).unwrap_or_default(),
-            rates: self.rates.as_ref().map(RateStudy::text).unwrap_or_default(),
-            probability: self.probability.as_ref().map(ProbabilityStudy::text).unwrap_or_default(),
+            texts: self.texts(),
             notes,
             scene: self.scene.text.clone(),
             provenance: manifest.facts(),

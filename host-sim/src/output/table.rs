@@ -10,7 +10,7 @@
 use std::path::Path;
 
 use super::in_units::AREAS;
-use crate::error::Error;
+use crate::{error::Error, scene::schema::unit};
 
 #[cfg(feature = "open-files")]
 mod mcap;
@@ -104,29 +104,8 @@ pub fn bytes(_: Format, csv: &str, _: &About) -> Result<Vec<u8>, Error> {
     Ok(csv.into())
 }
 
-/// Ends of column names, their units, and whether they are whole numbers; longer ones before those that they end with.
-const UNITS: &[(&str, &str, bool)] = &[
-    ("_n2_s_per_m2", "N^2 s/m^2", false),
-    ("_n2_m2_s_per_rad2", "N^2 m^2 s/rad^2", false),
-    ("_n_m_s_per_rad", "N m s/rad", false),
-    ("_n_m_per_rad", "N m/rad", false),
-    ("_n_s_per_m", "N s/m", false),
-    ("_n_per_m", "N/m", false),
-    ("_rad_per_s2", "rad/s^2", false),
-    ("_m_per_s2", "m/s^2", false),
-    ("_rad_per_s", "rad/s", false),
-    ("_m_per_s", "m/s", false),
-    ("_kg_m2", "kg m^2", false),
-    ("_n_m", "N m", false),
-    ("_rad", "rad", false),
-    ("_kg", "kg", false),
-    ("_hz", "Hz", false),
-    ("_db", "dB", false),
-    ("_s", "s", false),
-    ("_n", "N", false),
-    ("_v", "V", false),
-    ("_j", "J", false),
-    ("_m", "m", false),
+/// Ends of column names that no key of a scene has, their units, and whether they are whole numbers.
+const UNITS: [(&str, &str, bool); 5] = [
     ("_fraction", "1", false),
     ("_counts", "counts", true),
     ("_samples", "samples", true),
@@ -145,7 +124,7 @@ pub(crate) enum Cells {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Column {
     pub name: String,
-    pub unit: Option<&'static str>,
+    pub unit: Option<String>,
     pub cells: Cells,
 }
 
@@ -180,8 +159,14 @@ impl Table {
 impl Column {
     fn of(name: &str, cells: &[&str]) -> Self {
         let known = UNITS.iter().find(|(end, ..)| name.ends_with(end));
-        let (unit, is_real) =
-            known.map_or((None, AREAS.contains(&name)), |&(_, unit, whole)| (Some(unit), !whole));
+        let (unit, is_real) = match known {
+            Some(&(_, unit, whole)) => (Some(unit.to_owned()), !whole),
+            None => {
+                let unit = name.contains('_').then(|| unit(name)).flatten();
+                let is_real = unit.is_some() || AREAS.contains(&name);
+                (unit, is_real)
+            }
+        };
         let integers = if is_real { None } else { all(cells, |cell| cell.parse().ok()) };
         let cells = match integers {
             Some(integers) => Cells::Integers(integers),

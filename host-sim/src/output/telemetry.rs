@@ -101,7 +101,6 @@ fn point(record: &Record, scene: Option<&Scene>) -> TelemetryPoint {
     let counts = f64::from(record.position.counts());
     let speed = f64::from(record.velocity.bits()) / 65_536.0;
     let force = f64::from(record.force.bits()) / f64::from(1u32 << 30);
-    #[expect(clippy::cast_precision_loss, reason = "2^53 samples are 28,000 years")]
     let sample = record.sample as f64;
     let (time, values) = match scene {
         None => (sample, [counts, speed, 100.0 * force]),

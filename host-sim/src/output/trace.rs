@@ -21,7 +21,6 @@ pub fn csv(trace: &Trace) -> String {
         "time_s,position_m,count,velocity_m_per_s,force_n,output_n,flags,port_energy_j\n",
     );
     for (n, row) in trace.rows.iter().enumerate() {
-        #[expect(clippy::cast_precision_loss, reason = "at most 2^25 samples")]
         let time_s = n as f64 / trace.rate_hz;
         let Row { position_m, count, velocity_m_per_s, force_n, output_n, flags, port_energy_j } =
             row;

@@ -147,12 +147,9 @@ pub fn cutoffs_plot(scene: &str, filters: &Filters) -> TradePlot {
             points: Criterion::ALL.map(|criterion| shares(variant, criterion)).into(),
         }
     });
-    let panel = |criterion: Criterion| TradePanel {
-        title: String::new(),
-        y_title: format!("{} / allowed", error_name(criterion)),
-        limit: Some(1.0),
-        floor: SHARE_FLOOR,
-        front: vec![],
+    let panel = |criterion: Criterion| {
+        let y_title = format!("{} / allowed", error_name(criterion));
+        TradePanel { limit: Some(1.0), ..TradePanel::new("", y_title, SHARE_FLOOR) }
     };
     TradePlot {
         title: format!("Where number formats fail, {scene}"),
@@ -195,13 +192,6 @@ pub fn plants(scene: &str, plants: &Plants) -> Result<Figure, FigureError> {
             points: vec![of(|m| Some(m.trajectory_m)), of(|m| Some(m.area_change.abs()))],
         }
     });
-    let panel = |y_title: &str, limit, floor, front| TradePanel {
-        title: String::new(),
-        y_title: y_title.into(),
-        limit,
-        floor,
-        front,
-    };
     let chaotic = Some(plants.area_chaotic.abs()).filter(|change| *change > 0.0);
     trade(&TradePlot {
         title: format!("Ways to advance the plant, error over cost, {scene}"),
@@ -211,8 +201,11 @@ pub fn plants(scene: &str, plants: &Plants) -> Result<Figure, FigureError> {
         legend: "Method".into(),
         x_title: "Operations per simulated second".into(),
         panels: vec![
-            panel("Trajectory error [m]", None, 1e-17, front(&points)),
-            panel("Change of the area", chaotic, 1e-5, vec![]),
+            TradePanel {
+                front: front(&points),
+                ..TradePanel::new("", "Trajectory error [m]", 1e-17)
+            },
+            TradePanel { limit: chaotic, ..TradePanel::new("", "Change of the area", 1e-5) },
         ],
         series: series.into(),
         lines: true,

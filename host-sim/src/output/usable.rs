@@ -15,83 +15,72 @@ use crate::{
     scene::NamedScene,
 };
 
-/// A finished study, as it is written.
-#[derive(Clone, Debug)]
-pub struct UsableReport(pub UsableStudy);
+pub fn csv(study: &UsableStudy) -> String {
+    versioned(study.table()).csv()
+}
 
-impl UsableReport {
-    pub fn csv(&self) -> String {
-        versioned(self.0.table()).csv()
+/// The largest usable K over B of each estimator, within the first limit that is one.
+///
+/// # Errors
+/// It cannot be drawn.
+pub fn figure(study: &UsableStudy, scene: &NamedScene) -> Result<Figure, FigureError> {
+    let limits = study.question.limits.iter().copied();
+    let limit = limits.reduce(f64::min).unwrap_or(f64::INFINITY);
+    let best = study.ranked(limit).first().map(|best| best.entry);
+    let entries: &[Entry] = &study.question.entries;
+    let of = |entry: &Entry| study.found.iter().find(|u| u.entry == *entry && u.limit == limit);
+    let curve = |usable: &Usable| Curve {
+        name: usable.entry.name(),
+        detail: format!("{}, {}", usable.entry.name(), tuning(usable)),
+        ideal: best == Some(usable.entry),
+        points: usable.outline.clone(),
+    };
+    zwidth(&ZwidthPlot {
+        units: scene.scene.units,
+        title: format!("Largest usable K, {}", scene.name),
+        subtitle: format!(
+            "stable, and rendered within {} of K + jwB from 1 to 30 Hz; ideal: the largest area",
+            name(limit)
+        ),
+        marked: "ideal",
+        legend: "Estimator".into(),
+        curves: entries.iter().filter_map(of).map(curve).collect(),
+    })
+}
+
+/// The tables for people.
+pub fn text(study: &UsableStudy) -> String {
+    let mut text = format!(
+        "usable area, 10^6 N^2 s/m^2: walls that are stable and rendered as commanded; {} walks each, > cut at a cap",
+        study.question.budget.repeats
+    );
+    for &limit in &study.question.limits {
+        let _ = write!(text, "\n  within {}", name(limit));
+        text += "\n                                 area     stable   K, kN/m  error, %  tuning";
+        for (place, usable) in (1..).zip(study.ranked(limit)) {
+            let cut = if usable.boundaries.capped() > 0 { ">" } else { "" };
+            let _ = write!(
+                text,
+                "\n  {place:>2}. {:20} {:>10} {:>10} {:>9.1} {:>9.2}  {}",
+                usable.entry.name(),
+                format!("{cut}{}", millions(usable.area())),
+                millions(usable.boundaries.area()),
+                usable.stiffness_peak_n_per_m / 1e3,
+                100.0 * usable.error_mean,
+                tuning(usable)
+            );
+        }
     }
-
-    /// The largest usable K over B of each estimator, within the first limit that is one.
-    ///
-    /// # Errors
-    /// It cannot be drawn.
-    pub fn figure(&self, scene: &NamedScene) -> Result<Figure, FigureError> {
-        let limits = self.0.question.limits.iter().copied();
-        let limit = limits.reduce(f64::min).unwrap_or(f64::INFINITY);
-        let best = self.0.ranked(limit).first().map(|best| best.entry);
-        let entries: &[Entry] = &self.0.question.entries;
-        let of =
-            |entry: &Entry| self.0.found.iter().find(|u| u.entry == *entry && u.limit == limit);
-        let curve = |usable: &Usable| Curve {
-            name: usable.entry.name(),
-            detail: format!("{}, {}", usable.entry.name(), tuning(usable)),
-            ideal: best == Some(usable.entry),
-            points: usable.outline.clone(),
-        };
-        zwidth(&ZwidthPlot {
-            units: scene.scene.units,
-            title: format!("Largest usable K, {}", scene.name),
-            subtitle: format!(
-                "stable, and rendered within {} of K + jwB from 1 to 30 Hz; ideal: the largest area",
-                name(limit)
-            ),
-            marked: "ideal",
-            legend: "Estimator".into(),
-            curves: entries.iter().filter_map(of).map(curve).collect(),
-        })
-    }
-
-    /// The tables for people.
-    pub fn text(&self) -> String {
-        let mut text = format!(
-            "usable area, 10^6 N^2 s/m^2: walls that are stable and rendered as commanded; {} walks each, > cut at a cap",
-            self.0.question.budget.repeats
+    let hits: u64 = study.found.iter().map(|usable| usable.hits).sum();
+    let _ = write!(text, "\n{hits} wall hits");
+    for usable in study.found.iter().filter(|usable| !usable.settled) {
+        let (who, limit) = (usable.entry.name(), name(usable.limit));
+        let _ = write!(
+            text,
+            "\n  note: the search for {who} within {limit} has not settled; raise --budget"
         );
-        for &limit in &self.0.question.limits {
-            let _ = write!(text, "\n  within {}", name(limit));
-            let _ = write!(
-                text,
-                "\n  {:>2}  {:20} {:>10} {:>10} {:>9} {:>9}  tuning",
-                "", "", "area", "stable", "K, kN/m", "error, %"
-            );
-            for (place, usable) in (1..).zip(self.0.ranked(limit)) {
-                let cut = if usable.boundaries.capped() > 0 { ">" } else { "" };
-                let _ = write!(
-                    text,
-                    "\n  {place:>2}. {:20} {:>10} {:>10} {:>9.1} {:>9.2}  {}",
-                    usable.entry.name(),
-                    format!("{cut}{}", millions(usable.area())),
-                    millions(usable.boundaries.area()),
-                    usable.stiffness_peak_n_per_m / 1e3,
-                    100.0 * usable.error_mean,
-                    tuning(usable)
-                );
-            }
-        }
-        let hits: u64 = self.0.found.iter().map(|usable| usable.hits).sum();
-        let _ = write!(text, "\n{hits} wall hits");
-        for usable in self.0.found.iter().filter(|usable| !usable.settled) {
-            let (who, limit) = (usable.entry.name(), name(usable.limit));
-            let _ = write!(
-                text,
-                "\n  note: the search for {who} within {limit} has not settled; raise --budget"
-            );
-        }
-        text
     }
+    text
 }
 
 fn name(limit: f64) -> String {

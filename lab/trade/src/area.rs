@@ -13,9 +13,7 @@ use crate::{
     scene::Scene,
     sim_plant::RUN,
     simulation::{
-        controller::{
-            Controller, ControllerOutput, Fixed, Readings, Replaceable, counts_per_sample,
-        },
+        controller::{Controller, ControllerOutput, Fixed, Readings, counts_per_sample},
         prepared::{HitError, PreparedScene},
     },
     study::{boundary::Boundary, sweep::start_offset_counts, walk::walk_with},
@@ -33,20 +31,6 @@ impl Filtered {
     /// `core` estimates the velocity by a finite difference alone.
     pub fn new(core: Fixed, filter: Filter) -> Self {
         Self { core, filter }
-    }
-}
-
-impl Replaceable for Filtered {
-    fn set_push(&mut self, push: f64) {
-        self.core.set_push(push);
-    }
-
-    fn push(&self) -> f64 {
-        self.core.push()
-    }
-
-    fn put_out(&self, force: f64) -> f64 {
-        self.core.put_out(force)
     }
 }
 
@@ -87,6 +71,18 @@ impl Controller for Filtered {
 
     fn surface(&self) -> i32 {
         self.core.surface()
+    }
+
+    fn set_push(&mut self, push: f64) {
+        self.core.set_push(push);
+    }
+
+    fn push(&self) -> f64 {
+        self.core.push()
+    }
+
+    fn put_out(&self, force: f64) -> f64 {
+        self.core.put_out(force)
     }
 }
 

@@ -117,15 +117,7 @@ pub fn lanes_for(prepared: &PreparedScene, numeric: Numeric) -> bool {
 }
 
 fn form_for(prepared: &PreparedScene, numeric: Numeric) -> Option<Form> {
-    let linear = matches!(
-        prepared.parts().plant,
-        AnyPlant::Plain(_)
-            | AnyPlant::Three(_)
-            | AnyPlant::Four(_)
-            | AnyPlant::Five(_)
-            | AnyPlant::Six(_)
-            | AnyPlant::Seven(_)
-    );
+    let linear = !matches!(prepared.parts().plant, AnyPlant::Other(_));
     let estimator = prepared.scene().velocity.estimator();
     let form = Form::of(estimator)?;
     let stated = numeric == Numeric::Fixed || form == Form::LowPass;
@@ -195,12 +187,12 @@ fn each_plant<'a, S: SimdOps, const R: usize>(
 ) -> Tally {
     use scheduler::run;
     match &task.prepared.parts().plant {
-        AnyPlant::Plain(step) => run(simd, task, &step.linear(), controller, work),
-        AnyPlant::Three(step) => run(simd, task, &step.linear(), controller, work),
-        AnyPlant::Four(step) => run(simd, task, &step.linear().padded::<5>(), controller, work),
-        AnyPlant::Five(step) => run(simd, task, &step.linear(), controller, work),
-        AnyPlant::Six(step) => run(simd, task, &step.linear().padded::<7>(), controller, work),
-        AnyPlant::Seven(step) => run(simd, task, &step.linear(), controller, work),
+        AnyPlant::Plain(step) => run(simd, task, step, controller, work),
+        AnyPlant::Three(step) => run(simd, task, step, controller, work),
+        AnyPlant::Four(step) => run(simd, task, &step.padded::<5>(), controller, work),
+        AnyPlant::Five(step) => run(simd, task, step, controller, work),
+        AnyPlant::Six(step) => run(simd, task, &step.padded::<7>(), controller, work),
+        AnyPlant::Seven(step) => run(simd, task, step, controller, work),
         _ => one_by_one(task, work),
     }
 }

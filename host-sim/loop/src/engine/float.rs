@@ -8,7 +8,7 @@ use super::{
     simd_ops::{SIGN, SimdOps, lanes_mut},
 };
 use crate::simulation::{
-    controller::{Controller as _, Replaceable},
+    controller::Controller,
     prepared::{PreparedScene, WallHit},
     twin::{FLUSH_BELOW, Rounding, Section},
 };
@@ -22,17 +22,9 @@ pub struct FloatLoop<S: SimdOps, const R: usize> {
     gains: [TwinGains<S>; R],
 }
 
-/// Coefficients and gains, a lane each.
-#[derive(Clone, Copy)]
-struct TwinGains<S: SimdOps> {
-    /// Weights of the last inputs in the numerator: 2 and 1, 1 and 0, or none.
-    past: [S::f64s; 2],
-    b0: S::f64s,
-    a: [S::f64s; 2],
-    stiffness: S::f64s,
-    damping: S::f64s,
-    push: S::f64s,
-}
+/// Weights of the last two inputs in the numerator (2 and 1, 1 and 0, or none), `b0`, both `a`, stiffness, damping and
+/// push, a lane each.
+type TwinGains<S> = [<S as pulp::Simd>::f64s; 8];
 
 /// What the samples left behind, a lane each.
 #[derive(Clone, Copy)]
@@ -45,10 +37,7 @@ impl<S: SimdOps, const R: usize> FloatLoop<S, R> {
     pub fn new(simd: S, rounding: Rounding) -> Self {
         let zero = simd.splat_f64s(0.0);
         let state = TwinState { x: [zero; 2], y: [zero; 2] };
-        let (pair, gain) = ([zero; 2], zero);
-        let gains =
-            TwinGains { past: pair, b0: gain, a: pair, stiffness: gain, damping: gain, push: gain };
-        Self { simd, rounding, states: [state; R], gains: [gains; R] }
+        Self { simd, rounding, states: [state; R], gains: [[zero; 8]; R] }
     }
 }
 
@@ -64,21 +53,9 @@ impl<S: SimdOps, const R: usize> LaneController<S, R> for FloatLoop<S, R> {
         let (state, gains) = (&mut self.states[vector], &mut self.gains[vector]);
         if let Some(Section { past, b0, a }) = twin.low_pass() {
             let [stiffness, damping] = twin.wall_gains();
-            let push = Replaceable::push(&twin);
-            let [p1, p2] = &mut gains.past;
-            let [a1, a2] = &mut gains.a;
-            let places = [
-                p1,
-                p2,
-                &mut gains.b0,
-                a1,
-                a2,
-                &mut gains.stiffness,
-                &mut gains.damping,
-                &mut gains.push,
-            ];
+            let push = Controller::push(&twin);
             let values = [past[0], past[1], b0, a[0], a[1], stiffness, damping, push];
-            for (vector, value) in places.into_iter().zip(values) {
+            for (vector, value) in gains.iter_mut().zip(values) {
                 lanes_mut(vector)[place] = value;
             }
         }
@@ -191,12 +168,11 @@ impl<S: SimdOps> TwinState<S> {
         if let Some(lsb) = stage.velocity_lsb {
             velocity = simd.sub_f64s(simd.add_f64s(velocity, lsb), lsb);
         }
-        let total = simd.add_f64s(
-            simd.mul_f64s(gains.stiffness, depth),
-            simd.mul_f64s(gains.damping, velocity),
-        );
+        let [.., stiffness, damping, push] = *gains;
+        let total =
+            simd.add_f64s(simd.mul_f64s(stiffness, depth), simd.mul_f64s(damping, velocity));
         let one_sided = simd.max_of(total, stage.least_wall);
-        let wanted = simd.sub_f64s(gains.push, simd.choose(inside, one_sided, zero));
+        let wanted = simd.sub_f64s(push, simd.choose(inside, one_sided, zero));
         let one = simd.splat_f64s(1.0);
         let force = simd.min_of(simd.max_of(wanted, simd.splat_f64s(-1.0)), one);
         match stage.codes_f64 {
@@ -214,7 +190,7 @@ impl<S: SimdOps> TwinState<S> {
     #[inline(always)]
     fn raw(&self, simd: S, gains: &TwinGains<S>, difference: S::f64s) -> S::f64s {
         let ([x1, x2], [y1, y2]) = (self.x, self.y);
-        let TwinGains { past: [p1, p2], b0, a: [a1, a2], .. } = *gains;
+        let [p1, p2, b0, a1, a2, ..] = *gains;
         let recent = simd.add_f64s(difference, simd.mul_f64s(p1, x1));
         let input = simd.mul_f64s(b0, simd.add_f64s(recent, simd.mul_f64s(p2, x2)));
         simd.sub_f64s(simd.sub_f64s(input, simd.mul_f64s(a1, y1)), simd.mul_f64s(a2, y2))

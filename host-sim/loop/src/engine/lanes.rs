@@ -159,7 +159,7 @@ fn free<S: SimdOps, const P: usize>(
     for (next, row) in next.iter_mut().zip(&shared.phi) {
         for (term, (entry, value)) in row.iter().zip(state).enumerate() {
             let product = simd.mul_f64s(*entry, *value);
-            let first = P == 2 && term == 0; // `PlantStep` begins with it, `AugmentedStep` with 0
+            let first = P == 2 && term == 0; // as `ExactStep`
             *next = if first { product } else { simd.add_f64s(*next, product) };
         }
     }

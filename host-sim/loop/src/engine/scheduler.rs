@@ -17,7 +17,7 @@ use super::{
     work::{Depth, Outcome, Pushes, Tally, Task, scalar},
 };
 use crate::{
-    plant::LinearStep,
+    plant::{ExactStep, Plant as _},
     scene::Rounding,
     simulation::{
         controller::lsb_per_m_per_s,
@@ -56,7 +56,7 @@ struct Running<'a> {
 struct Scheduler<'a, 'c, S: SimdOps, const P: usize, const R: usize> {
     simd: S,
     task: Task<'a>,
-    step: LinearStep<P>,
+    step: ExactStep<P>,
     /// A hit is over, and the next one has to wait for an output to be due.
     waiting: bool,
     tally: Tally,
@@ -74,7 +74,7 @@ struct Scheduler<'a, 'c, S: SimdOps, const P: usize, const R: usize> {
 pub fn run<'a, S: SimdOps, const P: usize, const R: usize>(
     simd: S,
     task: Task<'a>,
-    step: &LinearStep<P>,
+    step: &ExactStep<P>,
     controller: &mut dyn LaneController<S, R>,
     work: &mut Pushes<'a>,
 ) -> Tally {
@@ -119,7 +119,7 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
     fn new(
         simd: S,
         task: Task<'a>,
-        step: &LinearStep<P>,
+        step: &ExactStep<P>,
         controller: &'c mut dyn LaneController<S, R>,
     ) -> Self {
         let parts = task.prepared.parts();

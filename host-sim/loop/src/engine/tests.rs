@@ -95,7 +95,7 @@ fn hold_with(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
     for numeric in NUMERICS {
         for depth in [Depth::Whole, Depth::Bounded, Depth::Verdict] {
             let measures =
-                |report: &HitReport| (!prepared.judge().is_plain()).then(|| report.measures());
+                |report: &HitReport| (!prepared.judge().is_plain()).then_some(report.measures);
             let scalar: Vec<_> = hits
                 .iter()
                 .map(|hit| match depth {

@@ -162,5 +162,5 @@ pub fn scalar(task: Task<'_>, hit: &WallHit) -> Result<Outcome, HitError> {
 }
 
 fn measures(prepared: &PreparedScene, report: &HitReport) -> Option<Measures> {
-    (!prepared.judge().is_plain()).then(|| report.measures())
+    (!prepared.judge().is_plain()).then_some(report.measures)
 }

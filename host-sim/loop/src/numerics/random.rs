@@ -17,9 +17,7 @@ pub fn bits(seed: u64, n: u64) -> u64 {
 
 /// The upper 53 bits, as a whole number.
 fn high(bits: u64) -> f64 {
-    #[expect(clippy::cast_precision_loss, reason = "53 bits")]
-    let whole = (bits >> 11) as f64;
-    whole
+    (bits >> 11) as f64
 }
 
 /// Evenly spread over (0, 1).

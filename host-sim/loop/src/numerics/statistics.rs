@@ -19,7 +19,6 @@ pub struct Repeats {
 
 impl Repeats {
     pub fn of(values: impl Iterator<Item = f64> + Clone) -> Self {
-        #[expect(clippy::cast_precision_loss, reason = "a handful of repeats")]
         let count = values.clone().count().max(1) as f64;
         let mean = values.clone().sum::<f64>() / count;
         let squares: f64 = values.map(|value| (value - mean).powi(2)).sum();

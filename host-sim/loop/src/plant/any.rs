@@ -5,14 +5,14 @@
 use std::{fmt::Debug, sync::Arc};
 
 use super::{
-    AnyState, AugmentedStep, Course, IntegratedStep, Moment, Places, Plant, PlantStep, Sensed,
-    Sensing, Span,
+    AnyState, Course, ExactStep, IntegratedStep, Moment, Places, Plant, PlantStep, Sensed, Sensing,
+    Span,
 };
 use crate::{
     numerics::integrator::Integrator,
     scene::{
         Scene,
-        element::{Chain, Nonlinear},
+        element::{Chain, Nonlinear, STATES_MAX, of_states},
     },
 };
 
@@ -22,15 +22,15 @@ pub enum AnyPlant {
     /// A device alone, without an amplifier.
     Plain(PlantStep),
     /// A device with an amplifier.
-    Three(AugmentedStep<3>),
+    Three(ExactStep<3>),
     /// Two bodies without an amplifier.
-    Four(AugmentedStep<4>),
+    Four(ExactStep<4>),
     /// Two bodies and an amplifier.
-    Five(AugmentedStep<5>),
+    Five(ExactStep<5>),
     /// Three bodies without an amplifier.
-    Six(AugmentedStep<6>),
+    Six(ExactStep<6>),
     /// Three bodies and an amplifier.
-    Seven(AugmentedStep<7>),
+    Seven(ExactStep<7>),
     /// Integrated step by step, or with something wrong with its readings.
     Other(Arc<dyn OtherPlant>),
 }
@@ -125,12 +125,12 @@ impl AnyPlant {
     /// What a hand's constant force adds to the states in a sample, if the step is linear.
     pub(crate) fn hand(&self) -> [f64; 7] {
         match self {
-            Self::Plain(step) => step.linear().padded::<7>().hand,
-            Self::Three(step) => step.linear().padded::<7>().hand,
-            Self::Four(step) => step.linear().padded::<7>().hand,
-            Self::Five(step) => step.linear().padded::<7>().hand,
-            Self::Six(step) => step.linear().padded::<7>().hand,
-            Self::Seven(step) => step.linear().padded::<7>().hand,
+            Self::Plain(step) => step.padded::<7>().hand,
+            Self::Three(step) => step.padded::<7>().hand,
+            Self::Four(step) => step.padded::<7>().hand,
+            Self::Five(step) => step.padded::<7>().hand,
+            Self::Six(step) => step.padded::<7>().hand,
+            Self::Seven(step) => step.padded::<7>().hand,
             Self::Other(_) => [0.0; 7],
         }
     }
@@ -174,35 +174,24 @@ impl AnyPlant {
         sample_s: f64,
         fraction: f64,
     ) -> Self {
-        macro_rules! of {
-            ($n:literal) => {
-                Self::other(IntegratedStep::<$n>::new(
-                    chain, nonlinear, integrator, sample_s, fraction,
-                ))
-            };
-        }
-        match chain.states() {
-            2 => of!(2),
-            3 => of!(3),
-            4 => of!(4),
-            5 => of!(5),
-            6 => of!(6),
-            _ => of!(7),
-        }
+        of_states!(chain.states(), N => Self::other(IntegratedStep::<N>::new(
+            chain, nonlinear, integrator, sample_s, fraction,
+        )))
     }
 
     /// The exact step over `sample_s`, split at `fraction` (0 to below 1) of it.
     pub fn exact(chain: &Chain, sample_s: f64, fraction: f64) -> Self {
         match chain.states() {
             2 => {
+                let [x, v, ..] = chain.hand_moves(sample_s);
                 let step = PlantStep::new(&chain.device, sample_s, fraction);
-                Self::Plain(step.with_hand(chain.hand_moves(sample_s)))
+                Self::Plain(ExactStep { hand: [x, v], ..step })
             }
-            3 => Self::Three(AugmentedStep::new(chain, sample_s, fraction)),
-            4 => Self::Four(AugmentedStep::new(chain, sample_s, fraction)),
-            5 => Self::Five(AugmentedStep::new(chain, sample_s, fraction)),
-            6 => Self::Six(AugmentedStep::new(chain, sample_s, fraction)),
-            _ => Self::Seven(AugmentedStep::new(chain, sample_s, fraction)),
+            3 => Self::Three(ExactStep::of_chain(chain, sample_s, fraction)),
+            4 => Self::Four(ExactStep::of_chain(chain, sample_s, fraction)),
+            5 => Self::Five(ExactStep::of_chain(chain, sample_s, fraction)),
+            6 => Self::Six(ExactStep::of_chain(chain, sample_s, fraction)),
+            _ => Self::Seven(ExactStep::of_chain(chain, sample_s, fraction)),
         }
     }
 }

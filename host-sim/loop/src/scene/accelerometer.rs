@@ -29,7 +29,6 @@ pub struct Accelerometer {
     #[serde(default)]
     pub bias_m_per_s2: f64,
     /// Corner of its first-order low-pass; without it, none.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bandwidth_hz: Option<f64>,
 }
 

@@ -24,10 +24,8 @@ pub struct BoardTable {
     pub name: String,
     /// Cutoff of a board without saved settings; its walls are in the envelope. Absent: `velocity.cutoff_hz`, else the
     /// cutoff that quiet walls recommend.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cutoff_hz: Option<f64>,
     /// Name of the design in force on such a board. Absent: the first of the estimators.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub design: Option<String>,
     /// Estimators that the envelope covers beside the designs, the first of them in force at first. Absent: the
     /// scene's own.
@@ -37,10 +35,8 @@ pub struct BoardTable {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub periods: Vec<u32>,
     /// Direction of the motor: `-` if a positive command pushes out of the wall. Absent: `+`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub motor: Option<Sign>,
     /// Direction of the encoder: `-` if the count falls into the wall. Absent: `+`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub encoder: Option<Sign>,
 }
 
@@ -59,36 +55,26 @@ pub enum Sign {
 #[serde(deny_unknown_fields)]
 pub struct SafetyTable {
     /// Speed at which the force goes off. Absent: 1, or the largest that the velocity can state.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed_max_m_per_s: Option<f64>,
     /// Largest speed that the handle can have; a larger one is a fault. Absent: five times `speed_max_m_per_s`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed_believable_m_per_s: Option<f64>,
     /// Lowest position at which force may be on; not beyond a rigid stop. Absent: the end of `[travel]`, else 40 mm
     /// before the start.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub travel_low_m: Option<f64>,
     /// Highest position at which force may be on. Absent: the end of `[travel]`, else 40 mm beyond the wall.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub travel_high_m: Option<f64>,
     /// Time over which the force comes in. Absent: 0.2.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ramp_in_s: Option<f64>,
     /// Force of the sign test, as a part of full scale. Absent: 0.05.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sign_test_force: Option<f64>,
     /// Counts that the sign test has to see. Absent: 22 % of those by which the free handle moves.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sign_test_counts: Option<u32>,
     /// Mass of the heaviest handle, with hand and arm, that a push may find. Absent: 20 times the device's.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub heaviest_mass_kg: Option<f64>,
     /// Damping of the heaviest handle. Absent: 20 times the device's, at least the
     /// heaviest mass over 0.1 s.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub heaviest_damping_n_s_per_m: Option<f64>,
     /// A handle that moves farther ends a calibration. Absent: 1 mm, at least 4 counts.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibration_travel_m: Option<f64>,
 }
 
@@ -97,17 +83,13 @@ pub struct SafetyTable {
 #[serde(deny_unknown_fields)]
 pub struct MotorTable {
     /// Force that the motor can give for ever. Absent: 70 % of full scale.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub continuous_force_n: Option<f64>,
     /// Thermal time constant of its winding. Absent: 30.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_constant_s: Option<f64>,
     /// Voltage of the amplifier's current output without current, as a part of the board's analogue supply. Absent: the
     /// input is not used; then `current_sense_full` is absent too.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub current_sense_rest: Option<f64>,
     /// Voltage of the amplifier's current output at full command, as a part of the same supply.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub current_sense_full: Option<f64>,
 }
 
@@ -137,25 +119,18 @@ impl MotorTable {
 #[serde(deny_unknown_fields)]
 pub struct ReturnTable {
     /// Speed of the return.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed_m_per_s: Option<f64>,
     /// Largest force of the return.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force_n: Option<f64>,
     /// Proportional gain of its controller.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stiffness_n_per_m: Option<f64>,
     /// Derivative gain.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub damping_n_s_per_m: Option<f64>,
     /// Integral gain.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub integral_n_per_m_s: Option<f64>,
     /// Distance from the start at which it ends. Absent: 50 um, at least 4 counts.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tolerance_m: Option<f64>,
     /// Longest time of the return. Absent: 10.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub timeout_s: Option<f64>,
 }
 

@@ -104,16 +104,12 @@ pub struct Scene {
     /// The study over cutoffs.
     pub sweep: Sweep,
     /// Optional element: quantisation of the command by a DAC or PWM timer.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub output: Option<Quantisation>,
     /// Optional element: the current loop's pole.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub amplifier: Option<Amplifier>,
     /// Optional element: a second mass behind the transmission.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mode: Option<Mode>,
     /// Optional element: a person's arm on the handle.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub arm: Option<Arm>,
     /// Arms of several people, by name, for studies over them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -122,49 +118,35 @@ pub struct Scene {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub designs: BTreeMap<String, VelocityTable>,
     /// Optional element: a constant force on the device.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub offset: Option<Offset>,
     /// Optional element: dry friction.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub friction: Option<Friction>,
     /// Optional element: the motor's cogging.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cogging: Option<Cogging>,
     /// Optional element: travel limits.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub travel: Option<Travel>,
     /// Optional element: the encoder's periodic error.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub encoder_error: Option<EncoderError>,
     /// Optional element: the encoder's noise.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub encoder_noise: Option<EncoderNoise>,
     /// Optional element: late readings.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub jitter: Option<Jitter>,
     /// How a plant is integrated that is not linear; on a linear one it takes the place of the exact step.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub integrator: Option<Integrator>,
     /// Optional element: an accelerometer, on the body that carries the encoder.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub accelerometer: Option<Accelerometer>,
     /// Optional element: the wall's passivity controller.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub passivity: Option<PassivityTable>,
     /// How sure the device is.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<Uncertainty>,
     /// The board, for its firmware.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub board: Option<BoardTable>,
     /// Limits of the board's supervisor.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub safety: Option<SafetyTable>,
     /// What the motor stands.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub motor: Option<MotorTable>,
     /// The board's return move between two hits.
-    #[serde(default, rename = "return", skip_serializing_if = "Option::is_none")]
+    #[serde(rename = "return")]
     pub back: Option<ReturnTable>,
     /// What its file speaks, and everything that is made of it. A scene that is written speaks m and N.
     #[serde(skip)]

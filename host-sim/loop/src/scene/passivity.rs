@@ -16,7 +16,6 @@ use super::Scene;
 pub struct PassivityTable {
     /// The most that the handle accelerates. Absent: what twice the actuator's full scale does with the
     /// handle's mass: motor and hand, each at full scale.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub acceleration_m_per_s2: Option<f64>,
 }
 
@@ -43,7 +42,6 @@ impl Scene {
     /// The most that a contact may give with the controller, J; `None` without the table, or out of range.
     pub fn reserve_j(&self) -> Option<f64> {
         let plan = self.passivity().ok()??;
-        #[expect(clippy::cast_precision_loss, reason = "for people")]
         let reserve = plan.reserve() as f64;
         let per_bit = self.full_scale_n() / f64::from(Force::FULL_SCALE.bits());
         Some(reserve * per_bit * self.encoder.resolution_m)

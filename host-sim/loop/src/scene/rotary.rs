@@ -41,13 +41,10 @@ pub struct Rotary {
     /// What the command sets.
     pub drive: DriveKind,
     /// With `drive = "current"`: current per volt of command.
-    #[serde(default)]
     pub amplifier_a_per_v: Option<f64>,
     /// With `drive = "voltage"`: resistance of winding and amplifier.
-    #[serde(default)]
     pub resistance_ohm: Option<f64>,
     /// With `drive = "voltage"`: the largest voltage, in place of `actuator.limit_v`.
-    #[serde(default)]
     pub supply_v: Option<f64>,
 }
 
@@ -209,7 +206,6 @@ fn convert(units: Units, path: &str, value: &mut Value) -> Result<(), String> {
             table.insert(key, value);
             continue;
         }
-        #[expect(clippy::cast_precision_loss, reason = "as serde reads a whole number")]
         let number = value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64));
         match number.and_then(|number| units.to_handle(&key, number)) {
             Some((renamed, number)) => {

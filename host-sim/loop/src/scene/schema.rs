@@ -79,8 +79,7 @@ pub fn schema() -> Value {
     let linear = of::<Scene>();
     let rotary = turned(linear.clone());
     let [mut linear, mut rotary] = [linear, rotary].map(|mut form| {
-        ranged(&mut form, "");
-        with_units(&mut form, "");
+        ranged(&mut form, "", true);
         form
     });
     // Both have these tables, and each twice.
@@ -142,33 +141,9 @@ fn rename_in(schema: &mut Value, table: &str, name: &dyn Fn(&str, &str) -> Optio
     }
 }
 
-/// Every number's description ends with its unit.
-fn with_units(schema: &mut Value, key: &str) {
-    match schema {
-        Value::Array(forms) => forms.iter_mut().for_each(|form| with_units(form, key)),
-        Value::Object(keys) => {
-            if let (Some(unit), Some(Value::String(text))) =
-                (unit(key), keys.get_mut("description"))
-            {
-                *text = format!("{text} [{unit}]");
-            }
-            for (name, schema) in keys.iter_mut() {
-                match (name.as_str(), schema) {
-                    ("properties", Value::Object(properties)) => {
-                        properties.iter_mut().for_each(|(key, schema)| with_units(schema, key));
-                    }
-                    ("oneOf" | "additionalProperties", schema) => with_units(schema, ""),
-                    _ => {}
-                }
-            }
-        }
-        _ => {}
-    }
-}
-
 /// The unit that the end of a key names.
 pub fn unit(key: &str) -> Option<String> {
-    const WORDS: [(&str, &str); 15] = [
+    const WORDS: [(&str, &str); 16] = [
         ("n", "N"),
         ("m", "m"),
         ("s", "s"),
@@ -178,6 +153,7 @@ pub fn unit(key: &str) -> Option<String> {
         ("a", "A"),
         ("hz", "Hz"),
         ("ohm", "ohm"),
+        ("j", "J"),
         ("db", "dB"),
         ("m2", "m^2"),
         ("s2", "s^2"),
@@ -222,7 +198,7 @@ pub struct Key {
 pub fn keys() -> Vec<Key> {
     let mut schema = of::<Scene>();
     schema["properties"]["rotary"] = of::<Rotary>();
-    ranged(&mut schema, "");
+    ranged(&mut schema, "", false);
     let mut found = vec![];
     listed(&schema, "", "", &mut found);
     found
@@ -324,32 +300,32 @@ fn without_null(schema: &mut Value) {
     }
 }
 
-/// Numbers of a table get the range that every scene has.
-fn ranged(schema: &mut Value, path: &str) {
+/// Numbers of a table get the range that every scene has, and with `units` each description ends with its key's unit.
+fn ranged(schema: &mut Value, path: &str, units: bool) {
     let Some(keys) = schema.as_object_mut() else { return };
-    if path == "velocity" || path.starts_with("designs") {
-        return;
+    let unit = path.rsplit('.').next().and_then(unit).filter(|_| units);
+    if let (Some(unit), Some(Value::String(text))) = (unit, keys.get_mut("description")) {
+        *text = format!("{text} [{unit}]");
     }
-    if ["number", "integer"].iter().any(|kind| keys.get("type").is_some_and(|is| is == kind)) {
+    let has_ranges =
+        path != "velocity" && !path.starts_with("velocity.") && !path.starts_with("designs");
+    let is = |kind: &&str| keys.get("type").is_some_and(|is| is == kind);
+    if has_ranges && ["number", "integer"].iter().any(is) {
         LOW_HIGH.iter().for_each(|end| drop(keys.remove(*end)));
-        if let Some(ends) = range(path) {
-            LOW_HIGH
-                .iter()
-                .zip(ends)
-                .for_each(|(end, value)| drop(keys.insert((*end).into(), value)));
-        }
+        let ends = range(path).into_iter().flatten();
+        LOW_HIGH.iter().zip(ends).for_each(|(end, to)| drop(keys.insert((*end).into(), to)));
         return;
     }
     for (key, value) in
         keys.get_mut("properties").and_then(Value::as_object_mut).into_iter().flatten()
     {
-        ranged(value, &joined(path, key));
+        ranged(value, &joined(path, key), units);
     }
     for form in keys.get_mut("oneOf").and_then(Value::as_array_mut).into_iter().flatten() {
-        ranged(form, path);
+        ranged(form, path, units);
     }
     if let Some(named) = keys.get_mut("additionalProperties") {
-        ranged(named, &joined(path, NAME));
+        ranged(named, &joined(path, NAME), units);
     }
 }
 

@@ -116,20 +116,17 @@ pub struct WallHit {
     /// With `rms`, stable is an RMS below this; 0.001 to 65535 counts.
     pub rms_limit_m: f64,
     /// What the RMS is taken of. Absent: `motion` with the criterion `quiet`, else `counts`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rms_of: Option<RmsOf>,
     /// When a wall counts as stable. Absent: `rms`.
     #[serde(default, skip_serializing_if = "Criterion::is_rms")]
     pub criterion: Criterion,
     /// File of the least motion that is felt, by its path from the scene's folder: two columns, frequency in Hz and amplitude
     /// in m, up to 10,000 rows and 1 MiB. Absent: a model.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub felt_curve: Option<PathBuf>,
     /// With `felt`, stable is a sensation level below this. Absent: 0.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub felt_limit_db: f64,
     /// With `quiet`, stable is an RMS of the force below this. Absent: 7 % of the push.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force_rms_limit_n: Option<f64>,
     /// Content of the file `felt_curve`.
     #[serde(skip)]
@@ -271,7 +268,6 @@ impl Criterion {
     }
 }
 
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's form")]
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
 }

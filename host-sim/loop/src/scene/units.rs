@@ -15,60 +15,62 @@ pub enum Units {
     Rotary { radius_m: f64 },
 }
 
-/// What a number is, by the end of its key.
-struct Suffix {
+/// What a number is, in a linear scene and in a rotary one.
+struct Quantity {
+    /// How its keys end; nothing: it stands in texts only.
     linear: &'static str,
     rotary: &'static str,
     /// A rotary value is the linear one times the radius to this power.
     power: i32,
+    /// Its rotary unit as people read it; angles are in degrees.
+    unit: &'static str,
+    /// Linear units in texts, each with what else its numbers are multiplied by.
+    units: &'static [(&'static str, f64)],
 }
-
-const fn suffix(linear: &'static str, rotary: &'static str, power: i32) -> Suffix {
-    Suffix { linear, rotary, power }
-}
-
-/// Longer ones before those that they end with.
-const SUFFIXES: &[Suffix] = &[
-    suffix("mass_kg", "inertia_kg_m2", 2),
-    suffix("n2_s_per_m2", "n2_m2_s_per_rad2", 4),
-    suffix("n_per_m_s", "n_m_per_rad_s", 2),
-    suffix("n_s_per_m", "n_m_s_per_rad", 2),
-    suffix("n_per_m", "n_m_per_rad", 2),
-    suffix("n_per_v", "n_m_per_v", 1),
-    suffix("n_per_a", "n_m_per_a", 1),
-    suffix("m_per_s2", "rad_per_s2", -1),
-    suffix("m_per_s", "rad_per_s", -1),
-    suffix("n", "n_m", 1),
-    suffix("m", "rad", -1),
-];
-
-/// A unit in a text, as of the other kind, the radius's power, and a factor.
-type Written = (&'static str, &'static str, i32, f64);
 
 const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 
-/// Units in texts; what people read of an angle is in degrees.
-const WRITTEN: &[Written] = &[
-    ("N^2 s/m^2", "N^2 m^2 s/rad^2", 4, 1.0),
-    ("N² s/m²", "N² m² s/rad²", 4, 1.0),
-    ("10^6 N² s/m²", "N² m² s/rad²", 4, 1e6),
-    ("kg", "kg m^2", 2, 1.0),
-    ("g", "kg m^2", 2, 1e-3),
-    ("N s/m", "N m s/rad", 2, 1.0),
-    ("kN/m", "N m/rad", 2, 1e3),
-    ("MN/m", "N m/rad", 2, 1e6),
-    ("N/m", "N m/rad", 2, 1.0),
-    ("mm/s", "deg/s", -1, 1e-3 * DEGREES),
-    ("m/s", "deg/s", -1, DEGREES),
-    ("um", "mdeg", -1, 1e-3 * DEGREES),
-    ("µm", "mdeg", -1, 1e-3 * DEGREES),
-    ("mm", "deg", -1, 1e-3 * DEGREES),
-    ("m", "deg", -1, DEGREES),
-    ("N/V", "N m/V", 1, 1.0),
-    ("N/A", "N m/A", 1, 1.0),
-    ("mN", "mN m", 1, 1.0),
-    ("N", "N m", 1, 1.0),
+const fn quantity(
+    [linear, rotary, unit]: [&'static str; 3],
+    power: i32,
+    units: &'static [(&'static str, f64)],
+) -> Quantity {
+    Quantity { linear, rotary, power, unit, units }
+}
+
+/// Longer keys before those that they end with.
+const QUANTITIES: &[Quantity] = &[
+    quantity(["mass_kg", "inertia_kg_m2", "kg m^2"], 2, &[("kg", 1.0), ("g", 1e-3)]),
+    quantity(["n2_s_per_m2", "n2_m2_s_per_rad2", "N^2 m^2 s/rad^2"], 4, &[("N^2 s/m^2", 1.0)]),
+    quantity(["", "", "N² m² s/rad²"], 4, &[("N² s/m²", 1.0), ("10^6 N² s/m²", 1e6)]),
+    quantity(["n_per_m_s", "n_m_per_rad_s", ""], 2, &[]),
+    quantity(["n_s_per_m", "n_m_s_per_rad", "N m s/rad"], 2, &[("N s/m", 1.0)]),
+    quantity(
+        ["n_per_m", "n_m_per_rad", "N m/rad"],
+        2,
+        &[("N/m", 1.0), ("kN/m", 1e3), ("MN/m", 1e6)],
+    ),
+    quantity(["n_per_v", "n_m_per_v", "N m/V"], 1, &[("N/V", 1.0)]),
+    quantity(["n_per_a", "n_m_per_a", "N m/A"], 1, &[("N/A", 1.0)]),
+    quantity(["m_per_s2", "rad_per_s2", ""], -1, &[]),
+    quantity(["m_per_s", "rad_per_s", "deg/s"], -1, &[("mm/s", 1e-3 * DEGREES), ("m/s", DEGREES)]),
+    quantity(["", "", "mN m"], 1, &[("mN", 1.0)]),
+    quantity(["n", "n_m", "N m"], 1, &[("N", 1.0)]),
+    quantity(["", "", "mdeg"], -1, &[("um", 1e-3 * DEGREES), ("µm", 1e-3 * DEGREES)]),
+    quantity(["m", "rad", "deg"], -1, &[("mm", 1e-3 * DEGREES), ("m", DEGREES)]),
 ];
+
+/// What is in the first unit of a text that `is` it: that unit, the quantity, and the unit's own factor.
+fn written(is: impl Fn(&'static str) -> bool) -> Option<(&'static str, &'static Quantity, f64)> {
+    let each =
+        |of: &'static Quantity| of.units.iter().map(move |&(unit, factor)| (unit, of, factor));
+    QUANTITIES.iter().flat_map(each).find(|&(unit, ..)| is(unit))
+}
+
+/// The quantity of a linear scene's key.
+fn of_key(key: &str) -> Option<&'static Quantity> {
+    QUANTITIES.iter().find(|of| !of.linear.is_empty() && ends(key, of.linear))
+}
 
 /// Significant digits of a value that comes in: one product's rounding is not seen in it.
 const DIGITS_IN: usize = 15;
@@ -110,13 +112,14 @@ impl Units {
 
     /// The rotary scene's key for what is `key` at the handle; `None` if it is the same.
     pub fn rotary_key(key: &str) -> Option<String> {
-        let found = SUFFIXES.iter().find(|suffix| ends(key, suffix.linear))?;
+        let found = of_key(key)?;
         Some(format!("{}{}", key.strip_suffix(found.linear)?, found.rotary))
     }
 
     /// What a rotary scene's key is called at the handle, and its value there; `None` if it is the same.
     pub fn to_handle(self, key: &str, value: f64) -> Option<(String, f64)> {
-        let found = SUFFIXES.iter().find(|suffix| !is_phase(key) && ends(key, suffix.rotary))?;
+        let is = |of: &&Quantity| !of.rotary.is_empty() && ends(key, of.rotary);
+        let found = QUANTITIES.iter().find(is).filter(|_| !is_phase(key))?;
         let key = format!("{}{}", key.strip_suffix(found.rotary)?, found.linear);
         Some((key, rounded(value / self.factor(found.power), DIGITS_IN)))
     }
@@ -143,9 +146,7 @@ impl Units {
         if self == Self::Linear {
             return None;
         }
-        let found = SUFFIXES.iter().find(|suffix| ends(key, suffix.linear))?;
-        let renamed = format!("{}{}", key.strip_suffix(found.linear)?, found.rotary);
-        Some((renamed, self.factor(found.power)))
+        Some((Self::rotary_key(key)?, self.factor(of_key(key)?.power)))
     }
 
     /// A result's number in the written units: `value` times the factor of [`key`](Self::key), rounded to 12 digits.
@@ -168,9 +169,8 @@ impl Units {
 
     /// How a unit is written, and what its numbers are multiplied by.
     pub fn written(self, unit: &'static str) -> (&'static str, f64) {
-        let found = WRITTEN.iter().find(|(linear, ..)| *linear == unit);
-        match found.filter(|_| self.is_rotary()) {
-            Some((_, rotary, power, factor)) => (rotary, factor * self.factor(*power)),
+        match written(|known| known == unit).filter(|_| self.is_rotary()) {
+            Some((_, of, factor)) => (of.unit, factor * self.factor(of.power)),
             None => (unit, 1.0),
         }
     }
@@ -207,13 +207,15 @@ impl Units {
             let rest = words[at..].join(" ");
             let is_end =
                 |tail: &str| !tail.starts_with(|c: char| c.is_alphanumeric() || "/^*".contains(c));
-            let found = WRITTEN.iter().find(|(unit, ..)| {
+            let found = written(|unit| {
                 rest.strip_prefix(unit).is_some_and(|tail| {
                     is_end(tail) && !tail.starts_with(" m/") && !tail.starts_with(" s/")
                 })
             });
             let before = words[at - 1].trim_start_matches(['(', '[']).parse::<f64>();
-            if let (Some(&(unit, rotary, power, factor)), Ok(_)) = (found, before) {
+            if let (Some((unit, &Quantity { unit: rotary, power, .. }, factor)), Ok(_)) =
+                (found, before)
+            {
                 let factor = factor * self.factor(power);
                 scale(&mut words[at - 1], factor);
                 if at > 2 && ["to", "+-"].contains(&words[at - 2].as_str()) {

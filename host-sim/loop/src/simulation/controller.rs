@@ -74,10 +74,6 @@ pub trait Controller {
     const IS_TOLD: bool = false;
     /// The true speed at the last sample, m/s.
     fn told(&mut self, _speed_m_per_s: f64) {}
-}
-
-/// A controller whose output another force can replace.
-pub trait Replaceable: Controller {
     /// What it pushes with, fraction of full scale, into the wall.
     fn push(&self) -> f64;
     /// Pushes with that from the next output on.
@@ -91,20 +87,6 @@ pub trait Replaceable: Controller {
 pub struct Told {
     core: Fixed,
     lsb_per_m_per_s: f64,
-}
-
-impl Replaceable for Told {
-    fn push(&self) -> f64 {
-        self.core.push()
-    }
-
-    fn set_push(&mut self, push: f64) {
-        self.core.set_push(push);
-    }
-
-    fn put_out(&self, force: f64) -> f64 {
-        self.core.put_out(force)
-    }
 }
 
 impl Told {
@@ -141,6 +123,18 @@ impl Controller for Told {
 
     fn surface(&self) -> i32 {
         self.core.surface()
+    }
+
+    fn push(&self) -> f64 {
+        self.core.push()
+    }
+
+    fn set_push(&mut self, push: f64) {
+        self.core.set_push(push);
+    }
+
+    fn put_out(&self, force: f64) -> f64 {
+        self.core.put_out(force)
     }
 }
 
@@ -212,22 +206,6 @@ pub fn counts_per_sample(velocity: Velocity) -> f64 {
     f64::from(velocity.bits()) / f64::from(1u32 << Velocity::FRACTION_BITS)
 }
 
-impl Replaceable for Fixed {
-    fn push(&self) -> f64 {
-        f64::from(self.push.bits()) * self.per_force_bit
-    }
-
-    fn set_push(&mut self, push: f64) {
-        self.push = Force::saturating_from_bits(floor(push / self.per_force_bit + 0.5));
-    }
-
-    fn put_out(&self, force: f64) -> f64 {
-        let bits = floor(force / self.per_force_bit + 0.5);
-        let command = self.control.actuator.command(Force::saturating_from_bits(bits));
-        f64::from(command.code() - self.zero_code) * self.per_code
-    }
-}
-
 impl Controller for Fixed {
     fn samples(&mut self, readings: Readings<'_>, velocities: Option<&mut [f64; RUN]>) {
         let mut taken = [Velocity::ZERO; RUN];
@@ -264,5 +242,19 @@ impl Controller for Fixed {
 
     fn surface(&self) -> i32 {
         self.control.wall.surface().counts()
+    }
+
+    fn push(&self) -> f64 {
+        f64::from(self.push.bits()) * self.per_force_bit
+    }
+
+    fn set_push(&mut self, push: f64) {
+        self.push = Force::saturating_from_bits(floor(push / self.per_force_bit + 0.5));
+    }
+
+    fn put_out(&self, force: f64) -> f64 {
+        let bits = floor(force / self.per_force_bit + 0.5);
+        let command = self.control.actuator.command(Force::saturating_from_bits(bits));
+        f64::from(command.code() - self.zero_code) * self.per_code
     }
 }

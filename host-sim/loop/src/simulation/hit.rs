@@ -1,5 +1,7 @@
 //! One wall hit: what is hit, in which arithmetic, and what it showed.
 
+use std::ops::Deref;
+
 use zwidth::{SettingsError, VelocitySettings, experiment::Verdict, units::Position};
 
 use super::{port::PortReport, twin, window::Measures};
@@ -51,8 +53,7 @@ pub struct WallHit {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HitReport {
     pub verdict: Verdict,
-    /// Population RMS of the measured position about its mean over the window, m.
-    pub rms_m: f64,
+    pub measures: Measures,
     /// Mean of the measured position over the window, m.
     pub mean_m: f64,
     /// Deepest position behind the surface during the whole hit, m; 0 if it was never reached.
@@ -61,40 +62,22 @@ pub struct HitReport {
     pub saturated_fraction: f64,
     /// Samples in contact, as a fraction of the window.
     pub contact_fraction: f64,
-    /// Population RMS of the true position about its mean over the window, m.
-    pub rms_motion_m: f64,
-    /// Outputs of the window at the actuator's limit, as a fraction of them.
-    pub at_limit_fraction: f64,
-    /// Sensation level of the window's motion, dB, if it was asked for.
-    pub sensation_db: Option<f64>,
-    /// Population RMS of the outputs about their mean over the window, N.
-    pub force_rms_n: f64,
-    /// Mean force of the wall over the window, N.
-    pub wall_force_n: f64,
-    /// K times the mean penetration over that force: 1 for a wall that stands. `None` where it has no force.
-    pub penetration_ratio: Option<f64>,
     /// Samples with more counts since the last one than the core's velocity can say, as a fraction of the whole hit.
     pub velocity_clipped_fraction: f64,
     /// Energy exchanged by the wall's force over the counted motion; the push is left out.
     pub port: PortReport,
 }
 
-impl HitReport {
-    /// What its window showed.
-    pub fn measures(&self) -> Measures {
-        let Self { rms_m, rms_motion_m, at_limit_fraction, sensation_db, .. } = *self;
-        let Self { force_rms_n, wall_force_n, penetration_ratio, .. } = *self;
-        Measures {
-            rms_m,
-            rms_motion_m,
-            at_limit_fraction,
-            sensation_db,
-            force_rms_n,
-            wall_force_n,
-            penetration_ratio,
-        }
-    }
+/// What its window showed is read as its own.
+impl Deref for HitReport {
+    type Target = Measures;
 
+    fn deref(&self) -> &Measures {
+        &self.measures
+    }
+}
+
+impl HitReport {
     /// Of [`reports`](super::prepared::PreparedScene::reports) at several pushes the one that decides: the first that was
     /// not held, or the one whose force is the least quiet.
     pub fn deciding(reports: &[(f64, Self)]) -> Option<Self> {

@@ -25,7 +25,7 @@ use crate::{
     simulation::{
         controller::{Controller, ControllerOutput},
         quantiser::Quantiser,
-        senses::{AnySensing, Handle, Sensing},
+        senses::{Full, Handle, Sensing},
     },
 };
 
@@ -63,7 +63,7 @@ pub struct Sample {
 
 /// A run in progress.
 #[derive(Clone, Debug)]
-pub struct Simulation<C, S = AnySensing, P: Plant = AnyPlant> {
+pub struct Simulation<C, S = Full, P: Plant = AnyPlant> {
     parts: Parts<P>,
     moving: Moving<C, S, P::State>,
     /// A ring with room for all commands that can be on their way to the actuator at once, N.

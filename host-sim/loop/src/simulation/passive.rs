@@ -6,7 +6,7 @@ use zwidth::{
     velocity::Senses,
 };
 
-use super::controller::{Controller, ControllerOutput, Replaceable};
+use super::controller::{Controller, ControllerOutput};
 
 /// Full scale, LSB of force.
 pub(super) const FULL_SCALE: f64 = (1u32 << Force::FRACTION_BITS) as f64;
@@ -15,7 +15,6 @@ pub(super) const FULL_SCALE: f64 = (1u32 << Force::FRACTION_BITS) as f64;
 pub(super) fn bits(fraction: f64) -> i64 {
     let exact = fraction * FULL_SCALE;
     #[expect(clippy::cast_possible_truncation, reason = "at most two full scales")]
-    #[expect(clippy::cast_precision_loss, reason = "below 2^53")]
     let bits = {
         let towards_zero = exact as i64; // of the core's forces it is exact, and rounding is a call
         if towards_zero as f64 == exact { towards_zero } else { exact.round() as i64 }
@@ -40,7 +39,7 @@ impl<C> Passive<C> {
     }
 }
 
-impl<C: Replaceable> Controller for Passive<C> {
+impl<C: Controller> Controller for Passive<C> {
     const IS_TOLD: bool = C::IS_TOLD;
 
     fn sample(&mut self, count: i32, senses: &Senses) -> bool {
@@ -58,7 +57,6 @@ impl<C: Replaceable> Controller for Passive<C> {
         if given == wants {
             return output;
         }
-        #[expect(clippy::cast_precision_loss, reason = "at most two full scales")]
         let [given, withheld] = [given, wants - given].map(|bits| bits as f64 / FULL_SCALE);
         let force = push - given;
         ControllerOutput { force, output: self.controller.put_out(force), withheld, ..output }
@@ -75,9 +73,7 @@ impl<C: Replaceable> Controller for Passive<C> {
     fn told(&mut self, speed_m_per_s: f64) {
         self.controller.told(speed_m_per_s);
     }
-}
 
-impl<C: Replaceable> Replaceable for Passive<C> {
     fn push(&self) -> f64 {
         self.controller.push()
     }

@@ -99,8 +99,6 @@ impl PortWatch {
     }
 
     fn joules(&self, energy: i64) -> f64 {
-        #[expect(clippy::cast_precision_loss, reason = "for people")]
-        let energy = energy as f64;
-        energy * self.unit_j
+        energy as f64 * self.unit_j
     }
 }

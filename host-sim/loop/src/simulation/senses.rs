@@ -75,7 +75,7 @@ impl Sensing for Blind {
 /// sample, edges would not go with the counts: such a scene has none ([`Scene::feeds`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Full {
-    /// What is looked at.
+    /// What is looked at; none: the estimator does not look.
     looks_at: Option<Sense>,
     encoder: Quantiser,
     /// Speed in m/s to counts per sample.
@@ -142,7 +142,7 @@ impl Full {
 impl Sensing for Full {
     #[inline]
     fn looks(&self) -> bool {
-        true
+        self.looks_at.is_some()
     }
 
     #[inline]
@@ -159,7 +159,7 @@ impl Sensing for Full {
     #[inline]
     fn moved(&mut self, from: Handle, to: Handle) {
         self.senses.force = self.told.moved();
-        if matches!(self.looks_at, None | Some(Sense::Force)) {
+        if self.looks_at == Some(Sense::Force) {
             return;
         }
         let [v0, v1] = [from, to].map(|handle| handle.speed_m_per_s * self.speed);
@@ -197,54 +197,6 @@ fn whole(value: f64) -> u32 {
     )]
     let whole = value as u32;
     whole
-}
-
-/// The senses that a run has.
-#[expect(clippy::large_enum_variant, reason = "copied once per run")]
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum AnySensing {
-    /// None: the estimator does not look.
-    Blind,
-    Full(Full),
-}
-
-impl AnySensing {
-    /// The senses of that scene for an estimator that needs one of them, or none.
-    pub fn of(scene: &Scene, needed: Option<Sense>) -> Self {
-        match needed {
-            None => Self::Blind,
-            Some(_) => Self::Full(Full::new(scene, needed)),
-        }
-    }
-}
-
-impl Sensing for AnySensing {
-    #[inline]
-    fn looks(&self) -> bool {
-        matches!(self, Self::Full(_))
-    }
-
-    #[inline]
-    fn senses(&self) -> &Senses {
-        match self {
-            Self::Blind => &Senses::NONE,
-            Self::Full(full) => full.senses(),
-        }
-    }
-
-    #[inline]
-    fn granted(&mut self, force: f64) {
-        if let Self::Full(full) = self {
-            full.granted(force);
-        }
-    }
-
-    #[inline]
-    fn moved(&mut self, from: Handle, to: Handle) {
-        if let Self::Full(full) = self {
-            full.moved(from, to);
-        }
-    }
 }
 
 #[cfg(test)]

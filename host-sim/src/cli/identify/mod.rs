@@ -204,12 +204,8 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
         let text = scene_text(&made, &args.base, &found, &options, &records, units)?;
         outputs.write(out, text.as_bytes())?;
     }
-    if let Some(file) = file {
-        outputs.write(file, told::csv(&records[0], &found, units).as_bytes())?;
-    }
-    if let Some(plot) = plot {
-        outputs.draw(plot, &told::draw(&records[0], &found, units)?)?;
-    }
+    outputs.tell(file, units, || told::csv(&records[0], &found))?;
+    outputs.draw(plot, || told::draw(&records[0], &found, units))?;
     outputs.commit()?;
     let json =
         WithScene { rest: InUnits(units, Json::new(&records, &found, &options)), scene: &made };

@@ -6,10 +6,7 @@ use super::of_records;
 use crate::{
     analysis::identify::{CONFIDENCE, Drive, Estimate, Identification, Options, Record, Tested},
     error::Error,
-    output::{
-        figure::{self, ResponsePlot},
-        in_units,
-    },
+    output::figure::{self, ResponsePlot},
     scene::Units,
 };
 
@@ -76,13 +73,13 @@ pub(super) fn rows(found: &Identification, options: &Options, units: Units) -> V
 }
 
 /// Voltage, measured and modelled position of a record.
-pub(super) fn csv(record: &Record, found: &Identification, units: Units) -> String {
+pub(super) fn csv(record: &Record, found: &Identification) -> String {
     let column = record.command_column();
     let mut text = format!("time_s,{column},position_m,model_m,residual_m\n");
     for [time_s, command, position_m, model_m, residual_m] in found.fits[0].rows(record) {
         let _ = writeln!(text, "{time_s:.7},{command},{position_m},{model_m:.9},{residual_m:.3e}");
     }
-    in_units::csv(units, text)
+    text
 }
 
 pub(super) fn draw(

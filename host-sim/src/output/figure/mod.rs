@@ -30,7 +30,7 @@ mod trace;
 mod trade;
 mod zwidth;
 
-use std::{cell::RefCell, convert::Infallible, fmt, mem, rc::Rc};
+use std::{cell::RefCell, convert::Infallible, mem, rc::Rc};
 
 use plotters::drawing::DrawingAreaErrorKind;
 use sim_bitmap::{BitmapError, Shape};
@@ -91,9 +91,9 @@ impl Figure {
     /// The same figure as PNG, three pixels per SVG unit.
     ///
     /// # Errors
-    /// [`FigureError::Bitmap`], which the data cannot cause.
+    /// The bitmap cannot be made, which the data cannot cause.
     pub fn png(&self) -> Result<Vec<u8>, FigureError> {
-        sim_bitmap::png(&self.shapes, self.size).map_err(FigureError::Bitmap)
+        sim_bitmap::png(&self.shapes, self.size).map_err(|error| FigureError(error.to_string()))
     }
 }
 
@@ -111,71 +111,50 @@ fn at(x: f64, y: f64) -> (i32, i32) {
     (grid(x), grid(y))
 }
 
-/// Why there is no figure.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FigureError {
-    /// A number is NaN, infinite or larger than 1e15 in magnitude.
-    NotPlottable { quantity: &'static str },
-    /// A number must be greater than 0.
-    NotPositive { quantity: &'static str },
-    /// A number must not be less than 0.
-    Negative { quantity: &'static str },
-    /// A trace has no samples.
-    NoSamples,
-    /// The bitmap could not be made.
-    Bitmap(BitmapError),
-}
+/// Why there is no figure: what is wrong with a number, or that there are no samples.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FigureError(String);
 
-impl fmt::Display for FigureError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NotPlottable { quantity } => {
-                write!(f, "{quantity} is not a number between -1e15 and 1e15")
-            }
-            Self::NotPositive { quantity } => write!(f, "{quantity} is not greater than 0"),
-            Self::Negative { quantity } => write!(f, "{quantity} is less than 0"),
-            Self::NoSamples => f.write_str("the trace has no samples"),
-            Self::Bitmap(error) => error.fmt(f),
-        }
+const NOT_PLOTTABLE: &str = "is not a number between -1e15 and 1e15";
+const NOT_POSITIVE: &str = "is not greater than 0";
+const NEGATIVE: &str = "is less than 0";
+
+impl FigureError {
+    fn of(quantity: &str, why: &str) -> Self {
+        Self(format!("{quantity} {why}"))
+    }
+
+    fn no_samples() -> Self {
+        Self::of("the trace", "has no samples")
     }
 }
 
-impl std::error::Error for FigureError {}
-
 impl From<DrawingAreaErrorKind<Infallible>> for FigureError {
     fn from(_: DrawingAreaErrorKind<Infallible>) -> Self {
-        Self::Bitmap(BitmapError::Encoding)
+        Self(BitmapError::Encoding.to_string())
     }
 }
 
 impl From<FigureError> for Error {
     fn from(error: FigureError) -> Self {
-        Self::Internal(format!("cannot draw: {error}"))
+        Self::Internal(format!("cannot draw: {}", error.0))
     }
 }
 
-fn plottable(quantity: &'static str, value: f64) -> Result<f64, FigureError> {
-    if value.abs() <= LARGEST_VALUE {
-        Ok(value)
-    } else {
-        Err(FigureError::NotPlottable { quantity })
-    }
+fn checked(quantity: &str, value: f64, is: bool, why: &str) -> Result<f64, FigureError> {
+    if is { Ok(value) } else { Err(FigureError::of(quantity, why)) }
 }
 
-fn positive(quantity: &'static str, value: f64) -> Result<f64, FigureError> {
-    if plottable(quantity, value)? >= SMALLEST_POSITIVE {
-        Ok(value)
-    } else {
-        Err(FigureError::NotPositive { quantity })
-    }
+fn plottable(quantity: &str, value: f64) -> Result<f64, FigureError> {
+    checked(quantity, value, value.abs() <= LARGEST_VALUE, NOT_PLOTTABLE)
 }
 
-fn not_negative(quantity: &'static str, value: f64) -> Result<f64, FigureError> {
-    if plottable(quantity, value)? >= 0.0 {
-        Ok(value)
-    } else {
-        Err(FigureError::Negative { quantity })
-    }
+fn positive(quantity: &str, value: f64) -> Result<f64, FigureError> {
+    checked(quantity, plottable(quantity, value)?, value >= SMALLEST_POSITIVE, NOT_POSITIVE)
+}
+
+fn not_negative(quantity: &str, value: f64) -> Result<f64, FigureError> {
+    checked(quantity, plottable(quantity, value)?, value >= 0.0, NEGATIVE)
 }
 
 #[cfg(test)]
@@ -189,12 +168,9 @@ mod tests {
     fn numbers_that_cannot_be_plotted_are_named() {
         for value in [f64::NAN, f64::INFINITY, -1e16] {
             let error = plottable("damping", value).unwrap_err();
-            assert_eq!(error.to_string(), "damping is not a number between -1e15 and 1e15");
+            assert_eq!(error.0, "damping is not a number between -1e15 and 1e15");
         }
-        assert_eq!(
-            positive("cutoff", 0.0).unwrap_err().to_string(),
-            "cutoff is not greater than 0"
-        );
-        assert_eq!(not_negative("area", -1.0).unwrap_err().to_string(), "area is less than 0");
+        assert_eq!(positive("cutoff", 0.0).unwrap_err().0, "cutoff is not greater than 0");
+        assert_eq!(not_negative("area", -1.0).unwrap_err().0, "area is less than 0");
     }
 }

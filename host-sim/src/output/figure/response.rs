@@ -71,7 +71,7 @@ pub fn pulse_response(plot: &ResponsePlot) -> Result<Figure, FigureError> {
     plottable("start_s", plot.start_s)?;
     positive("step_s", plot.step_s)?;
     if plot.measured_m.is_empty() || plot.model_m.is_empty() {
-        return Err(FigureError::NoSamples);
+        return Err(FigureError::no_samples());
     }
     for (quantity, values) in [
         ("command", &plot.command),
@@ -184,10 +184,13 @@ mod tests {
     fn impossible_responses_are_errors() {
         let mut bad = plot();
         bad.model_m[3] = f64::NAN;
-        assert_eq!(pulse_response(&bad), Err(FigureError::NotPlottable { quantity: "model_m" }));
+        assert_eq!(
+            pulse_response(&bad),
+            Err(FigureError::of("model_m", crate::output::figure::NOT_PLOTTABLE))
+        );
         assert_eq!(
             pulse_response(&ResponsePlot { measured_m: vec![], ..plot() }),
-            Err(FigureError::NoSamples)
+            Err(FigureError::no_samples())
         );
     }
 }

@@ -61,7 +61,7 @@ pub struct TelemetryPlot {
 /// [`FigureError`] if a number is NaN or infinite, or there are no records.
 pub fn telemetry(plot: &TelemetryPlot) -> Result<Figure, FigureError> {
     if plot.points.is_empty() {
-        return Err(FigureError::NoSamples);
+        return Err(FigureError::no_samples());
     }
     for point in &plot.points {
         plottable("time", point.time)?;
@@ -84,20 +84,33 @@ fn draw(plot: &TelemetryPlot, page: &Page) -> Result<(), FigureError> {
     let [from, to] = range(plot.points.iter().map(|point| point.time));
     let to = to.max(from + SHORTEST);
     for (index, title) in plot.titles.iter().enumerate() {
-        let top = panel_top(index);
-        let panel = Panel { left: LEFT, top, right: RIGHT, bottom: top + PANEL_HEIGHT };
-        let [low, high] = range(plot.points.iter().map(|point| point.values[index]));
-        let x = Ticks::within(from, to, MOST_X_TICKS);
-        let y = Ticks::around(low, high, MOST_Y_TICKS);
-        let mut chart = panel.chart(page, x, y, GAP - 4.0)?;
-        panel::axes(&mut chart, Grid::Both, ["", title])?;
-        for line in plot.points.chunk_by(|_, next| !next.after_gap) {
-            let points = line.iter().map(|point| (point.time, point.values[index]));
-            draw_trace(page, &chart, points, DATA.mix(1.0), LINE_WIDTH)?;
-        }
-        panel.frame(page)?;
+        let line = |run: &[TelemetryPoint]| {
+            (run.iter().map(|point| (point.time, point.values[index])).collect(), DATA)
+        };
+        let lines = plot.points.chunk_by(|_, next| !next.after_gap).map(line).collect();
+        draw_lines(page, [from, to], [panel_top(index), PANEL_HEIGHT], title, lines)?;
     }
     draw_facts(page, plot, [from, to])
+}
+
+/// A panel of lines over time, from that top on and so high.
+fn draw_lines(
+    page: &Page,
+    [from, to]: [f64; 2],
+    [top, height]: [f64; 2],
+    title: &str,
+    lines: Vec<(Vec<(f64, f64)>, RGBColor)>,
+) -> Result<(), FigureError> {
+    let panel = Panel { left: LEFT, top, right: RIGHT, bottom: top + height };
+    let [low, high] = range(lines.iter().flat_map(|(points, _)| points).map(|(_, value)| *value));
+    let x = Ticks::within(from, to, MOST_X_TICKS);
+    let y = Ticks::around(low, high, MOST_Y_TICKS);
+    let mut chart = panel.chart(page, x, y, GAP - 4.0)?;
+    panel::axes(&mut chart, Grid::Both, ["", title])?;
+    for (points, colour) in lines {
+        draw_trace(page, &chart, points.into_iter(), colour.mix(1.0), LINE_WIDTH)?;
+    }
+    panel.frame(page)
 }
 
 fn draw_facts(page: &Page, plot: &TelemetryPlot, [from, to]: [f64; 2]) -> Result<(), FigureError> {
@@ -111,16 +124,14 @@ fn draw_facts(page: &Page, plot: &TelemetryPlot, [from, to]: [f64; 2]) -> Result
         let runs = plot.points.chunk_by(|a, b| (a.facts & bit == b.facts & bit) && !b.after_gap);
         let mut runs = runs.peekable();
         while let Some(run) = runs.next() {
-            let [first, .., last] = run else {
-                // One record: as long as to the next.
-                let until = runs.peek().map_or(to, |next| next[0].time);
-                if run[0].facts & bit != 0 {
-                    bar(page, [x(run[0].time), x(until)], middle, colour)?;
-                }
-                continue;
+            let (first, last) = (run[0], run[run.len() - 1]);
+            // One record: as long as to the next.
+            let alone = run.len() == 1;
+            let until = match runs.peek().map(|next| next[0]) {
+                Some(next) if alone || !next.after_gap => next.time,
+                None if alone => to,
+                _ => last.time,
             };
-            let next = runs.peek().filter(|next| !next[0].after_gap);
-            let until = next.map_or(last.time, |next| next[0].time);
             if first.facts & bit != 0 {
                 bar(page, [x(first.time), x(until)], middle, colour)?;
             }
@@ -165,7 +176,7 @@ pub struct ReplayPlot {
 /// [`FigureError`] if a number is NaN or infinite, or there are no samples.
 pub fn replay(plot: &ReplayPlot) -> Result<Figure, FigureError> {
     if plot.points.is_empty() {
-        return Err(FigureError::NoSamples);
+        return Err(FigureError::no_samples());
     }
     for value in plot.points.iter().flatten() {
         plottable("velocity", *value)?;
@@ -179,22 +190,13 @@ fn draw_replay(plot: &ReplayPlot, page: &Page) -> Result<(), FigureError> {
     let to = to.max(from + SHORTEST);
     let curves = [&[(1, DATA)][..], &[(2, DATA), (3, ACCENT)]];
     for ((index, curves), title) in curves.into_iter().enumerate().zip(&plot.titles) {
-        let top = panel_top(index);
+        let line = |&(place, colour): &(usize, RGBColor)| {
+            (plot.points.iter().map(|point| (point[0], point[place])).collect(), colour)
+        };
         // The second one is twice as high.
-        let times = index as f64 + 1.0;
-        let panel = Panel { left: LEFT, top, right: RIGHT, bottom: top + times * PANEL_HEIGHT };
-        let values =
-            plot.points.iter().flat_map(|point| curves.iter().map(|(place, _)| point[*place]));
-        let [low, high] = range(values);
-        let x = Ticks::within(from, to, MOST_X_TICKS);
-        let y = Ticks::around(low, high, MOST_Y_TICKS);
-        let mut chart = panel.chart(page, x, y, GAP - 4.0)?;
-        panel::axes(&mut chart, Grid::Both, ["", title])?;
-        for (place, colour) in curves {
-            let points = plot.points.iter().map(|point| (point[0], point[*place]));
-            draw_trace(page, &chart, points, colour.mix(1.0), LINE_WIDTH)?;
-        }
-        panel.frame(page)?;
+        let height = (index as f64 + 1.0) * PANEL_HEIGHT;
+        let lines = curves.iter().map(line).collect();
+        draw_lines(page, [from, to], [panel_top(index), height], title, lines)?;
     }
     let bottom = panel_top(1) + 2.0 * PANEL_HEIGHT + GAP;
     let middle = f64::midpoint(LEFT, RIGHT);
@@ -252,11 +254,11 @@ mod tests {
     #[test]
     fn one_record_and_standstill_have_figures_and_nothing_has_none() {
         look(telemetry, &plot(points()[..1].to_vec()));
-        assert_eq!(telemetry(&plot(vec![])), Err(FigureError::NoSamples));
+        assert_eq!(telemetry(&plot(vec![])), Err(FigureError::no_samples()));
         let bad = TelemetryPoint { time: f64::NAN, ..points()[0] };
         assert_eq!(
             telemetry(&plot(vec![bad])),
-            Err(FigureError::NotPlottable { quantity: "time" })
+            Err(FigureError::of("time", crate::output::figure::NOT_PLOTTABLE))
         );
     }
 }

@@ -100,7 +100,7 @@ fn check(plot: &TracePlot) -> Result<(), FigureError> {
     not_negative("rms_m", plot.rms_m)?;
     plottable("wall_m", plot.wall_m)?;
     if plot.positions_m.is_empty() {
-        return Err(FigureError::NoSamples);
+        return Err(FigureError::no_samples());
     }
     for position_m in &plot.positions_m {
         plottable("positions_m", *position_m)?;
@@ -345,15 +345,18 @@ mod tests {
 
     #[test]
     fn impossible_traces_are_errors() {
-        assert_eq!(hit_trace(&plot(vec![])), Err(FigureError::NoSamples));
+        assert_eq!(hit_trace(&plot(vec![])), Err(FigureError::no_samples()));
         let quantity = "positions_m";
         assert_eq!(
             hit_trace(&plot(vec![0.0, f64::NAN])),
-            Err(FigureError::NotPlottable { quantity })
+            Err(FigureError::of(quantity, crate::output::figure::NOT_PLOTTABLE))
         );
         let quantity = "rate_hz";
         let mut bad = plot(vec![0.0]);
         bad.rate_hz = 0.0;
-        assert_eq!(hit_trace(&bad), Err(FigureError::NotPositive { quantity }));
+        assert_eq!(
+            hit_trace(&bad),
+            Err(FigureError::of(quantity, crate::output::figure::NOT_POSITIVE))
+        );
     }
 }

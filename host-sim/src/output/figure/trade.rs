@@ -80,6 +80,14 @@ pub struct TradePanel {
     pub front: Vec<[f64; 2]>,
 }
 
+impl TradePanel {
+    /// A panel with neither limit nor front.
+    pub fn new(title: impl Into<String>, y_title: impl Into<String>, floor: f64) -> Self {
+        let (title, y_title) = (title.into(), y_title.into());
+        Self { title, y_title, limit: None, floor, front: vec![] }
+    }
+}
+
 #[derive(Debug, Clone, PartialEq)]
 pub struct TradePlot {
     /// First line above the plot.
@@ -379,7 +387,7 @@ mod tests {
         assert!(!figure.svg().contains("not beaten"));
         assert!(Pixels::of(&figure).count(COLOURS[1]) > 500, "a line does not show");
         costs.series[0].points[0][0][0] = 0.0;
-        assert_eq!(trade(&costs), Err(FigureError::NotPositive { quantity: "x" }));
+        assert_eq!(trade(&costs), Err(FigureError::of("x", crate::output::figure::NOT_POSITIVE)));
     }
 
     #[test]
@@ -406,15 +414,18 @@ mod tests {
         let on_top = format!("cy=\"{}\"", TOP * super::super::GRID);
         assert!(figure.svg().contains(&on_top) && !trade(&plot()).unwrap().svg().contains(&on_top));
         infinite.series[0].points[0][1][1] = f64::NEG_INFINITY;
-        assert_eq!(trade(&infinite), Err(FigureError::NotPlottable { quantity: "y" }));
+        assert_eq!(
+            trade(&infinite),
+            Err(FigureError::of("y", crate::output::figure::NOT_PLOTTABLE))
+        );
     }
 
     #[test]
     fn what_is_no_number_is_an_error() {
         let mut bad = plot();
         bad.series[0].points[0][0] = [0.0, 1.0];
-        assert_eq!(trade(&bad), Err(FigureError::NotPositive { quantity: "x" }));
+        assert_eq!(trade(&bad), Err(FigureError::of("x", crate::output::figure::NOT_POSITIVE)));
         bad.series[0].points[0][0] = [1.0, f64::NAN];
-        assert_eq!(trade(&bad), Err(FigureError::NotPlottable { quantity: "y" }));
+        assert_eq!(trade(&bad), Err(FigureError::of("y", crate::output::figure::NOT_PLOTTABLE)));
     }
 }

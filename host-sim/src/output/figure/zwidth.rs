@@ -360,6 +360,9 @@ mod tests {
     fn what_is_no_number_is_an_error() {
         let bad = plot(vec![curve(50.0, f64::NAN, 3)]);
         let quantity = "stiffness_n_per_m";
-        assert_eq!(zwidth(&bad), Err(FigureError::NotPlottable { quantity }));
+        assert_eq!(
+            zwidth(&bad),
+            Err(FigureError::of(quantity, crate::output::figure::NOT_PLOTTABLE))
+        );
     }
 }

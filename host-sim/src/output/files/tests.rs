@@ -5,9 +5,9 @@ const NAMES: [&str; 3] = ["x.csv", "y.csv", MANIFEST];
 /// A result with these files, each of this text.
 fn write(folder: &Path, files: &[&str], text: &[u8], force: bool) -> Result<(), Error> {
     let mut outputs = Outputs::new(force, &[]);
-    let to = outputs.folder(folder, &NAMES)?;
+    let to = outputs.folder(folder, Units::Linear, &NAMES)?;
     for name in files {
-        outputs.add(to, name, text)?;
+        outputs.add(to, name, String::from_utf8_lossy(text).into_owned())?;
     }
     outputs.commit()
 }
@@ -31,8 +31,8 @@ fn write_file(path: &Path, bytes: &[u8], force: bool) -> Result<(), Error> {
 fn a_result_that_is_not_committed_leaves_no_trace() {
     let root = tempfile::tempdir().unwrap();
     let mut outputs = Outputs::new(false, &[]);
-    let to = outputs.folder(&root.path().join("a/b"), &NAMES).unwrap();
-    outputs.add(to, "x.csv", b"1").unwrap();
+    let to = outputs.folder(&root.path().join("a/b"), Units::Linear, &NAMES).unwrap();
+    outputs.add(to, "x.csv", "1".into()).unwrap();
     outputs.file(&root.path().join("c/d.csv")).unwrap();
     assert_eq!(names(&root.path().join("a/b")).len(), 2);
     drop(outputs);
@@ -67,9 +67,9 @@ fn what_is_no_plain_file_is_refused_before_anything_is_touched() {
     let root = tempfile::tempdir().unwrap();
     fs::write(root.path().join(MANIFEST), "old").unwrap();
     let mut outputs = Outputs::new(true, &[]);
-    let to = outputs.folder(root.path(), &NAMES).unwrap();
-    outputs.add(to, "x.csv", b"new").unwrap();
-    outputs.add(to, MANIFEST, b"new").unwrap();
+    let to = outputs.folder(root.path(), Units::Linear, &NAMES).unwrap();
+    outputs.add(to, "x.csv", "new".into()).unwrap();
+    outputs.add(to, MANIFEST, "new".into()).unwrap();
     fs::create_dir(root.path().join("x.csv")).unwrap();
     assert_eq!(outputs.commit().unwrap_err().exit_code(), 2);
     assert_eq!(fs::read(root.path().join(MANIFEST)).unwrap(), b"old");
@@ -84,9 +84,9 @@ fn a_result_that_fails_half_way_leaves_the_old_one() {
     let (result, other) = (root.path().join("result"), root.path().join("other"));
     write(&result, &NAMES, b"old", false).unwrap();
     let mut outputs = Outputs::new(true, &[]);
-    let to = outputs.folder(&result, &NAMES).unwrap();
-    outputs.add(to, "x.csv", b"new").unwrap();
-    outputs.add(to, MANIFEST, b"new").unwrap();
+    let to = outputs.folder(&result, Units::Linear, &NAMES).unwrap();
+    outputs.add(to, "x.csv", "new".into()).unwrap();
+    outputs.add(to, MANIFEST, "new".into()).unwrap();
     let first = outputs.file(&root.path().join("first.csv")).unwrap();
     let last = outputs.file(&other.join("last.csv")).unwrap();
     outputs.write(first, b"new").unwrap();

@@ -46,7 +46,6 @@ fn write(table: &Table, times: &[u64], about: &About) -> ::mcap::McapResult<Vec<
     clippy::cast_sign_loss,
     reason = "no time before sample 0"
 )]
-#[expect(clippy::cast_precision_loss, reason = "2^53 samples are 28,000 years")]
 fn times_ns(table: &Table, kind: Kind) -> Option<Vec<u64>> {
     let Kind::Moments { rate_hz } = kind else { return None };
     let named = |name: &str| table.columns.iter().find(|column| column.name == name);
@@ -68,7 +67,7 @@ fn schema(table: &Table) -> Value {
             Cells::Words(_) => "string",
         };
         let mut about = json!({ "type": kind });
-        if let Some(unit) = column.unit {
+        if let Some(unit) = &column.unit {
             about["description"] = format!("unit: {unit}").into();
         }
         (column.name.clone(), about)

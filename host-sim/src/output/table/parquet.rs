@@ -21,7 +21,7 @@ pub fn bytes(table: &Table, manifest: &str) -> Result<Vec<u8>, ParquetError> {
     let fields = fields.collect::<Result<_, ParquetError>>()?;
     let schema = Arc::new(Type::group_type_builder("zwidth").with_fields(fields).build()?);
     let units: BTreeMap<&str, &str> =
-        table.columns.iter().filter_map(|c| Some((c.name.as_str(), c.unit?))).collect();
+        table.columns.iter().filter_map(|c| Some((c.name.as_str(), c.unit.as_deref()?))).collect();
     let units =
         serde_json::to_string(&units).map_err(|error| ParquetError::External(error.into()))?;
     let pairs = [(UNITS, units.as_str()), (MANIFEST, manifest)]

@@ -38,7 +38,7 @@ pub struct Row {
     pub told: Option<Velocity>,
 }
 
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Difference {
     /// First sample that differs.
     pub sample: u64,

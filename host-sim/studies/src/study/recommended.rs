@@ -142,7 +142,7 @@ pub struct Recommended {
 }
 
 /// What free motion feels like, the lower end of the Z-width.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct FreeMotion {
     /// Of device and handle, kg.
     pub mass_kg: f64,

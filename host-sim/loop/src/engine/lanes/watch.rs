@@ -7,35 +7,19 @@ use crate::{
     simulation::window::Watch,
 };
 
-/// Sums over the window.
+/// Sums over the window: those of [`Watch`], in its order.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
-pub struct Watched<S: SimdOps> {
-    pub sum_m: S::f64s,
-    pub squares: S::f64s,
-    pub at_limit: S::f64s,
-    pub outputs: S::f64s,
-    pub forces: S::f64s,
-    pub force_squares: S::f64s,
-}
+pub struct Watched<S: SimdOps>([S::f64s; 6]);
 
 impl<S: SimdOps> Watched<S> {
     pub fn new(simd: S) -> Self {
-        let zero = simd.splat_f64s(0.0);
-        Self {
-            sum_m: zero,
-            squares: zero,
-            at_limit: zero,
-            outputs: zero,
-            forces: zero,
-            force_squares: zero,
-        }
+        Self([simd.splat_f64s(0.0); 6])
     }
 
     /// Nothing yet in one lane.
     pub fn clear(&mut self, place: usize) {
-        let Self { sum_m, squares, at_limit, outputs, forces, force_squares } = self;
-        for sum in [sum_m, squares, at_limit, outputs, forces, force_squares] {
+        for sum in &mut self.0 {
             lanes_mut(sum)[place] = 0.0;
         }
     }
@@ -45,26 +29,19 @@ impl<S: SimdOps> Watched<S> {
     pub fn output(&mut self, simd: S, output: S::f64s, watching: S::u64s) {
         let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
         let inside = simd.less_than_f64s(simd.magnitude(output), one);
+        let [_, _, at_limit, outputs, forces, force_squares] = &mut self.0;
         let counts = simd.masked(simd.choose(inside, zero, one), watching);
-        self.at_limit = simd.add_f64s(self.at_limit, counts);
-        self.outputs = simd.add_f64s(self.outputs, simd.masked(one, watching));
+        *at_limit = simd.add_f64s(*at_limit, counts);
+        *outputs = simd.add_f64s(*outputs, simd.masked(one, watching));
         let force = simd.masked(output, watching);
-        self.forces = simd.add_f64s(self.forces, force);
-        self.force_squares = simd.add_f64s(self.force_squares, simd.mul_f64s(force, force));
+        *forces = simd.add_f64s(*forces, force);
+        *force_squares = simd.add_f64s(*force_squares, simd.mul_f64s(force, force));
     }
 
     pub fn lane(&self, place: usize, origin_m: f64) -> Watch {
-        let get = |vector: &S::f64s| lanes::<_, f64>(vector)[place];
-        let Self { sum_m, squares, at_limit, outputs, forces, force_squares } = self;
-        Watch {
-            origin_m,
-            sum_m: get(sum_m),
-            squares: get(squares),
-            at_limit: get(at_limit),
-            outputs: get(outputs),
-            forces: get(forces),
-            force_squares: get(force_squares),
-        }
+        let sums = self.0.each_ref().map(|vector| lanes::<_, f64>(vector)[place]);
+        let [sum_m, squares, at_limit, outputs, forces, force_squares] = sums;
+        Watch { origin_m, sum_m, squares, at_limit, outputs, forces, force_squares }
     }
 }
 
@@ -108,9 +85,9 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
         for row in block {
             for r in 0..R {
                 let away_m = simd.masked(simd.sub_f64s(row.0[r], origin_m[r]), watching[r]);
-                watched[r].sum_m = simd.add_f64s(watched[r].sum_m, away_m);
-                let square = simd.mul_f64s(away_m, away_m);
-                watched[r].squares = simd.add_f64s(watched[r].squares, square);
+                let [sum_m, squares, ..] = &mut watched[r].0;
+                *sum_m = simd.add_f64s(*sum_m, away_m);
+                *squares = simd.add_f64s(*squares, simd.mul_f64s(away_m, away_m));
             }
         }
         for r in 0..R {

@@ -195,11 +195,9 @@ fn halvings<const N: usize>(a: &SMatrix<f64, N, N>, dt: f64) -> i32 {
             }
         }
         walks = longer;
-        #[expect(clippy::cast_precision_loss, reason = "a number of states")]
         let root = 1.0 / length as f64;
         cycle = cycle.max(libm::pow(walks.diagonal().max(), root));
     }
-    #[expect(clippy::cast_precision_loss, reason = "a number of states")]
     let norm = cycle * dt * N as f64;
     let mut halvings = 0;
     while libm::ldexp(norm, -halvings) > TAYLOR_LIMIT && halvings < 1000 {

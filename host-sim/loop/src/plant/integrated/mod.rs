@@ -17,7 +17,7 @@ use regime::{Event, Motion, Stop};
 
 use std::sync::Arc;
 
-use super::{AnyState, Plant, augmented::still};
+use super::{AnyState, Plant, exact::still};
 use crate::{
     numerics::integrator::{Field, Integrator, dormand_prince},
     scene::element::{Chain, Cogging, Friction, Nonlinear, Travel},

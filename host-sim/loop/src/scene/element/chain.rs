@@ -26,6 +26,26 @@ pub const STATES_MAX: usize = 7;
 /// Added to any number it changes no bit of it; 0 would change -0.
 pub const NOTHING: f64 = -0.0;
 
+/// Calls a generic function of a number of states, 2 to [`STATES_MAX`], that is known only here.
+macro_rules! of_states {
+    ($states:expr, $n:ident => $body:expr) => {
+        of_states!($states, $n => $body, [2, 3, 4, 5, 6])
+    };
+    ($states:expr, $n:ident => $body:expr, [$($few:literal),*]) => {
+        match $states {
+            $($few => {
+                const $n: usize = $few;
+                $body
+            })*
+            _ => {
+                const $n: usize = STATES_MAX;
+                $body
+            }
+        }
+    };
+}
+pub(crate) use of_states;
+
 /// A device and the linear elements on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chain {
@@ -139,28 +159,20 @@ impl Chain {
 
     /// What these constant forces add to the state over `dt`, by state; -0 without.
     pub fn hand_moves(&self, dt: f64) -> [f64; STATES_MAX] {
-        fn general<const N: usize>(chain: &Chain, dt: f64) -> [f64; STATES_MAX] {
-            let (a, _) = chain.system::<N>();
-            let rates = chain.hand();
-            let (_, moved) = discretise_increment(&a, &SVector::from_fn(|row, _| rates[row]), dt);
-            core::array::from_fn(|row| moved.get(row).copied().unwrap_or(NOTHING))
-        }
         if self.hand_n == 0.0 && self.offset_n == 0.0 {
             return [NOTHING; STATES_MAX];
         }
-        match self.states() {
-            2 => {
-                let gamma = self.increment(dt).1;
-                core::array::from_fn(|row| {
-                    gamma.get(row).map_or(NOTHING, |g| g * (self.hand_n + self.offset_n))
-                })
-            }
-            3 => general::<3>(self, dt),
-            4 => general::<4>(self, dt),
-            5 => general::<5>(self, dt),
-            6 => general::<6>(self, dt),
-            _ => general::<7>(self, dt),
+        if self.states() == 2 {
+            let gamma = self.increment(dt).1;
+            let moves = |g: &f64| g * (self.hand_n + self.offset_n);
+            return core::array::from_fn(|row| gamma.get(row).map_or(NOTHING, moves));
         }
+        let rates = self.hand();
+        of_states!(self.states(), N => {
+            let (a, _) = self.system::<N>();
+            let (_, moved) = discretise_increment(&a, &SVector::from_fn(|row, _| rates[row]), dt);
+            core::array::from_fn(|row| moved.get(row).copied().unwrap_or(NOTHING))
+        })
     }
 
     /// Where each body rests without a force, m; unused places repeat the device's.
@@ -199,18 +211,10 @@ impl Chain {
 
     /// A, for any number of states.
     pub fn matrix(&self) -> DMatrix<f64> {
-        fn general<const N: usize>(chain: &Chain) -> DMatrix<f64> {
-            let (a, _) = chain.system::<N>();
+        of_states!(self.states(), N => {
+            let (a, _) = self.system::<N>();
             DMatrix::from_fn(N, N, |row, column| a[(row, column)])
-        }
-        match self.states() {
-            2 => general::<2>(self),
-            3 => general::<3>(self),
-            4 => general::<4>(self),
-            5 => general::<5>(self),
-            6 => general::<6>(self),
-            _ => general::<7>(self),
-        }
+        })
     }
 
     /// `M^-1/2 X M^-1/2` of the bodies' stiffness, 1/s^2, and damping, 1/s, with that stiffness and damping more on the
@@ -247,31 +251,24 @@ impl Chain {
 
     /// `exp(A dt) - 1` and the response to a unit force over `dt`, for any number of states.
     pub fn increment(&self, dt: f64) -> (DMatrix<f64>, DVector<f64>) {
-        fn general<const N: usize>(chain: &Chain, dt: f64) -> (DMatrix<f64>, DVector<f64>) {
-            let (a, b) = chain.system::<N>();
+        if self.states() == 2 {
+            let mass = self.device.mass_kg;
+            let w2 = self.device.stiffness_n_per_m / mass;
+            let step = oscillator_increment(w2, self.device.damping_n_s_per_m / mass, dt);
+            let less = step.phi_minus_one;
+            return (
+                DMatrix::from_fn(2, 2, |row, column| less[row][column]),
+                DVector::from_fn(2, |row, _| step.gamma[row] / mass),
+            );
+        }
+        of_states!(self.states(), N => {
+            let (a, b) = self.system::<N>();
             let (less, gamma) = discretise_increment(&a, &b, dt);
             (
                 DMatrix::from_fn(N, N, |row, column| less[(row, column)]),
                 DVector::from_fn(N, |row, _| gamma[row]),
             )
-        }
-        match self.states() {
-            2 => {
-                let mass = self.device.mass_kg;
-                let w2 = self.device.stiffness_n_per_m / mass;
-                let step = oscillator_increment(w2, self.device.damping_n_s_per_m / mass, dt);
-                let less = step.phi_minus_one;
-                (
-                    DMatrix::from_fn(2, 2, |row, column| less[row][column]),
-                    DVector::from_fn(2, |row, _| step.gamma[row] / mass),
-                )
-            }
-            3 => general::<3>(self, dt),
-            4 => general::<4>(self, dt),
-            5 => general::<5>(self, dt),
-            6 => general::<6>(self, dt),
-            _ => general::<7>(self, dt),
-        }
+        })
     }
 }
 

@@ -69,9 +69,7 @@ impl Jitter {
     /// Delay of a level, s.
     #[inline]
     pub fn delay_s(&self, level: usize) -> f64 {
-        #[expect(clippy::cast_precision_loss, reason = "at most 256")]
-        let share = level as f64 / LEVELS as f64;
-        self.peak_s * share
+        self.peak_s * (level as f64 / LEVELS as f64)
     }
 
     /// What the encoder sees at each level, with a command taking effect at `split_s` of the sample.

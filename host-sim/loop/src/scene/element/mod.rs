@@ -15,7 +15,7 @@
 //! | [`Jitter`] | `[jitter]` | exactly, or by the scene's `[integrator]` |
 //!
 //! The linear ones join the device in a [`Chain`], whose step over a sample is exact
-//! ([`crate::plant::AugmentedStep`]).
+//! ([`crate::plant::ExactStep`]).
 //! With a non-linear one the whole plant is integrated ([`crate::plant::IntegratedStep`]).
 
 use std::ops::RangeInclusive;
@@ -34,6 +34,7 @@ mod travel;
 
 pub use amplifier::Amplifier;
 pub use arm::Arm;
+pub(crate) use chain::of_states;
 pub use chain::{Chain, NOTHING, STATES_MAX};
 pub use cogging::Cogging;
 pub use encoder_error::EncoderError;

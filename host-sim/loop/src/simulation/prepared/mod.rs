@@ -23,7 +23,7 @@ use crate::{
         controller::Fixed,
         port::PortWatch,
         quantiser::Quantiser,
-        senses::{AnySensing, Full},
+        senses::Full,
         twin::{self, Twin},
         window::Judge,
     },
@@ -228,8 +228,8 @@ impl PreparedScene {
         Ok(Simulation::new(self.parts.clone(), twin, self.sensing(hit), self.start_m(hit)))
     }
 
-    pub(crate) fn sensing(&self, hit: &WallHit) -> AnySensing {
-        AnySensing::of(&self.scene, hit.velocity.name().sense())
+    pub(crate) fn sensing(&self, hit: &WallHit) -> Full {
+        Full::new(&self.scene, hit.velocity.name().sense())
     }
 
     /// The scene's accelerometer for lanes, made once.

@@ -12,10 +12,10 @@ use crate::{
     plant::{AnyPlant, Plant, each_plant},
     simulation::{
         Sample, Simulation,
-        controller::{Controller, Replaceable, Told},
+        controller::{Controller, Told},
         hit::{HitError, HitReport, Numeric, WallHit, louder},
         passive::Passive,
-        senses::{AnySensing, Blind, Sensing},
+        senses::{Blind, Sensing},
         window::Stiff,
     },
 };
@@ -40,7 +40,7 @@ impl PreparedScene {
         let mut observe: Option<&mut Observer<'_>> = Some(&mut observe);
         let report = deciding(self.pushes().iter().map(|of| {
             let observe = if self.has_push_of(of) { observe.take() } else { None };
-            of.observed_hit(numeric, hit, observe).map(Some)
+            of.by(numeric, hit, observe, false)
         }))?;
         if observe.is_some() {
             self.observed_hit(numeric, hit, observe)?; // one push before it was not held
@@ -53,8 +53,7 @@ impl PreparedScene {
     /// # Errors
     /// As [`hit`](Self::hit).
     pub fn report(&self, numeric: Numeric, hit: &WallHit) -> Result<HitReport, HitError> {
-        let pushes = self.pushes().iter();
-        let report = deciding(pushes.map(|of| of.observed_hit(numeric, hit, None).map(Some)))?;
+        let report = self.at_pushes(numeric, hit, false)?;
         report.ok_or(HitError::OutOfRange(0)) // never: each was run to its end
     }
 
@@ -102,7 +101,16 @@ impl PreparedScene {
     /// # Errors
     /// As [`verdict`](Self::verdict).
     pub fn bounded(&self, numeric: Numeric, hit: &WallHit) -> Result<Option<HitReport>, HitError> {
-        deciding(self.pushes().iter().map(|of| of.by(numeric, hit, None, true)))
+        self.at_pushes(numeric, hit, true)
+    }
+
+    fn at_pushes(
+        &self,
+        numeric: Numeric,
+        hit: &WallHit,
+        bounded: bool,
+    ) -> Result<Option<HitReport>, HitError> {
+        deciding(self.pushes().iter().map(|of| of.by(numeric, hit, None, bounded)))
     }
 
     /// A hit by the controller of that arithmetic.
@@ -134,7 +142,7 @@ impl PreparedScene {
     }
 
     /// A hit whose controller few scenes have, with the passivity controller where the scene has one.
-    fn rare_hit<C: Replaceable + Copy>(
+    fn rare_hit<C: Controller + Copy>(
         &self,
         hit: &WallHit,
         controller: C,
@@ -172,9 +180,10 @@ impl PreparedScene {
         bounded: bool,
     ) -> Result<Option<HitReport>, HitError> {
         let start_m = self.start_m(hit);
-        if let AnySensing::Full(full) = self.sensing(hit) {
+        let sensing = self.sensing(hit);
+        if sensing.looks() {
             let parts = self.parts.clone();
-            let simulation = Simulation::new(parts, controller, full, start_m);
+            let simulation = Simulation::new(parts, controller, sensing, start_m);
             return self.run_whole(hit, simulation, observe, bounded);
         }
         each_plant!(&self.parts.plant, plant => {
@@ -185,7 +194,7 @@ impl PreparedScene {
     }
 
     /// The same compiled once for all plants and senses: for what is asked rarely.
-    fn any_hit<C: Replaceable>(
+    fn any_hit<C: Controller>(
         &self,
         hit: &WallHit,
         controller: C,
@@ -201,7 +210,7 @@ impl PreparedScene {
     }
 
     /// The verdict with any controller that is at rest where the hit starts.
-    pub fn early_verdict<C: Replaceable + Copy>(
+    pub fn early_verdict<C: Controller + Copy>(
         &self,
         hit: &WallHit,
         controller: C,
@@ -237,14 +246,15 @@ impl PreparedScene {
     ) -> Result<(Verdict, Hit), HitError> {
         let start_m = self.start_m(hit);
         match (self.sensing(hit), &self.parts.plant) {
-            (AnySensing::Blind, _) => {}
-            (AnySensing::Full(full), AnyPlant::Plain(plant)) => {
-                let parts = self.parts.with(plant);
-                return self.run_counted(Simulation::new(parts, controller, full, start_m), early);
+            (sensing, _) if !sensing.looks() => {}
+            (sensing, AnyPlant::Plain(plant)) => {
+                let simulation =
+                    Simulation::new(self.parts.with(plant), controller, sensing, start_m);
+                return self.run_counted(simulation, early);
             }
-            (AnySensing::Full(full), _) => {
-                let parts = self.parts.clone();
-                return self.run_counted(Simulation::new(parts, controller, full, start_m), early);
+            (sensing, _) => {
+                let simulation = Simulation::new(self.parts.clone(), controller, sensing, start_m);
+                return self.run_counted(simulation, early);
             }
         }
         each_plant!(&self.parts.plant, plant => {
@@ -297,17 +307,11 @@ impl PreparedScene {
         let verdict = self.judge.verdict(&hit, wall, &measures);
         let report = HitReport {
             verdict,
-            rms_m: measures.rms_m,
+            measures,
             mean_m: scatter.mean_counts() * self.design.resolution_m,
             peak_penetration_m: (shown.deepest_m - surface_m).max(0.0),
             saturated_fraction: f64::from(shown.saturated) / f64::from(shown.outputs),
             contact_fraction: f64::from(hit.contact_samples()) / f64::from(scatter.samples()),
-            rms_motion_m: measures.rms_motion_m,
-            at_limit_fraction: measures.at_limit_fraction,
-            sensation_db: measures.sensation_db,
-            force_rms_n: measures.force_rms_n,
-            wall_force_n: measures.wall_force_n,
-            penetration_ratio: measures.penetration_ratio,
             velocity_clipped_fraction: f64::from(shown.clipped) / f64::from(self.samples()),
             port: port.report(shown.last),
         };

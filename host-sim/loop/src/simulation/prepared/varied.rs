@@ -21,10 +21,10 @@ use crate::{
     scene::{Criterion, HAND_SWAY, Protocol, PushBy, Scene, TAP_S},
     simulation::{
         Sample, Simulation,
-        controller::Replaceable,
+        controller::Controller,
         hit::{HitError, HitReport, WallHit},
         port::PortReport,
-        window::{Band, Stiff, Watch},
+        window::{Band, Measures, Stiff, Watch},
     },
 };
 
@@ -123,7 +123,7 @@ impl Seen {
 
 impl PreparedScene {
     /// A hit whose push varies; `None` as soon as it is certain to be unstable if it is `bounded`.
-    pub(super) fn varied_hit<C: Replaceable>(
+    pub(super) fn varied_hit<C: Controller>(
         &self,
         of: &WallHit,
         controller: C,
@@ -197,7 +197,7 @@ impl PreparedScene {
     }
 
     /// Pushes with that share of the scene's push from now on.
-    fn push_with<C: Replaceable>(&self, simulation: &mut Simulation<C>, share: f64) {
+    fn push_with<C: Controller>(&self, simulation: &mut Simulation<C>, share: f64) {
         let push_n = share * self.scene.wall_hit.push_n;
         match self.scene.wall_hit.push_by {
             PushBy::Motor => {
@@ -259,15 +259,9 @@ impl PreparedScene {
         measures.force_rms_n = quick(forces) * full_scale_n;
         HitReport {
             verdict: judge.verdict(&hit, wall, &measures),
-            rms_m: measures.rms_m,
+            measures: Measures { sensation_db: None, ..measures },
             mean_m: scatter.mean_counts() * self.design.resolution_m,
             contact_fraction: f64::from(contact) / f64::from(samples.max(1)),
-            rms_motion_m: measures.rms_motion_m,
-            at_limit_fraction: measures.at_limit_fraction,
-            sensation_db: None,
-            force_rms_n: measures.force_rms_n,
-            wall_force_n: measures.wall_force_n,
-            penetration_ratio: measures.penetration_ratio,
             peak_penetration_m: 0.0,
             saturated_fraction: 0.0,
             velocity_clipped_fraction: 0.0,

@@ -19,7 +19,7 @@ use zwidth::{
     velocity::{Senses, WINDOW_MAX},
 };
 
-use crate::simulation::controller::{Controller, ControllerOutput, Replaceable};
+use crate::simulation::controller::{Controller, ControllerOutput};
 
 /// Below this a filter state is zero: subnormal numbers would slow the loop down seven times.
 pub(crate) const FLUSH_BELOW: f64 = 1e-30;
@@ -110,24 +110,6 @@ impl Twin {
     }
 }
 
-impl Replaceable for Twin {
-    fn push(&self) -> f64 {
-        self.push
-    }
-
-    fn set_push(&mut self, push: f64) {
-        self.push = push;
-    }
-
-    #[inline]
-    fn put_out(&self, force: f64) -> f64 {
-        match self.codes_per_full_scale {
-            None => force,
-            Some(codes) => (force.abs() * codes + 0.5).floor().copysign(force) / codes,
-        }
-    }
-}
-
 impl Controller for Twin {
     #[inline(always)] // called, it would keep the state of the loop in memory
     fn sample(&mut self, count: i32, senses: &Senses) -> bool {
@@ -169,5 +151,21 @@ impl Controller for Twin {
 
     fn surface(&self) -> i32 {
         self.surface
+    }
+
+    fn push(&self) -> f64 {
+        self.push
+    }
+
+    fn set_push(&mut self, push: f64) {
+        self.push = push;
+    }
+
+    #[inline]
+    fn put_out(&self, force: f64) -> f64 {
+        match self.codes_per_full_scale {
+            None => force,
+            Some(codes) => (force.abs() * codes + 0.5).floor().copysign(force) / codes,
+        }
     }
 }

@@ -375,11 +375,14 @@ mod tests {
     fn what_is_no_number_is_an_error() {
         let quantity = "area";
         let bad = plot(vec![point(50.0, 50.0, f64::NAN)]);
-        assert_eq!(area(&bad), Err(FigureError::NotPlottable { quantity }));
+        assert_eq!(
+            area(&bad),
+            Err(FigureError::of(quantity, crate::output::figure::NOT_PLOTTABLE))
+        );
         let bad = plot(vec![point(50.0, 50.0, -1.0)]);
-        assert_eq!(area(&bad), Err(FigureError::Negative { quantity }));
+        assert_eq!(area(&bad), Err(FigureError::of(quantity, crate::output::figure::NEGATIVE)));
         let quantity = "cutoff_hz";
         let bad = plot(vec![point(0.0, 50.0, 1.0)]);
-        assert_eq!(area(&bad), Err(FigureError::NotPositive { quantity }));
+        assert_eq!(area(&bad), Err(FigureError::of(quantity, crate::output::figure::NOT_POSITIVE)));
     }
 }

@@ -5,11 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use super::*;
 use crate::{
     figure::figure,
-    plant::PlantStep,
-    scene::{
-        Device,
-        element::{Amplifier, Arm, Mode},
-    },
+    scene::element::{Amplifier, Arm, Mode},
 };
 
 const STEPS: &str = include_str!("../../../../../tests/golden/augmented_step.csv");
@@ -84,7 +80,7 @@ fn energy_root(chain: &Chain, dt: f64) -> DMatrix<f64> {
 
 /// Largest error of a step in the energy norm, and |A| T there.
 fn error<const N: usize>(chain: &Chain, dt: f64, golden: &[Vec<f64>]) -> (f64, f64) {
-    let step = AugmentedStep::<N>::new(chain, dt, 0.0);
+    let step = ExactStep::<N>::of_chain(chain, dt, 0.0);
     let root = energy_root(chain, dt);
     let back = root.clone().try_inverse().unwrap();
     let phi = DMatrix::from_fn(N, N, |r, c| step.phi[r][c] - golden[0][r * N + c]);
@@ -145,11 +141,11 @@ fn six_seconds_match_sixty_digits() {
         let golden = &golden[0];
         let error = match chain.states() {
             2 => trajectory(&PlantStep::new(&chain.device, dt, 0.0), golden),
-            3 => trajectory(&AugmentedStep::<3>::new(&chain, dt, 0.0), golden),
-            4 => trajectory(&AugmentedStep::<4>::new(&chain, dt, 0.0), golden),
-            5 => trajectory(&AugmentedStep::<5>::new(&chain, dt, 0.0), golden),
-            6 => trajectory(&AugmentedStep::<6>::new(&chain, dt, 0.0), golden),
-            _ => trajectory(&AugmentedStep::<7>::new(&chain, dt, 0.0), golden),
+            3 => trajectory(&ExactStep::<3>::of_chain(&chain, dt, 0.0), golden),
+            4 => trajectory(&ExactStep::<4>::of_chain(&chain, dt, 0.0), golden),
+            5 => trajectory(&ExactStep::<5>::of_chain(&chain, dt, 0.0), golden),
+            6 => trajectory(&ExactStep::<6>::of_chain(&chain, dt, 0.0), golden),
+            _ => trajectory(&ExactStep::<7>::of_chain(&chain, dt, 0.0), golden),
         };
         println!("{error:.1e}: {line:.90}");
         assert!(error <= TRAJECTORY_ERROR_MAX, "{line}: {error:e}");
@@ -163,9 +159,9 @@ fn a_split_step_is_two_steps() {
     let (chain, dt, _) = parse(STEPS.lines().nth(6).unwrap());
     assert_eq!(chain.states(), 7);
     for fraction in [0.1, 0.3, 0.999] {
-        let split = AugmentedStep::<7>::new(&chain, dt, fraction);
-        let early = AugmentedStep::<7>::new(&chain, fraction * dt, 0.0);
-        let late = AugmentedStep::<7>::new(&chain, (1.0 - fraction) * dt, 0.0);
+        let split = ExactStep::<7>::of_chain(&chain, dt, fraction);
+        let early = ExactStep::<7>::of_chain(&chain, fraction * dt, 0.0);
+        let late = ExactStep::<7>::of_chain(&chain, (1.0 - fraction) * dt, 0.0);
         let (mut once, mut twice) = (split.at_rest(0.03), early.at_rest(0.03));
         let root = energy_root(&chain, dt);
         for n in 0..1000 {
