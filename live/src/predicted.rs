@@ -16,7 +16,7 @@ use zwidth::{
 };
 
 /// A boundary, for the page: in m and N at the handle.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Predicted {
     pub estimator: String,
     pub cutoff_hz: f64,
@@ -46,21 +46,16 @@ pub fn predict(
     cutoff_hz: f64,
     ended: &AtomicBool,
 ) -> Predicted {
+    let (delay_s, noise_m_per_s) =
+        quality(scene, estimator, cutoff_hz).map(|[delay_s, noise]| (delay_s, noise)).unzip();
     let mut predicted = Predicted {
         estimator: estimator.to_owned(),
         cutoff_hz,
-        points: vec![],
-        area: 0.0,
-        quiet: vec![],
-        quiet_area: 0.0,
         envelope: device.map_or_else(Vec::new, |device| envelope(device, estimator, cutoff_hz)),
-        delay_s: None,
-        noise_m_per_s: None,
-        error: None,
+        delay_s,
+        noise_m_per_s,
+        ..Predicted::default()
     };
-    if let Some([delay_s, noise]) = quality(scene, estimator, cutoff_hz) {
-        (predicted.delay_s, predicted.noise_m_per_s) = (Some(delay_s), Some(noise));
-    }
     let points = |of: &boundary::Boundary| -> Vec<[f64; 2]> {
         of.points.iter().map(|p| [p.damping_n_s_per_m, p.stiffness_n_per_m]).collect()
     };

@@ -19,10 +19,11 @@ pub enum Asked {
 #[derive(Debug, Default)]
 pub struct Seats {
     /// Pages, and when each last answered.
-    pages: Vec<(u64, Duration)>,
+    pub pages: Vec<(u64, Duration)>,
     last: u64,
-    owner: Option<u64>,
-    asking: Option<u64>,
+    pub owner: Option<u64>,
+    /// The page that asks for control.
+    pub asking: Option<u64>,
 }
 
 impl Seats {
@@ -100,20 +101,6 @@ impl Seats {
     pub fn owns(&self, page: u64) -> bool {
         self.owner == Some(page)
     }
-
-    pub fn owner(&self) -> Option<u64> {
-        self.owner
-    }
-
-    /// The page that asks for control.
-    pub fn asking(&self) -> Option<u64> {
-        self.asking
-    }
-
-    /// How many pages there are.
-    pub fn pages(&self) -> usize {
-        self.pages.len()
-    }
 }
 
 #[cfg(test)]
@@ -138,7 +125,7 @@ mod tests {
         assert!(seats.leave(second));
         assert!(seats.owns(first));
         assert!(seats.leave(first));
-        assert_eq!(seats.owner(), None);
+        assert_eq!(seats.owner, None);
         assert_eq!(seats.ask(third), Asked::Granted);
         assert!(seats.owns(third));
     }
