@@ -1,9 +1,10 @@
-"""What the checks with other people's tools share: how they come here, and how a check is told."""
+"""What the checks share: programs, other people's tools and how they come here, and how a check is told."""
 
 import atexit
 import contextlib
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -13,7 +14,51 @@ ROOT = Path(__file__).resolve().parent.parent
 PICTURES = ROOT / "docs" / "figures"
 # Where the programs are: of .ci/run those that its tests were built with.
 PROGRAMS = ROOT / os.environ.get("PROGRAMS", "target/release")
+TOOLS = ROOT / "target/tools"
+BOARDS = sorted(path.stem.replace("_", "-") for path in (ROOT / "src/board").glob("*.rs") if path.stem != "mod")
 passed = 0
+
+
+def run(*words, folder=ROOT, **more):
+    """What a program says that must hold."""
+    done = subprocess.run([str(word) for word in words], cwd=folder, text=True, stdout=subprocess.PIPE, check=False, **more)
+    if done.returncode:
+        raise SystemExit(f"error: {' '.join(map(str, words))}: ended with {done.returncode}\n{done.stdout}")
+    return done.stdout
+
+
+def sysroot(folder=ROOT):
+    return Path(run("rustc", "--print", "sysroot", folder=folder).strip()).resolve()
+
+
+def install_target(target, folder=ROOT):
+    """What the pinned tool chain lacks: with RUSTUP_AUTO_INSTALL=0 nothing comes by itself."""
+    if not (sysroot(folder) / "lib/rustlib" / target).is_dir():
+        run("rustup", "target", "add", target, folder=folder)
+
+
+def cargo_tool(package, version, *words):
+    """A program of crates.io, in target/tools."""
+    run("cargo", "install", package, "--version", f"={version}", "--locked", "--quiet", "--root", TOOLS, *words)
+    return TOOLS / "bin" / package
+
+
+class Program:
+    """A program whose first line on stdout is an address."""
+
+    def __init__(self, *command, **more):
+        self.process = subprocess.Popen(list(map(str, command)), cwd=ROOT, stdout=subprocess.PIPE, text=True, **more)
+        atexit.register(self.process.kill)
+        self.line = self.process.stdout.readline().strip()
+
+    def memory_mb(self):
+        import psutil
+        return psutil.Process(self.process.pid).memory_info().rss / 2**20
+
+    def end(self, how=signal.SIGINT):
+        if self.process.poll() is None:
+            self.process.send_signal(how)
+        return self.process.wait(timeout=20)
 
 
 def install_debian(*packages):
@@ -24,7 +69,7 @@ def install_debian(*packages):
 
 def run_with(name, *packages):
     """The program that was called, by a Python of its own with these packages of PyPI, in target/tools/NAME."""
-    place = ROOT / "target" / "tools" / name
+    place = TOOLS / name
     python = place / "bin" / "python"
     if not python.exists():
         if subprocess.run([sys.executable, "-m", "venv", str(place)], stdout=2).returncode:
