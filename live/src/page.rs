@@ -16,7 +16,7 @@ use crate::{
     message::{FromPage, Question},
     picture::{self, Scale, View},
     predicted,
-    seats::{Asked, Seats},
+    seats::Seats,
     trigger::Watch,
 };
 
@@ -172,8 +172,8 @@ impl Page {
             FromPage::Finger { target_m } => hub.touch(target_m, scale.resolution_m),
             FromPage::EmergencyStop { open } => hub.emergency_stop(open),
             FromPage::Ask {} => {
-                let asked = self.shared.seats().ask(self.id);
-                if asked == Asked::Waiting {
+                let waits = self.shared.seats().ask(self.id);
+                if waits {
                     hub.note(&format!("page {} asks for control", self.id));
                 }
             }
