@@ -160,31 +160,6 @@ def test_interrupted_calls_leave_no_thread_and_no_memory_behind() -> None:
     assert made.returncode == 0, made.stderr
 
 
-@pytest.mark.parametrize("name", ["difference", "kalman-3"])
-@pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_an_interrupted_estimator_is_where_it_was(name: str) -> None:
-    class Late(Exception):
-        pass
-
-    def late(*_: object) -> None:
-        raise Late
-
-    first, rest = np.arange(1000) // 3, np.arange(1000, 60_000_000) // 3
-    estimator, other = (zwidth.Estimator(name, zwidth.Scene.load("paper-1um")) for _ in range(2))
-    before = signal.signal(signal.SIGALRM, late)
-    try:
-        estimator.process(first)
-        signal.setitimer(signal.ITIMER_REAL, 0.1)
-        with pytest.raises(Late):
-            estimator.process(rest)
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
-    other.process(first)
-    rest = rest[:200_000]
-    np.testing.assert_array_equal(estimator.process(rest, bits=True), other.process(rest, bits=True))
-
-
 def test_what_progress_raises_ends_the_work_and_comes_out() -> None:
     class Enough(Exception):
         pass
