@@ -1,6 +1,8 @@
 """What `.ci/browser` asks of the fields and buttons of the page: they show what is in force, or say what they show."""
 
+import contextlib
 import itertools
+import json
 import random
 import re
 import socket
@@ -19,6 +21,14 @@ STATE = """
       found[name] = [field.value, field.dataset.state, field.closest('label').nextSibling.textContent];
     }
     return { fields: found, settings: zwidth.state.settings };"""
+
+
+# Lines that went to the board.
+TYPED = "[...document.querySelectorAll('#lines .person')]"
+
+
+def state_is(name, state):
+    return f"document.querySelector({FIELDS[name]!r}).dataset.state === {state!r}"
 
 
 def field(browser, name):
@@ -41,17 +51,12 @@ def seen(browser, name):
     return browser.js(STATE, FIELDS)["fields"][name]
 
 
-def sent(browser, line):
-    """How often a line went to the board."""
-    return browser.js("return [...document.querySelectorAll('#lines .person')].filter(i => i.textContent === arguments[0]).length", line)
-
-
 def settled(browser):
     """Nothing is under way, and the board has said its settings since."""
     browser.until("zwidth.state && zwidth.state.settings && !document.querySelector('[data-state=sent]')", 30)
     before = browser.js("return zwidth.state.settings_after")
     if browser.js("return zwidth.state.owner === zwidth.hello.id"):
-        browser.js("zwidth.link.command('get')")
+        browser.command("get")
         browser.until(f"zwidth.state.settings_after > {before}", 30)
     browser.until("!document.querySelector('[data-state=sent]')", 30)
 
@@ -69,7 +74,7 @@ def wrong_fields(browser):
 
 def fields(browser):
     """What is typed, what is refused."""
-    browser.js("for (const line of ['disarm', 'k 0', 'b 0', 'push 1']) zwidth.link.command(line)")
+    browser.command("disarm", "k 0", "b 0", "push 1")
     browser.until("zwidth.settings.k === 0 && zwidth.settings.b === 0 && zwidth.settings.push === 1")
     names = browser.js("return [...document.getElementById('estimator').options].map(({ value }) => value)")
     check("the menu has the estimators of the image", names == browser.js("return zwidth.state.estimators") and
@@ -77,31 +82,30 @@ def fields(browser):
     put(browser, "b", "2,5")
     browser.until("zwidth.settings.b === 2.5")
     check("2,5 is 2.5", seen(browser, "b")[0] == "2.5")
-    lines = browser.js("return document.querySelectorAll('#lines .person').length")
+    lines = browser.js(f"return {TYPED}.length")
     put(browser, "push", "")
     put(browser, "k", "2.000,5")
     check("an emptied field comes back to what is in force", seen(browser, "push")[:2] == ["1", ""])
     check("what is no number is refused", seen(browser, "k")[1:] == ["refused", "allowed a number"])
-    check("neither sends anything", browser.js("return document.querySelectorAll('#lines .person').length") == lines)
+    check("neither sends anything", browser.js(f"return {TYPED}.length") == lines)
     put(browser, "wall", "9999")
-    browser.until("document.querySelector('[data-set=wall]').dataset.state === 'refused'")
+    browser.until(state_is("wall", "refused"))
     check("a refused value is marked, with the board's sentence", "allowed" in seen(browser, "wall")[2], seen(browser, "wall"))
     put(browser, "wall", "9999")
-    browser.until("[...document.querySelectorAll('#lines .person')].filter(i => i.textContent === 'wall 9999').length === 2")
-    check("typed again it is sent again", True)
+    browser.meets("typed again it is sent again", f"{TYPED}.filter(i => i.textContent === 'wall 9999').length === 2")
     put(browser, "wall", "")
     put(browser, "k", "")
     check("and an emptied field shows what is in force", not wrong_fields(browser), wrong_fields(browser) or "")
-    browser.js("for (const line of ['b 10', 'k 2000']) zwidth.link.command(line)")
+    browser.command("b 10", "k 2000")
     browser.until("zwidth.settings.k === 2000")
     browser.arm()
-    browser.js("const menu = document.getElementById('estimator'); menu.value = 'difference'; menu.dispatchEvent(new Event('change'))")
-    browser.until("document.getElementById('estimator').dataset.state === 'refused'")
+    browser.choose("estimator", "difference")
+    browser.until(state_is("estimator", "refused"))
     check("a menu whose choice is refused shows what is in force, and why", seen(browser, "estimator")[0] == "butterworth"
           and "envelope" in seen(browser, "estimator")[2], seen(browser, "estimator"))
-    browser.js("zwidth.link.command('disarm')")
+    browser.command("disarm")
     browser.until("!zwidth.state.record.on")
-    browser.js("zwidth.link.command('load')")
+    browser.command("load")
     settled(browser)
     browser.js("const field = document.querySelector('[data-set=k]'); field.value = '300'; field.dispatchEvent(new Event('change'));"
                "document.querySelector('[data-do=load]').click()")
@@ -116,7 +120,7 @@ def first_minute(browser, orders):
             "B": lambda: put(browser, "b", "10"), "cutoff": lambda: put(browser, "cutoff", "1000")}
     every = list(itertools.permutations(acts))
     for order in every[::len(every) // orders]:
-        browser.js("for (const line of ['disarm', 'k 0', 'b 0', 'cutoff 1500']) zwidth.link.command(line)")
+        browser.command("disarm", "k 0", "b 0", "cutoff 1500")
         browser.until("!zwidth.state.record.on && zwidth.settings.k === 0 && zwidth.settings.b === 0 && zwidth.settings.cutoff === 1500")
         for act in order:
             acts[act]()
@@ -130,39 +134,33 @@ def first_minute(browser, orders):
     check("a page that asks is not silent", browser.js("return zwidth.state.record.armed && !zwidth.state.record.unlocked"))
     browser.driver.find_element("css selector", "#sure [value=allow]").click()
     browser.until("zwidth.state.record.unlocked")
-    browser.js("zwidth.link.command('disarm')")
+    browser.command("disarm")
     browser.until("!zwidth.state.record.on")
     browser.arm()
     # What waits does not outlive the force.
-    browser.js("zwidth.link.command('k 0'); zwidth.link.command('b 0')")
+    browser.command("k 0", "b 0")
     browser.until("zwidth.settings.b === 0")
     put(browser, "k", "2000")
-    browser.until("document.querySelector('[data-set=k]').dataset.state === 'waits'")
+    browser.until(state_is("k", "waits"))
     click(browser, "load")
-    browser.until("document.querySelector('[data-set=k]').dataset.state === 'refused'")
+    browser.until(state_is("k", "refused"))
     check("what is loaded ends what waits", seen(browser, "k")[2] != "")
     put(browser, "k", "2000")
-    browser.until("document.querySelector('[data-set=k]').dataset.state === 'waits'")
-    browser.press(" ")
-    browser.until("!zwidth.state.record.on && !document.querySelector('[data-set=k]').dataset.state")
+    browser.until(state_is("k", "waits"))
+    browser.stop()
+    browser.until("!document.querySelector('[data-set=k]').dataset.state")
     check("a stop ends what waits", seen(browser, "k")[0] == "0")
 
 
-class Reset:
+def resetting(address):
     """The reset of a served board, by its port for gdb."""
-
-    def __init__(self, address):
-        self.host, self.port = address.split(":")
-
-    def __call__(self):
-        with socket.create_connection((self.host, int(self.port)), timeout=10) as gdb:
+    def reset():
+        with socket.create_connection(address.split(":"), timeout=10) as gdb, contextlib.suppress(OSError):
             gdb.sendall(b"+$k#6b")
             gdb.settimeout(5)
-            try:
-                while gdb.recv(100):
-                    pass
-            except OSError:
+            while gdb.recv(100):
                 pass
+    return reset
 
 
 VALUES = {"k": ["2000", "0", "40000", "1e9", "-5", "", "2,5", "x", "900"], "b": ["10", "0", "25", "1e6", "", "1,5", "-1"],
@@ -174,7 +172,6 @@ def random_sequences(program, reset, sequences, seed=1):
     """Whatever is done, in the end each field shows what is in force, or says what it shows."""
     dice = random.Random(seed)
     pages = [Browser(program.line)]
-    resets = 0
     for number in range(sequences):
         done = []
         for _ in range(dice.randrange(3, 9)):
@@ -192,14 +189,13 @@ def random_sequences(program, reset, sequences, seed=1):
                 page.js("document.querySelector(`[data-do=${arguments[0]}]`).click()", done[-1])
             elif act == "menu" and owns:
                 done[-1] = dice.choice(["butterworth", "first-order", "difference"])
-                page.js("const menu = document.getElementById('estimator'); menu.value = arguments[0];"
-                        "menu.dispatchEvent(new Event('change'))", done[-1])
+                page.choose("estimator", done[-1])
             elif act == "slide" and owns:
                 page.js("const slide = document.getElementById('slide'); slide.value = arguments[0];"
                         "for (const name of ['input', 'change']) slide.dispatchEvent(new Event(name))", dice.random())
             elif act == "line" and owns:
                 done[-1] = dice.choice(["k 1500", "b 12", "unlock envelope", "clear", "period 5", "period 10"])
-                page.js("zwidth.link.command(arguments[0])", done[-1])
+                page.command(done[-1])
             elif act == "stop":
                 page.press(" ")
             elif act == "reload":
@@ -216,7 +212,6 @@ def random_sequences(program, reset, sequences, seed=1):
                     time.sleep(0.2)
             elif act == "reset":
                 reset()
-                resets += 1
             time.sleep(dice.choice([0, 0, 0.05, 0.4]))
         time.sleep(0.3)
         for page in pages:
@@ -226,16 +221,15 @@ def random_sequences(program, reset, sequences, seed=1):
             if wrong_fields(page):
                 raise SystemExit(f"FAILED: sequence {number} of seed {seed}, {done}: {wrong_fields(page)}")
     check(f"after each of {sequences} random sequences every field shows what is in force, or is marked", True,
-          f"{resets} resets, {len(pages)} pages at the end")
-    errors = [e for page in pages for e in page.driver.get_log("browser") if e["level"] == "SEVERE"]
-    check("no errors on the pages", not errors, errors or "")
+          f"{len(pages)} pages at the end")
+    pages[0].clean(*pages[1:])
     for page in pages:
         page.quit()
 
 
 def looks(browser):
     """Console, save, small windows, idle."""
-    browser.js("for (let n = 0; n < 40; n++) zwidth.link.command('version')")
+    browser.command(*["version"] * 40)
     browser.until("[...document.querySelectorAll('#lines li')].filter(i => i.textContent.startsWith('ok version')).length === 40")
     browser.js("""
         const { state, link } = zwidth, text = `error: ${"a refusal with its reason ".repeat(20)}`;
@@ -281,12 +275,13 @@ def silent(live, Owner, Socket):
     program = live()
     owner = Owner(program)
     browser = Browser(program.line)
-    for line in [b"k 200", b"b 2", b"arm"]:
-        owner.send(b'{"type":"command","line":"%s"}' % line)
+    for line in ["k 200", "b 2", "arm"]:
+        owner.send(json.dumps({"type": "command", "line": line}))
     browser.until("zwidth.state.record.armed")
     time.sleep(3)
     check("a page that answers keeps the force on", browser.js("return zwidth.state.record.armed && zwidth.state.owner !== zwidth.hello.id"))
-    owner.answers, begun = False, time.time()
+    owner.fall_silent()
+    begun = time.time()
     browser.until("zwidth.state.owner === null && !zwidth.state.record.on", 10)
     check("one that falls silent has lost control within 3 s, with the force off, s", time.time() - begun < 3, f"{time.time() - begun:.1f}")
     browser.js("document.querySelector('#control button').click()")

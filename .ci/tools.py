@@ -1,9 +1,10 @@
-"""What the checks with other people's tools share: how they come here, and how a check is told."""
+"""What the checks share: programs, other people's tools and how they come here, and how a check is told."""
 
 import atexit
+import contextlib
 import os
-import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -13,7 +14,51 @@ ROOT = Path(__file__).resolve().parent.parent
 PICTURES = ROOT / "docs" / "figures"
 # Where the programs are: of .ci/run those that its tests were built with.
 PROGRAMS = ROOT / os.environ.get("PROGRAMS", "target/release")
+TOOLS = ROOT / "target/tools"
+BOARDS = sorted(path.stem.replace("_", "-") for path in (ROOT / "src/board").glob("*.rs") if path.stem != "mod")
 passed = 0
+
+
+def run(*words, folder=ROOT, **more):
+    """What a program says that must hold."""
+    done = subprocess.run([str(word) for word in words], cwd=folder, text=True, stdout=subprocess.PIPE, check=False, **more)
+    if done.returncode:
+        raise SystemExit(f"error: {' '.join(map(str, words))}: ended with {done.returncode}\n{done.stdout}")
+    return done.stdout
+
+
+def sysroot(folder=ROOT):
+    return Path(run("rustc", "--print", "sysroot", folder=folder).strip()).resolve()
+
+
+def install_target(target, folder=ROOT):
+    """What the pinned tool chain lacks: with RUSTUP_AUTO_INSTALL=0 nothing comes by itself."""
+    if not (sysroot(folder) / "lib/rustlib" / target).is_dir():
+        run("rustup", "target", "add", target, folder=folder)
+
+
+def cargo_tool(package, version, *words):
+    """A program of crates.io, in target/tools."""
+    run("cargo", "install", package, "--version", f"={version}", "--locked", "--quiet", "--root", TOOLS, *words)
+    return TOOLS / "bin" / package
+
+
+class Program:
+    """A program whose first line on stdout is an address."""
+
+    def __init__(self, *command, **more):
+        self.process = subprocess.Popen(list(map(str, command)), cwd=ROOT, stdout=subprocess.PIPE, text=True, **more)
+        atexit.register(self.process.kill)
+        self.line = self.process.stdout.readline().strip()
+
+    def memory_mb(self):
+        import psutil
+        return psutil.Process(self.process.pid).memory_info().rss / 2**20
+
+    def end(self, how=signal.SIGINT):
+        if self.process.poll() is None:
+            self.process.send_signal(how)
+        return self.process.wait(timeout=20)
 
 
 def install_debian(*packages):
@@ -24,7 +69,7 @@ def install_debian(*packages):
 
 def run_with(name, *packages):
     """The program that was called, by a Python of its own with these packages of PyPI, in target/tools/NAME."""
-    place = ROOT / "target" / "tools" / name
+    place = TOOLS / name
     python = place / "bin" / "python"
     if not python.exists():
         if subprocess.run([sys.executable, "-m", "venv", str(place)], stdout=2).returncode:
@@ -55,7 +100,7 @@ def install_browser():
     """Chromium with its driver, and selenium in a place of its own."""
     if not shutil.which("chromedriver"):
         install_debian("chromium", "chromium-driver")
-    run_with("browser", "selenium==4.36.0", "pillow==12.0.0")
+    run_with("chromium", "selenium==4.36.0", "pillow==12.0.0", "psutil==7.1.3")
 
 
 class Browser:
@@ -81,38 +126,15 @@ class Browser:
             self.driver.quit()
         self.driver = None
 
-    def processes(self):
-        """All that the browser consists of."""
-        parents = {}
-        for status in Path("/proc").glob("[0-9]*/stat"):
-            try:
-                parents[int(status.parent.name)] = int(status.read_text().rsplit(")", 1)[1].split()[1])
-            except (FileNotFoundError, ProcessLookupError):
-                continue
-        found = [self.driver.service.process.pid]
-        for parent in found:
-            found += [child for child, of in parents.items() if of == parent]
-        return found[1:]
-
-    def cpu_s(self):
-        """Processor time of all of them, s."""
-        ticks = 0
-        for process in self.processes():
-            try:
-                ticks += sum(map(int, Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[11:13]))
-            except (FileNotFoundError, ProcessLookupError):
-                continue
-        return ticks / os.sysconf("SC_CLK_TCK")
-
-    def memory_mb(self):
-        """Memory of all of them, what they share counted once, MB."""
-        kb = 0
-        for process in self.processes():
-            try:
-                kb += int(re.search(r"Pss:\s+(\d+)", Path(f"/proc/{process}/smaps_rollup").read_text())[1])
-            except (FileNotFoundError, ProcessLookupError, TypeError):
-                continue
-        return kb / 1024
+    def usage(self):
+        """Processor time, s, and memory, MB, of all that the browser consists of; what they share counted once."""
+        import psutil
+        cpu_s = memory = 0
+        for process in psutil.Process(self.driver.service.process.pid).children(recursive=True):
+            with contextlib.suppress(psutil.NoSuchProcess):
+                cpu_s += sum(process.cpu_times()[:2])
+                memory += process.memory_full_info().pss
+        return cpu_s, memory / 2**20
 
     def js(self, text, *arguments):
         return self.driver.execute_script(text, *arguments)
@@ -124,6 +146,20 @@ class Browser:
                 return
             time.sleep(0.02)
         raise SystemExit(f"FAILED: waited {seconds} s for {text}")
+
+    def meets(self, what, text, seconds=20, said=None):
+        """Waits for it, and says so with what is then there."""
+        self.until(text, seconds)
+        check(what, True, self.js(f"return {said}") if said else "")
+
+    def command(self, *lines):
+        """To the board, as the page's buttons do it."""
+        self.js("for (const line of arguments) zwidth.link.command(line)", *lines)
+
+    def choose(self, name, value):
+        """In a menu or field, as a person does."""
+        self.js("const item = document.getElementById(arguments[0]); item.value = arguments[1];"
+                "item.dispatchEvent(new Event('change'))", name, value)
 
     def type(self, *lines):
         from selenium.webdriver.common.keys import Keys
@@ -167,6 +203,27 @@ class Browser:
         self.find("force").find_element("css selector", "[data-do=arm]").click()
         self.until("zwidth.state.record.armed")
 
+    def at_the_wall(self, what, picture=None):
+        """The mouse pulls the handle of the virtual board into the wall."""
+        self.type("k 2000", "b 10")
+        self.arm()
+        self.pull(81, hold=True)
+        self.until("zwidth.state.record.contact && zwidth.state.record.force_n < -2 && zwidth.state.record.force_n > -4")
+        if picture:
+            time.sleep(1)
+            self.picture(picture)
+        check(what, True, self.text("state"))
+        self.let_go()
+
+    def stop(self):
+        """By the space bar."""
+        self.press(" ")
+        self.until("!zwidth.state.record.on")
+
+    def clean(self, *others):
+        """Nothing has failed on the pages."""
+        errors = [entry for one in (self, *others) for entry in one.driver.get_log("browser") if entry["level"] == "SEVERE"]
+        check("no errors on the page", not errors, errors or "")
+
     def picture(self, name):
-        if name:
-            self.driver.save_screenshot(str(PICTURES / f"{name}.png"))
+        self.driver.save_screenshot(str(PICTURES / f"{name}.png"))

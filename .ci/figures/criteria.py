@@ -3,11 +3,7 @@
 from . import block
 from .devices import without
 from .estimators import f, of, tuned
-from .source import ROOT, m, measured, number, rows, sim, significant, table
-
-
-def limit_rows(file, **wanted):
-    return [r for r in rows(file) if all(r[key] == value for key, value in wanted.items())]
+from .source import ROOT, area_of, m, measured, number, rows, rows_of, short, sim, significant, table
 
 
 def limit_name(r):
@@ -15,10 +11,7 @@ def limit_name(r):
 
 
 def limit_area(r):
-    cut = "> " if int(r["capped_walks"]) else ""
-    star = "*" if r["cutoff_hz"] and r["cutoff_hz"] == r["ideal_cutoff_hz"] else ""
-    millions = float(r["area_n2_s_per_m2"]) * 1e-6
-    return f"{cut}{number(float(f'{millions:.3g}'))}{star}"
+    return area_of(r) + ("*" if r["cutoff_hz"] and r["cutoff_hz"] == r["ideal_cutoff_hz"] else "")
 
 
 @block
@@ -29,7 +22,7 @@ def criteria_limits():
               ("20", "motor"), ("10", "motor"), ("0", "motor")]
     body = []
     for limit, push in wanted:
-        found = [r for r in limit_rows(file, push=push, estimator="scene") if float(r["limit"]) == float(limit)]
+        found = [r for r in rows_of(file, push=push, estimator="scene") if float(r["limit"]) == float(limit)]
         cells = [limit_area(next(r for r in found if float(r["cutoff_hz"]) == float(hz))) for hz in shown]
         low, high = (f"{float(found[0][f'ideal_{end}_hz']):g}" for end in ("low", "high"))
         body.append([f"{limit_name(found[0])}, {push}", *cells, low if low == high else f"{low} to {high}"])
@@ -40,16 +33,16 @@ def criteria_limits():
 def criteria_levers(limit, push):
     """Area at the ideal cutoff, and that cutoff, by loop and what is between."""
     file, body = "levers-paper-1um.csv", []
-    found = [r for r in limit_rows(file, push=push) if abs(float(r["limit"]) / float(limit) - 1) < 1e-9]
+    found = [r for r in rows_of(file, push=push) if abs(float(r["limit"]) / float(limit) - 1) < 1e-9]
     for of_loop, period in dict.fromkeys((r["loop"], r["output_period_samples"]) for r in found):
         in_row = [r for r in found if (r["loop"], r["output_period_samples"]) == (of_loop, period)]
         cells = []
         for between in ("as-is", "amplifier", "amplifier-and-mode"):
             of_it = [r for r in in_row if r["between"] == between and r["estimator"] == "scene"]
             best = next(r for r in of_it if r["cutoff_hz"] == r["ideal_cutoff_hz"])
-            cells.append(f"{plain_area(best)} ({float(best['cutoff_hz']):g} Hz)")
+            cells.append(f"{area_of(best)} ({float(best['cutoff_hz']):g} Hz)")
         told = next(r for r in in_row if r["estimator"] == "true-velocity")
-        body.append([of_loop, period, *cells, plain_area(told)])
+        body.append([of_loop, period, *cells, area_of(told)])
     return table(["loop", "samples an output", "as it is", "amplifier of 1 kHz", "and a transmission of 150 Hz",
                   "true velocity"], body)
 
@@ -57,7 +50,7 @@ def criteria_levers(limit, push):
 @block
 def criteria_rates(limit, push):
     """Area at the ideal cutoff, and that cutoff, by encoder rate and output rate."""
-    found = [r for r in limit_rows("rates-paper-1um.csv", push=push, estimator="scene") if abs(float(r["limit"]) / float(limit) - 1) < 1e-9]
+    found = [r for r in rows_of("rates-paper-1um.csv", push=push, estimator="scene") if abs(float(r["limit"]) / float(limit) - 1) < 1e-9]
     encoders, outputs = (sorted({float(r[f"{which}_rate_hz"]) for r in found}) for which in ("encoder", "output"))
 
     def cell(encoder, output):
@@ -66,13 +59,13 @@ def criteria_rates(limit, push):
         if not best:
             return "none" if of_it else ""
         end = "*" if float(best[0]["cutoff_hz"]) == max(float(r["cutoff_hz"]) for r in of_it) else ""
-        return f"{plain_area(best[0])} ({float(best[0]['cutoff_hz']):g} Hz{end})"
+        return f"{area_of(best[0])} ({float(best[0]['cutoff_hz']):g} Hz{end})"
 
-    told = [r for r in limit_rows("rates-paper-1um.csv", push=push, estimator="true-velocity") if abs(float(r["limit"]) / float(limit) - 1) < 1e-9]
+    told = [r for r in rows_of("rates-paper-1um.csv", push=push, estimator="true-velocity") if abs(float(r["limit"]) / float(limit) - 1) < 1e-9]
     fastest = [next(r for r in told if float(r["output_rate_hz"]) == output and float(r["encoder_rate_hz"]) == encoders[-1]) for output in outputs]
     return table(["encoder rate, Hz", *[f"outputs at {number(output)} Hz" for output in outputs]],
                  [*[[number(encoder), *[cell(encoder, output) for output in outputs]] for encoder in encoders],
-                  [f"true velocity, {number(encoders[-1])}", *map(plain_area, fastest)]])
+                  [f"true velocity, {number(encoders[-1])}", *map(area_of, fastest)]])
 
 
 @block
@@ -84,20 +77,13 @@ def explained(encoder):
             mean, low, high = (significant(float(r[key]), 3) for key in ("times_the_area", "times_low", "times_high"))
             times = f"{mean}{'?' if r['better'] == 'unsure' else ''} ({low} to {high})"
         share = f"{100 * float(r['share_of_core']):.1f}" if r["share_of_core"] else ""
-        cut = "> " if int(r["capped_walks"]) else ""
         body.append([r["rank"] if r["rank"] != "0" else "", r["what"].replace(";", ","), times,
-                     cut + number(float(f"{float(r['area_n2_s_per_m2']) * 1e-6:.3g}")),
-                     number(float(f"{float(r['scene_area_n2_s_per_m2']) * 1e-6:.3g}")) if r["scene_area_n2_s_per_m2"] else "",
+                     area_of(r), short(float(r["scene_area_n2_s_per_m2"]) * 1e-6) if r["scene_area_n2_s_per_m2"] else "",
                      number(float(r["stiffness_peak_n_per_m"]), 0), number(float(r["stiffness_n_per_m"]), 0),
                      f"{1e3 * float(r['velocity_noise_m_per_s']):.2g}", share])
     b = float(rows(f"explain-paper-{encoder}.csv")[0]["damping_n_s_per_m"])
     return table(["rank", "change", "times the area", "area, 10^6 N^2 s/m^2", "by 15 um", "peak K, N/m", f"K at B = {b:g}, N/m",
                   "noise, mm/s", "of the core, %"], body)
-
-
-def plain_area(r):
-    cut, millions = "> " if int(r["capped_walks"]) else "", float(r["area_n2_s_per_m2"]) * 1e-6
-    return f"{cut}{number(float(f'{millions:.3g}'))}"
 
 
 @block
@@ -118,16 +104,16 @@ def criteria_people():
 def criteria_yardstick():
     file = "limits-paper-1um.csv"
     body = []
-    for told in limit_rows(file, push="motor", estimator="true-velocity"):
-        own = [r for r in limit_rows(file, push="motor", estimator="scene", limit=told["limit"], limit_unit=told["limit_unit"])
+    for told in rows_of(file, push="motor", estimator="true-velocity"):
+        own = [r for r in rows_of(file, push="motor", estimator="scene", limit=told["limit"], limit_unit=told["limit_unit"])
                if r["cutoff_hz"] == r["ideal_cutoff_hz"]]
         share = 100 * float(own[0]["share_of_true_velocity"])
-        body.append([limit_name(told), limit_area(own[0]).rstrip("*"), limit_area(told), f"{share:.0f} %"])
+        body.append([limit_name(told), area_of(own[0]), area_of(told), f"{share:.0f} %"])
     return table(["limit, motor", "ideal cutoff", "true velocity", "share"], body)
 
 
 def three(key):
-    return number(float(f"{float(measured(f'host/criteria/{key}')):.3g}"))
+    return short(float(measured(f"host/criteria/{key}")))
 
 
 def ends(key):
@@ -157,12 +143,12 @@ def criteria_by_hand():
 def criteria_felt():
     body = {}
     for encoder in ("1um", "2um"):
-        for r in limit_rows(f"felt-paper-{encoder}.csv", estimator="scene"):
+        for r in rows_of(f"felt-paper-{encoder}.csv", estimator="scene"):
             if r["cutoff_hz"] != r["ideal_cutoff_hz"]:
                 continue
             who = "the worst of all" if r["push"] == "worst" else f"{r['arm'] or 'free'}, {r['push']}"
             key = (f"{encoder[0]} um", who)
-            body.setdefault(key, {})[float(r["limit"])] = f"{limit_area(r).rstrip('*')} at {float(r['cutoff_hz']):g}"
+            body.setdefault(key, {})[float(r["limit"])] = f"{area_of(r)} at {float(r['cutoff_hz']):g}"
     return table(["encoder", "arm, push", "12 dB more sensitive", "the model", "12 dB less sensitive"],
                  [[*key, *(cells[level] for level in (-12.0, 0.0, 12.0))] for key, cells in body.items()])
 
@@ -171,7 +157,7 @@ def criteria_felt():
 def criteria_felt_design():
     body = []
     for encoder in ("1um", "2um"):
-        found = {(r["arm"], r["push"], float(r["limit"])): r for r in limit_rows(f"felt-designed-paper-{encoder}.csv", estimator="scene")}
+        found = {(r["arm"], r["push"], float(r["limit"])): r for r in rows_of(f"felt-designed-paper-{encoder}.csv", estimator="scene")}
         for arm, push in dict.fromkeys(key[:2] for key in found):
             who = "the worst of all" if push == "worst" else f"{arm or 'free'}, {push}"
             cells = []
@@ -232,10 +218,10 @@ def felt_best(encoder):
 def criteria_arms():
     file = "limits-paper-1um-arms.csv"
     body = {}
-    for r in limit_rows(file, estimator="scene"):
+    for r in rows_of(file, estimator="scene"):
         if r["cutoff_hz"] == r["ideal_cutoff_hz"] and (r["limit_unit"] == "m" or float(r["limit"]) == 0):
             who = "the worst of all" if r["push"] == "worst" else f"{r['arm'] or 'none'}, {r['push']}"
-            cell = f"{limit_area(r).rstrip('*')} at {float(r['cutoff_hz']):g}"
+            cell = f"{area_of(r)} at {float(r['cutoff_hz']):g}"
             body.setdefault(who, {})[limit_name(r)] = cell
     names = ["15 um", "1 um", "felt, 0 dB"]
     return table(["arm, push", *names], [[who, *(cells[name] for name in names)] for who, cells in body.items()])

@@ -3,8 +3,8 @@
 import math
 
 from . import block
-from .estimators import cost, share, true_area
-from .source import LONG, m, measured, number, row, rows, significant, table
+from .estimators import share, true_area
+from .source import LONG, number, row, rows, significant, table
 
 DESIGNS = [("1 um, 15 um of the counts, motor", "paper-1um"), ("2 um, 15 um of the counts, motor", "paper-2um"),
            ("1 um, 15 um of the counts, hand", "paper-1um-hand"), ("2 um, 15 um of the counts, hand", "paper-2um-hand"),
@@ -130,36 +130,3 @@ def held_designs():
 def held_times():
     return table(["command", "processor time, s", "half, s"],
                  [[f"`{r['command']}`", round(float(r["cpu_s"])), round(float(r["cpu_s"]) / 2)] for r in rows("command-times.csv")])
-
-
-def off(key):
-    """Farthest that our starts are from the independent program, percent."""
-    own = [float(measured(f"host/criteria/{key}/{end}")) for end in ("low", "high")]
-    theirs = float(measured(f"host/criteria/{key}/independent"))
-    inside = own[0] <= theirs <= own[1]
-    return 0.0 if inside else 100 * min(abs(value / theirs - 1) for value in own)
-
-
-@block
-def held_figures():
-    hands = [f"by_hand/{name}" for name in ("butterworth", "kalman-3", "levant-explicit")]
-    runs = [f"saturation/{key}" for key in ("10/motor", "20/motor", "100/motor", "5.2/hand", "10/hand", "100/hand")]
-    cells = {key: (m(f"host/criteria/{key}/within"), m(f"host/criteria/{key}/cells")) for key in ("limits", "levels")}
-    levers = [f"levers/{limit}" for limit in ("1um", "15um")]
-    within, all_ = (sum(float(measured(f"host/criteria/{key}/{what}")) for key in levers) for what in ("within", "cells"))
-    worst = max(float(measured(f"host/criteria/{key}/worst_percent")) for key in levers)
-    more = int(cost("biquad")[0]) - int(cost("butterworth")[0])
-    test = "cargo test --release --test host"
-    body = [
-        ["hand's push, three estimators", "3 %", f"{max(map(off, hands)):.1f} % between the ranges at most", f"`{test} criteria -- --ignored`"],
-        ["six runs over the actuator's limit", "3 %", f"{max(map(off, runs)):.1f} % between the ranges at most", "the same"],
-        ["areas by limit of the motion", "3 % above 10^6", f"{cells['limits'][0]} of {cells['limits'][1]} cells", "the same"],
-        ["areas by sensation level", "3 % above 10^6", f"{cells['levels'][0]} of {cells['levels'][1]} cells", "the same"],
-        ["true velocity", "3 %", f"{m('host/criteria/yardstick/cells')} of {m('host/criteria/yardstick/cells')} cells", "the same"],
-        ["when the loop acts", "3 %", f"{within:.0f} of {all_:.0f} loops, {worst:.1f} % off at most", "the same"],
-        ["cycles of `biquad` over Butterworth's", "5", more, "`cargo test --test elf estimator_cost -- --ignored`"],
-        ["encoder with which the model feels nothing at 20 kN/m", "-",
-         f"{float(measured('host/criteria/felt/paper/0/um')):.2g} um; with the board's latency "
-         f"{float(measured('host/criteria/felt/board/0/um')):.2g} um", f"`{test} criteria::felt -- --ignored`"],
-    ]
-    return table(["figure, against an independent program", "asked", "found", "command"], body)

@@ -10,7 +10,7 @@ import tomllib
 from pathlib import Path
 
 from . import block, commands
-from .source import DATA, LONG, ROOT, note_made, number, programs, row, rows, significant, store, table
+from .source import ROOT, long, number, programs, row, rows, significant, table
 from .source import sim as asked
 
 # Scene, its name on the page.
@@ -21,7 +21,7 @@ DEVICES = {
 ESTIMATORS = "butterworth,first-order,tracking-loop,kalman-3,levant-explicit"
 BEST, SWEEPS = "devices.csv", "devices-sweeps.csv"
 # From examples/ to a board that holds a wall, builds included.
-TUTORIAL_SECONDS, TUTORIAL_TIME = 600, "tutorial-seconds.csv"
+TUTORIAL_SECONDS = 600
 
 
 def times(text, key, factor):
@@ -75,6 +75,7 @@ def text_of(scene):
     return (ROOT / f"scenes/{scene}.toml").read_text()
 
 
+@long("devices-sweeps")
 def make_sweeps():
     """Each scene swept, as it is and with one thing changed."""
     body = []
@@ -83,10 +84,10 @@ def make_sweeps():
             text = text_of(scene)
             for changed, other in [("", text), *changes(text)]:
                 body.append(swept(folder, scene, changed, other))
-    store(SWEEPS, body)
-    note_made(LONG["devices-sweeps"][0], {"sweeps": SWEEPS})
+    return body
 
 
+@long("devices")
 def make_best():
     """The best of five estimators of each scene."""
     body = []
@@ -98,12 +99,7 @@ def make_best():
                      for r in compared["estimators"]}
             best = max(areas, key=areas.get)
             body.append({"scene": scene, "best": best, "best_times_butterworth": areas[best] / areas["butterworth"]})
-    store(BEST, body)
-    note_made(LONG["devices"][0], {"devices": BEST})
-
-
-LONG["devices"] = ("cargo sim compare SCENE --estimators " + ESTIMATORS + " --budget 16", {"devices": BEST}, make_best)
-LONG["devices-sweeps"] = ("cargo sim sweep SCENE --repeat 2", {"sweeps": SWEEPS}, make_sweeps)
+    return body
 
 
 def units(scene):
@@ -168,6 +164,7 @@ def tutorial_walk():
                  [[number(b), number(predicted.get(b, 0.0)), number(found.get(b, 0.0))] for b in sorted(predicted | found)])
 
 
+@long("tutorial")
 def timed_tutorial():
     """The tutorial's commands, typed as they stand, with nothing built before."""
     begun, commands.SECONDS = time.monotonic(), TUTORIAL_SECONDS
@@ -177,12 +174,7 @@ def timed_tutorial():
     seconds = time.monotonic() - begun
     if failed or seconds > TUTORIAL_SECONDS:
         raise SystemExit("\n".join(["error: the tutorial", *failed, f"took {seconds:.0f} s, {TUTORIAL_SECONDS} are allowed"]))
-    with (DATA / TUTORIAL_TIME).open("w") as file:
-        file.write(f"cores,seconds\n{len(os.sched_getaffinity(0))},{seconds:.0f}\n")
-    note_made(".ci/pages --long tutorial", {"seconds": TUTORIAL_TIME})
-
-
-LONG["tutorial"] = (".ci/pages --long tutorial", {"seconds": TUTORIAL_TIME}, timed_tutorial)
+    return [{"cores": len(os.sched_getaffinity(0)), "seconds": f"{seconds:.0f}"}]
 
 
 @block

@@ -1,10 +1,8 @@
 """Which estimator, speed against accuracy, velocity estimators: tables made of what `compare`, `trade` and the tests
 have stored."""
 
-import json
-
 from . import block
-from .source import DATA, m, measured, number, power, row, rows, significant, table
+from .source import area_of, m, measured, number, power, row, rows, rows_of, said_in, significant, table
 
 FUSION = "compare-paper-1um-accelerometer.csv"
 
@@ -16,16 +14,12 @@ def compared(scene):
         later = {r["estimator"]: dict(r) for r in rows("compare-paper-2um-added.csv")}
         found = [later.pop(r["estimator"], r) for r in found] + list(later.values())
     if scene == "paper-1um":
-        found += [{**r, "estimator": "fusion (accelerometer scene)"} for r in rows(FUSION) if r["estimator"] == "fusion"]
+        found += [{**r, "estimator": "fusion (accelerometer scene)"} for r in rows_of(FUSION, estimator="fusion")]
     return found
 
 
 def of(scene, estimator):
     return row(FUSION if estimator == "fusion" else f"compare-{scene}.csv", estimator=estimator)
-
-
-def said(scene):
-    return json.loads((DATA / f"compare-{scene}.json").read_text())
 
 
 def f(r, key, scale=1.0, digits=0):
@@ -125,7 +119,7 @@ CRITERIA = [
 
 @block
 def comparison_winners(scene):
-    winners = said(scene)["winners"]
+    winners = said_in(f"compare-{scene}.json")["winners"]
 
     def cell(criterion, kind):
         found = [w for w in winners if w["criterion"] == criterion and w["class"] == kind]
@@ -144,7 +138,7 @@ def comparison_winners(scene):
 
 @block
 def comparison_walls():
-    told = said("paper-1um")
+    told = said_in("compare-paper-1um.json")
     walls = [f"{number(w['stiffness_n_per_m'])} N/m with {w['damping_n_s_per_m']:g} N s/m" for w in told["walls"]]
     return table(["what", "walls"], [["force above 100 Hz", f"K {walls[1]}"], ["impedance", ", ".join(f"K {w}" for w in walls)],
                                      ["hold and latency alone, with the true velocity",
@@ -316,17 +310,12 @@ def peer_names():
     return list(dict.fromkeys(r["estimator"] for r in rows(PEERS)))
 
 
-def peer_area(r):
-    cut = "> " if int(r["capped_walks"]) else ""
-    return cut + number(float(f"{float(r['area_n2_s_per_m2']) * 1e-6:.3g}"))
-
-
 @block
 def peers(loop):
     def cell(name, limit):
         r = peer(loop, name, limit)
         share = 100 * float(r["share_of_true_velocity"])
-        return f"{peer_area(r)} ({share:.{0 if share >= 9.95 else 1}f} %)"
+        return f"{area_of(r)} ({share:.{0 if share >= 9.95 else 1}f} %)"
 
     return table(["estimator", *(text for _, text in PEER_LIMITS)],
                  [[f"`{name}`", *(cell(name, limit) for limit, _ in PEER_LIMITS)] for name in peer_names()])
@@ -342,10 +331,10 @@ def peers_sources():
 @block
 def peers_quiet():
     """Quiet walls first, then the paper's criterion."""
-    quiet = {(r["loop"], r["estimator"]): peer_area(r) for r in rows("peers-paper-1um-quiet.csv")}
+    quiet = {(r["loop"], r["estimator"]): area_of(r) for r in rows("peers-paper-1um-quiet.csv")}
     loops = [("paper-1um", "paper's loop"), ("nucleo-f446re", "board")]
     body = [[f"`{name}`", *(quiet[loop, name] for loop, _ in loops),
-             *(peer_area(peer(loop, name, PEER_LIMITS[0][0])) for loop, _ in loops)] for name in peer_names()]
+             *(area_of(peer(loop, name, PEER_LIMITS[0][0])) for loop, _ in loops)] for name in peer_names()]
     return table(["velocity by default", *(f"{text}, {by}" for by in ("quiet", PEER_LIMITS[0][1]) for _, text in loops)], body)
 
 

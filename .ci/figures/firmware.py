@@ -120,57 +120,14 @@ def allowed(*names):
     return f"{limit:g} us" if limit < 100 else f"{limit / 1e3:g} ms"
 
 
-def core(what):
-    return [f"{what} in {task}" for task in ("idle", "link", "render", "sample")]
-
-
-DEAD = ["dead channel A", "dead channel B"]
-STOPPED = ["TIM5 disabled in the NVIC", "TIM5 stands still", "TIM5 asks for no interrupt", "TIM5 asks all the time"]
 SHORT_HALT = "debugger halt, 1.5 ms"
-HALT = ["debugger halt, 30 ms", "debugger halt, 30 ms, MOE reset", "debugger halt, 200 ms", "debugger halt, 200 ms, watchdog stopped"]
-CASES = [
-    (["count jump"], "count jump", "the handle is 0.7 mm farther at once", "10"),
-    (["over-speed"], "over-speed", "the handle moves at 2.5 m/s", "11"),
-    (["out of range"], "out of range", "bit 30 of the position flips in the memory of `sample`, in the encoder and in the estimator", "12"),
-    ([f"{d}, in free motion" for d in DEAD], "dead channel A or B, in free motion", "the pin keeps its level 1 mm after the start of a `hit`", "13"),
-    ([*[f"{d} at arm" for d in DEAD], "swapped channels at arm", "wrong motor sign at arm"],
-     "dead channel A or B, swapped channels, wrong motor sign, at `arm`", "pin, pins, or sign of the force on the plant", "14"),
-    (["beyond travel"], "beyond travel", "the handle is led past -0.04 m from zero at 0.5 m/s", "15"),
-    (["late render", "stuck render, 15 periods"], "late `render`, stuck `render` (15 periods)",
-     "its enable bit in the NVIC is 0 from right before a due sample; found when the next output is due, cut by the sample after", "20 (and 21)"),
-    (["stuck render, for ever"], "stuck `render`, for ever", "the same, and nobody sets the bit again", "22"),
-    (["watchdog: link does not run"], "watchdog", "`link` runs in an endless loop: `idle` does not feed", "22"),
-    (["watchdog: its time is another, then link does not run"], "the same, its time a second longer before",
-     "bit 10 of its RLR; `idle` sets it right", "22"),
-    (["reset while armed"], "reset while armed", "the reset pin", "23"),
-    (["emergency stop"], "emergency stop", "TIM1's break input, no code", "30"),
-    (["emergency stop, 0.2 ms"], "emergency stop of 0.2 ms", "the same, closed again before the next output", "30"),
-    (["brown-out", "brown-out, 0.2 ms"], "brown-out, for good, and for 0.2 ms", "the voltage detector's output", "31"),
-    (["brown-out while the logger masks"], "brown-out while a log line is written", "the same", "31"),
-    ([SHORT_HALT], "debugger halt, 1.5 ms", "the core stands still; what DBGMCU says stands still with it; TIM1's outputs are off"
-     " meanwhile, then on again, because MOE was only masked", "32"),
-    ([HALT[0]], "debugger halt, 30 ms", "the same; the output watchdog runs on, and clears MOE", "32"),
-    ([HALT[1]], "the same, MOE reset", "by the other reading of the manuals", "32"),
-    ([HALT[2]], "debugger halt, 200 ms", "a script has stopped the watchdog on connecting; the next output has undone that", "22"),
-    ([HALT[3]], "the same, the watchdog stopped in the halt", "", "32"),
-    (["crystal stops"], "crystal stops", "the chip's clock security system switches to its own oscillator, 16 MHz, breaks TIM1 and raises the NMI", "33"),
-    (core("panic"), "panic in `idle`, `link`, `render`, `sample`", "the program counter jumps to the panic handler", "41"),
-    ([*core("HardFault"), "undefined instruction"], "hard fault in each of them",
-     "the program counter jumps to where no memory is, or into erased flash", "42"),
-    (STOPPED, "no samples, or nothing but samples", "TIM5's enable bit in the NVIC, its CEN or its UIE is 0; its period is 11 ticks", "22"),
-    (["interrupts masked"], "interrupts masked", "PRIMASK is 1", "22"),
-    (["lock-up"], "lock-up", "the stack pointer is 0x10: the hard fault that follows cannot be stacked", "22"),
-    (["stack overrun"], "stack overrun", "the stack pointer is in the guard between stack and statics", "42"),
-    (["vector table lost"], "vector table lost", "VTOR points into erased flash", "22"),
-    (["no sample is due"], "no sample is due", "bit 30 of the word by which `sample` counts to the next output", "22"),
-    (["PendSV", "an unused interrupt"], "PendSV, or an interrupt without a task", "it is pending, and enabled", "45"),
-]
 
 
 @block
 def fault_campaign():
     body = []
-    for names, case_name, how, code in CASES:
+    for r in rows("fault-cases.csv"):
+        names = r["measured"].split("; ")
         off = case(*names)
         limit = allowed(*names)
         if names[0] == SHORT_HALT:  # the program stands still for the halt
@@ -180,7 +137,7 @@ def fault_campaign():
             limit += " after it goes on"
         else:
             shown = ms(off)
-        body.append([case_name, how, shown, limit, code])
+        body.append([r["case"], r["how"], shown, limit, r["code"]])
     body += [
         ["RTT stall and flood", "nobody reads, all channels set to blocking, commands and garbage without a pause, at output"
          " period 10; at each period, read or not: [below](../faults.md#a-host-that-sends-without-a-pause)",

@@ -4,7 +4,7 @@ import math
 import re
 
 from . import block
-from .source import LONG, changed_scene, constant, lit, m, measured, note_made, number, rows, said, significant, sim, store, table
+from .source import changed_scene, constant, lit, long, m, measured, number, rows, said, significant, sim, table
 
 
 def hz_range(low_high):
@@ -64,9 +64,7 @@ def transmission(scene, share=0.24, hertz=150, ratio=0.03):
             f"damping_n_s_per_m = {2 * ratio * reduced * per_s:.5f}\n")
 
 
-PERIODS, PERIODS_COMMAND = "periods-quiet.csv", ".ci/pages --long periods-quiet"
-
-
+@long("periods-quiet")
 def make_periods():
     """What to dial in in each loop: as it is, with an amplifier, with that and a transmission."""
     loops = [("the paper's", changed_scene("paper-1um"), 10)]
@@ -78,17 +76,13 @@ def make_periods():
             low, high = found["range_hz"]
             body.append({"loop": loop, "period": period, "between": between, "cutoff_hz": found["cutoff_hz"], "low_hz": low, "high_hz": high,
                          "stiffness_n_per_m": found["stiffness_n_per_m"], "area_n2_s_per_m2": found["area_n2_s_per_m2"]})
-    store(PERIODS, body)
-    note_made(PERIODS_COMMAND, {"periods": PERIODS})
-
-
-LONG["periods-quiet"] = (PERIODS_COMMAND, {"periods": PERIODS}, make_periods)
+    return body
 
 
 @block
 def criteria_periods():
     body = []
-    for r in rows(PERIODS):
+    for r in rows("periods-quiet.csv"):
         hertz, area = f"{float(r['cutoff_hz']):g} Hz", significant(float(r["area_n2_s_per_m2"]) / 1e6, 3)
         if r["between"]:
             body[-1].append(f"{area} ({hertz})")

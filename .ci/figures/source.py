@@ -16,88 +16,7 @@ PAGES = ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", *(
     f"{folder}/{page.name}" for folder in ("docs", "docs/lab") for page in sorted((ROOT / folder).glob("*.md")))]
 # What `figure` of tests/figure.rs leaves, one file for each.
 LEFT_BY_TESTS = ROOT / "target/tmp/figures"
-MEASURED = DATA / "measured.csv"
-MADE = DATA / "made.csv"
 
-# Commands of minutes: the files that they write, and where these are stored; `json` is what they print.
-SIX = "butterworth,first-order,least-squares-2,tracking-loop,kalman-3,levant-explicit"
-FIVE = "butterworth,kalman-3,levant-explicit,first-order,time-stamps"
-LONG = {
-    "campaign": ("cargo board campaign --random 10000", {"rows": "campaign-rows.csv", "random": "campaign-random.csv",
-                                                         "left": "campaign-left.csv"}),
-    "campaign-image": ("cargo board campaign --rows none --image 2500", {"image": "campaign-image.csv"}),
-    "walk-nucleo-f446re": ("cargo board walk nucleo-f446re --cutoff 1500", {"csv": "walk-nucleo-f446re.csv"}),
-    "compare-paper-1um": ("cargo sim compare paper-1um --criterion rms", {
-        "compare.csv": "compare-paper-1um.csv", "fidelity.csv": "compare-paper-1um-fidelity.csv",
-        "tuning.csv": "compare-paper-1um-tuning.csv", "json": "compare-paper-1um.json"}),
-    "compare-paper-2um": ("cargo sim compare paper-2um --criterion rms", {
-        "compare.csv": "compare-paper-2um.csv"}),
-    # Rows that came later or changed: they do not depend on the others.
-    "compare-paper-2um-added": ("cargo sim compare paper-2um --criterion rms --estimators butterworth,time-stamps", {
-        "compare.csv": "compare-paper-2um-added.csv"}),
-    "compare-paper-1um-accelerometer": (
-        "cargo sim compare docs/data/paper-1um-accelerometer.toml --criterion rms --estimators fusion",
-        {"compare.csv": "compare-paper-1um-accelerometer.csv", "fidelity.csv": "compare-paper-1um-accelerometer-fidelity.csv"}),
-    **{f"compare-paper-1um-{name}": (
-        f"cargo sim compare paper-1um {words} --estimators {SIX}", {"compare.csv": f"compare-paper-1um-{name}.csv"})
-       for name, words in {"motor-1um": "--limit 1e-6 --rms-of motion", "hand-15um": "--criterion rms --push hand",
-                           "hand-1um": "--limit 1e-6 --rms-of motion --push hand",
-                           "board-1um": "--limit 1e-6 --rms-of motion --latency 0.115"}.items()},
-    **{f"compare-{name}-quiet": (f"cargo sim compare {name} --estimators {SIX}", {"compare.csv": f"compare-{name}-quiet.csv"})
-       for name in ("paper-1um", "nucleo-f446re")},
-    **{f"explain-{name}": (f"cargo sim explain {name}", {"explain.csv": f"explain-{name}.csv"})
-       for name in ("paper-1um", "paper-2um")},
-    "peers-paper-1um-quiet": ("cargo sim compare paper-1um --peers --limits quiet --repeat 1", {"peers.csv": "peers-paper-1um-quiet.csv"}),
-    "peers-paper-1um": ("cargo sim compare paper-1um --peers --limits 15e-6,5e-6,2e-6,1e-6,felt", {"peers.csv": "peers-paper-1um.csv"}),
-    **{f"design-{name}": (f"cargo sim design {words}", {"design.csv": f"design-{name}.csv"}) for name, words in {
-        "paper-1um": "paper-1um --limits 15e-6", "paper-2um": "paper-2um --limits 15e-6",
-        "paper-1um-hand": "paper-1um --limits 15e-6 --push hand --gain-peak-db 6",
-        "paper-2um-hand": "paper-2um --limits 15e-6 --push hand --gain-peak-db 6",
-        "paper-2um-hand-4500": "docs/data/paper-2um-cap-4500.toml --limits 15e-6 --push hand --gain-peak-db 6",
-        **{f"{scene}-quiet": f"{scene} --limits 1e-6 --rms-of motion --steps 1000,5 --gain-peak-db 3"
-           for scene in ("paper-1um", "paper-2um")},
-        **{f"{scene}-two": f"{scene} --limits 15e-6 --sections 2" for scene in ("paper-1um", "paper-2um")},
-        **{f"{scene}-two-no-delay": f"{scene} --limits 15e-6 --sections 2 --delay 0" for scene in ("paper-1um", "paper-2um")}}.items()},
-    "design-paper-1um-six": ("cargo sim design paper-1um --limits 15e-6 --push motor,hand --arms none,heavy,light", {
-        "design.csv": "design-paper-1um-six.csv", "conditions.csv": "design-paper-1um-six-conditions.csv"}),
-    "limits-paper-1um": (
-        "cargo sim sweep paper-1um --limits 15e-6,5e-6,2e-6,1e-6,0.5e-6,felt", {"limits.csv": "limits-paper-1um.csv"}),
-    "limits-paper-1um-arms": (
-        "cargo sim sweep paper-1um --limits 15e-6,1e-6,felt --arms all --repeat 2", {"limits.csv": "limits-paper-1um-arms.csv"}),
-    **{f"felt-{scene}": (f"cargo sim sweep {scene} --limits felt=-12,felt=0,felt=12 --arms all --repeat 1",
-                         {"limits.csv": f"felt-{scene}.csv"}) for scene in ("paper-1um", "paper-2um")},
-    **{f"felt-design-{scene}-{level}": (
-        f"cargo sim design {scene} --limits felt={level} --push motor,hand --arms none,heavy,light --steps 500,5 --budget 300 "
-        "--repeat 2", {"conditions.csv": f"felt-design-{scene}-{level}.csv", "best.toml": f"felt-design-{scene}-{level}.toml"})
-       for scene, level in [("paper-1um", 0), ("paper-2um", 0)]},
-    # The designed filter under the curve moved up and down.
-    **{f"felt-designed-{scene}": (
-        f"cargo sim sweep docs/data/felt-design-{scene}-0.toml --limits felt=-12,felt=0,felt=12 --arms all --repeat 1",
-        {"limits.csv": f"felt-designed-{scene}.csv"}) for scene in ("paper-1um", "paper-2um")},
-    "usable-paper-1um": ("cargo sim compare paper-1um --criterion rms --usable", {"usable.csv": "usable-paper-1um.csv"}),
-    "usable-paper-1um-caps-doubled": (
-        "cargo sim compare docs/data/paper-1um-caps-doubled.toml --criterion rms --usable", {"usable.csv": "usable-paper-1um-caps-doubled.csv"}),
-    "usable-paper-1um-hand": (
-        "cargo sim compare paper-1um --usable --limit 1e-6 --rms-of motion --push hand --arm heavy",
-        {"usable.csv": "usable-paper-1um-hand.csv"}),
-    **{f"probability-{scene}": (f"cargo sim sweep {scene} --plain --probability", {"summary.json": f"probability-{scene}.json"})
-       for scene in ("paper-1um", "paper-2um")},
-    "probability-paper-2um-uncertain": (
-        "cargo sim sweep docs/data/paper-2um-uncertain.toml --plain --probability --uncertain 80",
-        {"summary.json": "probability-paper-2um-uncertain.json"}),
-    "rates-paper-1um": (
-        "cargo sim sweep paper-1um --limits 15e-6,1e-6 --cutoffs 200,300,500,700,990,1500,2000,2400,3000,4000,4900 "
-        "--encoder-rates 2000,5000,10000,20000,50000 --output-rates 500,1000,2000,5000,10000",
-        {"rates.csv": "rates-paper-1um.csv"}),
-    "levers-paper-1um": ("cargo sim sweep paper-1um --levers --limits 15e-6,1e-6", {"levers.csv": "levers-paper-1um.csv"}),
-    **{f"compare-limit-{um}um": (
-        f"cargo sim compare docs/data/paper-1um-limit-{um}um.toml --criterion rms --estimators {FIVE}",
-        {"compare.csv": f"compare-paper-1um-limit-{um}um.csv"}) for um in (5, 30)},
-    "trade-paper-1um": ("cargo sim trade paper-1um", {
-        "filters.csv": "trade-filters-paper-1um.csv", "plant.csv": "trade-plant-paper-1um.csv", "json": "trade-paper-1um.json"}),
-    "trade-paper-1um-stiff": ("cargo sim trade docs/data/paper-1um-stiff.toml --cutoffs 1500", {
-        "plant.csv": "trade-plant-paper-1um-stiff.csv", "json": "trade-paper-1um-stiff.json"}),
-}
 # Of what a command prints, what the pages need.
 KEPT = {"winners", "walls", "damping_n_s_per_m", "stiffness_n_per_m", "impedance_error_of_loop", "filters", "plant",
         "q15_full_scale_m_per_s"}
@@ -128,10 +47,16 @@ def store(name, body, columns=None):
         writer = csv.DictWriter(file, columns or list(body[0]), lineterminator="\n", extrasaction="ignore")
         writer.writeheader()
         writer.writerows(body)
+    rows.cache_clear()
+
+
+def rows_of(name, **wanted):
+    """The rows of a stored table that have these values."""
+    return [r for r in rows(name) if all(r[key] == value for key, value in wanted.items())]
 
 
 def row(name, **wanted):
-    found = [r for r in rows(name) if all(r[key] == value for key, value in wanted.items())]
+    found = rows_of(name, **wanted)
     if not found:
         raise SystemExit(f"error: {name} has no row {wanted}")
     return found[0]
@@ -149,6 +74,21 @@ def constant(path, pattern):
 def lit(path, pattern):
     """A number of the source."""
     return float(constant(path, pattern).replace("_", ""))
+
+
+# Commands of minutes, as docs/data/made.csv has them: NAME, and of each file that a command writes where it is stored;
+# `json` is what it prints.
+LONG = {}
+for made in rows("made.csv"):
+    if made["name"]:
+        LONG.setdefault(made["name"], (made["command"], {}))[1][made["of"]] = made["file"]
+# What makes the rows of a table by itself, by the same names.
+MAKERS = {}
+
+
+def long(name):
+    """Makes the one table that `.ci/pages --long NAME` stores."""
+    return lambda make: MAKERS.setdefault(name, make)
 
 
 class NeedsProgram(Exception):
@@ -222,6 +162,21 @@ def significant(value, digits):
     return number(value, max(0, digits - 1 - math.floor(math.log10(abs(value)))))
 
 
+def short(value):
+    """Three digits, without zeros at their end."""
+    return number(float(f"{value:.3g}"))
+
+
+def area_of(r):
+    """10^6 N^2 s/m^2; that of a walk which a cap has ended is larger."""
+    return ("> " if int(r["capped_walks"]) else "") + short(float(r["area_n2_s_per_m2"]) * 1e-6)
+
+
+def said_in(name):
+    """Stored JSON."""
+    return json.loads((DATA / name).read_text())
+
+
 def power(value, digits=2):
     """4.3e-5."""
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
@@ -264,8 +219,7 @@ def take_measured(change):
             differences.append(f"docs/data/measured.csv:{lines.get(key, 1)}: {key} is {old}, the test says {value}")
             told[key] = {"figure": key, "value": value, "commit": now}
     if change and differences:
-        store(MEASURED.name, [told[key] for key in sorted(told)], ["figure", "value", "commit"])
-        rows.cache_clear()
+        store("measured.csv", [told[key] for key in sorted(told)], ["figure", "value", "commit"])
     return differences
 
 
@@ -357,15 +311,20 @@ def wilson(hits, trials):
 
 def run_long(name):
     """Runs it, stores its tables, and notes the commit in docs/data/made.csv."""
-    command, files, *make = LONG[name]
-    if make:
-        return make[0]()
-    if command.startswith("cargo board walk"):
+    command, files = LONG[name]
+    if name in MAKERS:
+        store(*files.values(), MAKERS[name]())
+    elif command.startswith("cargo board walk"):
         subprocess.run(f"{command} --force --csv {DATA / files['csv']}", shell=True, cwd=ROOT, check=True)
-        return note_made(command, files)
-    if command.startswith("cargo board"):
+    elif command.startswith("cargo board"):
         (campaign if "--random" in command else campaign_image)(command, files)
-        return note_made(command, files)
+    else:
+        simulated(command, files)
+    note_made(files.values())
+
+
+def simulated(command, files):
+    """Runs the simulator and stores what it writes."""
     with tempfile.TemporaryDirectory() as folder:
         words = command.removeprefix("cargo sim ").replace("docs/data/", f"{DATA}/")
         ran = subprocess.run(f"{programs()}/host-sim {words} --json --out {folder}/out", shell=True, stdout=subprocess.PIPE,
@@ -378,11 +337,8 @@ def run_long(name):
                 (DATA / stored).write_text(json.dumps(told, indent=1) + "\n")
             else:
                 shutil.copy(f"{folder}/out/{made}", DATA / stored)
-    return note_made(command, files)
 
 
-def note_made(command, files):
-    """Says in docs/data/made.csv what made these files."""
-    kept = [r for r in rows("made.csv") if r["file"] not in files.values()] if MADE.exists() else []
-    kept += [{"file": stored, "command": command, "commit": commit()} for stored in files.values()]
-    store(MADE.name, sorted(kept, key=lambda r: r["file"]), ["file", "command", "commit"])
+def note_made(files):
+    """Says in docs/data/made.csv of which commit these files are."""
+    store("made.csv", [made | {"commit": commit()} if made["file"] in files else made for made in rows("made.csv")])

@@ -8,9 +8,8 @@ import time
 from pathlib import Path
 
 from . import block
-from .source import LONG, note_made, programs, rows, significant, store, table
+from .source import long, programs, rows, significant, table
 
-HITS = "hits.csv"
 # Of hits, by cutoffs, K and B. The walls are spread over the same ranges, so that as many of them are stable.
 SIZES = {10**3: (10, 10, 10), 10**4: (10, 40, 25), 10**5: (10, 100, 100), 10**6: (10, 400, 250)}
 ALLOWED_S = 180
@@ -20,6 +19,7 @@ def spread(n, low, high):
     return [low + (high - low) * i / (n - 1) for i in range(n)]
 
 
+@long("hits")
 def timed_hits():
     """Studies of single hits, each size in a folder of its own: what a user waits for, the folder written and flushed."""
     program, body = programs() / "host-sim", []
@@ -40,11 +40,7 @@ dampings = {spread(dampings, 0, 300)}
         print(body[-1], flush=True)
     if seconds > ALLOWED_S:
         raise SystemExit(f"error: {hits} hits took {seconds:.0f} s, {ALLOWED_S} are allowed")
-    store(HITS, body)
-    note_made(".ci/pages --long hits", {"hits": HITS})
-
-
-LONG["hits"] = (".ci/pages --long hits", {"hits": HITS}, timed_hits)
+    return body
 
 
 def cost_us(r):
@@ -56,4 +52,4 @@ def cost_us(r):
 def study_hits():
     return table(["hits", "time, s", "processor time of a hit, µs", "bytes of a hit"],
                  [[f"{int(r['hits']):,}", significant(float(r["seconds"]), 2), significant(cost_us(r), 3), significant(float(r["bytes"]) / float(r["hits"]), 3)]
-                  for r in rows(HITS)])
+                  for r in rows("hits.csv")])

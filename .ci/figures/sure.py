@@ -1,12 +1,9 @@
 """How faithful and how sure walls are, and what the port gives."""
 
-import json
-
 from . import block
 from .simulator import linear
-from .source import DATA, number, rows, significant, table
+from .source import area_of, number, row, rows_of, said_in, significant, table
 
-USABLE = "usable-paper-1um.csv"
 LIMITS = ("", "20", "10", "5")
 
 
@@ -17,40 +14,22 @@ def theory_port():
                  [["passive up to, N/m", *(number(r["stiffness_passive_n_per_m"], 0) for r in by_k.values())]])
 
 
-def usable(limit, name=USABLE):
-    """Rows of one limit, by place."""
-    return sorted((r for r in rows(name) if r["within_percent"] == limit), key=lambda r: int(r["place"]))
-
-
-def millions(r, key="area_n2_s_per_m2"):
-    cut = "> " if int(r["capped_walks"]) else ""
-    return cut + number(float(f"{float(r[key]) * 1e-6:.3g}"))
-
-
-def usable_row(estimator, limit, name=USABLE):
-    return next(r for r in usable(limit, name) if r["estimator"] == estimator)
-
-
 @block
 def comparison_usable(name):
     found = f"usable-{name}.csv"
     def cell(estimator, limit):
-        r = usable_row(estimator, limit, found)
-        return f"{millions(r)} ({r['place']}.)"
+        r = row(found, estimator=estimator, within_percent=limit)
+        return f"{area_of(r)} ({r['place']}.)"
     return table(
         ["estimator", *("any error" if limit == "" else f"within {limit} %" for limit in LIMITS), "peak K, any error, kN/m",
          "mean error of those walls, %"],
         [[f"`{r['estimator']}`", *(cell(r["estimator"], limit) for limit in LIMITS),
           number(float(r["stiffness_peak_n_per_m"]) / 1e3, 1), significant(100 * float(r["impedance_error_mean"]), 2)]
-         for r in usable("", found)])
+         for r in sorted(rows_of(found, within_percent=""), key=lambda r: int(r["place"]))])
 
 
 SURE = {"paper-1um": "probability-paper-1um.json", "paper-2um": "probability-paper-2um.json",
         "uncertain": "probability-paper-2um-uncertain.json"}
-
-
-def sure(name):
-    return json.loads((DATA / SURE[name]).read_text())
 
 
 def area(c, key):
@@ -59,7 +38,7 @@ def area(c, key):
 
 @block
 def theory_sure(name):
-    said = sure(name)
+    said = said_in(SURE[name])
     alike = said["probability"]["alike_hz"]
 
     def interval(c):
@@ -81,7 +60,7 @@ def theory_contour():
     body = []
     for text, name in (("paper-1um, 16 starts", "paper-1um"), ("paper-2um, 16 starts", "paper-2um"),
                        ("paper-2um, uncertain devices", "uncertain")):
-        p = sure(name)["probability"]
+        p = said_in(SURE[name])["probability"]
         c = p["contour"]
         body.append([text, f"{c['cutoff_hz']:g}", number(c["length"], 2), str(c["draws"]),
                      f"{100 * c['share']:.1f} % ({100 * c['share_low']:.1f} to {100 * c['share_high']:.1f} %)"])

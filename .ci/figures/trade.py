@@ -1,10 +1,9 @@
 """Speed against accuracy, and where the arithmetic ends: tables made of what `trade` and a bench have stored."""
 
-import json
 import math
 
 from . import block
-from .source import DATA, number, power, rows, significant, table
+from .source import number, power, row, rows, said_in, significant, table
 
 FORMS = {"direct-1": "direct 1", "direct-2t": "transposed direct 2", "state-variable": "state-variable", "delta": "delta"}
 FORMATS = {
@@ -14,14 +13,10 @@ FORMATS = {
 }
 
 
-def filters(**wanted):
-    return [r for r in rows("trade-filters-paper-1um.csv") if all(r[k] == v for k, v in wanted.items())]
-
-
 @block
 def trade_filters():
     body, before = [], None
-    for one in json.loads((DATA / "trade-paper-1um.json").read_text())["filters"]:
+    for one in said_in("trade-paper-1um.json")["filters"]:
         format_, form, good = one["format"], one["form"], one["would_do_hz"]
         why = "refused" if one["refused_below"] else ", ".join(one["missed_below"])
         body.append([FORMATS[format_] if format_ != before else "", FORMS[form], number(one["cycles"]), number(one["ram_bytes"]),
@@ -38,7 +33,7 @@ def trade_at(cutoff_hz, *variants):
     body = []
     for variant in variants:
         format_, form = variant.split("/")
-        r = filters(format=format_, form=form, cutoff_hz=cutoff_hz)[0]
+        r = row("trade-filters-paper-1um.csv", format=format_, form=form, cutoff_hz=cutoff_hz)
         if r["refused"]:
             body.append([f"{FORMATS[format_]}, {FORMS[form]}", r["refused"], *[""] * 5])
             continue
@@ -68,7 +63,7 @@ def trade_plant(name):
         body.append([what, power(float(r["operations_per_s"])) if r["operations_per_s"] else "-",
                      power(float(r["trajectory_error_m"])) if r["trajectory_error_m"] and float(r["trajectory_error_m"]) else "0",
                      f"{r['verdicts_wrong']} of {r['verdicts']}", "-" if change is None else "0" if change == 0 else f"{change:+.1f} %"])
-    told = json.loads((DATA / f"trade-{name}.json").read_text())["plant"]
+    told = said_in(f"trade-{name}.json")["plant"]
     body.append(["exact, start moved by a quarter of a count", "-", "-", f"{told['verdicts_chaotic']} of {told['verdicts']}",
                  f"{100 * told['area_chaotic']:.1f} %"])
     return table(["method", "operations per simulated s", "trajectory off by, m", "verdicts that differ", "area changes by"], body)
@@ -76,7 +71,7 @@ def trade_plant(name):
 
 @block
 def trade_q15():
-    told = json.loads((DATA / "trade-paper-1um.json").read_text())
+    told = said_in("trade-paper-1um.json")
     full_scale = told["q15_full_scale_m_per_s"]
     w = math.pi * 20.0 / 1e4  # paper's equation (2), not pre-warped
     b0 = w * w / (1 + math.sqrt(2) * w + w * w)

@@ -83,7 +83,8 @@ function armTrigger() {
   paused = false;
   if (!unit) return link.send({ type: "trigger", on: kind });
   const lsb = [hello.resolution_m, hello.resolution_m * hello.rate_hz / 65536, hello.full_scale_n / 2 ** 30][kind];
-  link.send({ type: "trigger", on: "level", signal: +kind, level: Math.round(level / unit.times / lsb), rising: by("rising").value === "1" });
+  const above = { signal: +kind, level: Math.round(level / unit.times / lsb), rising: by("rising").value === "1" };
+  link.send({ type: "trigger", on: { level: above } });
 }
 for (const id of ["trigger", "level", "rising"]) by(id).onchange = armTrigger;
 by("again").onclick = armTrigger;

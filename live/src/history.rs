@@ -61,19 +61,15 @@ pub struct History {
 
 impl Default for History {
     fn default() -> Self {
-        Self::new()
+        let levels = LEVELS.map(|rows| vec![Bin::EMPTY; KEPT.div_ceil(rows)]);
+        Self { step: 1, end: 0, begin: 0, levels }
     }
 }
 
 impl History {
-    pub fn new() -> Self {
-        let levels = LEVELS.map(|rows| vec![Bin::EMPTY; KEPT.div_ceil(rows)]);
-        Self { step: 1, end: 0, begin: 0, levels }
-    }
-
     /// Forgets everything; rows come every `step` samples from now on.
     pub fn restart(&mut self, step: u64) {
-        *self = Self { step: step.max(1), ..Self::new() };
+        *self = Self { step: step.max(1), ..Self::default() };
     }
 
     /// Samples from row to row.
@@ -169,7 +165,7 @@ mod tests {
     /// wrapped.
     #[test]
     fn bins_are_the_ends_of_their_rows() {
-        let mut history = History::new();
+        let mut history = History::default();
         let rows = KEPT as u64 + 70_000;
         let start = 123;
         for n in start..rows {
@@ -198,7 +194,7 @@ mod tests {
 
     #[test]
     fn a_gap_is_empty_and_a_reset_begins_anew() {
-        let mut history = History::new();
+        let mut history = History::default();
         history.restart(10);
         for n in [0, 10, 50, 60] {
             history.push(n, &row(n));

@@ -3,7 +3,6 @@
 
 use std::{
     collections::VecDeque,
-    io::Write,
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, Ordering::Relaxed},
@@ -12,13 +11,14 @@ use std::{
     time::{Duration, Instant},
 };
 
-use defmt_lines::Lines;
-use virtual_board::link::{COMMANDS, Finger, LOG, Link, REPLIES, Seen, TELEMETRY, Wires};
+use virtual_board::{
+    link::{COMMANDS, Finger, LOG, Link, REPLIES, Seen, TELEMETRY, Wires},
+    log,
+};
 use zwidth::telemetry::{self, Flags, Record};
 
 use crate::history::{History, Row};
 
-mod defmt_lines;
 mod known;
 #[cfg(test)]
 mod tests;
@@ -50,6 +50,9 @@ const FINGER: Finger =
 /// What people can do to the virtual board behind the link, if it is one.
 pub type Virtual = Option<Arc<Wires>>;
 
+/// Takes the telemetry as it comes.
+pub type Tape = Box<dyn FnMut(&[u8]) -> Result<(), String> + Send>;
+
 /// Clock: returns the time since it was started.
 pub type Clock = Box<dyn Fn() -> Duration + Send + Sync>;
 
@@ -73,7 +76,8 @@ struct Asked {
     stopped: u64,
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+/// What it guards, whatever has panicked with it.
+pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -84,7 +88,7 @@ impl Hub {
         link: Box<dyn Link>,
         board: Virtual,
         elf: Option<&[u8]>,
-        record: Option<Box<dyn Write + Send>>,
+        record: Option<Tape>,
     ) -> (Arc<Self>, thread::JoinHandle<()>) {
         let begun = Instant::now();
         let (hub, mut talk) = Self::new(link, board, elf, Box::new(move || begun.elapsed()));
@@ -109,7 +113,31 @@ impl Hub {
             board,
             clock,
         });
-        let talk = Talk::new(Arc::clone(&hub), link, elf);
+        let now = hub.now();
+        let talk = Talk {
+            hub: Arc::clone(&hub),
+            link,
+            // Its table is kept for good: the decoder borrows it, and there is one of each program.
+            log: elf
+                .and_then(|elf| log::table(elf).ok())
+                .map(|table| log::Decoder::new(Box::leak(Box::new(table)))),
+            logged: vec![],
+            record: None,
+            decoder: telemetry::Decoder::new(),
+            pending: None,
+            unsent: vec![],
+            begun: true,
+            replies: vec![],
+            words: 0,
+            promised: false,
+            word_at: now,
+            status_at: now,
+            quiet: GREETING.into(),
+            stops: vec![],
+            twice: VecDeque::new(),
+            settings: None,
+            last: None,
+        };
         (hub, talk)
     }
 
@@ -154,7 +182,7 @@ impl Hub {
         };
         let mut known = self.known();
         for line in forgotten {
-            known.answer(From::Server, format!("not sent: {line}"), line);
+            known.say(From::Server, format!("not sent: {line}"), Some(line));
         }
     }
 
@@ -192,7 +220,7 @@ impl Hub {
 
     /// Says something to all pages.
     pub fn note(&self, text: &str) {
-        self.known().say(From::Server, text.to_owned());
+        self.known().say(From::Server, text.to_owned(), None);
     }
 
     /// Force off and the end of the thread.
@@ -233,8 +261,10 @@ impl Pending {
 pub struct Talk {
     hub: Arc<Hub>,
     link: Box<dyn Link>,
-    log: Option<Lines>,
-    record: Option<Box<dyn Write + Send>>,
+    log: Option<log::Decoder<'static>>,
+    /// What has come of the log since it was last read.
+    logged: Vec<u8>,
+    record: Option<Tape>,
     decoder: telemetry::Decoder,
     pending: Option<Pending>,
     /// Bytes that the board had no room for.
@@ -258,30 +288,6 @@ pub struct Talk {
 }
 
 impl Talk {
-    fn new(hub: Arc<Hub>, link: Box<dyn Link>, elf: Option<&[u8]>) -> Self {
-        let now = hub.now();
-        Self {
-            hub,
-            link,
-            log: elf.and_then(Lines::of),
-            record: None,
-            decoder: telemetry::Decoder::new(),
-            pending: None,
-            unsent: vec![],
-            begun: true,
-            replies: vec![],
-            words: 0,
-            promised: false,
-            word_at: now,
-            status_at: now,
-            quiet: GREETING.into(),
-            stops: vec![],
-            twice: VecDeque::new(),
-            settings: None,
-            last: None,
-        }
-    }
-
     fn run(mut self) {
         while !self.hub.ended.load(Relaxed) {
             if !self.turn() {
@@ -346,7 +352,7 @@ impl Talk {
             self.give_up("a stop came first");
             self.quiet = ["get", "status"].into();
             self.stops.extend(stops);
-            self.hub.known().say(From::Person, "disarm".to_owned());
+            self.hub.known().say(From::Person, "disarm".to_owned(), None);
             self.pending = Some(Pending {
                 line: "disarm".to_owned(),
                 begins: Some("ok disarm".to_owned()),
@@ -372,7 +378,7 @@ impl Talk {
             },
         };
         if loud {
-            self.hub.known().say(From::Person, line.clone());
+            self.hub.known().say(From::Person, line.clone(), None);
             if line.trim() == "arm" {
                 // Before it, so that no moment of force is without it.
                 self.promise(PROMISE_MS, now);
@@ -392,7 +398,7 @@ impl Talk {
     /// The reply that is waited for does not come.
     fn give_up(&mut self, why: &str) {
         if let Some(Pending { line, .. }) = self.pending.take().filter(|pending| pending.loud) {
-            self.hub.known().answer(From::Server, format!("no reply to {line}: {why}"), line);
+            self.hub.known().say(From::Server, format!("no reply to {line}: {why}"), Some(line));
         }
     }
 
@@ -466,18 +472,14 @@ impl Talk {
         }
         let is_report = is_report(&line);
         let answered = self.pending.take_if(|asked| !is_report && asked.is_answered_by(&line));
-        if let Some(place) =
-            match line.split_whitespace().nth(1).filter(|_| line.starts_with("ok ")) {
-                Some("get") => {
-                    known.settings_after = known.numbered;
-                    Some(&mut known.settings)
-                }
-                Some("status") => Some(&mut known.status),
-                Some("version") => Some(&mut known.version),
-                _ => None,
+        match line.strip_prefix("ok ").and_then(|said| said.split_whitespace().next()) {
+            Some("get") => {
+                known.settings_after = known.numbered;
+                known.settings.clone_from(&line);
             }
-        {
-            place.clone_from(&line);
+            Some("status") => known.status.clone_from(&line),
+            Some("version") => known.version.clone_from(&line),
+            _ => {}
         }
         if let Some(names) = line.strip_prefix(ESTIMATORS[1]) {
             // Of a list that is cut off the last name is in doubt.
@@ -488,7 +490,7 @@ impl Talk {
         }
         match answered {
             Some(asked) if asked.loud => {
-                known.answer(From::Board, line, asked.line);
+                known.say(From::Board, line, Some(asked.line));
                 if !self.quiet.contains(&"get") {
                     self.quiet.extend(["get", "status"]);
                 }
@@ -497,15 +499,17 @@ impl Talk {
             // What was asked by a host before this one.
             None if !is_report
                 && self.pending.as_ref().is_some_and(|asked| asked.line == GREETING[0]) => {}
-            None => known.say(From::Board, line),
+            None => known.say(From::Board, line, None),
         }
     }
 
     fn read_log(&mut self) {
-        let mut bytes = vec![];
-        self.link.read(LOG, &mut bytes);
+        // Those lines that were complete when it was last looked at: the replies that have come with them have been read by now.
+        let bytes = std::mem::take(&mut self.logged);
+        self.link.read(LOG, &mut self.logged);
         let Some(log) = &mut self.log else { return };
-        for line in log.feed(bytes) {
+        // A log that makes no sense, of another program or begun in the middle, is passed over.
+        for line in log.feed(&bytes).unwrap_or_default() {
             // What the console says stands in the log too; a long line comes there in pieces.
             let piece = line.strip_suffix('~').unwrap_or(&line);
             if let Some(place) = self.twice.iter().position(|known| known.contains(piece)) {
@@ -513,7 +517,7 @@ impl Talk {
                 self.twice[place] = rest;
                 self.twice.retain(|rest| !rest.is_empty());
             } else {
-                self.hub.known().say(From::Log, line);
+                self.hub.known().say(From::Log, line, None);
             }
         }
     }
@@ -524,8 +528,7 @@ impl Talk {
         if bytes.is_empty() {
             return;
         }
-        let failed = self.record.as_mut().and_then(|record| record.write_all(&bytes).err());
-        if let Some(error) = failed {
+        if let Some(Err(error)) = self.record.as_mut().map(|record| record(&bytes)) {
             self.hub.note(&format!("the record ends here: {error}"));
             self.record = None;
         }

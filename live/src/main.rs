@@ -5,10 +5,9 @@ mod probe;
 mod server;
 
 use std::{
-    io::{self, Write},
     path::PathBuf,
     process::ExitCode,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Mutex},
 };
 
 use clap::Parser;
@@ -17,7 +16,7 @@ use host_sim::{
     error::Error,
     interrupt,
     output::{
-        files::{Outputs, Place},
+        files::Outputs,
         terminal::{self, note},
     },
     scene::{NamedScene, record::board_facts},
@@ -31,7 +30,7 @@ use host_sim::{
     },
 };
 use live::{
-    hub::{Hub, Virtual},
+    hub::{Hub, Tape, Virtual, lock},
     page::Shared,
 };
 use virtual_board::{
@@ -83,6 +82,7 @@ fn main() -> ExitCode {
 
 fn execute(cli: Cli) -> Result<(), Error> {
     let board = Board::asked(&cli.board)?;
+    #[cfg_attr(not(feature = "probe"), expect(unused_variables, reason = "there are none"))]
     let with_probe = cli.probe.is_wanted(&cli.scene)?;
     let scene = NamedScene::load(&cli.scene)?;
     let inputs: Vec<PathBuf> =
@@ -101,6 +101,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
         }
     };
     let (link, virtual_board, elf): (Box<dyn Link>, Virtual, _) = match &cli.rtt_tcp {
+        #[cfg(feature = "probe")]
         _ if with_probe => {
             let (link, elf) = cli.probe.connect(board, program)?;
             (link, None, elf.bytes)
@@ -137,16 +138,21 @@ fn execute(cli: Cli) -> Result<(), Error> {
         Some(bytes) => device::read(bytes, board)?,
         None => *device::built_in(board),
     };
-    let tape = Arc::new(Mutex::new(Tape { outputs, place: record }));
-    let writer = record.map(|_| Box::new(Writer(Arc::clone(&tape))) as Box<dyn Write + Send>);
-    let (hub, thread) = Hub::start(link, virtual_board, Some(&elf), writer);
+    let tape = Arc::new(Mutex::new(outputs)); // whole when the program ends
+    let written = record.map(|place| {
+        let tape = Arc::clone(&tape);
+        let write =
+            move |bytes: &[u8]| lock(&tape).write(place, bytes).map_err(|error| error.to_string());
+        Box::new(write) as Tape
+    });
+    let (hub, thread) = Hub::start(link, virtual_board, Some(&elf), written);
     let shared = Shared::new(Arc::clone(&hub), scene, board, Some(device));
     let served = server::serve(shared, cli.port);
     hub.end();
     let _ = thread.join();
     drop(live);
     let tape = Arc::into_inner(tape).and_then(|tape| tape.into_inner().ok());
-    tape.map_or(Ok(()), |tape| tape.outputs.commit()).and(served)
+    tape.map_or(Ok(()), Outputs::commit).and(served)
 }
 
 /// The record of a scene on that board, as `cargo sim prepare` makes it, or without an envelope where that refuses the
@@ -182,29 +188,5 @@ fn made(scene: &NamedScene, board: Board) -> Result<Option<Vec<u8>>, Error> {
             device::record(scene, board)
         }
         Err(error) => Err(error),
-    }
-}
-
-/// What is recorded, whole when the program ends.
-struct Tape {
-    outputs: Outputs,
-    place: Option<Place>,
-}
-
-struct Writer(Arc<Mutex<Tape>>);
-
-impl Write for Writer {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let mut tape = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(place) = tape.place {
-            tape.outputs
-                .write(place, bytes)
-                .map_err(|error| io::Error::other(error.to_string()))?;
-        }
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
     }
 }

@@ -2,7 +2,7 @@
 //! board.
 
 use std::{
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::{Arc, Mutex, MutexGuard},
     time::Duration,
 };
 
@@ -12,11 +12,11 @@ use virtual_board::board::Board;
 use zwidth::{device::Device, safety::Fault, telemetry::Flags, velocity::EstimatorName};
 
 use crate::{
-    hub::Hub,
-    message::FromPage,
+    hub::{Hub, lock},
+    message::{FromPage, Question},
     picture::{self, Scale, View},
     predicted,
-    seats::{Asked, Seats},
+    seats::Seats,
     trigger::Watch,
 };
 
@@ -36,10 +36,6 @@ pub struct Shared {
     /// From the control's integers to SI units.
     pub scale: Scale,
     seats: Mutex<Seats>,
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Shared {
@@ -87,11 +83,7 @@ struct Looks {
     view: View,
     paused: bool,
     watch: Watch,
-}
-
-/// What the page was told.
-#[derive(Default)]
-struct Told {
+    /// The last line that the page was told, the number of stops, and how often it was told anything.
     line: u64,
     stops: u64,
     ticks: u32,
@@ -107,18 +99,10 @@ pub struct Tick {
     pub ping: bool,
 }
 
-/// The boundary that a page wants to know.
-pub struct Question {
-    pub estimator: String,
-    /// Tuning of the estimator, Hz.
-    pub cutoff_hz: f64,
-}
-
 pub struct Page {
     shared: Arc<Shared>,
     id: u64,
     looks: Mutex<Looks>,
-    told: Mutex<Told>,
 }
 
 impl Page {
@@ -126,8 +110,9 @@ impl Page {
     pub fn enter(shared: &Arc<Shared>) -> Self {
         let id = shared.seats().enter(shared.hub.now());
         let view = View { span_s: 5.0, columns: 800, end: None };
-        let looks = Mutex::new(Looks { view, paused: false, watch: Watch::default() });
-        Self { shared: Arc::clone(shared), id, looks, told: Mutex::default() }
+        let looks =
+            Looks { view, paused: false, watch: Watch::default(), line: 0, stops: 0, ticks: 0 };
+        Self { shared: Arc::clone(shared), id, looks: Mutex::new(looks) }
     }
 
     /// The page has gone.
@@ -186,13 +171,13 @@ impl Page {
             FromPage::Stop { id } => hub.stop(id),
             FromPage::Finger { target_m } => hub.touch(target_m, scale.resolution_m),
             FromPage::EmergencyStop { open } => hub.emergency_stop(open),
-            FromPage::Ask => {
-                let asked = self.shared.seats().ask(self.id);
-                if asked == Asked::Waiting {
+            FromPage::Ask {} => {
+                let waits = self.shared.seats().ask(self.id);
+                if waits {
                     hub.note(&format!("page {} asks for control", self.id));
                 }
             }
-            FromPage::Give => {
+            FromPage::Give {} => {
                 let given = self.shared.seats().give(self.id);
                 if !given {
                     return Err("nobody asks for control");
@@ -212,36 +197,32 @@ impl Page {
                     looks.watch = Watch::default();
                 }
             }
-            FromPage::Trigger(trigger) => {
-                let history = hub.history();
+            FromPage::Trigger { on } => {
                 let mut looks = lock(&self.looks);
-                looks.watch.arm(trigger, &history);
+                looks.watch.arm(on, &hub.history());
                 looks.paused = false;
                 looks.view.end = None;
             }
-            FromPage::Predict { estimator, cutoff_hz } => {
-                return Ok(Some(Question { estimator, cutoff_hz }));
-            }
+            FromPage::Predict(question) => return Ok(Some(question)),
         }
         Ok(None)
     }
 
     /// What has come since the last tick.
     pub fn tick(&self) -> Tick {
-        let mut told = lock(&self.told);
-        told.ticks = told.ticks.wrapping_add(1);
-        let ticks = told.ticks;
-        let pictures = self.pictures(ticks);
+        let mut looks = lock(&self.looks);
+        looks.ticks = looks.ticks.wrapping_add(1);
+        let ticks = looks.ticks;
+        let pictures = self.pictures(&mut looks);
         let stops = self.shared.hub.known().stops;
-        let stopped = std::mem::replace(&mut told.stops, stops) != stops;
-        let state = (ticks.is_multiple_of(2) || stopped).then(|| self.state(&mut told));
+        let stopped = std::mem::replace(&mut looks.stops, stops) != stops;
+        let state = (ticks.is_multiple_of(2) || stopped).then(|| self.state(&mut looks));
         Tick { pictures, state, ping: ticks.is_multiple_of(3) }
     }
 
-    fn pictures(&self, ticks: u32) -> Vec<Vec<u8>> {
+    fn pictures(&self, looks: &mut Looks) -> Vec<Vec<u8>> {
         let Shared { hub, scale, .. } = &*self.shared;
         let history = hub.history();
-        let mut looks = lock(&self.looks);
         looks.watch.look(&history);
         if let Some(met) = looks.watch.met.filter(|_| !looks.paused) {
             let after = picture::rows_of(&history, scale, (1.0 - BEFORE) * looks.view.span_s);
@@ -251,10 +232,10 @@ impl Page {
             }
         }
         let mut made = vec![picture::curves(&history, scale, &looks.view)];
-        if ticks.is_multiple_of(6) {
+        if looks.ticks.is_multiple_of(6) {
             made.extend(picture::spectra(&history, scale, looks.view.end));
         }
-        if !ticks.is_multiple_of(2) {
+        if !looks.ticks.is_multiple_of(2) {
             made.push(picture::phase(&history, scale, looks.view.end));
         }
         made
@@ -294,16 +275,13 @@ impl Page {
     }
 
     /// Changes since the last tick, as JSON.
-    fn state(&self, told: &mut Told) -> String {
+    fn state(&self, looks: &mut Looks) -> String {
         let Shared { hub, scale, .. } = &*self.shared;
         let rows = hub.history().rows();
-        let view = {
-            let looks = lock(&self.looks);
-            json!({ "end": looks.view.end, "paused": looks.paused, "met": looks.watch.met, "rows": rows })
-        };
+        let view = json!({ "end": looks.view.end, "paused": looks.paused, "met": looks.watch.met, "rows": rows });
         let (owner, asking, pages) = {
             let seats = self.shared.seats();
-            (seats.owner(), seats.asking(), seats.pages())
+            (seats.owner, seats.asking, seats.pages.len())
         };
         let handle = hub.seen().map(|seen| {
             json!({
@@ -311,9 +289,9 @@ impl Page {
             })
         });
         let known = hub.known();
-        let from = told.line;
+        let from = looks.line;
         let lines: Vec<_> = known.lines.iter().filter(|line| line.number > from).collect();
-        told.line = lines.last().map_or(from, |line| line.number);
+        looks.line = lines.last().map_or(from, |line| line.number);
         let record = known.record.map(|record| {
             let is = |flag: Flags| record.flags.contains(flag);
             json!({

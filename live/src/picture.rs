@@ -1,4 +1,10 @@
 //! What a page plots, cut out of the history: numbers in SI units, in a few bytes.
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_precision_loss,
+    clippy::cast_sign_loss,
+    reason = "some million rows; a picture has fewer digits; exact up to 2^53 samples"
+)]
 
 use std::fmt::Write as _;
 
@@ -41,10 +47,7 @@ impl Scale {
     }
 
     fn of_row(&self, signal: usize, value: i32) -> f32 {
-        #[expect(clippy::cast_possible_truncation, reason = "a picture has fewer digits")]
-        {
-            (f64::from(value) * self.lsb[signal]) as f32
-        }
+        (f64::from(value) * self.lsb[signal]) as f32
     }
 }
 
@@ -60,12 +63,6 @@ pub struct View {
 }
 
 /// Rows of a stretch of time.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    clippy::cast_precision_loss,
-    reason = "some million rows"
-)]
 pub fn rows_of(history: &History, scale: &Scale, span_s: f64) -> u64 {
     (span_s * scale.rate_hz / history.step() as f64).ceil() as u64
 }
@@ -81,7 +78,6 @@ pub fn curves(history: &History, scale: &Scale, view: &View) -> Vec<u8> {
     let bins = history.bins(first, stride, count);
     let mut bytes = Vec::with_capacity(32 + 28 * count);
     put(&mut bytes, [1, count]);
-    #[expect(clippy::cast_precision_loss, reason = "exact up to 2^53 samples")]
     for number in [first as f64, stride as f64, history.step() as f64] {
         bytes.extend(number.to_le_bytes());
     }
@@ -106,7 +102,6 @@ pub fn spectra(history: &History, scale: &Scale, end: Option<u64>) -> Option<Vec
     if bins.iter().any(Bin::is_empty) {
         return None;
     }
-    #[expect(clippy::cast_precision_loss, reason = "1 to 10")]
     let lowest_hz = scale.rate_hz / history.step() as f64 / f64::from(SPECTRUM_ROWS);
     let of = |signal: usize| {
         let value = |bin: &Bin| f64::from(bin.ends[signal][0]) * scale.lsb[signal];
@@ -117,11 +112,6 @@ pub fn spectra(history: &History, scale: &Scale, end: Option<u64>) -> Option<Vec
     let mut bytes = Vec::new();
     put(&mut bytes, [2, both[0].len(), both[1].len(), 0]);
     for bands in &both {
-        #[expect(
-            clippy::cast_precision_loss,
-            clippy::cast_possible_truncation,
-            reason = "a picture"
-        )]
         for (bin, amplitude) in bands {
             bytes.extend(((*bin as f64 * lowest_hz) as f32).to_le_bytes());
             bytes.extend((*amplitude as f32).to_le_bytes());
@@ -160,7 +150,6 @@ pub fn table(hub: &Hub, scale: &Scale, units: Units, from: u64, count: u64) -> S
     let mut text = String::from("time_s,position_m,velocity_m_per_s,force_n,flags\n");
     for number in from.max(begin)..from.saturating_add(count).min(end) {
         let Some(row) = history.row(number) else { continue };
-        #[expect(clippy::cast_precision_loss, reason = "exact up to 2^53 samples")]
         let time_s = (number * history.step()) as f64 / scale.rate_hz;
         let _ = write!(text, "{time_s}");
         for (value, lsb) in row.values.iter().zip(scale.lsb) {

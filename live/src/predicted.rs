@@ -5,18 +5,20 @@ use std::sync::atomic::AtomicBool;
 
 use host_sim::{
     engine::Engine,
-    scene::{Criterion, NamedScene},
+    scene::{Criterion, NamedScene, Scene},
     simulation::prepared::{Numeric, PreparedScene},
-    study::{boundary, walk},
+    study::{boundary::Boundary, walk},
 };
 use serde::Serialize;
 use zwidth::{
-    CounterWidth, Sampler, Settings, WallSettings, device::Device, safety::envelope::Key,
-    velocity::EstimatorName,
+    CounterWidth, Sampler, Settings, WallSettings,
+    device::Device,
+    safety::envelope::Key,
+    velocity::{EstimatorName, VelocitySettings},
 };
 
 /// A boundary, for the page: in m and N at the handle.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Predicted {
     pub estimator: String,
     pub cutoff_hz: f64,
@@ -49,26 +51,26 @@ pub fn predict(
     let mut predicted = Predicted {
         estimator: estimator.to_owned(),
         cutoff_hz,
-        points: vec![],
-        area: 0.0,
-        quiet: vec![],
-        quiet_area: 0.0,
         envelope: device.map_or_else(Vec::new, |device| envelope(device, estimator, cutoff_hz)),
-        delay_s: None,
-        noise_m_per_s: None,
-        error: None,
+        ..Predicted::default()
     };
-    if let Some([delay_s, noise]) = quality(scene, estimator, cutoff_hz) {
-        (predicted.delay_s, predicted.noise_m_per_s) = (Some(delay_s), Some(noise));
-    }
-    let points = |of: &boundary::Boundary| -> Vec<[f64; 2]> {
+    let Some(name) = EstimatorName::ALL.iter().find(|name| name.text() == estimator) else {
+        predicted.error = Some(format!("there is no estimator {estimator}"));
+        return predicted;
+    };
+    let velocity = name.following(&scene.scene.velocity.at(cutoff_hz));
+    (predicted.delay_s, predicted.noise_m_per_s) = quality(&scene.scene, velocity).unzip();
+    let points = |of: &Boundary| -> Vec<[f64; 2]> {
         of.points.iter().map(|p| [p.damping_n_s_per_m, p.stiffness_n_per_m]).collect()
     };
-    match boundary(scene, None, estimator, cutoff_hz, ended) {
+    let mut scene = scene.scene.clone();
+    scene.velocity = velocity.into();
+    match boundary(&scene, velocity, ended) {
         Ok(found) => (predicted.points, predicted.area) = (points(&found), found.area),
         Err(error) => predicted.error = Some(error),
     }
-    if let Ok(found) = boundary(scene, Some(Criterion::Quiet), estimator, cutoff_hz, ended) {
+    scene.wall_hit.judge(Criterion::Quiet, None);
+    if let Ok(found) = boundary(&scene, velocity, ended) {
         (predicted.quiet, predicted.quiet_area) = (points(&found), found.area);
     }
     predicted
@@ -98,10 +100,7 @@ fn envelope(device: &Device<'_>, estimator: &str, cutoff_hz: f64) -> Vec<[f64; 3
 }
 
 /// What the core's estimator makes of a motion, as counts: delay and noise.
-fn quality(scene: &NamedScene, estimator: &str, cutoff_hz: f64) -> Option<[f64; 2]> {
-    let name = EstimatorName::ALL.iter().find(|name| name.text() == estimator)?;
-    let velocity = name.following(&scene.scene.velocity.at(cutoff_hz));
-    let scene = &scene.scene;
+fn quality(scene: &Scene, velocity: VelocitySettings) -> Option<(f64, f64)> {
     let (rate_hz, resolution_m) = (scene.control.rate_hz, scene.encoder.resolution_m);
     let wall = WallSettings {
         position_m: 1.0,
@@ -134,26 +133,16 @@ fn quality(scene: &NamedScene, estimator: &str, cutoff_hz: f64) -> Option<[f64; 
     let (late, even) = (errors(RISE), errors(0.0));
     let delay_s = (mean(&late) - mean(&even)) / RISE;
     let squares: Vec<f64> = even.iter().map(|error| error * error).collect();
-    Some([delay_s, mean(&squares).sqrt()])
+    Some((delay_s, mean(&squares).sqrt()))
 }
 
 fn boundary(
-    scene: &NamedScene,
-    criterion: Option<Criterion>,
-    estimator: &str,
-    cutoff_hz: f64,
+    scene: &Scene,
+    velocity: VelocitySettings,
     ended: &AtomicBool,
-) -> Result<boundary::Boundary, String> {
-    let mut scene = scene.scene.clone();
-    if let Some(criterion) = criterion {
-        scene.wall_hit.judge(criterion, None);
-    }
-    let name = EstimatorName::ALL.iter().find(|name| name.text() == estimator);
-    let name = name.ok_or_else(|| format!("there is no estimator {estimator}"))?;
-    let settings = name.following(&scene.velocity.at(cutoff_hz));
-    scene.velocity = settings.into();
-    let prepared = PreparedScene::new(&scene).map_err(|error| error.to_string())?;
-    walk::walk(Engine::lanes(), &prepared, Numeric::default(), settings, 0.0, ended)
+) -> Result<Boundary, String> {
+    let prepared = PreparedScene::new(scene).map_err(|error| error.to_string())?;
+    walk::walk(Engine::lanes(), &prepared, Numeric::default(), velocity, 0.0, ended)
         .map_err(|error| error.to_string())
 }
 
@@ -167,14 +156,15 @@ mod tests {
     #[test]
     fn delay_and_noise_are_the_filters() {
         let scene = NamedScene::load("nucleo-f446re").unwrap();
+        let of = |hz| quality(&scene.scene, scene.scene.velocity.at(hz)).unwrap();
         for cutoff_hz in [50.0, 200.0] {
-            let [delay_s, noise] = quality(&scene, "butterworth", cutoff_hz).unwrap();
+            let (delay_s, noise) = of(cutoff_hz);
             let wanted_s = 2f64.sqrt() / (2.0 * std::f64::consts::PI * cutoff_hz) + 0.5e-4;
             assert!((delay_s / wanted_s - 1.0).abs() < 0.03, "{cutoff_hz}: {delay_s}, {wanted_s}");
             assert!(noise < 0.001);
         }
-        let [slow, fast] = [100.0, 2000.0].map(|hz| quality(&scene, "butterworth", hz).unwrap());
-        assert!(slow[0] > fast[0] && slow[1] < fast[1]);
+        let [slow, fast] = [100.0, 2000.0].map(of);
+        assert!(slow.0 > fast.0 && slow.1 < fast.1);
         let ended = AtomicBool::new(false);
         let nothing = predict(&scene, None, "nonsense", 1000.0, &ended);
         assert!(nothing.error.unwrap().contains("nonsense") && nothing.delay_s.is_none());

@@ -7,22 +7,14 @@ pub const ABSENT: Duration = Duration::from_secs(1);
 /// After this time without an answer the page is gone, and its control with it, even if its socket is still open.
 pub const GONE: Duration = Duration::from_secs(2);
 
-/// What becomes of a request for control.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Asked {
-    /// It owns the board now.
-    Granted,
-    /// The owner has been asked.
-    Waiting,
-}
-
 #[derive(Debug, Default)]
 pub struct Seats {
     /// Pages, and when each last answered.
-    pages: Vec<(u64, Duration)>,
+    pub pages: Vec<(u64, Duration)>,
     last: u64,
-    owner: Option<u64>,
-    asking: Option<u64>,
+    pub owner: Option<u64>,
+    /// The page that asks for control.
+    pub asking: Option<u64>,
 }
 
 impl Seats {
@@ -47,18 +39,14 @@ impl Seats {
         owned
     }
 
-    /// A page would like to command.
-    pub fn ask(&mut self, page: u64) -> Asked {
-        match self.owner {
-            Some(owner) if owner != page => {
-                self.asking = Some(page);
-                Asked::Waiting
-            }
-            _ => {
-                self.own(Some(page));
-                Asked::Granted
-            }
+    /// A page would like to command; whether it waits for the owner, who has been asked.
+    pub fn ask(&mut self, page: u64) -> bool {
+        let waits = self.owner.is_some_and(|owner| owner != page);
+        match waits {
+            true => self.asking = Some(page),
+            false => self.own(Some(page)),
         }
+        waits
     }
 
     /// The owner gives control to the page that asked for it; whether it did.
@@ -100,20 +88,6 @@ impl Seats {
     pub fn owns(&self, page: u64) -> bool {
         self.owner == Some(page)
     }
-
-    pub fn owner(&self) -> Option<u64> {
-        self.owner
-    }
-
-    /// The page that asks for control.
-    pub fn asking(&self) -> Option<u64> {
-        self.asking
-    }
-
-    /// How many pages there are.
-    pub fn pages(&self) -> usize {
-        self.pages.len()
-    }
 }
 
 #[cfg(test)]
@@ -127,19 +101,19 @@ mod tests {
         let [first, second, third] = [seats.enter(now), seats.enter(now), seats.enter(now)];
         assert!(seats.owns(first) && !seats.owns(second));
         assert!(!seats.give(first), "to nobody");
-        assert_eq!(seats.ask(second), Asked::Waiting);
+        assert!(seats.ask(second));
         assert!(!seats.give(second), "not its own");
         assert!(!seats.give(third));
         assert!(seats.owns(first));
         assert!(seats.give(first));
         assert!(seats.owns(second) && !seats.owns(first));
         // Who goes leaves it to who has asked, else to nobody.
-        assert_eq!(seats.ask(first), Asked::Waiting);
+        assert!(seats.ask(first));
         assert!(seats.leave(second));
         assert!(seats.owns(first));
         assert!(seats.leave(first));
-        assert_eq!(seats.owner(), None);
-        assert_eq!(seats.ask(third), Asked::Granted);
+        assert_eq!(seats.owner, None);
+        assert!(!seats.ask(third));
         assert!(seats.owns(third));
     }
 

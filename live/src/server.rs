@@ -6,8 +6,8 @@ use std::{
     collections::HashMap,
     net::Ipv4Addr,
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed},
+        Arc, Mutex,
+        atomic::{AtomicBool, Ordering::Relaxed},
     },
     time::Duration,
 };
@@ -27,9 +27,12 @@ use host_sim::{
 };
 use live::{
     access::{Access, MESSAGE_MAX, PAGES_MAX},
-    page::{Question, Shared},
+    hub::lock,
+    message::Question,
+    page::Shared,
     predicted::{Predicted, predict},
 };
+use tokio::sync::Semaphore;
 
 /// Between two looks at who is there.
 const LOOK: Duration = Duration::from_millis(20);
@@ -63,15 +66,11 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'u
 pub struct App {
     shared: Arc<Shared>,
     access: Access,
-    /// Sockets that are open or about to be.
-    open: AtomicUsize,
+    /// Room for sockets that are open or about to be.
+    room: Arc<Semaphore>,
     predictions: Mutex<HashMap<String, Arc<Predicted>>>,
-    predicting: tokio::sync::Semaphore,
+    predicting: Semaphore,
     ended: AtomicBool,
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl App {
@@ -123,20 +122,22 @@ async fn listen(shared: Shared, port: u16) -> Result<(), Error> {
     let app = Arc::new(App {
         shared: Arc::new(shared),
         access: Access::new(secret, port),
-        open: AtomicUsize::new(0),
+        room: Arc::new(Semaphore::new(PAGES_MAX)),
         predictions: Mutex::default(),
-        predicting: tokio::sync::Semaphore::new(1),
+        predicting: Semaphore::new(1),
         ended: AtomicBool::new(false),
     });
     print_text(&app.access.address())?;
     note("open this address in a browser on this machine; end with Ctrl-C");
+    let with_state = || Arc::clone(&app);
     let router = Router::new()
-        .route("/", get(page))
+        .route("/", get(([(header::CONTENT_TYPE, "text/html; charset=utf-8")], PAGE)))
         .route("/ws", get(upgrade))
         .route("/rows.csv", get(rows))
+        .layer(middleware::from_fn_with_state(with_state(), with_token))
         .route("/assets/{name}", get(asset))
-        .layer(middleware::from_fn_with_state(Arc::clone(&app), only_here))
-        .with_state(Arc::clone(&app));
+        .layer(middleware::from_fn_with_state(with_state(), only_here))
+        .with_state(with_state());
     tokio::select! {
         ended = axum::serve(listener, router) => ended.map_err(|error| Error::Internal(error.to_string())),
         ended = attend(&app) => ended,
@@ -181,20 +182,18 @@ fn text(headers: &HeaderMap, name: header::HeaderName) -> Option<&str> {
 
 type Words = Query<HashMap<String, String>>;
 
-fn has_token(app: &App, Query(words): &Words) -> bool {
-    app.access.is_our_token(words.get("token").map(String::as_str))
-}
-
-const WRONG_TOKEN: (StatusCode, &str) = (
-    StatusCode::FORBIDDEN,
-    "open the address that cargo live has printed: its token is missing or wrong",
-);
-
-async fn page(State(app): State<Arc<App>>, words: Words) -> Response {
-    if !has_token(&app, &words) {
-        return WRONG_TOKEN.into_response();
+/// All but what anybody may have needs the secret.
+async fn with_token(
+    State(app): State<Arc<App>>,
+    words: Words,
+    request: Request,
+    next: Next,
+) -> Response {
+    if app.access.is_our_token(words.get("token").map(String::as_str)) {
+        return next.run(request).await;
     }
-    ([(header::CONTENT_TYPE, "text/html; charset=utf-8")], PAGE).into_response()
+    let why = "open the address that cargo live has printed: its token is missing or wrong";
+    (StatusCode::FORBIDDEN, why).into_response()
 }
 
 async fn asset(Path(name): Path<String>) -> Response {
@@ -206,9 +205,6 @@ async fn asset(Path(name): Path<String>) -> Response {
 
 /// The rows of a view: `from`, `rows`.
 async fn rows(State(app): State<Arc<App>>, words: Words) -> Response {
-    if !has_token(&app, &words) {
-        return WRONG_TOKEN.into_response();
-    }
     let number = |name: &str| words.get(name).and_then(|word| word.parse::<u64>().ok());
     let (Some(from), Some(count)) = (number("from"), number("rows").filter(|n| *n <= ROWS_MAX))
     else {
@@ -221,17 +217,13 @@ async fn rows(State(app): State<Arc<App>>, words: Words) -> Response {
 /// A socket is opened to a page that this server served, and to nobody else.
 async fn upgrade(
     State(app): State<Arc<App>>,
-    words: Words,
     headers: HeaderMap,
     upgrade: WebSocketUpgrade,
 ) -> Response {
-    if !has_token(&app, &words) {
-        return WRONG_TOKEN.into_response();
-    }
     if !app.access.is_our_origin(text(&headers, header::ORIGIN)) {
         return (StatusCode::FORBIDDEN, "another origin").into_response();
     }
-    let Some(place) = Place::take(&app) else {
+    let Ok(place) = Arc::clone(&app.room).try_acquire_owned() else {
         let text = format!("{PAGES_MAX} pages are open already");
         return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
     };
@@ -239,21 +231,4 @@ async fn upgrade(
         .max_message_size(MESSAGE_MAX)
         .max_frame_size(MESSAGE_MAX)
         .on_upgrade(move |socket| socket::run(app, socket, place))
-}
-
-/// One of the pages that may be open.
-pub struct Place(Arc<App>);
-
-impl Place {
-    fn take(app: &Arc<App>) -> Option<Self> {
-        let taken = app.open.fetch_add(1, Relaxed);
-        let place = Self(Arc::clone(app)); // given back when it is dropped
-        (taken < PAGES_MAX).then_some(place)
-    }
-}
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        self.0.open.fetch_sub(1, Relaxed);
-    }
 }

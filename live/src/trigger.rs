@@ -1,11 +1,13 @@
 //! When to stop and look: a view that ends some time after something has happened.
 
+use serde::Deserialize;
 use zwidth::telemetry::Flags;
 
 use crate::history::{History, Row, SIGNALS};
 
 /// What is waited for.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Trigger {
     #[default]
     Off,
@@ -89,7 +91,7 @@ mod tests {
 
     #[test]
     fn it_is_met_once_at_the_first_row_that_does() {
-        let mut history = History::new();
+        let mut history = History::default();
         let flag = |n: u64| if n % 100 >= 50 { Flags::CONTACT } else { Flags::default() };
         let push = |history: &mut History, numbers: std::ops::Range<u64>| {
             for n in numbers {
@@ -106,7 +108,7 @@ mod tests {
             (Trigger::Fault, None),
             (Trigger::Off, None),
         ] {
-            let mut history = History::new();
+            let mut history = History::default();
             push(&mut history, 0..70);
             let mut watch = Watch::default();
             watch.arm(trigger, &history);

@@ -2,10 +2,7 @@
 
 use std::sync::{Arc, atomic::AtomicBool};
 
-use pyo3::{
-    exceptions::PyValueError, inspect::PyStaticExpr, prelude::*, type_hint_identifier,
-    type_hint_subscript, type_hint_union,
-};
+use pyo3::{exceptions::PyValueError, prelude::*};
 use sim_loop::{
     engine::Engine,
     error::Error,
@@ -33,10 +30,10 @@ use sim_studies::{
 };
 
 use crate::{
-    given::{Given, Numbers, Progress, Texts, several},
+    given::{Given, Item, Numbers, Progress, Several, Texts},
     result::{Part, Table as Told, Tuple, made, result},
     scene::serialized,
-    studies::{engine_of, in_range, not_empty},
+    studies::{engine_of, in_range, named, not_empty},
     work::{raised, run},
 };
 
@@ -49,10 +46,7 @@ fn budget_of(tunings: u32, repeats: u32, fewest_repeats: u32) -> PyResult<Budget
 
 /// What walls are ranked by.
 fn criterion_of(name: &str) -> PyResult<Criterion> {
-    Criterion::ALL.into_iter().find(|criterion| criterion.name() == name).ok_or_else(|| {
-        let names = Criterion::ALL.map(Criterion::name).join(", ");
-        PyValueError::new_err(format!("criterion is {name:?}, allowed {names}"))
-    })
+    named("criterion", name, Criterion::ALL, Criterion::name)
 }
 
 /// The scene as it is ranked, checked.
@@ -70,7 +64,7 @@ fn ranked_of(
 
 /// Those that are named, each once; none where nobody names one.
 fn entries_of(named: Option<Texts>, scene: &NamedScene) -> PyResult<Option<Vec<Entry>>> {
-    let Some(Texts(named)) = named else { return Ok(None) };
+    let Some(Several(named)) = named else { return Ok(None) };
     not_empty("estimators", &named)?;
     Entry::named(&named, scene, "estimators").map(Some).map_err(raised)
 }
@@ -173,7 +167,6 @@ result! { table(table)
     scene, *, estimators = None, criterion = "quiet", damping = None, budget = 24, repeat = 4, engine = "lanes",
     threads = None, progress = None
 ))]
-#[expect(clippy::too_many_arguments, reason = "keywords of a function")]
 pub fn compare(
     py: Python<'_>,
     scene: Given,
@@ -275,7 +268,6 @@ result! { table(table)
     scene, *, criterion = "quiet", damping = None, budget = 8, repeat = 4, engine = "lanes", threads = None,
     progress = None
 ))]
-#[expect(clippy::too_many_arguments, reason = "keywords of a function")]
 pub fn explain(
     py: Python<'_>,
     scene: Given,
@@ -312,36 +304,17 @@ const NAMES: Names = Names { limits: "limits", steps: "steps" };
 
 /// A limit as Python has it: metres, or words as on the command line.
 #[derive(FromPyObject)]
-enum LimitGiven {
+pub enum LimitGiven {
     Metres(f64),
     Words(String),
 }
 
-fn limit_of(words: &str) -> PyResult<LimitAsked> {
-    LimitAsked::parse(words).map_err(|line| PyValueError::new_err(format!("limits: {line}")))
+impl Item for LimitGiven {
+    const NAMES: &str = "limits";
 }
 
-/// Limits that a caller asks for.
-pub struct Limits(Vec<LimitAsked>);
-
-impl FromPyObject<'_, '_> for Limits {
-    type Error = PyErr;
-    const INPUT_TYPE: PyStaticExpr = type_hint_subscript!(
-        type_hint_identifier!("collections.abc", "Iterable"),
-        type_hint_union!(
-            type_hint_identifier!("builtins", "float"),
-            type_hint_identifier!("builtins", "str")
-        )
-    );
-
-    fn extract(of: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
-        let given: Vec<LimitGiven> = several(&of, "limits")?;
-        let limits = given.into_iter().map(|limit| match limit {
-            LimitGiven::Metres(metres) => limit_of(&metres.to_string()),
-            LimitGiven::Words(words) => limit_of(&words),
-        });
-        limits.collect::<PyResult<_>>().map(Self)
-    }
+fn limit_of(words: &str) -> PyResult<LimitAsked> {
+    LimitAsked::parse(words).map_err(|line| PyValueError::new_err(format!("limits: {line}")))
 }
 
 result! { table(table)
@@ -386,11 +359,10 @@ result! { table(table)
 #[pyo3(signature = (
     scene, *, limits = None, steps = None, repeat = 4, engine = "lanes", threads = None, progress = None
 ))]
-#[expect(clippy::too_many_arguments, reason = "keywords of a function")]
 pub fn peers(
     py: Python<'_>,
     scene: Given,
-    limits: Option<Limits>,
+    limits: Option<Several<LimitGiven>>,
     steps: Option<Numbers>,
     repeat: u32,
     engine: &str,
@@ -399,12 +371,18 @@ pub fn peers(
 ) -> PyResult<Peers> {
     let (scene, engine) = (scene.0, engine_of(engine)?);
     in_range("repeat", repeat, 1..=1000)?;
-    let limits = match limits {
-        Some(Limits(limits)) => limits,
+    let limits: Vec<_> = match limits {
+        Some(Several(limits)) => limits
+            .into_iter()
+            .map(|limit| match limit {
+                LimitGiven::Metres(metres) => limit_of(&metres.to_string()),
+                LimitGiven::Words(words) => limit_of(&words),
+            })
+            .collect::<PyResult<_>>()?,
         None => LIMITS.split(',').map(limit_of).collect::<PyResult<_>>()?,
     };
     not_empty("limits", &limits)?;
-    let two = |Numbers(steps): Numbers| {
+    let two = |Several(steps): Numbers| {
         let refused = |steps: Vec<f64>| format!("steps has {} numbers, allowed 2", steps.len());
         <[f64; 2]>::try_from(steps).map_err(|steps| PyValueError::new_err(refused(steps)))
     };
@@ -414,8 +392,10 @@ pub fn peers(
     let of_work = Arc::clone(&scene);
     let found = run(py, threads, progress.as_ref(), total, move |course| {
         asked::prepare(&of_work)?;
-        compare_peers(How { engine, numeric: Numeric::Fixed, stop: &course.stop }, question, || course.add(1))
-            .map_err(|error| error.of(&of_work.name))
+        compare_peers(How { engine, numeric: Numeric::Fixed, stop: &course.stop }, question, || {
+            course.add(1)
+        })
+        .map_err(|error| error.of(&of_work.name))
     })?;
     let table = Told::of(py, &found.table())?;
     let notes = found.notes.into_iter().chain(scene.scene.estimated_note()).collect();
@@ -457,10 +437,9 @@ result! { table(table)
 ///     reach the wall.
 #[pyfunction]
 #[pyo3(signature = (
-    scene, *, percents = Numbers(vec![5.0, 10.0, 20.0]), estimators = None, criterion = "quiet", budget = 24, repeat = 4,
+    scene, *, percents = Several(vec![5.0, 10.0, 20.0]), estimators = None, criterion = "quiet", budget = 24, repeat = 4,
     engine = "lanes", threads = None, progress = None
 ))]
-#[expect(clippy::too_many_arguments, reason = "keywords of a function")]
 pub fn usable(
     py: Python<'_>,
     scene: Given,

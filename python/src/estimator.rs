@@ -146,7 +146,12 @@ impl<'py> ArrayLike<'py> {
     }
 
     /// The numbers as that type, which must hold each of them.
-    fn numbers<T: Element>(&self, name: &str, allowed: &str) -> PyResult<PyReadonlyArray1<'py, T>> {
+    fn numbers<T: Element>(
+        &self,
+        length: usize,
+        name: &str,
+        allowed: &str,
+    ) -> PyResult<PyReadonlyArray1<'py, T>> {
         let py = self.0.py();
         let refused =
             |given: &dyn std::fmt::Display| format!("{name} is {given}, allowed {allowed}");
@@ -159,10 +164,13 @@ impl<'py> ArrayLike<'py> {
         if !same.is_truthy()? {
             return Err(PyValueError::new_err(refused(&"out of range")));
         }
-        let made = made.cast_into::<numpy::PyArray1<T>>();
-        made.map(|made| made.readonly()).map_err(|_| {
+        let made = made.cast_into::<numpy::PyArray1<T>>().map_err(|_| {
             PyValueError::new_err(refused(&format_args!("of {} dimensions", self.0.ndim())))
-        })
+        })?;
+        if made.len() != length {
+            return Err(PyValueError::new_err("what is sensed has not as many values as counts"));
+        }
+        Ok(made.readonly())
     }
 }
 
@@ -274,7 +282,6 @@ impl Estimator {
     #[pyo3(signature = (
         counts, *, force = None, acceleration = None, edge_age = None, edge_up = None, bits = false
     ))]
-    #[expect(clippy::too_many_arguments, reason = "keywords of a function")]
     fn process(
         &mut self,
         py: Python<'_>,
@@ -315,26 +322,18 @@ impl Estimator {
             .call_method1("ascontiguousarray", (&counts.0, numpy::dtype::<i64>(py)))?;
         let counts = counts.cast_into::<numpy::PyArray1<i64>>();
         let counts = counts.map_err(|_| PyValueError::new_err("counts have not one dimension"))?;
-        let counts = counts.readonly();
-        let force = force.map(|a| a.numbers::<i32>("force", FORMAT)).transpose()?;
+        let (counts, length) = (counts.readonly(), counts.len());
+        let force = force.map(|a| a.numbers::<i32>(length, "force", FORMAT)).transpose()?;
         let acceleration =
-            acceleration.map(|a| a.numbers::<i32>("acceleration", FORMAT)).transpose()?;
+            acceleration.map(|a| a.numbers::<i32>(length, "acceleration", FORMAT)).transpose()?;
         let whole = "whole numbers of 2^-16 samples";
-        let age = edge_age.map(|a| a.numbers::<i64>("edge_age", whole)).transpose()?;
-        let up = edge_up.map(|a| a.numbers::<bool>("edge_up", "truth values")).transpose()?;
+        let age = edge_age.map(|a| a.numbers::<i64>(length, "edge_age", whole)).transpose()?;
+        let up =
+            edge_up.map(|a| a.numbers::<bool>(length, "edge_up", "truth values")).transpose()?;
         let counts = counts.as_array();
         let (force, acceleration) =
             (force.as_ref().map(|a| a.as_array()), acceleration.as_ref().map(|a| a.as_array()));
         let (age, up) = (age.as_ref().map(|a| a.as_array()), up.as_ref().map(|a| a.as_array()));
-        let lengths = [
-            force.map(|a| a.len()),
-            acceleration.map(|a| a.len()),
-            age.map(|a| a.len()),
-            up.map(|a| a.len()),
-        ];
-        if lengths.into_iter().flatten().any(|length| length != counts.len()) {
-            return Err(PyValueError::new_err("what is sensed has not as many values as counts"));
-        }
         let (parameters, mut state) = (&self.parameters, self.state);
         let lsb_m_per_s = self.lsb_m_per_s();
         let (mut raw, mut metres): (Vec<i32>, Vec<f64>) = (vec![], vec![]);

@@ -66,7 +66,16 @@ impl StudyUnits {
 /// The folder of a study, as `cargo sim study --out` writes it; one at a time has it.
 #[pyclass(module = "zwidth._native")]
 pub struct StudyFolder {
-    units: Py<StudyUnits>,
+    #[pyo3(get)]
+    measure: &'static str,
+    #[pyo3(get)]
+    points: u64,
+    #[pyo3(get)]
+    units: u64,
+    /// Key of the study.
+    #[pyo3(get)]
+    key: String,
+    study: Arc<Study>,
     numeric: Numeric,
     folder: Option<Folder>,
 }
@@ -80,39 +89,26 @@ impl StudyFolder {
         let mut inputs = study.files.clone();
         inputs.extend(origin.exists().then(|| origin.clone()));
         let folder = Folder::open(&out, study, numeric, resume, &inputs).map_err(raised)?;
-        Ok(Self { units, numeric, folder: Some(folder) })
-    }
-
-    #[getter]
-    fn measure(&self) -> &str {
-        self.study().file.keys.measure.name()
-    }
-
-    #[getter]
-    fn points(&self) -> u64 {
-        self.study().points
-    }
-
-    #[getter]
-    fn units(&self) -> u64 {
-        self.study().units
-    }
-
-    /// Key of the study.
-    #[getter]
-    fn key(&self) -> String {
-        self.study().key(self.numeric)
+        Ok(Self {
+            measure: study.file.keys.measure.name(),
+            points: study.points,
+            units: study.units,
+            key: study.key(numeric),
+            study: Arc::clone(study),
+            numeric,
+            folder: Some(folder),
+        })
     }
 
     /// Units whose parts are not there.
     fn missing(&self) -> PyResult<Vec<u64>> {
         let done = self.open()?.done();
-        Ok((0..self.study().units).filter(|unit| !done.contains_key(unit)).collect())
+        Ok((0..self.units).filter(|unit| !done.contains_key(unit)).collect())
     }
 
     /// Writes the part of a unit and enters it.
     fn add(&mut self, unit: u64, key: &str, csv: String, rows: u64, hits: u64) -> PyResult<()> {
-        let own = self.study().unit_key(unit, self.numeric);
+        let own = self.study.unit_key(unit, self.numeric);
         if own != key {
             return Err(PyValueError::new_err(format!(
                 "unit {unit} was made of another study or by another program: install the same zwidth everywhere"
@@ -132,10 +128,6 @@ impl StudyFolder {
 }
 
 impl StudyFolder {
-    fn study(&self) -> &Study {
-        &self.units.get().study
-    }
-
     fn open(&self) -> PyResult<&Folder> {
         self.folder.as_ref().ok_or_else(closed)
     }

@@ -1,6 +1,6 @@
 //! What functions are given.
 
-use std::sync::Arc;
+use std::{path::PathBuf, sync::Arc};
 
 use pyo3::{
     exceptions::PyTypeError,
@@ -15,7 +15,6 @@ use crate::scene::Scene;
 
 const ITERABLE: PyStaticExpr = type_hint_identifier!("collections.abc", "Iterable");
 const TEXT: PyStaticExpr = type_hint_identifier!("builtins", "str");
-const FLOAT: PyStaticExpr = type_hint_identifier!("builtins", "float");
 const INT: PyStaticExpr = type_hint_identifier!("builtins", "int");
 
 /// A scene that a caller gives.
@@ -35,38 +34,43 @@ impl FromPyObject<'_, '_> for Given {
     }
 }
 
-/// Numbers, of which a text is none.
-pub struct Numbers(pub Vec<f64>);
+/// Several of these: a list or an array, of which a text is none.
+pub struct Several<T>(pub Vec<T>);
 
-impl FromPyObject<'_, '_> for Numbers {
-    type Error = PyErr;
-    const INPUT_TYPE: PyStaticExpr = type_hint_subscript!(ITERABLE, FLOAT);
+pub type Numbers = Several<f64>;
+pub type Texts = Several<String>;
 
-    fn extract(of: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
-        several(&of, "numbers").map(Self)
-    }
+/// What there may be several of.
+pub trait Item: for<'a, 'py> FromPyObject<'a, 'py> {
+    /// As a refusal calls them.
+    const NAMES: &str;
 }
 
-/// Texts, of which a single one is none.
-pub struct Texts(pub Vec<String>);
+impl Item for f64 {
+    const NAMES: &str = "numbers";
+}
 
-impl FromPyObject<'_, '_> for Texts {
+impl Item for String {
+    const NAMES: &str = "names";
+}
+
+impl<T: Item> FromPyObject<'_, '_> for Several<T> {
     type Error = PyErr;
-    const INPUT_TYPE: PyStaticExpr = type_hint_subscript!(ITERABLE, TEXT);
+    const INPUT_TYPE: PyStaticExpr = type_hint_subscript!(ITERABLE, T::INPUT_TYPE);
 
     fn extract(of: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
-        several(&of, "names").map(Self)
+        several(&of, T::NAMES).map(Self)
     }
 }
 
 /// The items of what is no text.
 pub fn several<T: for<'a, 'py> FromPyObject<'a, 'py>>(
     of: &Bound<'_, PyAny>,
-    what: &str,
+    names: &str,
 ) -> PyResult<Vec<T>> {
     let refused = || {
         let given = of.repr().map_or_else(|_| "this".into(), |text| text.to_string());
-        PyTypeError::new_err(format!("{given}, allowed several {what}: a list or an array"))
+        PyTypeError::new_err(format!("{given}, allowed several {names}: a list or an array"))
     };
     if of.is_instance_of::<PyString>() || of.is_instance_of::<PyBytes>() {
         return Err(refused());
@@ -92,7 +96,7 @@ impl FromPyObject<'_, '_> for Progress {
 }
 
 /// A path that a caller gives.
-pub struct Place(pub std::path::PathBuf);
+pub struct Place(pub PathBuf);
 
 impl FromPyObject<'_, '_> for Place {
     type Error = PyErr;

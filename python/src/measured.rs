@@ -347,7 +347,6 @@ fn turn<'py, const N: usize>(
     spring = true, terms = TermsAsked(Terms::Auto), rest_position = None, encoder_cycle = None, resolution = None,
     span = (None, None)
 ))]
-#[expect(clippy::too_many_arguments, reason = "keywords of a function")]
 pub fn identify(
     py: Python<'_>,
     records: Places,

@@ -8,13 +8,13 @@ use pyo3::{
     inspect::PyStaticExpr,
     prelude::*,
     type_hint_identifier, type_hint_subscript, type_hint_union,
-    types::{PyDict, PyTuple},
+    types::{IntoPyDict as _, PyDict, PyTuple},
 };
 use sim_studies::table::{Cell, Column, Kind};
 
 /// A frozen class of Python's whose attributes are these fields: its constructor takes them, its text names those that are
 /// short, and it can be pickled. Of a `value` equal fields make equals, a `table` has `columns` of its own, a
-/// `table(FIELD)` those of that field.
+/// `table(FIELD)` those of that field, `arrays` have their attributes as columns.
 macro_rules! result {
     (table($table:ident) $(#[$of:meta])* $name:ident $fields:tt $($methods:tt)*) => {
         $crate::result::result! { table $(#[$of])* $name $fields
@@ -24,6 +24,14 @@ macro_rules! result {
             }
 
             $($methods)*
+        }
+    };
+    (arrays $(#[$of:meta])* $name:ident $fields:tt) => {
+        $crate::result::result! { table $(#[$of])* $name $fields
+            /// The columns of the table.
+            fn columns(slf: &Bound<'_, Self>) -> PyResult<$crate::result::Keys> {
+                $crate::result::attributes(slf)
+            }
         }
     };
     ($kind:ident $(#[$of:meta])* $name:ident { $($(#[$at:meta])* $field:ident: $type:ty,)* } $($methods:tt)*) => {
@@ -74,7 +82,6 @@ macro_rules! methods {
         #[pymethods]
         impl $name {
             #[new]
-            #[allow(clippy::too_many_arguments, reason = "as many as it has attributes")]
             fn new($($field: $type),*) -> Self {
                 Self { $($field),* }
             }
@@ -273,10 +280,7 @@ impl Table {
             };
             Ok((name.to_string(), values))
         });
-        let made = PyDict::new(py);
-        for column in named.collect::<PyResult<Vec<(String, _)>>>()? {
-            made.set_item(column.0, column.1)?;
-        }
+        let made = named.collect::<PyResult<Vec<(String, _)>>>()?.into_py_dict(py)?;
         Self::new(py, Keys(made.into_any().unbind()))
     }
 
@@ -313,6 +317,11 @@ impl<T: Number> Array<T> {
     /// Of these values, without a copy.
     pub fn new(py: Python<'_>, values: Vec<T>) -> PyResult<Self> {
         Self::of(values.into_pyarray(py).to_dyn().clone())
+    }
+
+    /// What each of these rows has.
+    pub fn each<R>(py: Python<'_>, rows: &[R], of: impl Fn(&R) -> T) -> PyResult<Self> {
+        Self::new(py, rows.iter().map(of).collect())
     }
 
     /// Of these values, and somebody else's from then on: it can be written.
@@ -435,9 +444,5 @@ pub fn columns<'py>(
     py: Python<'py>,
     columns: impl IntoIterator<Item = (&'static str, Bound<'py, PyAny>)>,
 ) -> PyResult<Keys> {
-    let made = PyDict::new(py);
-    for (name, column) in columns {
-        made.set_item(name, column)?;
-    }
-    Ok(Keys(made.into_any().unbind()))
+    Ok(Keys(columns.into_py_dict(py)?.into_any().unbind()))
 }

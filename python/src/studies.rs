@@ -12,14 +12,14 @@ use sim_loop::{
     range::within,
     simulation::{
         prepared::{HitError, Numeric},
-        trace::{self, Trace as Samples},
+        trace::Trace as Samples,
     },
 };
 use sim_studies::{
     analysis::linear::{Boundary as LinearBoundary, StiffnessLimit, passivity::Passivity},
     study::{
         asked::{self, Names, Walls},
-        boundary::Boundary,
+        boundary::{Boundary, BoundaryPoint},
         sweep::{self as study, Plan},
     },
 };
@@ -43,21 +43,27 @@ const LISTS: Names =
 /// Names of the codes in `Grid.verdict`.
 pub const VERDICTS: [&str; 4] = ["stable", "unstable", "no_contact", "out_of_range"];
 
+/// The one of that name.
+pub fn named<T: Copy, const N: usize>(
+    what: &str,
+    name: &str,
+    all: [T; N],
+    named: impl Fn(T) -> &'static str,
+) -> PyResult<T> {
+    all.into_iter().find(|one| named(*one) == name).ok_or_else(|| {
+        let all = all.map(&named).join(", ");
+        PyValueError::new_err(format!("{what} is {name:?}, allowed {all}"))
+    })
+}
+
 pub fn numeric_of(name: &str) -> PyResult<Numeric> {
-    [Numeric::Fixed, Numeric::F64, Numeric::F64Rounded]
-        .into_iter()
-        .find(|numeric| numeric.name() == name)
-        .ok_or_else(|| {
-            PyValueError::new_err(format!("numeric is {name:?}, allowed fixed, f64, f64-rounded"))
-        })
+    let all = [Numeric::Fixed, Numeric::F64, Numeric::F64Rounded];
+    named("numeric", name, all, |numeric| numeric.name())
 }
 
 pub fn engine_of(name: &str) -> PyResult<Engine> {
-    match name {
-        "core" => Ok(Engine::Core),
-        "lanes" => Ok(Engine::lanes()),
-        _ => Err(PyValueError::new_err(format!("engine is {name:?}, allowed core, lanes"))),
-    }
+    named("engine", name, ["core", "lanes"], |name| name)
+        .map(|name| if name == "core" { Engine::Core } else { Engine::lanes() })
 }
 
 /// Refuses a count that the command line would refuse.
@@ -79,7 +85,7 @@ fn cutoffs(py: Python<'_>, cutoff_hz: Option<f64>, rows: usize) -> PyResult<Boun
     Array::new(py, vec![cutoff_hz.unwrap_or(f64::NAN); rows])?.into_bound_py_any(py)
 }
 
-result! { table
+result! { arrays
     /// Every sample of a hit.
     Trace {
         /// Time from the start, s.
@@ -98,11 +104,6 @@ result! { table
         flags: Array<u8>,
         /// What the wall has taken in this contact, by its force and the counts, J; below 0 it has given.
         port_energy_j: Array<f64>,
-    }
-
-    /// The columns of the table.
-    fn columns(slf: &Bound<'_, Self>) -> PyResult<Keys> {
-        crate::result::attributes(slf)
     }
 }
 
@@ -192,7 +193,6 @@ result! { value
 /// 'unstable'
 #[pyfunction]
 #[pyo3(signature = (scene, *, stiffness, damping, cutoff = None, start_offset = 0.0, numeric = "fixed", trace = false))]
-#[expect(clippy::too_many_arguments, reason = "keywords of a function")]
 pub fn hit(
     py: Python<'_>,
     scene: Given,
@@ -245,18 +245,18 @@ pub fn hit(
 }
 
 fn traced(py: Python<'_>, samples: &Samples) -> PyResult<Trace> {
-    let column = |of: fn(&trace::Row) -> f64| Array::new(py, samples.rows.iter().map(of).collect());
+    let rows = &samples.rows;
     #[expect(clippy::cast_precision_loss, reason = "at most 2^25 samples")]
     let time_s = |n: usize| n as f64 / samples.rate_hz;
     Ok(Trace {
-        time_s: Array::new(py, (0..samples.rows.len()).map(time_s).collect())?,
-        position_m: column(|row| row.position_m)?,
-        count: Array::new(py, samples.rows.iter().map(|row| row.count).collect())?,
-        velocity_m_per_s: column(|row| row.velocity_m_per_s)?,
-        force_n: column(|row| row.force_n)?,
-        output_n: column(|row| row.output_n)?,
-        flags: Array::new(py, samples.rows.iter().map(|row| row.flags).collect())?,
-        port_energy_j: column(|row| row.port_energy_j)?,
+        time_s: Array::new(py, (0..rows.len()).map(time_s).collect())?,
+        position_m: Array::each(py, rows, |row| row.position_m)?,
+        count: Array::each(py, rows, |row| row.count)?,
+        velocity_m_per_s: Array::each(py, rows, |row| row.velocity_m_per_s)?,
+        force_n: Array::each(py, rows, |row| row.force_n)?,
+        output_n: Array::each(py, rows, |row| row.output_n)?,
+        flags: Array::each(py, rows, |row| row.flags)?,
+        port_energy_j: Array::each(py, rows, |row| row.port_energy_j)?,
     })
 }
 
@@ -295,19 +295,15 @@ result! { table
 }
 
 fn walked(py: Python<'_>, scene: &str, hz: Option<f64>, boundary: &Boundary) -> PyResult<Walk> {
-    let (b, k): (Vec<f64>, Vec<f64>) = boundary
-        .points
-        .iter()
-        .map(|point| (point.damping_n_s_per_m, point.stiffness_n_per_m))
-        .unzip();
-    let most = |of: &[f64]| of.iter().copied().fold(0.0, f64::max);
+    let points = &boundary.points;
+    let most = |of: fn(&BoundaryPoint) -> f64| points.iter().map(of).fold(0.0, f64::max);
     Ok(Walk {
         scene: scene.into(),
         cutoff_hz: hz,
-        stiffness_peak_n_per_m: most(&k),
-        damping_max_n_s_per_m: most(&b),
-        damping_n_s_per_m: Array::new(py, b)?,
-        stiffness_n_per_m: Array::new(py, k)?,
+        stiffness_peak_n_per_m: most(|point| point.stiffness_n_per_m),
+        damping_max_n_s_per_m: most(|point| point.damping_n_s_per_m),
+        damping_n_s_per_m: Array::each(py, points, |point| point.damping_n_s_per_m)?,
+        stiffness_n_per_m: Array::each(py, points, |point| point.stiffness_n_per_m)?,
         area: boundary.area,
         hits: boundary.hits,
         ended_by: boundary.ended.map(Ended::name).map(Into::into),
@@ -450,7 +446,6 @@ result! { table
 #[pyo3(signature = (
     scene, *, cutoffs = None, repeat = 4, engine = "lanes", numeric = "fixed", threads = None, progress = None
 ))]
-#[expect(clippy::too_many_arguments, reason = "keywords of a function")]
 pub fn sweep(
     py: Python<'_>,
     scene: Given,
@@ -485,9 +480,6 @@ pub fn sweep(
     let Some(result) = results.into_iter().next() else {
         return Err(raised(Error::Internal("a scene has no result".into())));
     };
-    let column = |of: fn(&study::CutoffResult) -> f64| {
-        Array::new(py, result.cutoffs.iter().map(of).collect::<Vec<_>>())
-    };
     let walks = result.cutoffs.iter().map(|cutoff| {
         let hz = cutoff.velocity.cutoff_hz();
         let walks = cutoff.boundaries.iter();
@@ -498,9 +490,9 @@ pub fn sweep(
     let shape = [result.cutoffs.len(), areas.len() / result.cutoffs.len().max(1)];
     let ideal = result.ideal.as_ref();
     Ok(Sweep {
-        cutoffs_hz: column(|cutoff| cutoff.cutoff_hz)?,
-        true_cutoffs_hz: column(|cutoff| cutoff.true_cutoff_hz)?,
-        area: column(|cutoff| cutoff.boundaries.area())?,
+        cutoffs_hz: Array::each(py, &result.cutoffs, |cutoff| cutoff.cutoff_hz)?,
+        true_cutoffs_hz: Array::each(py, &result.cutoffs, |cutoff| cutoff.true_cutoff_hz)?,
+        area: Array::each(py, &result.cutoffs, |cutoff| cutoff.boundaries.area())?,
         areas: Array::shaped(py, areas, &shape)?,
         walks: walks.collect::<PyResult<_>>()?,
         ideal_cutoff_hz: ideal.map(|ideal| ideal.cutoff_hz),
@@ -586,7 +578,6 @@ result! { table
     scene, *, stiffnesses, dampings, cutoffs = None, start_offset = 0.0, engine = "lanes", numeric = "fixed",
     threads = None, progress = None
 ))]
-#[expect(clippy::too_many_arguments, reason = "keywords of a function")]
 pub fn grid(
     py: Python<'_>,
     scene: Given,
@@ -764,17 +755,13 @@ pub fn linear(
         }
         Ok((walls, limits, passive))
     })?;
-    let holds = limits.iter().map(StiffnessLimit::gain_margin_holds).collect();
     let passive = (!passive.is_empty()).then(|| Array::new(py, passive)).transpose()?;
     Ok(Linear {
         scene: scene.name.clone(),
         cutoff_hz: filter.cutoff_hz(),
         damping_n_s_per_m: Array::new(py, walls.dampings)?,
-        stiffness_max_n_per_m: Array::new(
-            py,
-            limits.iter().map(|limit| limit.stiffness_max).collect(),
-        )?,
-        gain_margin_holds: Array::new(py, holds)?,
+        stiffness_max_n_per_m: Array::each(py, &limits, |limit| limit.stiffness_max)?,
+        gain_margin_holds: Array::each(py, &limits, StiffnessLimit::gain_margin_holds)?,
         stiffness_passive_n_per_m: passive,
         left_out: scene.scene.nonlinear_elements().into_iter().map(Into::into).collect(),
     })

@@ -11,19 +11,16 @@ use pyo3::{
     prelude::*,
     types::PyBytes,
 };
-use sim_studies::analysis::{
-    recompute::{Recomputed, Row},
-    telemetry::Capture,
-};
-use zwidth::telemetry::{Frame, Record};
+use sim_studies::analysis::{recompute::Recomputed, telemetry::Capture};
+use zwidth::telemetry::Frame;
 
 use crate::{
     given::Place,
-    result::{Array, Bytes, Keys, Number, Part, Tuple, attributes, result},
+    result::{Array, Bytes, Part, Tuple, result},
     work::run,
 };
 
-result! { table
+result! { arrays
     /// One row an output, in the integers of the control: the columns of `cargo sim telemetry --csv`.
     Outputs {
         /// Number of the frame that told it.
@@ -45,14 +42,9 @@ result! { table
         /// Code of the latched fault, 0 for none.
         fault: Array<u8>,
     }
-
-    /// The columns of the table.
-    fn columns(slf: &Bound<'_, Self>) -> PyResult<Keys> {
-        attributes(slf)
-    }
 }
 
-result! { table
+result! { arrays
     /// One row a sample, as `cargo sim telemetry --samples` has them.
     Samples {
         /// Sample since the board's reset.
@@ -69,11 +61,6 @@ result! { table
         computed: Array<bool>,
         /// Whether the force is known.
         driven: Array<bool>,
-    }
-
-    /// The columns of the table.
-    fn columns(slf: &Bound<'_, Self>) -> PyResult<Keys> {
-        attributes(slf)
     }
 }
 
@@ -200,39 +187,29 @@ fn decode(py: Python<'_>, bytes: Vec<u8>) -> PyResult<Telemetry> {
 }
 
 fn outputs(py: Python<'_>, frames: &[Frame]) -> PyResult<Outputs> {
-    fn column<T: Number>(
-        py: Python<'_>,
-        frames: &[Frame],
-        of: fn(&Record) -> T,
-    ) -> PyResult<Array<T>> {
-        Array::new(py, frames.iter().map(|frame| of(&frame.record)).collect())
-    }
     Ok(Outputs {
-        sequence: Array::new(py, frames.iter().map(|frame| frame.sequence).collect())?,
-        sample: column(py, frames, |record| record.sample)?,
-        position_counts: column(py, frames, |record| record.position.counts())?,
-        velocity_q16: column(py, frames, |record| record.velocity.bits())?,
-        force_q30: column(py, frames, |record| record.force.bits())?,
-        command: column(py, frames, |record| record.command.code())?,
-        flags: column(py, frames, |record| record.flags.bits())?,
-        settings: column(py, frames, |record| record.settings)?,
-        fault: column(py, frames, |record| record.fault)?,
+        sequence: Array::each(py, frames, |frame| frame.sequence)?,
+        sample: Array::each(py, frames, |frame| frame.record.sample)?,
+        position_counts: Array::each(py, frames, |frame| frame.record.position.counts())?,
+        velocity_q16: Array::each(py, frames, |frame| frame.record.velocity.bits())?,
+        force_q30: Array::each(py, frames, |frame| frame.record.force.bits())?,
+        command: Array::each(py, frames, |frame| frame.record.command.code())?,
+        flags: Array::each(py, frames, |frame| frame.record.flags.bits())?,
+        settings: Array::each(py, frames, |frame| frame.record.settings)?,
+        fault: Array::each(py, frames, |frame| frame.record.fault)?,
     })
 }
 
 /// What is not known is 0, with a column that says so.
 fn samples(py: Python<'_>, all: &Recomputed) -> PyResult<Samples> {
-    fn column<T: Number>(py: Python<'_>, rows: &[Row], of: fn(&Row) -> T) -> PyResult<Array<T>> {
-        Array::new(py, rows.iter().map(of).collect())
-    }
     let rows = &all.rows;
     Ok(Samples {
-        sample: column(py, rows, |row| row.sample)?,
-        position_counts: column(py, rows, |row| row.position.counts())?,
-        velocity_q16: column(py, rows, |row| row.velocity.map_or(0, |v| v.bits()))?,
-        force_q30: column(py, rows, |row| row.force.map_or(0, |force| force.bits()))?,
-        output: column(py, rows, |row| row.told.is_some())?,
-        computed: column(py, rows, |row| row.velocity.is_some())?,
-        driven: column(py, rows, |row| row.force.is_some())?,
+        sample: Array::each(py, rows, |row| row.sample)?,
+        position_counts: Array::each(py, rows, |row| row.position.counts())?,
+        velocity_q16: Array::each(py, rows, |row| row.velocity.map_or(0, |v| v.bits()))?,
+        force_q30: Array::each(py, rows, |row| row.force.map_or(0, |force| force.bits()))?,
+        output: Array::each(py, rows, |row| row.told.is_some())?,
+        computed: Array::each(py, rows, |row| row.velocity.is_some())?,
+        driven: Array::each(py, rows, |row| row.force.is_some())?,
     })
 }

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+import zwidth
+
 ROOT = Path(__file__).parents[2]
 Run = Callable[..., Any]
 
@@ -21,9 +23,38 @@ def simulate(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 def rows(file: Path) -> list[dict[str, str]]:
-    """A CSV of the command line."""
+    """A CSV of the command line, without its version."""
     with file.open() as text:
-        return list(csv.DictReader(text))
+        return [{name: cell for name, cell in row.items() if name != "schema_version"} for row in csv.DictReader(text)]
+
+
+def saved(scene: zwidth.Scene, folder: Path) -> Path:
+    """The scene as a file of its name."""
+    file = folder / f"{scene.name}.toml"
+    file.write_text(scene.to_toml())
+    return file
+
+
+def followed(call: Run, *given: Any, ends: tuple[int, int] | None = None, **asked: Any) -> Any:
+    """What a call makes, whose progress says how far it is, and where it ends."""
+    calls: list[tuple[int, int]] = []
+    made = call(*given, progress=lambda done, total: calls.append((done, total)), **asked)
+    assert 0 < calls[-1][0] <= calls[-1][1] and ends in (None, calls[-1])
+    return made
+
+
+def becomes_table(made: Any, table: Mapping[str, Any]) -> None:
+    """A result is that table for Arrow and pandas too."""
+    frame = made.to_pandas()
+    assert made.to_arrow().column_names == list(frame.columns) == list(table)
+    assert len(frame) == len(next(iter(table.values())))
+
+
+def refuses(call: Run, line: str, *given: Any, **asked: Any) -> None:
+    """The call says just that line."""
+    with pytest.raises(ValueError) as raised:
+        call(*given, **asked)
+    assert str(raised.value) == line
 
 
 def same(cell: str, value: Any) -> bool:

@@ -1,8 +1,6 @@
 """The virtual board through the package: beside the same session typed by hand, and on every way out."""
 
 import contextlib
-import csv
-import json
 import os
 import re
 import select
@@ -18,7 +16,7 @@ import numpy as np
 import pytest
 
 import zwidth
-from conftest import ROOT, simulate
+from conftest import ROOT, Run, rows
 from zwidth._answers import BoardHit, BoardStatus
 from zwidth._virtual import Program
 
@@ -144,7 +142,7 @@ def test_what_the_program_refuses_is_refused(program: Path) -> None:
         zwidth.Board.virtual(SCENE, program, startup_s=0.01)
 
 
-def test_the_telemetry_is_that_of_the_command_line(program: Path, tmp_path: Path) -> None:
+def test_the_telemetry_is_that_of_the_command_line(program: Path, sim: Run, tmp_path: Path) -> None:
     with zwidth.Board.virtual(SCENE, program) as board:
         arm(board)
         with board.telemetry() as recording:
@@ -159,20 +157,17 @@ def test_the_telemetry_is_that_of_the_command_line(program: Path, tmp_path: Path
     with pytest.raises(FileExistsError):
         told.save(tmp_path / "capture.bin")
     told.save(tmp_path / "capture.bin", force=True)
-    options = ["--csv", tmp_path / "outputs.csv", "--samples", tmp_path / "samples.csv", "--json"]
-    made = simulate("telemetry", tmp_path / "capture.bin", *options)
-    assert made.returncode == 0, made.stderr
-    said = json.loads(made.stdout)
+    options = ["--csv", tmp_path / "outputs.csv", "--samples", tmp_path / "samples.csv"]
+    said = sim("telemetry", tmp_path / "capture.bin", *options)
     for table, part in (("outputs", told.outputs), ("samples", told.samples)):
-        with (tmp_path / f"{table}.csv").open() as text:
-            rows = list(csv.DictReader(text))
-        assert len(rows) > 500
+        file = rows(tmp_path / f"{table}.csv")
+        assert len(file) > 500
         columns = part.columns()
-        for name in rows[0]:
+        for name in file[0]:
             fact = {"velocity_q16": "computed", "force_q30": "driven"}.get(name)
-            known = columns.get(fact, np.ones(len(rows), dtype=bool))
+            known = columns.get(fact, np.ones(len(file), dtype=bool))
             here = [str(int(value)) if there else "" for value, there in zip(columns[name], known, strict=True)]
-            assert [row[name] for row in rows] == here, name
+            assert [row[name] for row in file] == here, name
     for name in ("dropped", "garbage_bytes", "computed", "velocities_equal", "forces_equal", "states_equal"):
         assert getattr(told, name) == said[name], name
     assert [list(gap) for gap in told.gaps] == said["gaps"]
@@ -239,12 +234,19 @@ except KeyboardInterrupt:
 """
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_ctrl_c_ends_a_hit_and_the_force(served: int) -> None:
-    folder = str(Path(__file__).parent)
-    with subprocess.Popen([sys.executable, "-c", HITS, str(served), folder], stdout=subprocess.PIPE) as child:
+@contextlib.contextmanager
+def hitting(port: int) -> Iterator[subprocess.Popen[bytes]]:
+    """A script in a hit of that board."""
+    command = [sys.executable, "-c", HITS, str(port), str(Path(__file__).parent)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
         assert child.stdout.readline() == b"hits\n"
+        yield child
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_ctrl_c_ends_a_hit_and_the_force(served: int) -> None:
+    with hitting(served) as child:
         time.sleep(0.5)
         begun = time.monotonic()
         child.send_signal(signal.SIGINT)
@@ -257,10 +259,7 @@ def test_ctrl_c_ends_a_hit_and_the_force(served: int) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_a_script_that_is_killed_takes_the_force_with_it(served: int) -> None:
-    folder = str(Path(__file__).parent)
-    with subprocess.Popen([sys.executable, "-c", HITS, str(served), folder], stdout=subprocess.PIPE) as child:
-        assert child.stdout is not None
-        assert child.stdout.readline() == b"hits\n"
+    with hitting(served) as child:
         child.kill()
         child.wait(10)
     time.sleep(1.5)

@@ -96,8 +96,9 @@ def test_a_copy_goes_on_by_itself() -> None:
         assert np.array_equal(first, again)
 
 
+@pytest.mark.parametrize("name", ["butterworth", "kalman-3"])
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_an_exception_leaves_the_state_at_any_time() -> None:
+def test_an_exception_leaves_the_state_at_any_time(name: str) -> None:
     class Rings(Exception):
         pass
 
@@ -105,7 +106,7 @@ def test_an_exception_leaves_the_state_at_any_time() -> None:
         raise Rings
 
     counts = np.arange(3_000_000)
-    estimator = zwidth.Estimator("butterworth", zwidth.Scene.load("paper-1um"), cutoff=500)
+    estimator = made(name, SCENE)
     estimator.process(np.arange(100, 0, -1))
     begun = time.monotonic()
     copy.copy(estimator).process(counts)
@@ -115,14 +116,14 @@ def test_an_exception_leaves_the_state_at_any_time() -> None:
     try:
         for part in np.linspace(0.1, 1.0, 10):
             kept = copy.copy(estimator)
-            made = None
+            whole = None
             try:
                 signal.setitimer(signal.ITIMER_REAL, part * took)
-                made = kept.process(counts)
+                whole = kept.process(counts)
                 signal.setitimer(signal.ITIMER_REAL, 0)
             except Rings:
                 rang += 1
-                assert made is not None or np.array_equal(kept.process([7, 8, 9]), after), part
+                assert whole is not None or np.array_equal(kept.process([7, 8, 9]), after), part
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)

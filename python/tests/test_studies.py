@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import zwidth
-from conftest import Run, rows, simulate
+from conftest import Run, becomes_table, followed, rows, saved, simulate
 
 SHORT = {"wall_hit.settle_s": 0.6, "wall_hit.window_s": 0.4}
 
@@ -20,9 +20,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[zwidth.Scene, Path]
     scene = zwidth.Scene.load("paper-2um").replace(
         SHORT | {"walk.stiffness_step_n_per_m": 4000.0, "walk.damping_step_n_s_per_m": 40.0}
     )
-    file = tmp_path_factory.mktemp("scene") / "scene.toml"
-    file.write_text(scene.to_toml())
-    return scene, file
+    return scene, saved(scene, tmp_path_factory.mktemp("scene"))
 
 
 @pytest.mark.parametrize("numeric", ["fixed", "f64", "f64-rounded"])
@@ -60,12 +58,10 @@ def test_a_walk(scene: tuple[zwidth.Scene, Path], sim: Run, tmp_path: Path) -> N
 
 def test_a_sweep(scene: tuple[zwidth.Scene, Path], tmp_path: Path) -> None:
     here, file = scene
-    calls: list[tuple[int, int]] = []
-    made = zwidth.sweep(here, cutoffs=[500, 100], repeat=2, progress=lambda done, total: calls.append((done, total)))
+    made = followed(zwidth.sweep, here, cutoffs=[500, 100], repeat=2, ends=(4, 4))
     out = tmp_path / "out"
     options = ["--cutoffs", "100,500", "--repeat", 2, "--plain", "--out", out]
     assert simulate("sweep", file, *options).returncode == 0
-    assert calls[-1] == (4, 4)
     boundary = rows(out / "boundary.csv")
     points = [
         (hz, b, k)
@@ -121,11 +117,9 @@ def test_results_do_not_change_and_become_tables(scene: tuple[zwidth.Scene, Path
         made.stiffness_n_per_m[0] = 0.0
     with pytest.raises(AttributeError):
         made.area = 0.0  # type: ignore[misc]
-    frame = made.to_pandas()
-    assert isinstance(frame, pandas.DataFrame)
-    table = made.to_arrow()
-    assert table.column_names == list(frame.columns) == list(made.columns())
-    assert np.array_equal(table["stiffness_n_per_m"].to_numpy(), made.stiffness_n_per_m)
+    assert isinstance(made.to_pandas(), pandas.DataFrame)
+    becomes_table(made, made.columns())
+    assert np.array_equal(made.to_arrow()["stiffness_n_per_m"].to_numpy(), made.stiffness_n_per_m)
 
 
 def test_bad_input_is_refused_as_on_the_command_line(scene: tuple[zwidth.Scene, Path], refused: Run) -> None:

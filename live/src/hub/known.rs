@@ -67,16 +67,8 @@ pub struct Known {
 }
 
 impl Known {
-    pub(super) fn say(&mut self, from: From, text: String) {
-        self.add(from, text, None);
-    }
-
-    /// What has become of a command.
-    pub(super) fn answer(&mut self, from: From, text: String, command: String) {
-        self.add(from, text, Some(command));
-    }
-
-    fn add(&mut self, from: From, text: String, answers: Option<String>) {
+    /// A line more; `answers`: the command that it answers.
+    pub(super) fn say(&mut self, from: From, text: String, answers: Option<String>) {
         self.numbered += 1;
         self.lines.push_back(Line { number: self.numbered, from, text, answers });
         if self.lines.len() > LINES {

@@ -7,6 +7,7 @@ mod found;
 
 use clap::Args;
 use host_sim::error::Error;
+#[cfg(feature = "probe")]
 use virtual_board::{board::Board, elf::Elf, link::Link};
 
 /// Why the force has to be off before.
@@ -99,17 +100,6 @@ impl Options {
             .map_err(|error| bad(format!("{name}: {error}")))?;
         note(&format!("{name}: {met}"));
         Ok((Box::new(link), elf))
-    }
-
-    /// # Errors
-    /// There are no probes: [`is_wanted`](Self::is_wanted) has said so.
-    #[cfg(not(feature = "probe"))]
-    pub fn connect(
-        &self,
-        _: Board,
-        _: impl FnOnce() -> Result<Elf, Error>,
-    ) -> Result<(Box<dyn Link>, Elf), Error> {
-        self.is_wanted("").and(Err(Error::input("--probe")))
     }
 }
 

@@ -12,18 +12,19 @@ use futures_util::{
 };
 use live::{
     access::MESSAGES_PER_S,
-    page::{Page, Question, TICK},
+    message::Question,
+    page::{Page, TICK},
 };
 use serde_json::json;
 use tokio::{
-    sync::mpsc,
+    sync::{OwnedSemaphorePermit, mpsc},
     time::{MissedTickBehavior, interval},
 };
 
-use super::{App, Place};
+use super::App;
 
 /// Talks to a page until it goes.
-pub async fn run(app: Arc<App>, socket: WebSocket, _place: Place) {
+pub async fn run(app: Arc<App>, socket: WebSocket, _place: OwnedSemaphorePermit) {
     let page = Page::enter(&app.shared);
     let (to, from) = socket.split();
     let (tell, told) = mpsc::channel(16);
@@ -98,16 +99,10 @@ async fn write(page: &Page, mut to: To, mut told: mpsc::Receiver<String>) {
         return;
     }
     loop {
-        let next = tokio::select! {
-            _ = tick.tick() => None,
-            text = told.recv() => match text {
-                Some(text) => Some(text),
-                None => return,
-            },
-        };
-        let sent = match next {
-            Some(text) => to.send(Message::Text(text.into())).await,
-            None => show(page, &mut to).await,
+        let sent = tokio::select! {
+            _ = tick.tick() => show(page, &mut to).await,
+            Some(text) = told.recv() => to.send(Message::Text(text.into())).await,
+            else => return,
         };
         if sent.is_err() {
             return;

@@ -133,9 +133,7 @@ pub fn say(question: &Question) -> Answered {
     running(|running| {
         let answer = match running.page.take(&question.message) {
             Ok(None) => json!({}),
-            Ok(Some(asked)) => {
-                json!({ "predict": { "estimator": asked.estimator, "cutoff_hz": asked.cutoff_hz } })
-            }
+            Ok(Some(asked)) => json!({ "predict": asked }),
             Err(refused) => json!({ "refused": refused }),
         };
         Ok((answer, vec![]))
