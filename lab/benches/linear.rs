@@ -9,10 +9,8 @@ fn figure(period: u32) -> f64 {
     let cutoffs = [20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 1500.0, 2000.0, 3000.0, 4000.0];
     let mut sum = 0.0;
     for cutoff in cutoffs {
-        let of = Loop {
-            period,
-            ..Loop::single_rate(Device::PAPER, 1e4, TransferFunction::paper(1e4, cutoff).unwrap())
-        };
+        let filter = TransferFunction::paper(1e4, cutoff).expect("a cutoff below half the rate");
+        let of = Loop { period, ..Loop::single_rate(Device::PAPER, 1e4, filter) };
         let boundary = Boundary::new(&of).expect("the paper's loop is in range");
         for step in 0..200 {
             let limit = boundary.at(10.0 * f64::from(step)).expect("finite damping");

@@ -572,14 +572,17 @@ impl Talk {
 
 /// What an experiment says by itself, as no answer to a command.
 fn is_report(line: &str) -> bool {
-    const REPORTS: [&str; 7] = [
+    const REPORTS: [&str; 10] = [
         "ok walk over",
+        "ok pulses over",
         "ok calibrate over",
         "ok hit stable",
         "ok hit unstable",
         "ok hit no contact",
         "error: hit",
         "error: walk",
+        "error: pulses",
+        "error: nobody was reading",
     ];
     REPORTS.iter().any(|start| line.starts_with(start))
 }
