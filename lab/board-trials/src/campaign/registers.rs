@@ -70,7 +70,7 @@ pub fn register_rows(board: Board) -> Vec<RegisterRow> {
         ("TIM5 without clock asleep", RCC + 0x60, Flip(1 << 3), true),
         ("clock divider of APB1", RCC + 0x08, Flip(1 << 10), true),
         ("clock security system", RCC, Flip(1 << 19), true),
-        ("TIM1 in reset", RCC + 0x24, Flip(1), true),
+        ("TIM1 in reset", RCC + 0x24, Flip(1), false), // MOE has gone as in a halt
         ("TIM8 in reset", RCC + 0x24, Flip(1 << 1), true),
         ("TIM2 in reset", RCC + 0x20, Flip(1), false), // its count jumps to 0 as well
         ("TIM5 in reset", RCC + 0x20, Flip(1 << 3), false),
