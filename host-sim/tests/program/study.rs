@@ -323,7 +323,7 @@ fn a_rotary_study_speaks_its_unit_and_its_columns_are_on_the_page() {
         let folder = folder(&text);
         assert!(study(folder.path(), "out", &[]).status.success());
         let part = fs::read_to_string(folder.path().join("out/part-00000000.csv")).unwrap();
-        page::has_columns_of(&format!("part.csv of {measure}"), &part);
+        page::has_columns_of(&format!("part.csv` of `{measure}"), &part);
         let head: Value =
             serde_json::from_slice(&fs::read(folder.path().join("out/study.json")).unwrap())
                 .unwrap();
