@@ -111,13 +111,15 @@ fn sum() -> u32 {
 pub struct SetUp {
     expected: Option<u32>,
     channels: Option<u32>,
+    /// They were wrong once. The sum alone does not say so: the change of enable's pin can hide another one.
+    were_wrong: bool,
     enable: BoardPin,
 }
 
 impl SetUp {
     /// Not set up yet.
     pub const fn new(enable: BoardPin) -> Self {
-        Self { expected: None, channels: None, enable }
+        Self { expected: None, channels: None, were_wrong: false, enable }
     }
 }
 
@@ -142,11 +144,12 @@ impl contract::SetUp for SetUp {
         // Only the logger masks, and this task cannot run during that. A mask that stays set keeps `link` from running.
         let unmasked = basepri::read() == 0;
         let whole = *self.expected.get_or_insert(sum) == sum;
-        whole && direction && unmasked && output_watchdog::stores_off()
+        whole && direction && unmasked && !self.were_wrong && output_watchdog::stores_off()
     }
 
     #[cold]
     fn hold_enable_low(&mut self) {
+        self.were_wrong = true;
         self.enable.hold_low();
     }
 }
