@@ -182,7 +182,7 @@ pub fn words(bytes: &[u8]) -> Vec<u32> {
     bytes.as_chunks().0.iter().map(|&word| u32::from_le_bytes(word)).collect()
 }
 
-/// Reads the bytes of a device record. It does not check the content; [`device`](super::device) does.
+/// Reads the bytes of a device record. It checks the length only, not the content.
 ///
 /// # Errors
 /// [`Error::Input`] if it cannot be read, or does not fit a flash sector.

@@ -221,7 +221,7 @@ mod tests {
             let error = scene(&format!("[uncertainty]\n{table}")).unwrap_err().to_string();
             assert!(error.contains(says), "{table}: {error}");
         }
-        // a tenth of the draws have a negative latency and are repeated
+        // a tenth of the draws have a negative latency; these draws are repeated
         let scene = scene("[uncertainty]\nlatency = 8.0").unwrap();
         assert!((0..200).all(|n| scene.drawn(1, n).unwrap().actuator.latency >= 0.0));
     }

@@ -69,8 +69,8 @@ fn crossing(function: impl Fn(f64) -> f64, mut from: f64, mut until: f64) -> f64
 }
 
 /// The same number as [`crossing`] from 0 to 1, in a third of the time. `None` if the result might differ. Halving
-/// ends at the border between two of [`PARTS`] where the sign changes. There is only one such border if, two borders
-/// away from it, the magnitude of the function exceeds its rounding error, `rounded`.
+/// ends at the border of one of [`PARTS`], where the sign has changed. The result is certain if the function exceeds
+/// its rounding error, `rounded`, at the next borders before and after the sign change.
 fn crossing_of_sample(
     function: impl Fn(f64) -> f64,
     slope: impl Fn(f64) -> f64,
