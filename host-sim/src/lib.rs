@@ -13,7 +13,7 @@
 //! | [`engine`] | many wall hits, by the core itself or side by side in vector lanes |
 //! | [`simulation`] | the sampled loop: plant, encoder, controller, latency |
 //! | [`plant`] | the device over one sample |
-//! | [`scene`] | scene files: devices, elements, experiments, and what they may hold |
+//! | [`scene`] | scene files: devices, elements, experiments, and their allowed values |
 //! | [`numerics`] | mathematics that is independent of the device |
 //! | [`input`], [`interrupt`], [`error`] | reading files, Ctrl-C, errors |
 //!

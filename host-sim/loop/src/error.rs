@@ -5,7 +5,7 @@ use std::{borrow::Cow, fmt, io, path::PathBuf};
 /// Exit code of a command interrupted by Ctrl-C, as a shell reports it.
 pub const INTERRUPTED: u8 = 130;
 
-/// Why a command ended without its result.
+/// Reason why a command ended without a result.
 #[derive(Debug)]
 pub enum Error {
     /// The input is not valid: exit code 2. The text is one line that names the place, the wrong value and the
@@ -84,9 +84,9 @@ impl std::error::Error for Error {
     }
 }
 
-/// Most characters of a message.
+/// Largest number of characters in a message.
 const LONGEST: usize = 1000;
-/// Characters that a cut message keeps at its end, where the allowed values stand.
+/// Number of characters that a cut message keeps at its end, because the allowed values are there.
 const TAIL: usize = 300;
 
 /// A text as one printable line of at most about a thousand characters. Control characters are escaped, and the

@@ -29,7 +29,8 @@ const PIECE: u64 = 1 << 20;
 /// Reads a whole file.
 ///
 /// # Errors
-/// [`Error::Input`] if it cannot be read or is larger than its kind may be; [`Error::Interrupted`].
+/// [`Error::Input`] if the file cannot be read or is too large for its kind. [`Error::Interrupted`] after an
+/// interruption.
 pub fn read(path: &Path, kind: Kind) -> Result<Vec<u8>, Error> {
     let unreadable = |error| Error::Input(format!("{} cannot be read: {error}", path.display()));
     let limit = kind.limit_mib << 20;
@@ -55,7 +56,7 @@ pub fn read(path: &Path, kind: Kind) -> Result<Vec<u8>, Error> {
 /// Reads a whole file of text.
 ///
 /// # Errors
-/// As [`read`], and [`Error::Input`] if it is not UTF-8.
+/// The errors of [`read`], and [`Error::Input`] if the file is not UTF-8.
 pub fn read_text(path: &Path, kind: Kind) -> Result<String, Error> {
     let bytes = read(path, kind)?;
     utf8(&bytes).map(str::to_owned).map_err(|why| Error::Input(why).of(&path.display().to_string()))

@@ -80,7 +80,7 @@ impl AgreeReport<'_> {
         text
     }
 
-    /// The table of `--csv`.
+    /// The table for the option `--csv`.
     pub fn csv(&self) -> String {
         versioned(self.found.table()).csv()
     }

@@ -31,7 +31,7 @@ pub struct SectionRow {
     a: [f64; 2],
 }
 
-/// `[sweep]` of a scene.
+/// The table `[sweep]` of a scene.
 #[derive(Clone, Debug, Serialize)]
 pub struct SweepKeys {
     cutoffs_hz: [f64; 1],
@@ -57,7 +57,7 @@ pub struct FilterRow {
     /// Both sections of a filter with two sections.
     #[serde(skip_serializing_if = "Option::is_none")]
     sections: Option<Vec<SectionRow>>,
-    /// `[velocity]` of a scene.
+    /// The table `[velocity]` of a scene.
     velocity: VelocityTable,
     sweep: SweepKeys,
 }

@@ -16,7 +16,7 @@ pub struct Manifest {
     pub git_dirty: Option<bool>,
     pub toolchain: &'static str,
     pub target: &'static str,
-    /// The command's arguments that shape the result.
+    /// Arguments of the command that affect the result.
     pub command: String,
     /// Name of the scene, or `None` if the result has no named scene.
     pub scene: Option<String>,

@@ -492,7 +492,7 @@ impl Study {
     }
 }
 
-/// `boundary.csv`, in m and N.
+/// Text of `boundary.csv`, in m and N.
 pub fn boundary_csv(cutoffs: &[CutoffResult], repeats: u32) -> String {
     let mut text =
         String::from("cutoff_hz,repeat,start_offset_counts,damping_n_s_per_m,stiffness_n_per_m\n");
@@ -508,7 +508,7 @@ pub fn boundary_csv(cutoffs: &[CutoffResult], repeats: u32) -> String {
     text
 }
 
-/// `areas.csv`, in m and N.
+/// Text of `areas.csv`, in m and N.
 pub fn areas_csv(cutoffs: &[CutoffResult]) -> String {
     let mut text = String::from(
         "cutoff_hz,true_cutoff_hz,area,area_low,area_high,stiffness_peak_n_per_m,damping_max_n_s_per_m\n",

@@ -98,7 +98,8 @@ pub fn bytes(format: Format, csv: &str, about: &About) -> Result<Vec<u8>, Error>
     bytes.map_err(|error| Error::Internal(format!("cannot write the table: {error}")))
 }
 
-/// The bytes of a table. It is CSV, because [`Format::of`] returned an error for other formats.
+/// The bytes of a table as CSV. No other format is possible, because [`Format::of`] returned an error for other
+/// formats.
 #[cfg(not(feature = "open-files"))]
 pub fn bytes(_: Format, csv: &str, _: &About) -> Result<Vec<u8>, Error> {
     Ok(csv.into())

@@ -10,7 +10,7 @@ use serde_json::Value;
 
 const SIM: &str = env!("CARGO_BIN_EXE_host-sim");
 
-/// The tutorial's handle, whose walk has three values of B.
+/// A folder with the scene of the tutorial's handle. A walk of this scene has three values of B.
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples");

@@ -18,7 +18,7 @@ pub fn sim(folder: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_host-sim")).current_dir(folder).args(args).output().unwrap()
 }
 
-/// A scene file in a folder of its own, with `from` replaced by `to`.
+/// A scene file in its own folder, with `from` replaced by `to`.
 pub fn scene(from: &str, to: &str) -> TempDir {
     let text = SCENE;
     assert!(text.contains(from), "{from}");

@@ -21,14 +21,14 @@ use crate::{
 /// Implementation of the controller's arithmetic that runs the hits. Both give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Engine {
-    /// The core itself, hit by hit.
+    /// The core itself runs one hit after another.
     Core,
     /// The core's arithmetic written again for vector lanes. Scenes without lanes run the core itself.
     Lanes(Backend),
 }
 
 impl Engine {
-    /// Lanes with the best instructions that this machine has.
+    /// Lanes with the best instructions of this machine.
     pub fn lanes() -> Self {
         Self::Lanes(Backend::best())
     }

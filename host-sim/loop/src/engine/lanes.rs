@@ -57,7 +57,7 @@ pub trait LaneController<S: SimdOps, const R: usize> {
 
 /// Inputs of an output: depth and true speed.
 pub struct Due<'a, S: SimdOps, const R: usize> {
-    /// Counts behind the surface.
+    /// Depth of the handle behind the surface, counts.
     pub depth: [S::f64s; R],
     /// The true speed, m/s.
     pub speed: [S::f64s; R],
@@ -284,7 +284,7 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
             let samples = plain.min(BLOCK_SAMPLES);
             left -= samples;
             self.actuation.phase += samples;
-            // A sample with an output or an arriving command ends the block, unless the chunk ends here.
+            // A sample with an output or an arriving command ends the block. A chunk may end before this sample.
             let event = samples == plain && left > 0;
             let Some(block) = buffer.get_mut(..=samples as usize) else { return };
             let end = samples as usize + usize::from(event);

@@ -7,7 +7,7 @@
 //! walk to its end. `f64` lanes use the operations of the scalar loop in the same order, without contraction.
 //! Fixed-point lanes use the same integers.
 //!
-//! # One arithmetic or two
+//! # What is written again
 //! The compiler does not vectorise the core's own functions, called per lane in a loop over arrays. They take 8.6 ns
 //! a sample with AVX-512 enabled, as slow as one lane at a time. So the stages that take most of the time are written
 //! again here: quantiser and difference, low-pass (`estimator/low_pass.rs`, `float.rs`), wall, saturation, output

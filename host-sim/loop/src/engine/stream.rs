@@ -18,7 +18,7 @@ const HITS_PER_LANE: u64 = 64;
 /// only on the hits: any number of threads and any `engine` give the same.
 ///
 /// # Errors
-/// `stop` was set, or an error of `sink`.
+/// `stop` was set, or `sink` returned an error.
 #[expect(clippy::too_many_arguments, reason = "what, how and where to")]
 pub fn stream(
     engine: Engine,

@@ -8,7 +8,7 @@ use crate::simulation::{
     window::Measures,
 };
 
-/// How much of a hit is run.
+/// Part of a hit that is run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depth {
     /// Until the verdict is certain. A hit that leaves the core's range is unstable.
@@ -49,7 +49,7 @@ pub struct Tally {
 
 /// Source of hits, and receiver of their outcomes.
 pub trait Work {
-    /// The next hit for a free lane. A lane that gets `None` is not asked again.
+    /// The next hit for a free lane. If the result is `None`, the lane is not used again.
     fn next(&mut self, lane: usize) -> Option<WallHit>;
     /// Takes the outcome of this lane's last hit.
     fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>);
@@ -95,7 +95,8 @@ impl<'a> Pushes<'a> {
         Self { work, pushes: prepared.pushes(), lanes: vec![] }
     }
 
-    /// The next hit for a free lane, and the scene at its push. A lane that gets `None` is not asked again.
+    /// The next hit for a free lane, and the scene with the hit's push. If the result is `None`, the lane is not used
+    /// again.
     pub fn next(&mut self, lane: usize) -> Option<(WallHit, &'a PreparedScene)> {
         if self.lanes.len() <= lane {
             self.lanes.resize_with(lane + 1, || None);
@@ -131,7 +132,7 @@ impl<'a> Pushes<'a> {
     }
 }
 
-/// A hit in the scalar loop.
+/// Runs a hit in the scalar loop.
 pub fn scalar(task: Task<'_>, hit: &WallHit) -> Result<Outcome, HitError> {
     let Task { prepared, numeric, depth } = task;
     match depth {

@@ -18,10 +18,10 @@ const LINE_MAX: usize = 1 << 20;
 /// Longest cell in a message, characters.
 const SHOWN: usize = 30;
 
-/// A column's name, and the numbers that it may hold.
+/// A column's name, and the range of its numbers.
 pub type Column<'a> = (&'a str, RangeInclusive<f64>);
 
-/// A text with a header.
+/// The text of a table with a header.
 #[derive(Clone, Debug)]
 pub struct Table<'a> {
     text: &'a str,
@@ -34,7 +34,7 @@ impl<'a> Table<'a> {
     /// Finds the header of a table.
     ///
     /// # Errors
-    /// One line: there is no header, or a quote in it does not end.
+    /// One line: the text has no header, or a quote in the header does not end.
     pub fn new(text: &'a str) -> Result<Self, String> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let first = lines(text).next().ok_or("the file is empty")?;
@@ -59,10 +59,10 @@ impl<'a> Table<'a> {
         self.line
     }
 
-    /// Line and numbers of each row.
+    /// Line number and numbers of each row.
     ///
     /// # Errors
-    /// One line: the line of the file, the column and what is allowed.
+    /// One line: line number in the file, column, and allowed values.
     pub fn numbers<const N: usize>(
         &self,
         columns: &[Column<'_>; N],

@@ -179,7 +179,7 @@ impl AnyPlant {
         )))
     }
 
-    /// The exact step over `sample_s`, split at `fraction` (0 to below 1) of it.
+    /// The exact step over `sample_s`, split at `fraction` (0 to below 1) of the sample.
     pub fn exact(chain: &Chain, sample_s: f64, fraction: f64) -> Self {
         match chain.states() {
             2 => {

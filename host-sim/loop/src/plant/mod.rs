@@ -2,9 +2,9 @@
 //! once.
 //!
 //! The state is `(x - x0, x')`. Under a constant force a step is `s' = phi s + gamma F`. If the force steps from F1
-//! to F2 at `fraction` of the sample, the step is `s' = phi s + before F1 + after F2` with `after = gamma((1 -
-//! fraction) T)`, `before = phi((1 - fraction) T) gamma(fraction T)`. A hand's constant force adds the same to the
-//! state in every sample.
+//! to F2 at `fraction` of the sample, the step is `s' = phi s + before F1 + after F2` with
+//! `after = gamma((1 - fraction) T)`, `before = phi((1 - fraction) T) gamma(fraction T)`. A hand's constant force
+//! adds the same to the state in every sample.
 //!
 //! The only errors are roundings. If forces or lengths are scaled by a power of two, the run is the same bit for bit,
 //! except for this scale.

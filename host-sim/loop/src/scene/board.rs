@@ -381,7 +381,7 @@ impl Scene {
         Ok(names)
     }
 
-    /// The output periods that an envelope for a board covers, the scene's own first.
+    /// The output periods that an envelope for a board covers. The scene's own period is the first.
     pub fn board_periods(&self) -> Vec<u32> {
         let named = self.board.as_ref().map_or(&[][..], |board| &board.periods);
         let own = self.actuator.period;

@@ -48,7 +48,7 @@ const FELT_WINDOW_S: f64 = 0.5;
 const FELT_SAMPLES_MAX: u32 = 1 << 17;
 
 impl Scene {
-    /// Shortest and longest window that has a sensation level, s.
+    /// Shortest and longest window with a sensation level, s.
     pub fn felt_window_s(&self) -> [f64; 2] {
         [FELT_WINDOW_S, f64::from(FELT_SAMPLES_MAX) / self.control.rate_hz]
     }

@@ -41,7 +41,7 @@ impl FeltCurve {
         Ok(Self { points: points.into(), text: Some(text.into()) })
     }
 
-    /// The file's text; `None` for the model that is built in.
+    /// The file's text, or `None` for the built-in model.
     pub fn text(&self) -> Option<&str> {
         self.text.as_deref()
     }

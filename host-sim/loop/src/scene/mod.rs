@@ -1,4 +1,4 @@
-//! Scene files: one device, one controller, one study. They are in TOML; each key's name contains its unit.
+//! Scene files: one device, one controller, one study. The files are in TOML; each key's name contains its unit.
 //!
 //! Unknown keys and values out of range are errors. Each physical element is a table. An absent element is not
 //! modelled and costs no time. The file of a scene with `[rotary]` uses rad and N m ([`rotary`]). In memory all
@@ -148,7 +148,7 @@ pub struct Scene {
     /// The board's return move between two hits.
     #[serde(rename = "return")]
     pub back: Option<ReturnTable>,
-    /// What its file speaks, and everything that is made of it. A scene that is written speaks m and N.
+    /// Units of the scene's file and of its results. A scene that is written to a file is in m and N.
     #[serde(skip)]
     pub units: Units,
 }

@@ -42,7 +42,7 @@ pub fn device(words: &[u32]) -> Result<Device<'_>, Error> {
         .map_err(|bad| Error::Input(format!("no device record: {bad}{}", help(&bad))))
 }
 
-/// Remedy for an error in a record. It stands behind the error.
+/// Remedy for an error in a record. The text follows the error's text.
 fn help(bad: &BadRecord) -> String {
     let anew = "; make it anew: cargo sim prepare, with the scene that it was made of";
     match *bad {

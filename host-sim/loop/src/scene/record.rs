@@ -185,7 +185,7 @@ pub fn words(bytes: &[u8]) -> Vec<u32> {
 /// Reads the bytes of a device record. It checks the length only, not the content.
 ///
 /// # Errors
-/// [`Error::Input`] if it cannot be read, or does not fit a flash sector.
+/// [`Error::Input`] if the file cannot be read or does not fit into a flash sector.
 pub fn load(path: &Path) -> Result<Vec<u8>, Error> {
     let bytes = input::read(path, input::DEVICE)?;
     if bytes.len() > 4 * WORDS_MAX {

@@ -182,7 +182,7 @@ pub fn unit(key: &str) -> Option<String> {
 /// Description of a key of scenes.
 #[derive(Debug)]
 pub struct Key {
-    /// Tables and key, with dots.
+    /// Tables and key, separated by dots.
     pub path: String,
     /// `None` for a number without a unit, and for other values.
     pub unit: Option<String>,

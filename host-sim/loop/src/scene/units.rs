@@ -155,8 +155,8 @@ impl Units {
         if factor == 1.0 { value } else { rounded(value * factor, DIGITS_OUT) }
     }
 
-    /// A number at the handle as text for a board's console. `key` gives its quantity. It has fifteen digits, as many
-    /// as the console reads.
+    /// A number at the handle as text for a board's console. `key` gives its quantity. The text has fifteen digits,
+    /// as many as the console reads.
     pub fn command(self, key: &str, at_handle: f64) -> String {
         match self.key(key) {
             Some((_, factor)) => rounded(at_handle * factor, DIGITS_IN).to_string(),

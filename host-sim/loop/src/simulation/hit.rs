@@ -13,7 +13,7 @@ pub enum Numeric {
     /// Fixed point: the core's arithmetic, as on the board.
     #[default]
     Fixed,
-    /// Its twin in 64-bit floats.
+    /// The twin of the core in 64-bit floats.
     F64,
     /// The twin with its velocity rounded to the fixed-point LSB.
     F64Rounded,

@@ -84,8 +84,8 @@ struct Moving<C, S, X> {
     on_the_way: Latency,
 }
 
-/// Commands that have not taken effect yet. One is sent every `period` samples. It takes effect `latency` samples
-/// after its sample.
+/// Commands that have not taken effect yet. A command is sent every `period` samples. Each takes effect `latency`
+/// samples after its sample.
 #[derive(Clone, Copy, Debug)]
 struct Latency {
     write: usize,

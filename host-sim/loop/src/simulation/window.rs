@@ -1,12 +1,12 @@
 //! Measures of a hit's window beside the RMS of its counts, and the verdict from them.
 //!
-//! | quantity | of the samples of the window |
+//! | quantity | meaning, over the samples of the window |
 //! |----------|------------------------------|
 //! | RMS of the motion | true positions about their mean |
-//! | at the limit | outputs at the actuator's limit, as a share |
-//! | RMS of the force | what safety grants, as the output rounds it, about its mean over the outputs of the window |
-//! | penetration ratio | K times the mean of the counts behind the surface, over the mean force of the wall |
-//! | sensation level | energy of the motion over what a hand just feels, dB |
+//! | at the limit | part of the outputs that are at the actuator's limit |
+//! | RMS of the force | force that safety grants, rounded by the output, about its mean |
+//! | penetration ratio | K times the mean depth of the counts behind the surface, divided by the mean force of the wall |
+//! | sensation level | energy of the motion relative to the least motion that a hand feels, dB |
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! [`Levant`](zwidth::velocity::Levant) in lanes, for states that stay far inside their ranges.
+//! [`Levant`](zwidth::velocity::Levant) in lanes, for states far inside their ranges.
 
 use pulp::bytemuck::cast;
 use zwidth::velocity::{Estimator, Word as _};
@@ -109,7 +109,7 @@ fn with_sign<S: SimdOps>(simd: S, size: S::u64s, negative: S::u64s) -> S::u64s {
     simd.sub_u64s(simd.xor_u64s(size, negative), negative)
 }
 
-/// The core's square root of numbers below 2^50, with 32 fractional bits. It has at most 31 significant bits.
+/// The core's square root of numbers below 2^50, with 32 fractional bits. The root has at most 31 significant bits.
 #[inline(always)]
 fn root<S: SimdOps>(simd: S, square: S::u64s) -> S::u64s {
     let of = |bits: u64| simd.splat_u64s(bits);

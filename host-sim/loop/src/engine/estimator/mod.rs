@@ -17,7 +17,7 @@ pub(super) mod observer;
 pub(super) mod window;
 mod word;
 
-/// The estimators that have lanes, by their form.
+/// Forms of the estimators that have lanes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
     /// Difference, first-order and second-order low-passes.
@@ -75,7 +75,7 @@ impl Form {
     }
 }
 
-/// Inputs of an estimator beside the counts, the same in all hits of a scene.
+/// Inputs of an estimator in addition to the counts. They are the same in all hits of a scene.
 #[derive(Clone, Copy)]
 pub struct Beside<'a> {
     /// Samples from the grant of a force until the estimator gets the force.

@@ -98,7 +98,7 @@ impl<S: SimdOps> Observed<S> {
         }
     }
 
-    /// The velocity after a move by so many counts, LSB.
+    /// The velocity after the count changed by `moved`, LSB.
     #[inline(always)]
     fn step(&mut self, simd: S, gains: &Gains<S>, moved: S::f64s, known: S::u64s) -> S::u64s {
         let moved = Vector { simd, bits: simd.to_low(moved) };

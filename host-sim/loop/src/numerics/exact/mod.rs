@@ -101,8 +101,8 @@ fn mean_exp(z: f64) -> f64 {
     if z == 0.0 { 1.0 } else { libm::expm1(z) / z }
 }
 
-/// Short steps: `phi12 = dt sum h_n / (n+1)!`, `gamma1 = dt^2 sum h_n / (n+2)!`, where h_n is the complete
-/// symmetric polynomial of the two poles times dt, `h_n = -(d dt) h_(n-1) - (w^2 dt^2) h_(n-2)`.
+/// Series for short steps: `phi12 = dt sum h_n / (n+1)!`, `gamma1 = dt^2 sum h_n / (n+2)!`. Here h_n is the complete
+/// symmetric polynomial of the two poles times dt: `h_n = -(d dt) h_(n-1) - (w^2 dt^2) h_(n-2)`.
 fn series(w2: f64, d: f64, dt: f64) -> ([[f64; 2]; 2], [f64; 2], [[f64; 2]; 2]) {
     let (sum, product) = (-d * dt, w2 * dt * dt);
     let (mut before, mut h) = (0.0, 1.0);

@@ -1,18 +1,17 @@
 //! Largest step of an integrator: the fastest motion of a plant, and the stability limit of each method.
 //!
 //! A chain without force is `M x'' + D x' + K x = 0`, with symmetric matrices without negative eigenvalues. A motion
-//! `q exp(s t)` of the chain satisfies `m s^2 + d s + k = 0` with the numbers `m = q* M q`, `d = q* D q`, `k = q* K
-//! q`. So with
-//! `D1`, `K1` the largest eigenvalues of `D` and `K` relative to `M`
+//! `q exp(s t)` of the chain satisfies `m s^2 + d s + k = 0` with the numbers `m = q* M q`, `d = q* D q`,
+//! `k = q* K q`. So with `D1`, `K1` the largest eigenvalues of `D` and `K` relative to `M`
 //! ```text
 //! |s| <= max(D1, sqrt(K1))
 //! ```
 //! Stops, cogging and friction add to K and D, and can only raise the bound. Sticking removes a body, and can only
 //! lower the bound. So the bound at the steepest slope of all elements holds in every combination of contacts.
 //!
-//! Semi-implicit Euler, `v1 = v - h M^-1 (K x + D v)`, `x1 = x + h v1`, has solutions `q g^n` with `m (g - 1)^2 + h d
-//! (g - 1) + h^2 k g = 0`. Both roots g lie inside the unit circle if `2 h d + h^2 k < 4 m`. So the method is stable
-//! if
+//! Semi-implicit Euler, `v1 = v - h M^-1 (K x + D v)`, `x1 = x + h v1`, has solutions `q g^n` with
+//! `m (g - 1)^2 + h d (g - 1) + h^2 k g = 0`. Both roots g lie inside the unit circle if `2 h d + h^2 k < 4 m`. So
+//! the method is stable if
 //! ```text
 //! 4 M - 2 h D - h^2 K   is positive definite
 //! ```

@@ -163,7 +163,7 @@ fn energy_falls<const N: usize>(chain: &Chain, nonlinear: &Nonlinear, speed: f64
     assert!(last < start);
 }
 
-/// Least energy of cogging, J.
+/// Smallest energy of cogging, J.
 fn energy_floor(nonlinear: &Nonlinear) -> f64 {
     nonlinear.cogging.map_or(0.0, |c| -c.amplitude_n * c.pitch_m / core::f64::consts::TAU)
 }

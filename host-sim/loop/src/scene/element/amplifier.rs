@@ -3,9 +3,9 @@
 //! ```text
 //! F' = 2 pi f (command - F),   F(0) = 0
 //! ```
-//! It is part of the exact step at any bandwidth.
+//! The amplifier is part of the exact step at any bandwidth.
 //!
-//! It is a standard model: a current loop with a PI controller that cancels the winding's pole has one pole, at its
+//! The model is standard: a current loop with a PI controller that cancels the winding's pole has one pole, at its
 //! bandwidth. In haptic stability: Diolaiti, Niemeyer, Barbagli, Salisbury, IEEE T-RO 22(2), 2006.
 
 use core::f64::consts::TAU;

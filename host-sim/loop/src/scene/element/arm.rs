@@ -9,7 +9,7 @@
 //! `rest_position_m`, the posture of the person. The person does not react: the impedance is constant over a hit. The
 //! arm is part of the exact step.
 //!
-//! It is a standard model: a passive impedance of second order, behind the compliance of the grip.
+//! The model is standard: a passive impedance of second order, behind the compliance of the grip.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

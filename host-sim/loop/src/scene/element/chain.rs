@@ -209,7 +209,7 @@ impl Chain {
         rest
     }
 
-    /// A, for any number of states.
+    /// The matrix A, for any number of states.
     pub fn matrix(&self) -> DMatrix<f64> {
         of_states!(self.states(), N => {
             let (a, _) = self.system::<N>();

@@ -5,8 +5,8 @@
 //! ```
 //! The force is conservative, with the energy `amplitude pitch / (2 pi) cos(2 pi x / pitch + phase)`.
 //!
-//! It is the first term of a Fourier series over the motor's angle. At the handle, pitch = 2 pi r / (N cogs), with r
-//! and N as in docs/scenes.md.
+//! The force is the first term of a Fourier series over the motor's angle. At the handle, pitch = 2 pi r / (N cogs),
+//! with r and N as in docs/scenes.md.
 
 use core::f64::consts::TAU;
 

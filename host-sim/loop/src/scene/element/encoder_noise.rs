@@ -1,9 +1,9 @@
 //! Encoder noise: a white Gaussian error of every reading, before quantisation.
 //!
-//! It is a function of seed, start of the hit and sample number. So it does not depend on the number of threads. All
-//! compared walls get the same noise, each repeat of a sweep gets another.
+//! The noise is a function of seed, start of the hit and sample number. So it does not depend on the number of
+//! threads. All compared walls get the same noise, each repeat of a sweep gets another.
 //!
-//! It is the white measurement noise of Kalman filters; quantisation is separate.
+//! The model is the white measurement noise of Kalman filters; quantisation is separate.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

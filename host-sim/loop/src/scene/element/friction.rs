@@ -7,15 +7,15 @@
 //! Viscous friction is the device's damping. The instants at which the device comes to rest and breaks away are
 //! located. So rest means speed 0 exactly, not a band of speeds around 0.
 //!
-//! It is the standard Stribeck curve in its Gaussian form. Sticking is a separate state, as in Karnopp's model, but
-//! without Karnopp's band of speeds.
+//! The curve is the standard Stribeck curve in its Gaussian form. Sticking is a separate state, as in Karnopp's
+//! model, but without Karnopp's band of speeds.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Checker;
 
-/// Largest friction of a scene, N.
+/// Largest friction force that a scene may have, N.
 const FORCE_N: f64 = 1e5;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

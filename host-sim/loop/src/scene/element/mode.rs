@@ -7,7 +7,7 @@
 //! ```
 //! Motor and encoder stay collocated. The mode is part of the exact step.
 //!
-//! It is the standard two-mass model of motor, cable transmission and body. Vibration modes in haptic stability:
+//! The model is the standard two-mass model of motor, cable transmission and body. Vibration modes in haptic stability:
 //! Diaz, Gil, IEEE T-RO 26(1), 2010.
 
 use schemars::JsonSchema;

@@ -2,8 +2,8 @@
 //!
 //! | protocol | push, share of the scene's | window |
 //! |----------|----------------------------|--------|
-//! | `taps` | 1 for half of [`TAP_S`], then what draws the handle back to where it was, at most -1: a critically damped spring that has the push at the wall. From there the push takes 50 ms to the wall | of each tap but the first the last half from its contact to its end; the worst decides. Motion and force are about the polynomial of degree 5 that fits them best: a wall that still gives way is not one that bounces |
-//! | `hand` | `1 + 0.3 (sin + sin + sin) / 3` at 0.7, 1.9 and 4.3 Hz | the scene's, above 20 Hz: the RMS of motion and force are those of a spectrum with Hann's window |
+//! | `taps` | 1 for the first half of [`TAP_S`]. Then a force that pulls the handle back to its start, at most 1 in magnitude: a critically damped spring whose force at the wall is the push. From the start the push takes 50 ms to the wall. | The second half of the time from contact to the push's end, for each tap but the first. The worst tap decides. Motion and force are measured about the polynomial of degree 5 that fits them best, so that slow creep of the wall does not count as bouncing. |
+//! | `hand` | `1 + 0.3 (sin + sin + sin) / 3` at 0.7, 1.9 and 4.3 Hz | The scene's window. The RMS of motion and force count only frequencies above 20 Hz, from a spectrum with Hann's window. |
 //!
 //! The scene selects who pushes. The push is constant between two outputs. The force is evaluated as the output holds
 //! it.

@@ -33,7 +33,7 @@ pub enum Rounding {
     /// No rounding other than that of `f64`.
     Exact,
     /// The filter's output is rounded to the fixed-point LSB, 2^-16 counts per sample. The filter's state is not
-    /// rounded. It is the smallest change that any fixed-point filter with this output format makes.
+    /// rounded. This rounding is the smallest change that any fixed-point filter with this output format makes.
     VelocityLsb,
 }
 

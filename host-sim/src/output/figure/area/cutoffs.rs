@@ -26,7 +26,7 @@ pub(super) const ROW_DROP: f64 = 12.5;
 pub(super) const ROW_PITCH: f64 = 13.0;
 /// Number of rows. A cutoff whose number fits in no row has only a tick.
 const MOST_ROWS: usize = 2;
-/// Least space between two numbers in a row.
+/// Smallest space between two numbers in a row.
 const LABEL_SPACE: f64 = 4.0;
 
 const TICK_WIDTH: f64 = 1.0;
