@@ -22,11 +22,11 @@ pub enum Equation {
     Ends(u32),
     Tracking(TrackingLoop),
     Kalman(KalmanDesign),
-    /// Gets a force.
+    /// Observer that gets the force.
     Observer(ObserverDesign),
-    /// Gets an acceleration.
+    /// Observer that gets the acceleration.
     Fusion(ObserverDesign),
-    /// Shortest span, in samples.
+    /// Shortest time between the two edges, in samples.
     TimeStamps(u32),
     Foaw(Foaw),
     Levant(Levant),
