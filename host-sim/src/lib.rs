@@ -1,8 +1,8 @@
-//! Simulator of a one-degree-of-freedom haptic device around the control core that the firmware
-//! runs, or, where many hits are asked for, around a second text of it with the same bits. It answers: which velocity-filter cutoff gives this device the largest Z-width, the range
-//! of walls that stay stable?
+//! Simulator of a one-degree-of-freedom haptic device with the control core of the firmware. For many hits it can use
+//! a second implementation of the core, which gives the same bits. It answers this question: which velocity-filter
+//! cutoff gives a device the largest Z-width, the range of walls that stay stable?
 //!
-//! Each layer uses those below it only:
+//! Each layer uses only the layers below it:
 //!
 //! | layer | holds |
 //! |-------|-------|
@@ -13,15 +13,16 @@
 //! | [`engine`] | many wall hits, by the core itself or side by side in vector lanes |
 //! | [`simulation`] | the sampled loop: plant, encoder, controller, latency |
 //! | [`plant`] | the device over one sample |
-//! | [`scene`] | scene files: devices, elements, experiments, and what they may hold |
-//! | [`numerics`] | mathematics that knows no device |
-//! | [`input`], [`interrupt`], [`error`] | reading files, Ctrl-C, what can go wrong |
+//! | [`scene`] | scene files: devices, elements, experiments, and their allowed values |
+//! | [`numerics`] | mathematics that is independent of the device |
+//! | [`input`], [`interrupt`], [`error`] | reading files, Ctrl-C, errors |
 //!
-//! A [`scene::Scene`] describes device and experiment. A [`simulation::prepared::PreparedScene`] prepares it and
-//! runs wall hits in a [`simulation::Simulation`] around the core
-//! ([`Fixed`](simulation::controller::Fixed)) or around its `f64` twin ([`simulation::twin`]).
-//! [`study`] leaves the hits of a walk to an [`engine::Engine`]: the core itself, or (by default) lanes, a second
-//! text of the core's arithmetic for speed that tests hold to the same bits.
+//! A [`scene::Scene`] describes device and experiment. A [`simulation::prepared::PreparedScene`] prepares the scene
+//! and runs wall hits. Each hit is a [`simulation::Simulation`] with the core
+//! ([`Fixed`](simulation::controller::Fixed)) or with its `f64` twin ([`simulation::twin`]).
+//!
+//! [`study`] gives the hits of a walk to an [`engine::Engine`]: the core itself, or (by default) lanes. Lanes
+//! implement the core's arithmetic again, for speed. Tests check that both give the same bits.
 #![forbid(unsafe_code)]
 
 pub mod cli;

@@ -6,7 +6,7 @@ use ab_glyph::{Font as _, FontRef};
 
 use crate::BitmapError;
 
-/// DejaVu Sans; its licence stands beside it.
+/// DejaVu Sans. Its licence is in the same folder.
 static FONT: LazyLock<Option<FontRef<'static>>> =
     LazyLock::new(|| FontRef::try_from_slice(include_bytes!("../../fonts/DejaVuSans.ttf")).ok());
 

@@ -1,5 +1,5 @@
-//! The shapes of a figure, painted as PNG. A crate of its own, because a bitmap has millions of pixels: it is optimised,
-//! and what draws the figures is not.
+//! Paints the shapes of a figure as PNG. It is a separate crate so that it is always optimised: a bitmap has millions
+//! of pixels.
 #![forbid(unsafe_code)]
 
 mod font;
@@ -12,21 +12,21 @@ use plotters_backend::{BackendCoord, BackendStyle, DrawingErrorKind, rasterizer}
 
 pub use font::width;
 
-/// Grid steps per pixel, each way, as `halved` has it: what they average is the anti-aliasing.
+/// Grid steps per pixel in each direction. `halved` averages them, which gives the anti-aliasing.
 pub const STEPS_PER_PIXEL: u8 = 2;
 
 type PaintError<'a> = DrawingErrorKind<<BitMapBackend<'a> as DrawingBackend>::ErrorType>;
 
-/// A shape in grid steps and what it is painted with.
+/// A shape in grid steps with its style.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
-    /// From one point to another.
+    /// Line between two points.
     Line([BackendCoord; 2], ShapeStyle),
-    /// Line through several points, not closed.
+    /// Open line through several points.
     Path(Vec<BackendCoord>, ShapeStyle),
-    /// Filled, between two corners.
+    /// Filled rectangle between two corners.
     Rectangle([BackendCoord; 2], ShapeStyle),
-    /// Filled: centre and radius.
+    /// Filled circle: centre and radius.
     Circle(BackendCoord, u32, ShapeStyle),
     /// Filled area between these corners.
     Polygon(Vec<BackendCoord>, ShapeStyle),
@@ -39,17 +39,17 @@ pub enum Shape {
 pub struct Lettering {
     pub text: String,
     pub at: BackendCoord,
-    /// Size of the letters: one em, in grid steps.
+    /// Font size: one em, in grid steps.
     pub em: f64,
-    /// What of it stands at its place: its name in SVG, and which part of the width is before it.
+    /// Part of the text that lies at the point `at`: its name in SVG, and the share of the width before it.
     pub anchor: (&'static str, f64),
-    /// From its place down to the base line, em.
+    /// Distance from the point `at` down to the base line, em.
     pub drop: f64,
-    /// It is read from below.
+    /// Whether the text is turned by 90 degrees and read from below.
     pub turned: bool,
 }
 
-/// Why there is no bitmap; no shape can cause it.
+/// Reason why there is no bitmap. Shapes never cause it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BitmapError {
     /// The bundled font cannot be read.
@@ -69,12 +69,12 @@ impl fmt::Display for BitmapError {
 
 impl std::error::Error for BitmapError {}
 
-/// The shapes as PNG, on a page of that many grid steps.
+/// The shapes as PNG, on a page of this number of grid steps.
 ///
 /// # Errors
-/// [`BitmapError`], which the shapes cannot cause.
+/// [`BitmapError`]. Shapes never cause it.
 pub fn png(shapes: &[Shape], (width, height): (u32, u32)) -> Result<Vec<u8>, BitmapError> {
-    // A row or column that fills no pixel would be lost: the page is padded.
+    // The page is padded, so that a row or column that fills no whole pixel is kept.
     let pixels = [width, height].map(|side| side.div_ceil(STEPS_PER_PIXEL.into()));
     let [width, height] = pixels.map(|side| side * u32::from(STEPS_PER_PIXEL));
     let mut fine = vec![u8::MAX; 3 * width as usize * height as usize];
@@ -98,9 +98,9 @@ fn encode(rgb: &[u8], [width, height]: [u32; 2]) -> Result<Vec<u8>, png::Encodin
     Ok(bytes)
 }
 
-/// A shape on plotters' bitmap. Lines that join roundly and text that stands as it does in SVG are made here:
-/// plotters 0.3.7 turns a zigzag into one polygon that crosses itself, which leaves holes and spikes, and its
-/// `ab_glyph` text drops the bearing of each glyph and has another size and base line than its SVG text.
+/// Paints a shape on plotters' bitmap. Lines with round joins, and text as in SVG, are painted here. plotters 0.3.7
+/// turns a zigzag into one polygon that crosses itself, which leaves holes and spikes. Its `ab_glyph` text drops the
+/// bearing of each glyph, and differs from its SVG text in size and base line.
 fn paint(bitmap: &mut BitMapBackend<'_>, shape: &Shape) -> Result<(), BitmapError> {
     let painted = match shape {
         Shape::Line([from, to], style) => rasterizer::draw_line(bitmap, *from, *to, style),
@@ -172,7 +172,8 @@ fn grid_of(step: f32) -> i32 {
     step.round() as i32
 }
 
-/// Half as wide and high: the means of two times two pixels, rounded. A row has `columns` pixels afterwards.
+/// Halves width and height: each pixel is the rounded mean of two times two pixels. The result has `columns` pixels
+/// per row.
 fn halved(fine: &[u8], columns: usize) -> Vec<u8> {
     let mut coarse = Vec::with_capacity(fine.len() / 4);
     for rows in fine.chunks_exact(12 * columns) {
@@ -197,9 +198,9 @@ mod tests {
     #[test]
     fn a_mean_takes_every_sample_once() {
         let mut fine = vec![0; 3 * 4 * 2];
-        fine[..6].fill(200); // upper half of the left pixel, of two
+        fine[..6].fill(200); // upper half of the left pixel of two pixels
         assert_eq!(halved(&fine, 2), [100, 100, 100, 0, 0, 0]);
-        // n squared: 0 9 36 81, 1 16 49 100 and 4 25 64 121
+        // squares of n: 0 9 36 81, 1 16 49 100 and 4 25 64 121
         let fine: Vec<u8> = (0..12).map(|n| n * n).collect();
         assert_eq!(halved(&fine, 1), [32, 42, 54]);
     }

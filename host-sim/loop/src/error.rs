@@ -1,42 +1,42 @@
-//! What can go wrong, and the exit code that says so.
+//! The errors, and their exit codes.
 
 use std::{borrow::Cow, fmt, io, path::PathBuf};
 
-/// Exit code of an interrupted command, as a shell gives it to Ctrl-C.
+/// Exit code of a command interrupted by Ctrl-C, as a shell reports it.
 pub const INTERRUPTED: u8 = 130;
 
-/// Why a command ended without its result.
+/// Reason why a command ended without a result.
 #[derive(Debug)]
 pub enum Error {
-    /// The user asked for something that cannot be: exit code 2. The text is one line that names
-    /// where, what and what is allowed.
+    /// The input is not valid: exit code 2. The text is one line that names the place, the wrong value and the
+    /// allowed values.
     Input(String),
-    /// A file could not be written or read half-way: exit code 1.
+    /// A file could not be written, or could only be read in part: exit code 1.
     File {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
-    /// Something that should not happen: exit code 1.
+    /// An error of the program itself: exit code 1.
     Internal(String),
     /// Ctrl-C or a termination signal: exit code 130.
     Interrupted,
 }
 
 impl Error {
-    /// An [`Error::Input`] from anything that prints.
+    /// Makes an [`Error::Input`] from anything that prints.
     pub fn input(text: impl fmt::Display) -> Self {
         Self::Input(text.to_string())
     }
 
-    /// An [`Error::File`] at `path`.
+    /// Makes an [`Error::File`] at `path`.
     pub fn file(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
         let path = path.into();
         move |source| Self::File { path, source }
     }
 
-    /// The same error, with the name of what it is about in front of bad input.
+    /// The same error. If it is [`Error::Input`], `name` and a colon stand before its text.
     #[must_use]
     pub fn of(self, name: &str) -> Self {
         match self {
@@ -45,7 +45,7 @@ impl Error {
         }
     }
 
-    /// What kind of error it is, for programs.
+    /// Kind of the error, for programs.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Input(_) => "input",
@@ -84,13 +84,13 @@ impl std::error::Error for Error {
     }
 }
 
-/// Most characters of a message.
+/// Largest number of characters in a message.
 const LONGEST: usize = 1000;
-/// Characters that a cut message keeps at its end, where the allowed values stand.
+/// Number of characters that a cut message keeps at its end, because the allowed values are there.
 const TAIL: usize = 300;
 
-/// A text as one printable line of at most about a thousand characters: control characters escaped, the middle of a
-/// long text left out.
+/// A text as one printable line of at most about a thousand characters. Control characters are escaped, and the
+/// middle of a long text is left out.
 pub fn one_line(text: &str) -> String {
     let length = text.chars().count();
     if length <= LONGEST {
@@ -103,7 +103,7 @@ pub fn one_line(text: &str) -> String {
     printable(&text, false).into_owned()
 }
 
-/// A text without characters that would steer a terminal; with its line ends if `lines`.
+/// A text without characters that control a terminal. Line ends stay if `lines` is set.
 pub fn printable(text: &str, lines: bool) -> Cow<'_, str> {
     let steers =
         |c: char| c.is_control() || matches!(c, '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}');

@@ -1,5 +1,5 @@
-//! The one door for files that a user names: each kind has a largest size, a read can be interrupted, and what is
-//! refused is named with its limit.
+//! Reads all files that a user names. Each kind has a largest size, and a read can be interrupted. An error names the
+//! limit.
 
 use std::{fs::File, io::Read as _, path::Path};
 
@@ -7,7 +7,7 @@ use crate::{error::Error, interrupt};
 
 pub mod table;
 
-/// What a file holds, and how much of it is read at most.
+/// Content of a file, and its largest size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Kind {
     name: &'static str,
@@ -15,7 +15,7 @@ pub struct Kind {
 }
 
 pub const SCENE: Kind = Kind { name: "a scene", limit_mib: 1 };
-/// A curve of what a hand feels.
+/// A curve of the least motion that a hand feels.
 pub const CURVE: Kind = Kind { name: "a curve", limit_mib: 1 };
 /// A log or a capture of telemetry: two hours of frames.
 pub const RECORD: Kind = Kind { name: "a record", limit_mib: 256 };
@@ -23,13 +23,14 @@ pub const STUDY: Kind = Kind { name: "a study", limit_mib: 1 };
 pub const DEVICE: Kind = Kind { name: "a device record", limit_mib: 1 };
 pub const PROGRAM: Kind = Kind { name: "a program", limit_mib: 64 };
 
-/// Bytes between two looks at the interrupt flag.
+/// Bytes between two checks of the interrupt flag.
 const PIECE: u64 = 1 << 20;
 
 /// Reads a whole file.
 ///
 /// # Errors
-/// [`Error::Input`] if it cannot be read or is larger than its kind may be; [`Error::Interrupted`].
+/// [`Error::Input`] if the file cannot be read or is too large for its kind. [`Error::Interrupted`] after an
+/// interruption.
 pub fn read(path: &Path, kind: Kind) -> Result<Vec<u8>, Error> {
     let unreadable = |error| Error::Input(format!("{} cannot be read: {error}", path.display()));
     let limit = kind.limit_mib << 20;
@@ -55,16 +56,16 @@ pub fn read(path: &Path, kind: Kind) -> Result<Vec<u8>, Error> {
 /// Reads a whole file of text.
 ///
 /// # Errors
-/// As [`read`], and [`Error::Input`] if it is not UTF-8.
+/// The errors of [`read`], and [`Error::Input`] if the file is not UTF-8.
 pub fn read_text(path: &Path, kind: Kind) -> Result<String, Error> {
     let bytes = read(path, kind)?;
     utf8(&bytes).map(str::to_owned).map_err(|why| Error::Input(why).of(&path.display().to_string()))
 }
 
-/// Bytes as text.
+/// Returns bytes as text.
 ///
 /// # Errors
-/// One line: the first byte that is none, from 1 on, and what the text seems to be.
+/// One line: the position, from 1 on, of the first byte that is not UTF-8 text, and a guess of the encoding.
 pub fn utf8(bytes: &[u8]) -> Result<&str, String> {
     let at = match std::str::from_utf8(bytes) {
         Ok(text) => match text.find('\0') {

@@ -1,4 +1,4 @@
-//! Whether a command shall end. Long work looks at the [`flag`] between two pieces and ends by itself.
+//! The flag that asks a command to end. Long work checks the [`flag`] between two pieces and ends.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -6,18 +6,18 @@ use crate::error::Error;
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 
-/// Set once the command shall end.
+/// The flag; it is set to ask the command to end.
 pub fn flag() -> &'static AtomicBool {
     &REQUESTED
 }
 
-/// Whether the command shall end.
+/// Whether the command must end.
 pub fn is_requested() -> bool {
     REQUESTED.load(Ordering::Relaxed)
 }
 
 /// # Errors
-/// [`Error::Interrupted`] if the command shall end.
+/// [`Error::Interrupted`] if the command must end.
 pub fn check() -> Result<(), Error> {
     unless(&REQUESTED)
 }

@@ -1,16 +1,16 @@
-//! The sampled loop: what a device does under the control core that the firmware runs, for one wall hit or for many
-//! side by side.
+//! The sampled loop: the motion of a device under the control core that the firmware runs. It runs one wall hit, or
+//! many side by side.
 //!
-//! Each layer uses those below it only:
+//! Each layer uses only the layers below it:
 //!
 //! | layer | holds |
 //! |-------|-------|
 //! | [`engine`] | many wall hits, by the core itself or side by side in vector lanes |
 //! | [`simulation`] | the sampled loop: plant, encoder, controller, latency |
 //! | [`plant`] | the device over one sample |
-//! | [`scene`] | scene files: devices, elements, experiments, and what they may hold |
-//! | [`numerics`] | mathematics that knows no device |
-//! | [`input`], [`interrupt`], [`error`] | reading files, Ctrl-C, what can go wrong |
+//! | [`scene`] | scene files: devices, elements, experiments, and their allowed values |
+//! | [`numerics`] | mathematics that is independent of the device |
+//! | [`input`], [`interrupt`], [`error`] | reading files, Ctrl-C, errors |
 #![forbid(unsafe_code)]
 
 pub mod engine;

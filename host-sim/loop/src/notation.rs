@@ -1,8 +1,8 @@
-//! Numbers as people read them.
+//! Numbers as text for people.
 
-/// Thin space: groups thousands without looking like a decimal sign in any language.
+/// Thin space between groups of three digits. No language uses it as a decimal sign.
 const GROUP_SEPARATOR: char = '\u{2009}';
-/// Numbers of fewer digits are easier to read in one piece.
+/// Whole parts of at least this many digits are grouped. Shorter numbers are easier to read in one piece.
 const GROUPED_FROM_DIGITS: usize = 5;
 
 /// A number with a true minus sign and grouped thousands, such as `−12 345.6`.
@@ -27,12 +27,12 @@ pub fn number(value: f64, decimals: usize) -> String {
     out
 }
 
-/// The nearest number with so many digits.
+/// The nearest number with this many digits.
 pub fn rounded(value: f64, digits: usize) -> f64 {
     format!("{value:.*e}", digits - 1).parse().unwrap_or(value)
 }
 
-/// Three digits, two of them behind the point at most.
+/// The number with three digits, and with at most two decimals.
 pub fn three_digits(value: f64) -> String {
     let decimals = match value {
         v if v >= 99.95 => 0,

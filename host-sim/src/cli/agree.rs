@@ -1,4 +1,4 @@
-//! `agree`: a measured walk beside the predicted one.
+//! `agree`: compares a measured walk with the predicted one.
 
 use std::path::PathBuf;
 

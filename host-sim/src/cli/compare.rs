@@ -81,11 +81,11 @@ struct Json<'a> {
     /// Damping and stiffness of the wall at which the force is compared.
     damping_n_s_per_m: f64,
     stiffness_n_per_m: f64,
-    /// Walls at which the impedance is compared.
+    /// Walls for the comparison of the impedance.
     walls: [Wall; 3],
-    /// Mean area of the true velocity.
+    /// Mean area with the true velocity.
     true_velocity_area_n2_s_per_m2: f64,
-    /// Impedance error of hold and latency alone, with the true velocity.
+    /// Error of the impedance from output hold and latency alone, with the true velocity.
     impedance_error_of_loop: Option<f64>,
     estimators: Vec<JsonRow>,
     winners: &'a [Winner],
@@ -197,7 +197,7 @@ fn command_line(args: &CompareArgs, common: &Common, scene: &NamedScene, place: 
         .by(common)
 }
 
-/// Its parameters, for people.
+/// Parameters of an estimator as text for people.
 fn tuning(c: &Compared) -> String {
     let parameters = table::parameters(c).into_iter().flatten();
     let texts: Vec<String> = parameters
@@ -210,7 +210,7 @@ fn tuning(c: &Compared) -> String {
     texts.join(", ")
 }
 
-/// The largest mean area of a class.
+/// The estimator with the largest mean area of a class.
 fn best_of(compared: &[Compared], class: Class) -> Option<Entry> {
     let like = compared.iter().filter(|c| c.class() == class);
     like.max_by(|a, b| a.tuned.boundaries.area().total_cmp(&b.tuned.boundaries.area()))

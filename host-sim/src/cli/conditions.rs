@@ -1,5 +1,5 @@
-//! Options that put other conditions in the place of a scene's: limit, criterion, who pushes, in whose hand, when the loop
-//! acts.
+//! Options that replace conditions of a scene: limit, criterion, who pushes, the arm on the handle, time of the
+//! outputs.
 
 use clap::{Args, builder::ValueParser};
 
@@ -34,10 +34,10 @@ pub struct Judged {
 }
 
 impl Judged {
-    /// Puts it into the scene.
+    /// Puts the options into the scene.
     ///
     /// # Errors
-    /// The scene cannot have it.
+    /// The options do not suit the scene.
     pub fn apply(self, named: &mut NamedScene) -> Result<(), Error> {
         let scene = &mut named.scene;
         let hit = &mut scene.wall_hit;
@@ -88,10 +88,11 @@ fn one(text: &str) -> Result<Limits, String> {
 }
 
 impl Conditions {
-    /// A scene to which they were [applied](Self::apply), as its estimators or changes are ranked.
+    /// The conditions for ranking estimators or changes. The options must be [applied](Self::apply) to the scene
+    /// before.
     ///
     /// # Errors
-    /// The scene cannot have the criterion, or it has no quiet wall.
+    /// The scene does not suit the criterion, or has no quiet wall.
     pub fn ranked(&self, scene: &NamedScene, common: &Common) -> Result<Ranked, Error> {
         let mut scene = scene.clone();
         let limit = self.limit.as_ref().and_then(|limits| limits.0.first());
@@ -111,10 +112,10 @@ impl Conditions {
         ranked(common.how(), &scene, by, rms_of).map_err(|error| error.of(&scene.name))
     }
 
-    /// Puts them into the scene, but for the criterion.
+    /// Puts the options into the scene, except the criterion.
     ///
     /// # Errors
-    /// There is no such arm, or the scene cannot have them.
+    /// There is no such arm, or the options do not suit the scene.
     pub fn apply(&self, scene: &mut Scene) -> Result<(), Error> {
         scene.wall_hit.push_by = self.push.unwrap_or(scene.wall_hit.push_by);
         if let Some(name) = &self.arm {
@@ -127,7 +128,7 @@ impl Conditions {
         scene.check().map_err(Error::Input)
     }
 
-    /// As on the command line.
+    /// The options as on the command line.
     pub fn as_typed(&self) -> String {
         Typed(String::new())
             .maybe("limit", self.limit.as_ref())

@@ -1,4 +1,4 @@
-//! `design`: the best velocity filter, not the best cutoff.
+//! `design`: finds the best velocity filter, not only the best cutoff.
 
 use clap::Args;
 use serde::Serialize;
@@ -89,7 +89,7 @@ struct Json<'a> {
     scene: &'a str,
     filters: Vec<FilterRow>,
     conditions: Vec<ConditionRow>,
-    /// Stiffness and damping of the wall at which roughness is measured.
+    /// Stiffness and damping of the wall at which the roughness is measured.
     stiffness_n_per_m: f64,
     damping_n_s_per_m: f64,
     tried: usize,
@@ -162,7 +162,7 @@ pub fn run(args: &DesignArgs, common: &Common) -> Result<(), Error> {
 }
 
 impl DesignArgs {
-    /// The scene under what holds for all conditions.
+    /// The scene with the settings that are the same for all conditions.
     fn base(&self, named: &NamedScene, common: &Common) -> Result<Scene, Error> {
         if self.limits.is_none() && self.rms_of.is_none() && !self.unsaturated {
             asked::prepare(named)?;
@@ -179,7 +179,7 @@ impl DesignArgs {
         Ok(base)
     }
 
-    /// Every push in every arm below every limit.
+    /// Every combination of push, arm and limit.
     fn conditions(&self, mut base: Scene) -> Result<Vec<Condition>, Error> {
         if let Some([k, b]) = self.steps.map(|steps| steps.at_handle(&base)) {
             let walk = &mut base.walk;
@@ -236,7 +236,7 @@ impl DesignArgs {
         Ok(conditions)
     }
 
-    /// As on the command line.
+    /// The command as on the command line.
     fn typed(&self, scene: &str, budget: u32, common: &Common) -> String {
         let pushes: Option<Vec<&str>> =
             self.push.as_ref().map(|all| all.iter().map(|push| push.name()).collect());

@@ -1,4 +1,4 @@
-//! Options that ask how sure a wall is.
+//! Options for the probability that a wall is stable.
 
 use clap::Args;
 
@@ -6,7 +6,7 @@ use super::shared::Typed;
 
 use crate::{error::Error, scene::NamedScene, study::probability::Draws};
 
-/// Starts of the scene's own device, and of each that is drawn, unless another number is asked for.
+/// Default number of starts: of the scene's own device, and of each drawn device.
 const STARTS: [u32; 2] = [16, 1];
 
 /// The share of starts, and of devices, at which a wall holds.
@@ -28,13 +28,13 @@ impl DrawArgs {
         self.starts_each.unwrap_or(STARTS[usize::from(self.uncertain.is_some())])
     }
 
-    /// Who is drawn; `None` without `--probability`.
+    /// The draws, or `None` without `--probability`.
     pub fn of(&self, scene: &NamedScene) -> Result<Option<Draws>, Error> {
         let draws = || Draws::new(&scene.scene, self.uncertain.unwrap_or(0), self.starts());
         self.probability.then(draws).transpose().map_err(|error| error.of(&scene.name))
     }
 
-    /// As on the command line.
+    /// The options as on the command line.
     pub fn as_typed(&self) -> String {
         if !self.probability {
             return String::new();

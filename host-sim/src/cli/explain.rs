@@ -1,4 +1,4 @@
-//! `explain`: what limits the walls of a device.
+//! `explain`: finds what limits the walls of a device.
 
 use clap::Args;
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! `grid`: every wall of a grid, hit once.
+//! `grid`: hits every wall of a grid once.
 
 use std::{fmt::Write as _, path::PathBuf};
 
@@ -65,15 +65,15 @@ struct Json<'a> {
     points: u64,
     #[serde(flatten)]
     counts: Counts,
-    /// Stable walls within 5, 10 and 20 %; only with `--impedance`.
+    /// Number of stable walls within 5, 10 and 20 %. Only with `--impedance`.
     #[serde(skip_serializing_if = "Option::is_none")]
     usable: Option<[u64; 3]>,
-    /// How walls were tried, if not as in the paper.
+    /// Protocol of the hits, if it is not the paper's.
     #[serde(skip_serializing_if = "Option::is_none")]
     protocol: Option<&'static str>,
 }
 
-/// Errors of the impedance up to which walls are counted.
+/// Limits of the impedance's error. The walls below each limit are counted.
 const WITHIN: [f64; 3] = [0.05, 0.1, 0.2];
 
 pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
@@ -152,22 +152,22 @@ pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// How sure each wall is.
+/// Probabilities of a grid's walls.
 #[derive(Serialize)]
 struct ProbableJson<'a> {
     scene: &'a str,
     numeric: &'static str,
     points: u64,
     draws: u32,
-    /// Walls that 95 %, half and 5 % of the draws hold.
+    /// Number of walls that 95 %, 50 % and 5 % of the draws hold.
     held_by_95_percent: u64,
     held_by_50_percent: u64,
     held_by_5_percent: u64,
-    /// Mean share that holds.
+    /// Mean share of the draws that hold a wall.
     share: f64,
 }
 
-/// Most verdicts that are kept until the end.
+/// Largest number of verdicts in memory. They are kept until the end.
 const VERDICTS_MAX: u64 = 100_000_000;
 
 fn probable<'a>(

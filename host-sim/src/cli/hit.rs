@@ -55,31 +55,32 @@ struct Json<'a> {
     contact_fraction: f64,
     velocity_clipped_fraction: f64,
     criterion: &'static str,
-    /// How it was tried, if not as in the paper.
+    /// Protocol of the hit, if it is not the paper's.
     #[serde(skip_serializing_if = "Option::is_none")]
     protocol: Option<&'static str>,
     rms_of: &'static str,
     rms_motion_m: f64,
     window_at_limit_fraction: f64,
-    /// `null` if the window has none.
+    /// `null` if the window has no sensation level.
     sensation_db: Option<f64>,
     force_rms_n: f64,
     /// `null` if the wall has no force.
     penetration_ratio: Option<f64>,
-    /// One for each push that the wall was judged at.
+    /// One entry for each push of the wall's test.
     pushes: Vec<Push>,
-    /// By the wall's force and the counts, in the last contact.
+    /// Energy taken in the last contact, from the wall's force and the counts.
     port_taken_j: f64,
-    /// The most beyond that, in any contact.
+    /// Largest net energy given in any contact.
     port_given_j: f64,
-    /// Outputs in contact that the passivity controller has changed, and what it has withheld.
+    /// Share of the outputs in contact that the passivity controller changed, and share of the force that it
+    /// withheld.
     #[serde(skip_serializing_if = "Option::is_none")]
     port_limited_fraction: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     port_withheld_fraction: Option<f64>,
 }
 
-/// What a hit at one push showed.
+/// Results of a hit at one push.
 #[derive(Serialize)]
 struct Push {
     push_n: f64,

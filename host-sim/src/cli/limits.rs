@@ -1,4 +1,4 @@
-//! Options of `sweep` that ask for several limits at once.
+//! Options of `sweep` for several limits at once.
 
 use std::fmt;
 
@@ -21,7 +21,7 @@ use crate::{
 
 pub(super) use crate::study::limits_asked::LimitAsked as Asked;
 
-/// Sensation levels that `felt` stands for, dB over `wall_hit.felt_limit_db`.
+/// Sensation levels for the word `felt`, dB above `wall_hit.felt_limit_db`.
 const LEVELS_DB: [f64; 4] = [0.0, 10.0, 20.0, 30.0];
 const NAMES: Names = Names { limits: "--limits", steps: "--steps, --starts" };
 
@@ -48,7 +48,7 @@ pub struct LimitArgs {
     starts: Option<Pair>,
 }
 
-/// What an RMS is taken of.
+/// Parser for the signal of the RMS.
 pub(super) fn rms_ofs() -> ValueParser {
     named(&[
         ("motion", "The true position", RmsOf::Motion),
@@ -59,7 +59,7 @@ pub(super) fn rms_ofs() -> ValueParser {
 #[derive(Clone, Debug)]
 pub(super) struct Limits(pub Vec<Asked>);
 
-/// As on the command line.
+/// The limits as on the command line.
 impl fmt::Display for Limits {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&listed(&self.0).unwrap_or_default())
@@ -70,7 +70,7 @@ impl fmt::Display for Limits {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pair(pub [f64; 2]);
 
-/// As on the command line.
+/// The pair as on the command line.
 impl fmt::Display for Pair {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self([k, b]) = self;
@@ -79,7 +79,7 @@ impl fmt::Display for Pair {
 }
 
 impl Pair {
-    /// In N/m and N s/m, typed in the scene's units.
+    /// The pair in N/m and N s/m. The user typed it in the scene's units.
     pub fn at_handle(self, scene: &Scene) -> [f64; 2] {
         let (Self([k, b]), units) = (self, scene.units);
         [units.stiffness_n_per_m(k), units.damping_n_s_per_m(b)]
@@ -99,7 +99,7 @@ pub(super) fn pair(text: &str) -> Result<Pair, String> {
 }
 
 impl LimitArgs {
-    /// What they ask of a scene; `None` without `--limits`.
+    /// The question of these options for a scene, or `None` without `--limits`.
     fn question(
         &self,
         scene: &Scene,
@@ -141,8 +141,8 @@ impl LimitArgs {
         }))
     }
 
-    /// What a sweep asks beside its own walks: as `--limits`, else one count by motor and by hand, one walk each, with
-    /// the scene's steps; `None` with `plain`.
+    /// The question of a sweep beside its own walks. Without `--limits` it has one count as the limit, motor and
+    /// hand, one walk each, and the scene's steps. `None` with `plain`.
     pub fn or_default(
         &self,
         scene: &Scene,
@@ -164,19 +164,19 @@ impl LimitArgs {
         }))
     }
 
-    /// The limits of `--levers`: those that were asked for, else quiet walls and the scene's limit.
+    /// The limits of `--levers`: the user's limits, or else quiet walls and the scene's limit.
     pub fn of_levers(&self, scene: &Scene) -> Result<Vec<Limit>, Error> {
         let asked = self.question(scene, &[], 1)?.map(|question| question.limits);
         let quiet = Asked::Quiet.of(scene);
         Ok(asked.unwrap_or_else(|| vec![quiet, Limit::Rms(scene.wall_hit.rms_limit_m)]))
     }
 
-    /// Whether the limits were asked for.
+    /// Whether the user gave limits.
     pub fn are_asked(&self) -> bool {
         self.limits.is_some()
     }
 
-    /// As on the command line.
+    /// The options as on the command line.
     pub fn as_typed(&self) -> String {
         let counts = (self.rms_of == RmsOf::Counts).then_some("counts");
         Typed(String::new())

@@ -1,4 +1,4 @@
-//! `linear`: the uncoupled stability boundary, without quantisation, saturation and one-sided wall.
+//! `linear`: the stability boundary without quantisation, saturation and one-sided wall, with a free handle.
 
 use std::{fmt::Write as _, path::PathBuf};
 
@@ -58,13 +58,13 @@ pub struct LinearArgs {
 struct Json<'a> {
     scene: &'a str,
     multirate: bool,
-    /// Tables of the scene that have no place in a linear analysis.
+    /// Tables of the scene that the linear analysis leaves out.
     left_out: &'a [&'static str],
-    /// What of the scene the passivity condition does not know; only with `--passivity`.
+    /// Parts of the scene that the passivity condition leaves out. Only with `--passivity`.
     #[serde(skip_serializing_if = "Option::is_none")]
     passivity_left_out: Option<&'a [&'static str]>,
     rows: Vec<&'a Row>,
-    /// The simulated boundary, if asked for.
+    /// The simulated boundary, if the user asked for it.
     simulated: Vec<SimulatedRow>,
 }
 
@@ -76,9 +76,9 @@ struct SimulatedRow {
     stiffness_n_per_m: f64,
     /// Largest K of the linear envelope at this B; `null` in JSON if no K is unstable.
     linear_n_per_m: f64,
-    /// Stretches of K that are linearly stable beyond it.
+    /// Intervals of K above the envelope that are linearly stable.
     further_stable_n_per_m: Vec<(f64, f64)>,
-    /// The linear loop is unstable at this wall: a limit cycle.
+    /// Whether the linear loop is unstable at this wall. Then the motion is a limit cycle.
     linearly_unstable: bool,
     rms_m: f64,
     saturated_fraction: f64,
@@ -90,30 +90,31 @@ struct Row {
     cutoff_hz: f64,
     true_cutoff_hz: f64,
     damping_n_s_per_m: f64,
-    /// Stable for every K between 0 and this; `null` in JSON if no K is unstable.
+    /// The loop is stable for every K from 0 to this value; `null` in JSON if no K is unstable.
     stiffness_max_n_per_m: f64,
-    /// The loop is unstable already at K = 0.
+    /// Whether the loop is unstable even at K = 0.
     unstable_at_zero: bool,
-    /// The paper's gain-margin method gives the same.
+    /// Whether the paper's gain-margin method gives the same.
     gain_margin_holds: bool,
-    /// Stretches of K, from and to, that are stable beyond the first one.
+    /// Intervals of K above the first one that are stable, each from and to.
     further_stable_n_per_m: Vec<(f64, f64)>,
-    /// K > 0 at which roots cross the unit circle: several are where the paper's method picks one.
+    /// Number of K > 0 at which roots cross the unit circle. With several crossings the paper's method must select
+    /// one.
     phase_crossings: usize,
-    /// Largest K up to which every wall is passive at its port, on a damped mass; 0 if none is; only
-    /// with `--passivity`.
+    /// Largest K up to which every wall on a damped mass is passive at its port; 0 if no wall is. Only with
+    /// `--passivity`.
     #[serde(skip_serializing_if = "Option::is_none")]
     stiffness_passive_n_per_m: Option<f64>,
 }
 
-/// Most points of a boundary; they are all kept until the end.
+/// Largest number of points of a boundary. All points are kept in memory until the end.
 const POINTS_MAX: usize = 1_000_000;
 
-/// What one cutoff's lines of the result are made of.
+/// Results of one cutoff.
 struct Analysis {
     cutoff_hz: f64,
     rows: Vec<Row>,
-    /// Empty if it was not asked for.
+    /// Empty if the user did not ask for it.
     passive_region: Vec<BoundaryPoint>,
     simulated: Vec<Explained>,
 }
@@ -165,7 +166,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// What of a scene the condition of passivity, on a damped mass, does not know.
+/// Parts of a scene that the passivity condition, which is for a damped mass, leaves out.
 fn passivity_left_out(scene: &scene::Scene, multirate: bool) -> Vec<&'static str> {
     let linear = [
         ("actuator.period", !multirate && scene.actuator.period > 1),
@@ -191,7 +192,7 @@ fn simulated_rows(analysis: &Analysis) -> impl Iterator<Item = SimulatedRow> {
     })
 }
 
-/// What the points of the simulated boundary are, a sentence for each cutoff.
+/// A sentence for each cutoff that explains the points of the simulated boundary.
 fn explanation(analyses: &[Analysis], scene: &scene::Scene) -> String {
     let rms_limit_m = scene.wall_hit.rms_limit_m;
     let mut text = String::new();
@@ -213,7 +214,7 @@ fn explanation(analyses: &[Analysis], scene: &scene::Scene) -> String {
             largest_um(&below)
         );
         if !above.is_empty() {
-            // At rest between two counts the RMS is below half of one.
+            // At rest between two counts the RMS is below half a count.
             let at_rest = smallest_um < 0.5e6 * scene.encoder.resolution_m;
             let what = match (at_rest, scene.nonlinear_elements().is_empty()) {
                 (false, true) => "limit cycles, since the handle cannot come to rest there",
@@ -354,7 +355,7 @@ fn draw(
     })?)
 }
 
-/// Where the paper's gain-margin method fails at this point, or would have to choose.
+/// Note if the paper's gain-margin method fails at this point, or is ambiguous.
 fn gain_margin(row: &Row) -> Option<String> {
     let several = match row.phase_crossings {
         0 | 1 => String::new(),

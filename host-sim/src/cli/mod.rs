@@ -110,12 +110,12 @@ struct Common {
 }
 
 impl Common {
-    /// How hits are run.
+    /// Settings for running hits.
     fn how(&self) -> How<'static> {
         How { engine: self.engine, numeric: self.numeric, stop: interrupt::flag() }
     }
 
-    /// The files that a command is to write; `inputs` are not replaced.
+    /// The output files of a command. Files in `inputs` are never replaced.
     fn outputs(&self, inputs: &[PathBuf]) -> Result<Outputs, Error> {
         let outputs = Outputs::new(self.force, inputs);
         if self.parquet { outputs.with_parquet() } else { Ok(outputs) }
@@ -139,7 +139,7 @@ const NUMERICS: [(&str, &str, Numeric); 3] = [
     ),
 ];
 
-/// Takes one of these by its name; beside it what help says of it, or nothing.
+/// Parser for values by their names. Each has a help text, which may be empty.
 fn named<T: Copy + Send + Sync + 'static>(all: &[(&'static str, &'static str, T)]) -> ValueParser {
     let all = all.to_vec();
     let names = all.iter().map(|&(name, help, _)| match help {
@@ -154,13 +154,13 @@ fn named<T: Copy + Send + Sync + 'static>(all: &[(&'static str, &'static str, T)
 }
 
 impl Command {
-    /// Whether tables are among the files of its result.
+    /// Whether the result folder of this command contains tables.
     fn fills_a_folder_with_tables(&self) -> bool {
         use Command::{Compare, Design, Explain, Passivity, Sweep, Trade};
         matches!(self, Sweep(_) | Compare(_) | Design(_) | Explain(_) | Passivity(_) | Trade(_))
     }
 
-    /// Name of a command that has no folder of results, and the options that name its files.
+    /// Name of a command without a result folder, and the options that name its files.
     fn named_outputs(&self) -> Option<[&'static str; 2]> {
         Some(match self {
             Self::Hit(_) => ["hit", "--trace and --plot"],
@@ -178,7 +178,7 @@ impl Command {
     }
 }
 
-/// Runs the command line and returns the exit code, see [`terminal::run`].
+/// Runs the command line and returns the exit code. See [`terminal::run`].
 pub fn run() -> u8 {
     terminal::run(execute)
 }
@@ -197,7 +197,7 @@ fn execute(Cli { command, common }: Cli) -> Result<(), Error> {
             "--parquet is of sweep, compare, design, explain, passivity and trade only, which fill a folder with tables",
         ));
     }
-    let threads = usize::from(common.threads.unwrap_or(0)); // 0 is rayon's "all cores"
+    let threads = usize::from(common.threads.unwrap_or(0)); // for rayon 0 means all cores
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()

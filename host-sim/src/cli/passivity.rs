@@ -1,4 +1,4 @@
-//! `passivity`: what a wall's passivity controller gives and costs.
+//! `passivity`: benefit and cost of a wall's passivity controller.
 
 use clap::Args;
 use serde::Serialize;
@@ -58,7 +58,7 @@ pub struct PassivityArgs {
 const NAMES: Names = Names { limits: "--limits", steps: "--steps" };
 const LIMITS: &str = "15e-6,1e-6";
 const CUTOFFS_HZ: [f64; 2] = [500.0, 1500.0];
-/// A long hit, s.
+/// Time before the window of a long hit, s.
 const LONG_S: f64 = 30.0;
 
 const COLUMNS: &str = "\

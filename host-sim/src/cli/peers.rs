@@ -1,4 +1,4 @@
-//! `compare --peers`: the defaults of other systems.
+//! `compare --peers`: compares the default estimators of other systems.
 
 use clap::Args;
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! `prepare`: a scene becomes the device record that a board's firmware takes.
+//! `prepare`: makes the device record of a scene for a board's firmware.
 
 use std::path::{Path, PathBuf};
 
@@ -49,10 +49,10 @@ pub struct PrepareArgs {
     starter: bool,
 }
 
-/// The time within which a fault that the board can know by itself is off, s (docs/safety.md).
+/// Time until the force is off after a fault that the board detects by itself, s (docs/safety.md).
 const OFF_S: f64 = 3e-3;
 
-/// What the board will be.
+/// The settings that the board will have.
 #[derive(Serialize)]
 struct Json {
     device: String,
@@ -74,27 +74,27 @@ struct Json {
     sign_test_counts: u32,
     heaviest_mass_kg: f64,
     heaviest_damping_n_s_per_m: f64,
-    /// The most that a contact gives with the passivity controller; null: there is none.
+    /// Largest energy that a contact gives with the passivity controller; null without the controller.
     passivity_reserve_j: Option<f64>,
-    /// Speed and travel that full force gives the free handle before a fault switches the force off.
+    /// Speed and travel of the free handle under full force until a fault switches the force off.
     fault_speed_m_per_s: f64,
     fault_travel_m: f64,
-    /// At rest and at full command, parts of the analogue supply; null: not read.
+    /// At rest and at full command, as parts of the analogue supply; null if the input is not used.
     current_sense: Option<[f64; 2]>,
     estimator: &'static str,
     cutoff_hz: Option<f64>,
     envelope: Vec<PartJson>,
-    /// What `sweep` recommends; nothing of a starter.
+    /// The recommendation of `sweep`; absent for a starter.
     #[serde(flatten)]
     recommended: Option<Answer>,
     guessed: Vec<String>,
-    /// Keys of the scene that nobody measured.
+    /// Keys of the scene whose values were not measured.
     estimated: Vec<String>,
 }
 
 #[derive(Serialize)]
 struct PartJson {
-    /// `null` where it is the estimator at the scene's cutoffs.
+    /// `null` for the scene's estimator at the scene's cutoffs.
     design: Option<String>,
     estimator: &'static str,
     period_samples: u32,
@@ -120,7 +120,7 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
     let place = outputs.file(&file)?;
     let asked = first_settings(&scene.scene, None)?;
     let parts = if args.starter { vec![] } else { Part::all(&scene.scene, &asked)? };
-    fitting(&scene, &board, asked, !args.starter)?; // before any walk
+    fitting(&scene, &board, asked, !args.starter)?; // before any walk, which takes long
     let quiet = (!args.starter).then(|| quiet_walls(&scene, common)).transpose()?;
     let (first, parts) = match quiet.as_ref().and_then(QuietStudy::cutoff_hz) {
         Some(hz) if !says_first(&scene.scene) => {
@@ -148,7 +148,7 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// What `sweep` recommends for the scene.
+/// The recommendation of `sweep` for the scene.
 fn quiet_walls(scene: &NamedScene, common: &Common) -> Result<QuietStudy, Error> {
     let how = common.how();
     let cutoffs_hz = &scene.scene.sweep.cutoffs_hz;
@@ -159,20 +159,20 @@ fn quiet_walls(scene: &NamedScene, common: &Common) -> Result<QuietStudy, Error>
     found.map_err(|error| error.of(&scene.name))
 }
 
-/// `NAME.device` in the scene's folder, or here for a built-in one.
+/// Path of `NAME.device`: in the scene's folder, or in the current folder for a built-in scene.
 fn beside(scene: &NamedScene) -> PathBuf {
     let folder = scene.files.first().and_then(|file| file.parent()).unwrap_or(Path::new(""));
     folder.join(format!("{}.device", scene.name))
 }
 
-/// Highest speed with a starter's record, m/s.
+/// Largest speed with a starter's record, m/s.
 const STARTER_SPEED_M_PER_S: f64 = 0.1;
-/// What the motor is taken to stand for ever, part of full scale.
+/// Assumed continuous force of the motor, part of full scale.
 const STARTER_CONTINUOUS: f64 = 0.1;
-/// Force of its sign test, part of full scale.
+/// Force of the starter's sign test, part of full scale.
 const STARTER_SIGN_TEST: f64 = 0.02;
 
-/// The scene of a device that nobody has measured.
+/// A safe scene for a device that was not measured.
 fn starter(mut named: NamedScene, is_boards: bool, board: &BoardFacts) -> NamedScene {
     named = named.on(board);
     if is_boards {
@@ -185,7 +185,7 @@ fn starter(mut named: NamedScene, is_boards: bool, board: &BoardFacts) -> NamedS
     safety.ramp_in_s = Some(1.0);
     safety.sign_test_force = Some(STARTER_SIGN_TEST);
     safety.sign_test_counts = None;
-    // A count that does not move at all is what every device can be asked for.
+    // For the heaviest handle, a push may move the count by almost nothing. Every device passes this check.
     safety.heaviest_mass_kg = Some(*SafetySettings::HEAVIEST_MASS_KG.end());
     safety.heaviest_damping_n_s_per_m = Some(*SafetySettings::HEAVIEST_DAMPING_N_S_PER_M.end());
     scene.safety = Some(safety);
@@ -199,7 +199,7 @@ fn starter(mut named: NamedScene, is_boards: bool, board: &BoardFacts) -> NamedS
     named
 }
 
-/// What the board will be, for people and programs.
+/// The board's settings as text for people and for programs.
 struct Said<'a> {
     named: &'a NamedScene,
     scene: &'a Scene,
@@ -207,7 +207,7 @@ struct Said<'a> {
     prepared: &'a Prepared,
     device: Device<'a>,
     found: &'a [Found],
-    /// What `sweep` recommends; nothing of a starter.
+    /// The recommendation of `sweep`; `None` for a starter.
     quiet: Option<QuietStudy>,
 }
 
@@ -218,14 +218,14 @@ impl Said<'_> {
         self.scene.sign_test_m(safety.sign_test_force) / design.resolution_m
     }
 
-    /// Speed, m/s, and travel, m, that full force gives the free handle at rest until a fault is off: F t / m, and half of
-    /// it times t. Damping, which would take some, is left out.
+    /// Speed, m/s, and travel, m, of the free handle from rest under full force until a fault switches the force off:
+    /// F t / m and F t^2 / (2 m). Damping, which would reduce both, is left out.
     fn fault(&self) -> [f64; 2] {
         let speed = self.device.design.full_scale_n * OFF_S / self.scene.device.mass_kg;
         [speed, 0.5 * speed * OFF_S]
     }
 
-    /// How the amplifier says its current, at rest and at full command.
+    /// Voltage of the amplifier's current output at rest and at full command, as parts of the supply.
     fn current_sense(&self) -> Option<[f64; 2]> {
         let CurrentSettings { rest, full } = self.device.current;
         (self.device.current != CurrentSettings::UNUSED).then_some([rest, full])
@@ -400,7 +400,7 @@ impl Said<'_> {
                 mm(wall_m)
             ));
         }
-        // Only a starter, whose device nobody knows, gets here with less.
+        // Only a starter, whose device is unknown, can expect fewer counts here.
         let needed = f64::from(safety.sign_test_counts);
         if expected < needed {
             lines.push(
@@ -412,7 +412,7 @@ impl Said<'_> {
         lines.join("\n")
     }
 
-    /// What makes a wall stable in the sweeps of the envelope.
+    /// The condition for a stable wall in the sweeps of the envelope.
     fn judged_by(&self) -> String {
         let wall_hit = &self.scene.wall_hit;
         let limit = match wall_hit.criterion {
@@ -432,7 +432,7 @@ impl Said<'_> {
         format!("{limit}; the {} pushes ([wall_hit])", wall_hit.push_by.name())
     }
 
-    /// The lines of what nobody has said or measured, in the scene's own keys and units.
+    /// Lines with the guessed and the estimated values, in the scene's own keys and units.
     fn left_out(&self) -> String {
         let guessed = match self.prepared.guessed.as_slice() {
             [] => String::new(),
@@ -447,7 +447,7 @@ fn cutoff(device: &Device<'_>) -> Option<f64> {
     device.settings.velocity.cutoff_hz()
 }
 
-/// Largest K of any boundary of the walks.
+/// Largest K of all boundaries of the walks.
 fn peak(found: &Found) -> f64 {
     let points = found.boundaries().flat_map(|boundary| boundary.points.to_vec());
     points.map(|point| point.stiffness_high_n_per_m).fold(0.0, f64::max)

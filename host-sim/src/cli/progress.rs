@@ -1,13 +1,13 @@
-//! Progress on stderr; nothing is shown where stderr is not a terminal.
+//! Progress bars on stderr. They are shown only on a terminal.
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// A bar over `walks` walks.
+/// A bar that counts walks.
 pub fn bar(walks: u64) -> ProgressBar {
     bar_of(walks, "walks")
 }
 
-/// A bar over a number of things.
+/// A bar that counts `things`.
 pub fn bar_of(number: u64, things: &str) -> ProgressBar {
     let bar = ProgressBar::new(number);
     let template =

@@ -1,4 +1,4 @@
-//! `read`: a device record, and what a board saved, back into text or a scene.
+//! `read`: converts a device record, and settings saved on a board, into text or a scene.
 
 use std::path::PathBuf;
 
@@ -31,7 +31,7 @@ pub struct ReadArgs {
     base: Option<String>,
 }
 
-/// Tables that a record fills.
+/// Tables of a scene that a record contains.
 const TABLES: [&str; 13] = [
     "encoder", "actuator", "output", "control", "velocity", "wall", "wall_hit", "walk", "board",
     "safety", "motor", "return", "designs",
@@ -44,13 +44,13 @@ struct Json {
     record_hash: String,
     scene_hash: String,
     envelope_hash: String,
-    /// Radius of a rotary device's handle, m; `null` of a linear one.
+    /// Radius of a rotary device's handle, m; `null` for a linear device.
     radius_m: Option<f64>,
-    /// Which settings were in the copy of the sectors; `null` without one.
+    /// The settings found in the copy of the sectors; `null` without a copy.
     settings: Option<String>,
     boundaries: usize,
     rows: usize,
-    /// The tables, as a scene has them.
+    /// The record's tables in the form of a scene.
     scene: toml::Table,
 }
 

@@ -71,7 +71,7 @@ fn table(head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
     [head, rule].into_iter().chain(rows).map(|cells| line(&cells)).collect::<Vec<_>>().join("\n")
 }
 
-/// A table of options for each command; those of all commands stand first.
+/// A table of options for each command. The options of all commands come first.
 fn commands(program: &Command) -> String {
     let mut sections = vec![];
     let rows = |command: &Command, of_all: bool| {
@@ -106,7 +106,7 @@ fn commands(program: &Command) -> String {
     sections.join("\n\n")
 }
 
-/// A row for each parameter. A value that no parameter takes is refused with the range that it takes.
+/// A row for each parameter. The range comes from the error for a value out of range.
 fn estimator(name: EstimatorName, design: &zwidth::Design) -> Vec<Vec<String>> {
     let defaults = name.parameters().map(|p| p.map_or(0.0, |parameter| parameter.default));
     let start = [name.id().to_string(), format!("`{}`", name.text())];

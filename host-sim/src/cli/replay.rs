@@ -1,4 +1,4 @@
-//! `replay`: another estimator over a board's capture.
+//! `replay`: runs another estimator over a board's capture.
 
 use std::path::PathBuf;
 
@@ -37,7 +37,7 @@ pub struct ReplayArgs {
     plot: Option<PathBuf>,
 }
 
-/// Without `--cutoff` and `velocity.cutoff_hz`, Hz.
+/// Cutoff without `--cutoff` and `velocity.cutoff_hz`, Hz.
 const CUTOFF_HZ: f64 = 1500.0;
 
 pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {

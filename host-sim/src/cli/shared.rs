@@ -1,4 +1,4 @@
-//! Arguments that several commands have, and their checks.
+//! Arguments of several commands, and their checks.
 
 use std::{fmt::Display, path::PathBuf};
 
@@ -30,7 +30,7 @@ pub struct Start {
     pub start_offset: f64,
 }
 
-/// What the options are called that describe a wall; a command with lists has others.
+/// Names of the options that describe a wall. Commands with lists use other names.
 const NAMES: Names = Names {
     cutoff: "--cutoff",
     stiffness: "--stiffness",
@@ -54,7 +54,7 @@ pub struct AtCutoff {
 }
 
 impl AtCutoff {
-    /// The scene, and the hit on a wall that it makes of its walk's start or of `[K, B]` in the scene's units.
+    /// The scene and a hit. The wall is `[K, B]` in the scene's units, or else the start of the scene's walk.
     pub fn load(&self, wall: Option<[f64; 2]>) -> Result<(NamedScene, WallHit), Error> {
         let scene = NamedScene::load(&self.scene)?;
         let units = scene.scene.units;
@@ -67,13 +67,13 @@ impl AtCutoff {
     }
 }
 
-/// What was run, as every JSON object of a hit or a walk begins.
+/// Subject of a hit or a walk. Its fields come first in the JSON object.
 #[derive(Serialize)]
 pub struct Subject<'a> {
     scene: &'a str,
     numeric: &'static str,
     estimator: &'static str,
-    /// `null` if the estimator has none.
+    /// `null` if the estimator has no cutoff.
     cutoff_hz: Option<f64>,
     true_cutoff_hz: Option<f64>,
 }
@@ -105,7 +105,7 @@ pub struct AtCutoffs {
 }
 
 impl AtCutoffs {
-    /// Loads the scene and checks every value of every list, before the first one is used.
+    /// Loads the scene, and checks all values of all lists before the first is used.
     pub fn load(
         &self,
         stiffnesses: &[f64],
@@ -130,7 +130,7 @@ impl AtCutoffs {
     }
 }
 
-/// Says that the cutoff of a scene has a key of its own, where the only one of `[sweep]` was taken.
+/// Prints a note if the cutoff came from the only value of `[sweep]`. The note names the proper key.
 fn note_old_place(scene: &NamedScene) {
     if let Some(cutoff_hz) = only_of_sweep(&scene.scene).and_then(|filter| filter.cutoff_hz()) {
         eprintln!(
@@ -140,7 +140,7 @@ fn note_old_place(scene: &NamedScene) {
     }
 }
 
-/// Refuses a filter that is out of range.
+/// Checks that all filters are in range.
 pub fn check_filters(scene: &NamedScene, filters: &[VelocitySettings]) -> Result<(), Error> {
     let wall = |&velocity: &VelocitySettings| WallHit {
         velocity,
@@ -151,7 +151,7 @@ pub fn check_filters(scene: &NamedScene, filters: &[VelocitySettings]) -> Result
     filters.iter().try_for_each(|filter| asked::check_wall(scene, &wall(filter), LISTS))
 }
 
-/// The folder of a result, before its files are in their places.
+/// The folder of a result, before its files are moved there.
 pub struct Filled {
     outputs: Outputs,
     to: FolderPlace,
@@ -159,7 +159,7 @@ pub struct Filled {
 }
 
 impl Common {
-    /// Reserves the folder of a scene's result: `--out`, or the one of that kind.
+    /// Reserves the folder of a scene's result: `--out`, or the default folder for this `kind`.
     pub fn fill(&self, scene: &NamedScene, kind: &str, files: &[&str]) -> Result<Filled, Error> {
         let default = || PathBuf::from("zwidth-out").join(&scene.name).join(kind);
         let path = self.out.clone().unwrap_or_else(default);
@@ -168,7 +168,7 @@ impl Common {
         Ok(Filled { outputs, to, path })
     }
 
-    /// Refuses another arithmetic than the board's.
+    /// Checks that the arithmetic is the board's.
     pub fn only_fixed(&self, command: &str) -> Result<(), Error> {
         match self.numeric {
             Numeric::Fixed => Ok(()),
@@ -188,7 +188,7 @@ impl Filled {
         self.outputs.add_figure(self.to, stem, figure)
     }
 
-    /// Adds the manifest, and puts all files into their places; where they are, for people.
+    /// Adds the manifest and moves all files to the folder. Returns a line for people that names the folder.
     pub fn finish(mut self, manifest: &Manifest) -> Result<String, Error> {
         self.outputs.add(self.to, MANIFEST, json(manifest)?)?;
         self.outputs.commit()?;
@@ -196,7 +196,7 @@ impl Filled {
     }
 }
 
-/// A command as it would be typed, for the manifest.
+/// A command as on the command line, for the manifest.
 pub struct Typed(pub String);
 
 impl Typed {
@@ -219,18 +219,18 @@ impl Typed {
         if is_set { Self(format!("{} --{option}", self.0)) } else { self }
     }
 
-    /// With options that are typed already.
+    /// Adds options that are already text.
     pub fn and(self, typed: &str) -> Self {
         Self(self.0 + typed)
     }
 
-    /// The whole, with what runs the hits.
+    /// The whole text, with the engine that runs the hits.
     pub fn by(self, common: &Common) -> String {
         self.with("engine", common.how().engine.name()).0
     }
 }
 
-/// Values of an option, `None` if there are none.
+/// Values of an option as a list, or `None` without values.
 pub fn listed<T: Display>(values: &[T]) -> Option<String> {
     let texts: Vec<String> = values.iter().map(T::to_string).collect();
     (!texts.is_empty()).then(|| texts.join(","))

@@ -1,4 +1,4 @@
-//! `study` and `study-plan`: many points, in units of work.
+//! `study` and `study-plan`: many points, divided into units of work.
 
 use std::path::{Path, PathBuf};
 
@@ -33,7 +33,7 @@ pub struct PlanArgs {
     study: PathBuf,
 }
 
-/// What was asked for.
+/// Subject of the study.
 #[derive(Serialize)]
 struct Subject {
     study: String,
@@ -47,7 +47,7 @@ struct Subject {
 struct Json<'a> {
     #[serde(flatten)]
     subject: Subject,
-    /// Units that were made now; the others were there.
+    /// Units that this run made. The others existed before.
     units_made: u64,
     rows: u64,
     hits: u64,
@@ -61,7 +61,7 @@ struct PlanJson {
     subject: Subject,
     scenes: u64,
     points_per_unit: u64,
-    /// Points of the trial.
+    /// Points that the trial measured.
     trial_points: u64,
     threads: usize,
     hits: f64,

@@ -81,7 +81,7 @@ pub struct SweepArgs {
 }
 
 impl SweepArgs {
-    /// The rates that are asked for, if any are.
+    /// The rates of the user's options, or `None` without these options.
     fn rates(&self) -> Option<Rates> {
         let asked = self.encoder_rates.is_some() || self.output_rates.is_some();
         let of = |list: &Option<List>| list.as_ref().map(|list| list.0.clone()).unwrap_or_default();
@@ -97,7 +97,7 @@ struct Json {
     scenes: Vec<InUnits<Summary>>,
 }
 
-/// One scene with what it needs before the walks begin.
+/// One scene with everything that is needed before the walks.
 struct Job {
     scene: NamedScene,
     prepared: PreparedScene,
@@ -148,7 +148,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             results.map(|results| LimitStudy { question, results })
         });
         let (limits, limits_left_out) = match limits.transpose() {
-            // a scene whose hand does not reach the wall still has its own sweep
+            // a scene whose hand does not reach the wall keeps its own sweep
             Err(Error::Input(why)) if !args.limits.are_asked() => (None, Some(why)),
             limits => (limits.map_err(|error| error.of(&scene.name))?, None),
         };
@@ -195,7 +195,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     print_result(common.json, Json { scenes: summaries }, || tables.join("\n"))
 }
 
-/// The maps of all cutoffs, and the firmware's contour at the one that leads in the worst draws.
+/// The maps of all cutoffs, and the firmware's contour at the cutoff with the best area in the worst draws.
 fn probability(
     how: How<'_>,
     draws: &Draws,
@@ -210,10 +210,10 @@ fn probability(
     Ok(ProbabilityStudy { maps, verdicts, tried })
 }
 
-/// Most walks of one sweep: every point of every boundary is kept until the end, some 100 MB for so many.
+/// Largest number of walks in a sweep. All points of all boundaries stay in memory: about 100 MB for this number.
 const WALKS_MAX: usize = 100_000;
 
-/// Everything that can be refused is refused here, before the first walk.
+/// Makes all checks that can fail, before the first walk.
 fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Error> {
     let names: Vec<String> = if args.scenes.is_empty() {
         STUDY.map(str::to_owned).to_vec()
@@ -316,7 +316,7 @@ const HEAD: &str = concat!(
     "         Hz        Hz   N^2 s/m^2                               N/m     N s/m\n",
 );
 
-/// The range first, then one line per cutoff.
+/// The range, then one line per cutoff.
 fn table(study: &Study, folder: &str) -> String {
     let units = study.scene.scene.units;
     let [area, stiffness, damping] = ["N^2 s/m^2", "N/m", "N s/m"].map(|unit| units.written(unit));

@@ -1,4 +1,4 @@
-//! `telemetry`: a board's binary stream, decoded.
+//! `telemetry`: decodes a board's binary stream.
 
 use std::{fmt::Write as _, path::PathBuf};
 

@@ -1,4 +1,4 @@
-//! `trade`: number formats and forms of the velocity filter, and ways to advance the plant.
+//! `trade`: number formats and forms of the velocity filter, and methods to advance the plant.
 
 use std::fmt::Write as _;
 
@@ -127,7 +127,7 @@ pub fn run(args: &TradeArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// Those that were asked for, checked, each once and ascending.
+/// The user's cutoffs, checked, sorted and without repeats.
 fn cutoffs(args: &TradeArgs, scene: &NamedScene) -> Result<Vec<f64>, Error> {
     let rate_hz = scene.scene.control.rate_hz;
     let Some(list::List(asked)) = &args.cutoffs else {
@@ -190,7 +190,7 @@ fn json<'a>(
     }
 }
 
-/// One line per variant: what it costs, where it would do, what it misses elsewhere. At most 120 columns.
+/// One line per variant: cost, usable cutoffs, and errors outside of them. At most 120 columns.
 fn filter_text(filters: &Filters, good: &[GoodFor], bench: &Bench) -> String {
     let mut text = String::from(
         "velocity filter              cycles host ns  would do, Hz         misses just beyond",
@@ -251,7 +251,7 @@ fn plant_text(plants: &Plants) -> String {
                 format!("{}/{}", m.verdicts_wrong, plants.verdicts),
                 number(100.0 * m.area_change, 3)
             ),
-            // the reason may be long: it stands in plant.csv
+            // the reason may be long; plant.csv has it
             Err(_) => write!(text, "refused, see plant.csv"),
         };
     }

@@ -1,4 +1,4 @@
-//! `compare --usable`: walls that are stable and rendered as they were commanded.
+//! `compare --usable`: walls that are stable and whose rendered impedance is accurate.
 
 use clap::Args;
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! `walk`: one boundary.
+//! `walk`: follows one boundary.
 
 use std::path::PathBuf;
 
@@ -43,7 +43,7 @@ struct Json<'a> {
     damping_max_n_s_per_m: f64,
     hits: u64,
     ended_by: &'static str,
-    /// How walls were tried, if not as in the paper.
+    /// Protocol of the hits, if it is not the paper's.
     #[serde(skip_serializing_if = "Option::is_none")]
     protocol: Option<&'static str>,
 }

@@ -1,4 +1,4 @@
-//! What `agree` tells: both walks by B, whether they agree, and what would explain the difference.
+//! Output of `agree`: both walks by B, whether they agree, and the best explanation of a difference.
 
 use std::fmt::Write as _;
 
@@ -13,7 +13,7 @@ use crate::{
     study::boundary::BoundaryPoint,
 };
 
-/// A comparison, to be told.
+/// A comparison with the names for its output.
 #[derive(Clone, Copy, Debug)]
 pub struct AgreeReport<'a> {
     /// Name of the scene.
@@ -80,12 +80,12 @@ impl AgreeReport<'_> {
         text
     }
 
-    /// The table of `--csv`.
+    /// The table for the option `--csv`.
     pub fn csv(&self) -> String {
         versioned(self.found.table()).csv()
     }
 
-    /// Both boundaries, and that with the best suspect.
+    /// Both boundaries, and the boundary of the best explanation.
     ///
     /// # Errors
     /// The figure cannot be drawn.
@@ -115,7 +115,7 @@ impl AgreeReport<'_> {
         } else if !self.found.agrees() {
             subtitle = "they differ; nothing that was tried explains it".into();
         }
-        // On top of the one that explains it.
+        // The measured walk is drawn on top of its explanation.
         curves.push(curve("measured", self.measured.into(), &|place| rows[place].measured));
         zwidth(&ZwidthPlot {
             title: format!("Predicted and measured walls, {}", self.scene),

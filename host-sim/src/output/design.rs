@@ -1,4 +1,4 @@
-//! What `design` writes: tables for programs, one for people, one picture, a scene.
+//! Output of `design`: tables for programs, a table for people, a figure, a scene.
 
 use std::fmt::Write as _;
 
@@ -24,14 +24,14 @@ use crate::{
     study::boundary::Boundaries,
 };
 
-/// A section as the core runs it: a DC gain of one, `1 + a1 z^-1 + a2 z^-2` below.
+/// Coefficients of a section in the core. Its DC gain is one, its denominator `1 + a1 z^-1 + a2 z^-2`.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct SectionRow {
     b: [f64; 3],
     a: [f64; 2],
 }
 
-/// `[sweep]` of a scene.
+/// The table `[sweep]` of a scene.
 #[derive(Clone, Debug, Serialize)]
 pub struct SweepKeys {
     cutoffs_hz: [f64; 1],
@@ -43,32 +43,32 @@ pub struct FilterRow {
     area_n2_s_per_m2: f64,
     area_low_n2_s_per_m2: f64,
     area_high_n2_s_per_m2: f64,
-    /// Mean area over that of a Butterworth low-pass at its best cutoff there.
+    /// Mean area divided by the area of a Butterworth low-pass at its best cutoff in this condition.
     times_butterworth: f64,
     worst_condition: String,
     gain_peak_db: f64,
-    /// Delay of a slow motion's velocity; negative: the velocity is ahead.
+    /// Delay of the velocity in slow motions. Negative if the velocity leads.
     delay_s: f64,
     roughness_n: Option<f64>,
     mistuned_share: f64,
     capped_walks: usize,
     #[serde(flatten)]
     first: SectionRow,
-    /// Both sections, where there are two.
+    /// Both sections of a filter with two sections.
     #[serde(skip_serializing_if = "Option::is_none")]
     sections: Option<Vec<SectionRow>>,
-    /// `[velocity]` of a scene.
+    /// The table `[velocity]` of a scene.
     velocity: VelocityTable,
     sweep: SweepKeys,
 }
 
-/// A filter, or Butterworth, in a condition.
+/// The area of a filter, or of Butterworth, in one condition.
 #[derive(Clone, Debug, Serialize)]
 pub struct ConditionRow {
     condition: String,
-    /// Place of the filter, from 1; `null` for Butterworth.
+    /// Rank of the filter, from 1; `null` for Butterworth.
     filter: Option<usize>,
-    /// Cutoff of Butterworth's poles, Hz.
+    /// Cutoff of Butterworth, Hz.
     cutoff_hz: Option<f64>,
     area_n2_s_per_m2: f64,
     area_low_n2_s_per_m2: f64,
@@ -85,7 +85,7 @@ fn as_run(biquad: &Biquad) -> SectionRow {
     SectionRow { b: [b0, b1, b2], a: [a1, a2] }
 }
 
-/// The numbers of a shape: of its first section, and of the second if there is one.
+/// The numbers of a shape: of its first section, and of its second section if there is one.
 fn shape_cells(shape: &Shape) -> [Cells; 2] {
     let &Shape { frequency_hz, damping, lead_s, zero, second } = shape;
     let first: [(&str, f64); 4] =
@@ -112,16 +112,16 @@ fn section_cells(names: [&'static str; 5], SectionRow { b, a }: &SectionRow) -> 
 /// Name of the best filter in its scene.
 const BEST: &str = "best";
 
-/// The scene with the best filter, as a file.
+/// The scene with the best filter, as the text of a file.
 ///
 /// # Errors
-/// It cannot be written as TOML.
+/// The scene cannot be written as TOML.
 pub fn best_scene(scene: &Scene, study: &Designs) -> Result<String, String> {
     let Some(best) = study.0.filters.first() else { return Err("there is no filter".into()) };
     let settings = best.shape.settings();
     let mut scene = with_filter(scene, &settings);
     scene.sweep.cutoffs_hz = vec![best.shape.frequency_hz];
-    // One that stands there already has its name.
+    // An existing design with the same filter keeps its name.
     scene.designs.remove(BEST);
     let known = scene.designs.values().any(|design| design.settings() == Some(settings));
     if !known && scene.designs.len() < DESIGNS_MAX {
@@ -258,7 +258,7 @@ impl Designs {
         )
     }
 
-    /// What a reader must know beside the numbers.
+    /// Notes that a reader needs to understand the numbers.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = vec![];
         let capped: usize =
@@ -354,10 +354,10 @@ impl Designs {
         text
     }
 
-    /// Area against gain peak, roughness, and what a mistuned filter loses.
+    /// Area over gain peak, over roughness, and over the loss of a mistuned filter.
     ///
     /// # Errors
-    /// A number cannot be drawn.
+    /// The figure cannot be drawn.
     pub fn figure(&self, scene: &str) -> Result<Figure, FigureError> {
         type Value = fn(&Designed) -> f64;
         let values: [(&str, f64, Value); 4] = [

@@ -1,7 +1,7 @@
-//! Drafts: files in the making, each beside its place under a name of its own, locked while its program lives.
+//! Drafts: unfinished files beside their final place. Each has its own name and is locked while its program runs.
 //!
-//! The lock says whether a draft is in use: a second program that wants the same place is refused, and a draft
-//! without its program is a left-over of one that was killed, which the next one to write there removes.
+//! The lock shows whether a draft is in use. A second program that wants the same place gets an error. A draft
+//! without a lock was left by a killed program. The next program that writes there removes it.
 
 use std::{
     ffi::{OsStr, OsString},
@@ -11,25 +11,25 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
-/// Begins and ends the names of drafts, and of what is kept until a result is whole.
+/// Begin and ends of the names of drafts, and of backups that are kept until a result is complete.
 const PREFIX: &str = ".zwidth-";
 const DRAFT: &str = ".draft";
 const BACKUP: &str = ".backup";
 
-/// Attempts at a draft that other programs clean up in between.
+/// Number of tries to make a draft, because other programs may remove it in between.
 const ATTEMPTS: usize = 100;
 
-/// What this process would leave behind if it ended now.
+/// Files and folders that this process would leave if it ended now.
 #[derive(Default)]
 pub(super) struct Traces {
     files: Vec<PathBuf>,
-    /// Folders that it made, the outermost first.
+    /// Folders that this process made, the outermost first.
     folders: Vec<PathBuf>,
 }
 
 static TRACES: Mutex<Traces> = Mutex::new(Traces { files: vec![], folders: vec![] });
 
-/// While it is held, the process does not end by a signal.
+/// Locks the traces. While they are locked, a signal cannot end the process.
 pub(super) fn traces() -> MutexGuard<'static, Traces> {
     TRACES.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -41,20 +41,20 @@ impl Traces {
     }
 }
 
-/// Removes every draft, and the folders that were made for results that there are none of. No draft and no result
-/// comes after that: the process is to end.
+/// Removes all drafts, and the folders made for results that do not exist. Afterwards the process can make neither
+/// drafts nor results: it must end.
 pub fn abandon() {
     let traces = traces();
     for file in &traces.files {
         let _ = fs::remove_file(file);
     }
     for folder in traces.folders.iter().rev() {
-        let _ = fs::remove_dir(folder); // refuses a folder that holds anything
+        let _ = fs::remove_dir(folder); // fails for a folder that is not empty
     }
     std::mem::forget(traces);
 }
 
-/// Makes a folder and those above it; the new ones, the outermost first.
+/// Makes a folder and its parents. Returns the new folders, the outermost first.
 pub(super) fn make_folder(folder: &Path) -> io::Result<Vec<PathBuf>> {
     let is_new = |path: &&Path| *path != Path::new("") && !path.exists();
     let mut new: Vec<PathBuf> =
@@ -68,7 +68,7 @@ pub(super) fn make_folder(folder: &Path) -> io::Result<Vec<PathBuf>> {
     made.map(|()| new)
 }
 
-/// Removes folders that hold nothing, the innermost first.
+/// Removes empty folders, the innermost first.
 pub(super) fn remove_folders(folders: &[PathBuf]) {
     for folder in folders.iter().rev() {
         let _ = fs::remove_dir(folder);
@@ -76,7 +76,7 @@ pub(super) fn remove_folders(folders: &[PathBuf]) {
     }
 }
 
-/// The name beside `place` under which it is drafted, or kept.
+/// Path beside `place` for a draft or a backup.
 fn beside(place: &Path, ending: &str) -> PathBuf {
     let mut name = OsString::from(PREFIX);
     name.push(place.file_name().unwrap_or_default());
@@ -88,7 +88,7 @@ fn backup_of(place: &Path) -> PathBuf {
     beside(place, BACKUP)
 }
 
-/// A draft whose file is locked.
+/// A draft with its locked file.
 #[derive(Debug)]
 pub(super) struct Draft {
     pub(super) path: PathBuf,
@@ -96,7 +96,7 @@ pub(super) struct Draft {
 }
 
 impl Draft {
-    /// A new, empty draft of `place`; `None` if another program has one.
+    /// A new, empty draft of `place`, or `None` if another program has one.
     pub(super) fn new(place: &Path) -> io::Result<Option<Self>> {
         let path = beside(place, DRAFT);
         for _ in 0..ATTEMPTS {
@@ -107,7 +107,7 @@ impl Draft {
                         traces.files.push(path.clone());
                         return Ok(Some(Self { path, file }));
                     }
-                    // Somebody who looks for left-overs was faster.
+                    // Another program removed the draft as a left-over before it was locked.
                 }
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
                     drop(traces);
@@ -142,7 +142,7 @@ impl io::Write for Draft {
     }
 }
 
-/// Takes the lock if nobody has it. A file system without locks counts as locked by us.
+/// Tries to lock the file. On a file system without locks it always succeeds.
 fn is_locked_by_us(file: &File) -> io::Result<bool> {
     match file.try_lock() {
         Ok(()) => Ok(true),
@@ -152,7 +152,7 @@ fn is_locked_by_us(file: &File) -> io::Result<bool> {
     }
 }
 
-/// Removes a draft or backup whose program is gone; `false` if it is in use.
+/// Removes a draft or backup whose program has ended. Returns `false` if it is in use.
 fn remove_left_over(path: &Path) -> io::Result<bool> {
     let is_plain = fs::symlink_metadata(path).is_ok_and(|found| found.is_file());
     let file = match File::open(path) {
@@ -166,12 +166,12 @@ fn remove_left_over(path: &Path) -> io::Result<bool> {
     Ok(free)
 }
 
-/// Removes what killed programs left in a folder.
+/// Removes files that killed programs left in a folder.
 pub(super) fn remove_left_overs(folder: &Path) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     for entry in entries.flatten() {
         if is_ours(&entry.file_name()) {
-            let _ = remove_left_over(&entry.path()); // what is in the way says so itself
+            let _ = remove_left_over(&entry.path()); // an error shows later, when the place is used
         }
     }
 }
@@ -190,30 +190,30 @@ fn is_at(file: &File, path: &Path) -> bool {
     }
 }
 
-/// Whether two descriptions are of one file, whatever its names.
+/// Whether both are the metadata of one file, under any names.
 #[cfg(unix)]
 pub(super) fn is_same(one: &fs::Metadata, other: &fs::Metadata) -> bool {
     use std::os::unix::fs::MetadataExt as _;
     (one.dev(), one.ino()) == (other.dev(), other.ino())
 }
 
-/// Other systems do not tell; names are compared there.
+/// Other systems have no such numbers; names are compared there.
 #[cfg(not(unix))]
 pub(super) fn is_same(_: &fs::Metadata, _: &fs::Metadata) -> bool {
     false
 }
 
-/// The way back until all files are in their places.
+/// Restores the old files, unless all new files reached their places.
 #[derive(Default)]
 pub(super) struct Undo {
-    /// Older files and where they are kept, locked against those who look for left-overs.
+    /// Older files and their backups, locked against removal as left-overs.
     kept: Vec<(PathBuf, PathBuf, File)>,
-    /// New files in their places.
+    /// New files that are in their places.
     placed: Vec<PathBuf>,
 }
 
 impl Undo {
-    /// Keeps an older file under a second name.
+    /// Keeps an older file under a backup name.
     pub(super) fn keep(&mut self, place: &Path) -> io::Result<()> {
         if self.kept.iter().any(|(kept, ..)| kept == place) {
             return Ok(());
@@ -239,7 +239,7 @@ impl Undo {
         Ok(())
     }
 
-    /// Keeps the new files: all went well.
+    /// Keeps the new files and removes the backups.
     pub(super) fn release(&mut self) {
         self.placed.clear();
         for (_, backup, _) in self.kept.drain(..) {
@@ -254,7 +254,7 @@ impl Drop for Undo {
             let _ = fs::remove_file(place);
         }
         for (place, backup, _) in &self.kept {
-            let _ = fs::rename(backup, place); // two names of one file: nothing happens
+            let _ = fs::rename(backup, place); // no effect if both names are the same file
             let _ = fs::remove_file(backup);
         }
     }

@@ -1,4 +1,4 @@
-//! What every command that runs a scene says of it: which of its numbers nobody has measured.
+//! Adds the list of estimated values, which were not measured, to the output of commands.
 
 use serde::Serialize;
 
@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{error::Error, scene::Scene};
 
-/// The result of a scene in its units, with the keys that are estimated; a scene without any adds nothing.
+/// The result of a scene in its units, with the keys of estimated values, if any.
 #[derive(Serialize)]
 struct Marked<T: Serialize> {
     #[serde(flatten)]
@@ -17,12 +17,12 @@ struct Marked<T: Serialize> {
     estimated: Vec<String>,
 }
 
-/// A result of that scene, for `--json` and for files.
+/// A result of this scene, for `--json` and for files.
 pub fn marked<T: Serialize>(scene: &Scene, body: T) -> impl Serialize {
     Marked { body: InUnits(scene.units, body), estimated: scene.estimated_keys() }
 }
 
-/// Prints what a command came to with that scene: with `--json` its one object, else the text, and a note below it.
+/// Prints the result of a command: with `--json` one object, else the text with a note below.
 pub fn print_of(
     json: bool,
     scene: &Scene,
@@ -35,7 +35,7 @@ pub fn print_of(
     })
 }
 
-/// The same for a text that a board's console takes: the note is a comment before it.
+/// The same for a text that a board's console takes. The note is a comment before the text.
 pub fn print_console_of(
     json: bool,
     scene: &Scene,

@@ -1,4 +1,4 @@
-//! What `explain` writes: a ranked table for programs, one for people, the boundaries as a picture.
+//! Output of `explain`: a ranked table for programs, a table for people, the boundaries as a figure.
 
 use std::fmt::Write as _;
 
@@ -15,15 +15,15 @@ use crate::{
 };
 use sim_studies::table::Cell;
 
-/// A noise, which may be of any size.
+/// A noise of any magnitude as text.
 fn noise(value: f64) -> String {
     if (0.01..1e4).contains(&value) { digits(value) } else { format!("{value:.2e}") }
 }
 
-/// Changes whose boundaries are drawn.
+/// Number of changes whose boundaries are drawn.
 const DRAWN: usize = 4;
 
-/// Times the area, with its range; `?` where the starts cannot tell it from 1.
+/// Factor of the area with its range. `?` marks a factor that the starts cannot distinguish from 1.
 fn times(row: &Row<'_>) -> String {
     let Some(times) = row.times() else { return String::new() };
     let [mean, low, high] = times.map(digits);
@@ -31,19 +31,19 @@ fn times(row: &Row<'_>) -> String {
     format!("{mean}{mark} ({low} to {high})")
 }
 
-/// Times that; `>` where a cap cut it.
+/// Area multiplied by `times`. `>` marks an area that is cut at a cap.
 fn area(row: &Row<'_>, times: f64) -> String {
     let cut = if row.one.boundaries.capped() > 0 { ">" } else { "" };
     format!("{cut}{}", digits(row.one.area()[0] * times))
 }
 
-/// Percent of the core.
+/// Share of the core's time, in percent.
 fn share(row: &Row<'_>) -> String {
     row.share_of_core().map_or("?".into(), |share| format!("{:.2}", 100.0 * share))
 }
 
-/// What people read of it: rank, change, times the area, area, area by the scene's own criterion, peak K, K at B, noise, share of the core, cost.
-/// Areas, stiffnesses and velocities are multiplied by those factors.
+/// Cells for people: rank, change, factor of the area, area, area by the scene's own criterion, peak K, K at B,
+/// noise, share of the core, cost. Areas, stiffnesses and velocities are multiplied by the given factors.
 fn cells(row: &Row<'_>, [area, k, v]: [f64; 3]) -> [String; 10] {
     [
         if row.rank == 0 { String::new() } else { row.rank.to_string() },
@@ -59,16 +59,16 @@ fn cells(row: &Row<'_>, [area, k, v]: [f64; 3]) -> [String; 10] {
     ]
 }
 
-/// An explanation of a scene of that name.
+/// An explanation with the names for its output.
 pub struct ExplainReport<'a> {
     pub scene: &'a str,
-    /// Name of the criterion of the search.
+    /// Name of the search's criterion.
     pub criterion: &'static str,
     pub units: Units,
     pub found: &'a Explanation,
 }
 
-/// Units that the tables for people speak, and what their numbers are multiplied by.
+/// Units of the tables for people, and the factors of the numbers.
 struct Spoken {
     k: (&'static str, f64),
     v: (&'static str, f64),
@@ -76,7 +76,7 @@ struct Spoken {
     area: f64,
 }
 
-/// The power of ten below that number whose exponent is a multiple of three.
+/// Exponent of the largest power of 1000 that is not above the number.
 fn thousands(value: f64) -> f64 {
     3.0 * (value.log10() / 3.0).floor()
 }
@@ -87,7 +87,7 @@ impl ExplainReport<'_> {
         let (unit, factor) = self.units.written("N² s/m²");
         let Explanation { base, changes, .. } = self.found;
         let areas = [base].into_iter().chain(changes).map(|one| one.area()[0] * factor);
-        // by the scene's own area, or by the first that is one
+        // power of the scene's own area, or else of the first area above 0
         let power = areas.into_iter().find(|area| *area > 0.0).map_or(0.0, thousands);
         let area_unit = if power == 0.0 { unit.into() } else { format!("10^{power} {unit}") };
         Spoken { k, v, area_unit, area: factor / 10f64.powf(power) }
@@ -130,7 +130,7 @@ impl ExplainReport<'_> {
         text
     }
 
-    /// The table of the page.
+    /// The table of the HTML page.
     pub fn html(&self) -> String {
         let Spoken { k: (k_unit, k), v: (v_unit, v), area_unit, area } = self.spoken();
         let columns = [

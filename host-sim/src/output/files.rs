@@ -1,6 +1,6 @@
-//! The one door for results. All files of a command appear together, or none does: each is written to a
-//! draft beside its place and flushed, then all are renamed. A place is a real path: it is no input of
-//! the command, no other result of it, and no other program writes it at the same time.
+//! Writes all results. Either all files of a command appear, or none. Each file is first written to a draft beside
+//! its place and flushed; then all drafts are renamed. A place is a real path. It is not an input of the command and
+//! not another result, and no other program writes it at the same time.
 
 use std::{
     fs::{self, File},
@@ -24,7 +24,7 @@ use crate::{
 const CSV: &str = ".csv";
 const PARQUET: &str = ".parquet";
 
-/// Name of the file that is written last: where it is, the result is complete.
+/// Name of the file that is written last. If it exists, the result is complete.
 pub const MANIFEST: &str = "manifest.json";
 
 /// The files that a command writes.
@@ -34,11 +34,11 @@ pub struct Outputs {
     inputs: Vec<PathBuf>,
     files: Vec<Output>,
     folders: Vec<Folder>,
-    /// Folders that were looked through for left-overs.
+    /// Folders that were searched for left-overs.
     cleaned: Vec<PathBuf>,
     /// Folders that did not exist before, the outermost first.
     created: Vec<PathBuf>,
-    /// A folder's tables are written as Parquet as well.
+    /// Whether tables of a folder are also written as Parquet.
     parquet: bool,
 }
 
@@ -52,13 +52,13 @@ pub struct FolderPlace(usize);
 
 #[derive(Debug)]
 struct Output {
-    /// As the user names it.
+    /// The user's name for the file.
     shown: PathBuf,
-    /// Where it will be.
+    /// Final path of the file.
     place: PathBuf,
     draft: io::BufWriter<Draft>,
     is_written: bool,
-    /// CSV that becomes another format once it is whole.
+    /// CSV text that is converted to another format when it is complete.
     table: Option<(Format, About, String)>,
 }
 
@@ -66,39 +66,39 @@ struct Output {
 #[derive(Debug)]
 struct Folder {
     shown: PathBuf,
-    /// Those of its tables.
+    /// Units of the folder's tables.
     units: Units,
-    /// Every file that a result may have.
+    /// All files that a result may have.
     possible: Vec<String>,
     manifest: Place,
-    /// Text of the manifest, and the tables in which it stands too.
+    /// Text of the manifest, and the tables that also contain it.
     told: String,
     tables: Vec<Place>,
 }
 
 impl Outputs {
-    /// No file yet. Files of the user stay unless `force`; the `inputs` of the command stay in any case.
+    /// Starts without files. Existing files are replaced only with `force`, the command's `inputs` never.
     pub fn new(force: bool, inputs: &[PathBuf]) -> Self {
         let (files, folders, cleaned, created) = (vec![], vec![], vec![], vec![]);
         let (inputs, parquet) = (inputs.to_vec(), false);
         Self { force, inputs, files, folders, cleaned, created, parquet }
     }
 
-    /// Each table of a result folder is written as Parquet as well.
+    /// Also writes each table of a result folder as Parquet.
     ///
     /// # Errors
-    /// [`Error::Input`] if this build cannot.
+    /// [`Error::Input`] if this build cannot write Parquet.
     pub fn with_parquet(mut self) -> Result<Self, Error> {
         Format::Parquet.is_there("--parquet")?;
         self.parquet = true;
         Ok(self)
     }
 
-    /// Reserves a file. Nothing appears there before [`commit`](Self::commit).
+    /// Reserves a file. The file appears only with [`commit`](Self::commit).
     ///
     /// # Errors
-    /// [`Error::Input`] if it cannot be written there, is there already, is an input or another output, or
-    /// another program writes it.
+    /// [`Error::Input`] if the file cannot be written there, exists, is an input or another output, or if another
+    /// program writes it.
     pub fn file(&mut self, path: &Path) -> Result<Place, Error> {
         let (place, draft) = self.reserve(path)?;
         self.refuse(path, &place, None)?;
@@ -117,15 +117,16 @@ impl Outputs {
         Place(self.files.len() - 1)
     }
 
-    /// Reserves the file of an option, if it is given.
+    /// Reserves the file of an option, if the option is given.
     pub fn option(&mut self, path: Option<&PathBuf>) -> Result<Option<Place>, Error> {
         path.map(|path| self.file(path)).transpose()
     }
 
-    /// Reserves the file of a table, if it is given, in the format that its ending asks for: CSV is written into it.
+    /// Reserves the file of a table, if the option is given. The text written to it is CSV; the name's ending selects
+    /// the format.
     ///
     /// # Errors
-    /// As [`file`](Self::file), and as [`Format::of`].
+    /// The errors of [`file`](Self::file) and of [`Format::of`].
     pub fn table(
         &mut self,
         path: Option<&PathBuf>,
@@ -142,20 +143,20 @@ impl Outputs {
         Ok(Some(place))
     }
 
-    /// Reserves the file of a figure, if it is given.
+    /// Reserves the file of a figure, if the option is given.
     ///
     /// # Errors
-    /// As [`file`](Self::file), and if it ends neither in `.svg` nor in `.png`.
+    /// The errors of [`file`](Self::file), and an ending other than `.svg` and `.png`.
     pub fn figure(&mut self, path: Option<&PathBuf>) -> Result<Option<Place>, Error> {
         path.map_or(Ok(()), |path| is_svg(path).map(|_| ()))?;
         self.option(path)
     }
 
-    /// Reserves a folder for a result that may have the files `possible` and the manifest; a name without an ending is a
-    /// figure. Its tables become those of a scene with these units.
+    /// Reserves a folder for a result with the manifest and any of the files `possible`. A name without an ending is
+    /// a figure. The tables are converted to the given units.
     ///
     /// # Errors
-    /// As [`file`](Self::file), and if it holds one of those files and `force` is not given.
+    /// The errors of [`file`](Self::file), and a folder that holds one of these files, without `force`.
     pub fn folder(
         &mut self,
         folder: &Path,
@@ -188,10 +189,10 @@ impl Outputs {
         Ok(FolderPlace(self.folders.len() - 1))
     }
 
-    /// The next bytes of a file.
+    /// Writes the next bytes of a file.
     ///
     /// # Errors
-    /// [`Error::File`], on a full disk for example.
+    /// [`Error::File`], for example on a full disk.
     pub fn write(&mut self, Place(index): Place, bytes: &[u8]) -> Result<(), Error> {
         let output = &mut self.files[index];
         output.is_written = true;
@@ -204,7 +205,7 @@ impl Outputs {
         }
     }
 
-    /// A table in the file of an option, if it is given, in these units.
+    /// Writes a table to the file of an option, if the option is given, in these units.
     pub fn tell(
         &mut self,
         place: Option<Place>,
@@ -215,7 +216,7 @@ impl Outputs {
         self.write(place, in_units::csv(units, csv()).as_bytes())
     }
 
-    /// A figure in the file of an option, if it is given, in the format that its name asks for.
+    /// Draws a figure into the file of an option, if the option is given. The file's name selects the format.
     pub fn draw<E: Into<Error>>(
         &mut self,
         place: Option<Place>,
@@ -230,7 +231,7 @@ impl Outputs {
         self.write(place, &bytes)
     }
 
-    /// A whole text of a result folder; a table in the units of the folder's scene.
+    /// Adds a complete text to a result folder. Tables are converted to the units of the folder's scene.
     pub fn add(&mut self, to: FolderPlace, name: &str, text: String) -> Result<(), Error> {
         let units = self.folders[to.0].units;
         let text = if name.ends_with(CSV) { in_units::csv(units, text) } else { text };
@@ -264,7 +265,7 @@ impl Outputs {
         }
     }
 
-    /// A figure of a result folder, as `STEM.svg` and as `STEM.png`.
+    /// Adds a figure to a result folder, as `STEM.svg` and as `STEM.png`.
     pub fn add_figure(
         &mut self,
         to: FolderPlace,
@@ -275,7 +276,7 @@ impl Outputs {
         self.put(to, &format!("{stem}.png"), &figure.png()?)
     }
 
-    /// A draft of `path`, and its real path.
+    /// Makes a draft of `path`. Returns the draft and the real path.
     fn reserve(&mut self, path: &Path) -> Result<(PathBuf, Draft), Error> {
         let folder = folder_of(path);
         let unwritable = |error: io::Error| {
@@ -308,11 +309,11 @@ impl Outputs {
         Error::Input(format!("{path} and {other} are the same file, and would be written twice"))
     }
 
-    /// Refuses a place that must not be replaced; `of` is folder and name of a file of a result.
+    /// Checks that a place may be written. `of` is folder and name of a file in a result folder.
     fn refuse(&self, path: &Path, place: &Path, of: Option<(&Path, &str)>) -> Result<(), Error> {
         let shown = path.display();
         let Ok(found) = fs::symlink_metadata(place) else {
-            return Ok(()); // nothing there; other troubles show when it is written
+            return Ok(()); // no file there; other errors appear when it is written
         };
         for input in &self.inputs {
             let same = fs::canonicalize(input).is_ok_and(|input| input == place)
@@ -341,13 +342,13 @@ impl Outputs {
         }
     }
 
-    /// Moves all files that were written into their places, or none. Of a result folder the older manifest goes
-    /// first, the files of the older result that this one does not have go with it, and the new manifest comes last: a
-    /// folder with a manifest is complete and of one piece at any time.
+    /// Moves all written files to their places, or none. In a result folder the older manifest is removed first, with
+    /// the older files that the new result lacks. The new manifest comes last. So a folder with a manifest always
+    /// holds one complete result.
     ///
     /// # Errors
-    /// [`Error::File`] on a full disk or if a folder changed under our hands, [`Error::Input`] as
-    /// [`file`](Self::file); everything is then as it was.
+    /// [`Error::File`] on a full disk, or if a folder changed meanwhile; [`Error::Input`] as for
+    /// [`file`](Self::file). After an error all files are as before.
     pub fn commit(mut self) -> Result<(), Error> {
         for folder in &self.folders {
             for table in &folder.tables {
@@ -365,7 +366,7 @@ impl Outputs {
             let flushed = flushed.and_then(|()| output.draft.get_ref().file.sync_all());
             flushed.map_err(Error::file(&output.shown))?;
         }
-        // A signal ends the process before this line or after the last file, not in between.
+        // A signal ends the process before this line or after the last file, but not in between.
         let guard = draft::traces();
         let moved = self.move_all();
         drop(guard);
@@ -414,14 +415,14 @@ impl Outputs {
 }
 
 impl Drop for Outputs {
-    /// Leaves no draft behind, and no folder that a result would have filled.
+    /// Removes all drafts, and the folders made for a result.
     fn drop(&mut self) {
         self.files.clear();
         draft::remove_folders(&self.created);
     }
 }
 
-/// The path without links and `.` in its folder. What is at its end is not followed.
+/// The path with links and `.` in its folder resolved. A link at its end is not followed.
 fn real(path: &Path) -> Result<PathBuf, Error> {
     let folder = folder_of(path);
     let folder = fs::canonicalize(folder).map_err(|error| {
@@ -437,14 +438,14 @@ pub(super) fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// Makes renames last through a power cut, where the system can.
+/// Makes renames permanent even after a power failure, if the system supports it.
 pub(super) fn sync_folder(folder: &Path) {
     if let Ok(folder) = File::open(folder) {
-        let _ = folder.sync_all(); // not every file system takes it
+        let _ = folder.sync_all(); // some file systems do not support it
     }
 }
 
-/// Whether a figure's file is SVG; else it is PNG.
+/// Whether a figure's file is SVG. Otherwise it is PNG.
 fn is_svg(path: &Path) -> Result<bool, Error> {
     match path.extension().and_then(|extension| extension.to_str()) {
         Some("svg") => Ok(true),
@@ -453,7 +454,7 @@ fn is_svg(path: &Path) -> Result<bool, Error> {
     }
 }
 
-/// JSON as it stands in files.
+/// JSON as written to files.
 pub fn json(value: &impl serde::Serialize) -> Result<String, Error> {
     let text = serde_json::to_string_pretty(value);
     text.map(|text| text + "\n")

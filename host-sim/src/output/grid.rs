@@ -25,11 +25,11 @@ pub struct Counts {
     pub unstable: u64,
     /// Walls that the handle did not reach.
     pub no_contact: u64,
-    /// The handle left the core's range.
+    /// Hits in which the handle left the core's range.
     pub out_of_range: u64,
 }
 
-/// A grid whose walls come one by one.
+/// A grid whose walls are added one by one.
 pub struct Grid {
     /// Counts of the walls so far.
     pub counts: Counts,
@@ -38,7 +38,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// In those units; with the error of the impedance or without.
+    /// A grid in these units, with or without the error of the impedance.
     pub fn new(units: Units, impedance: bool) -> Self {
         let header = if impedance { HEADER_WITH_IMPEDANCE } else { HEADER };
         let columns = Columns::new(units, header);
@@ -50,10 +50,10 @@ impl Grid {
         &self.columns.header
     }
 
-    /// The row of a wall, and whether it is stable.
+    /// The row of a wall, and whether the wall is stable.
     ///
     /// # Errors
-    /// The hit could not be made.
+    /// The hit failed.
     pub fn row(
         &mut self,
         wall: &WallHit,

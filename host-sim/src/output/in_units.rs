@@ -1,7 +1,8 @@
-//! Results in the units of their scene: what is m and N inside leaves a rotary scene in rad and N m.
+//! Converts results to the units of their scene. Inside, all values are in m and N; a rotary scene's results are in
+//! rad and N m.
 //!
-//! Columns and keys say their unit at their end, so one door does for all of them; a result of a linear scene goes through
-//! untouched.
+//! The names of columns and keys end with their unit, so one conversion works for all results. Results of a linear
+//! scene do not change.
 
 use std::fmt::{self, Write as _};
 
@@ -14,7 +15,7 @@ use serde_json::Number;
 
 use crate::scene::Units;
 
-/// Areas in the tables of version 1, whose columns do not say their unit.
+/// Columns of areas in tables of version 1. Their names have no unit.
 pub(super) const AREAS: [&str; 3] = ["area", "area_low", "area_high"];
 const AREA: &str = "area_n2_s_per_m2";
 
@@ -23,12 +24,12 @@ const AREA: &str = "area_n2_s_per_m2";
 pub struct Columns {
     /// First line of the table.
     pub header: String,
-    /// Factor of each column's numbers; `None`: unchanged.
+    /// Factor of each column's numbers; `None` if they do not change.
     factors: Vec<Option<f64>>,
 }
 
 impl Columns {
-    /// Columns of a table with this first line.
+    /// The columns of a table with this first line.
     pub fn new(units: Units, header: &str) -> Self {
         let column = |name: &str| match units.key(if AREAS.contains(&name) { AREA } else { name }) {
             Some((_, factor)) if AREAS.contains(&name) => (name.to_owned(), Some(factor)),
@@ -40,7 +41,7 @@ impl Columns {
         Self { header: names.join(",") + end, factors }
     }
 
-    /// A row, with or without the line's end.
+    /// Converts a row, with or without line end.
     pub fn row(&self, row: &str) -> String {
         let mut quoted = false;
         let ends = |c| {
@@ -62,7 +63,7 @@ impl Columns {
     }
 }
 
-/// The table, converted to these units.
+/// Converts a table to these units.
 pub fn csv(units: Units, table: String) -> String {
     if !units.is_rotary() {
         return table;
@@ -91,7 +92,7 @@ impl<T: Serialize> Serialize for InUnits<T> {
     }
 }
 
-/// JSON with its keys in their order.
+/// JSON that keeps the order of its keys.
 #[derive(Serialize, Deserialize)]
 #[serde(untagged)]
 enum Ordered {
@@ -105,7 +106,7 @@ enum Ordered {
 struct Pairs(Vec<(String, Ordered)>);
 
 impl Ordered {
-    /// With keys and numbers in those units; `factor` is that of the key before it.
+    /// Converts keys and numbers to these units. `factor` belongs to the key of this value.
     fn told(self, units: Units, factor: Option<f64>) -> Self {
         match (self, factor) {
             (Self::Number(number), Some(factor)) => {
@@ -118,7 +119,7 @@ impl Ordered {
             (Self::Table(Pairs(pairs)), factor) => {
                 let told = |(key, value): (String, Self)| match units.key(&key) {
                     Some((renamed, factor)) => (renamed, value.told(units, Some(factor))),
-                    // The ends of an interval are what the interval is of.
+                    // The ends of an interval have the unit of the key above them.
                     None => (key, value.told(units, factor)),
                 };
                 Self::Table(Pairs(pairs.into_iter().map(told).collect()))

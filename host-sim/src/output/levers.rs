@@ -1,4 +1,4 @@
-//! What `sweep --levers` writes: a table for programs, one for people, one picture.
+//! Output of `sweep --levers`: a table for programs, a table for people, a figure.
 
 use std::fmt::Write as _;
 
@@ -25,7 +25,7 @@ use crate::{
 #[derive(Clone, Debug)]
 pub struct LeverStudy {
     pub question: LeverQuestion,
-    /// By loop, limit and push.
+    /// Results by loop, limit and push.
     pub results: Vec<LeverResult>,
 }
 
@@ -43,14 +43,14 @@ pub struct LeverSummary {
     ideal_cutoff_hz: Option<f64>,
     ideal_cutoff_range_hz: Option<[f64; 2]>,
     area_at_ideal_n2_s_per_m2: f64,
-    /// Times the area of the scene as it is.
+    /// Area divided by the area of the unchanged scene.
     times_the_scene: Option<f64>,
     stiffness_peak_n_per_m: f64,
     is_capped: bool,
     true_velocity_area_n2_s_per_m2: Option<f64>,
 }
 
-/// `10 MN/m`, `230 kN/m`, `45 N/m`.
+/// A stiffness as text: `10 MN/m`, `230 kN/m`, `45 N/m`.
 fn stiffness(n_per_m: f64) -> String {
     let (scaled, unit) = match n_per_m {
         k if k >= 1e6 => (k / 1e6, "MN/m"),
@@ -63,7 +63,7 @@ fn stiffness(n_per_m: f64) -> String {
     )
 }
 
-/// When a loop acts.
+/// Cells with the times at which a loop acts: output period and latency.
 pub(super) fn actuator_cells(scene: &Scene) -> [(&'static str, Cell); 2] {
     [
         ("output_period_samples", Cell::Whole(scene.actuator.period.into())),
@@ -80,13 +80,13 @@ impl LeverStudy {
         &self.question.levers[result.lever]
     }
 
-    /// That limit and push in the loop of that place.
+    /// The result for this limit and push in loop number `lever`.
     fn of(&self, lever: usize, limit: Limit, push: PushBy) -> Option<&LeverResult> {
         let same = |r: &&LeverResult| r.lever == lever && r.limit == limit && r.push == push;
         self.results.iter().find(same)
     }
 
-    /// Times the area of the scene as it is.
+    /// Area divided by the area of the unchanged scene.
     fn times(&self, result: &LeverResult) -> Option<f64> {
         let own = self.of(0, result.limit, result.push)?.area();
         (own > 0.0).then(|| result.area() / own)
@@ -100,7 +100,7 @@ impl LeverStudy {
         })
     }
 
-    /// A row for each loop, limit, push and cutoff, which begins with what `of_loop` says.
+    /// A row for each loop, limit, push and cutoff. Each row begins with the cells of `of_loop`.
     pub(super) fn table_of(&self, of_loop: impl Fn(&Lever) -> Cells) -> String {
         csv_of(self.results.iter().flat_map(|result| {
             let estimated =
@@ -147,7 +147,7 @@ impl LeverStudy {
         self.results.iter().map(summary).collect()
     }
 
-    /// The tables for people, one for each limit and push, and what limits the scene's walls first.
+    /// The tables for people, one for each limit and push, and a sentence on the first limit of the scene's walls.
     pub fn text(&self) -> String {
         let mut text = String::from(
             "when the loop acts: area at the ideal cutoff, 10^6 N^2 s/m^2, with the ideal range in Hz; > cut at a cap",
@@ -202,7 +202,7 @@ impl LeverStudy {
         }
     }
 
-    /// What limits the scene's walls first, in one sentence.
+    /// What limits the scene's walls first, as a sentence.
     pub fn sentence(&self, limit: Limit, push: PushBy) -> Option<String> {
         let own = self.of(0, limit, push)?;
         let scene = &self.question.levers[0].scene;
@@ -257,7 +257,7 @@ impl LeverStudy {
     pub const CAPTION: &str = "The area at the ideal cutoff where the same device acts sooner and more often, and what an \
                                amplifier and a transmission leave of it.";
 
-    /// Area at the ideal cutoff against the output period, a panel for each limit by motor.
+    /// Area at the ideal cutoff over the output period, one panel for each limit, pushed by the motor.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let Some(&push) = self.question.pushes.first() else { return Ok(None) };
         let mut loops: Vec<&str> = vec![];
@@ -267,7 +267,7 @@ impl LeverStudy {
             }
         }
         let mut series = vec![];
-        // the boards act almost alike: the scene's own loop and the first of them
+        // both boards give nearly the same: show the scene's own loop and the first board
         for (place, of_loop) in loops.into_iter().take(2).enumerate() {
             for (n, between) in Between::ALL.into_iter().enumerate() {
                 let x_of = |lever: &Lever| {
@@ -283,7 +283,8 @@ impl LeverStudy {
         self.panels(scene, texts, push, series)
     }
 
-    /// Areas at the ideal cutoff against what `x_of` says of a loop, if it is on this line; a panel for each limit.
+    /// Areas at the ideal cutoff over `x_of` of each loop on this line. `x_of` returns `None` for other loops. One
+    /// panel for each limit.
     pub(super) fn line(
         &self,
         name: String,
@@ -304,7 +305,7 @@ impl LeverStudy {
         TradeSeries { name, colour, mark, points }
     }
 
-    /// Lines in a panel for each limit, of that title, legend and axis; none if there is no point.
+    /// Lines in one panel for each limit, with this title, legend and axis. `None` if there are no points.
     pub(super) fn panels(
         &self,
         scene: &str,

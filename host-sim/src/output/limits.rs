@@ -1,4 +1,4 @@
-//! What `sweep --limits` writes: a table for programs, one for people, one picture.
+//! Output of `sweep --limits`: a table for programs, a table for people, a figure.
 
 use std::fmt::Write as _;
 
@@ -21,9 +21,9 @@ use crate::{
     },
 };
 
-/// Areas of the tables are in this unit, N^2 s/m^2.
+/// Unit of areas in the tables, N^2 s/m^2.
 const MILLION: f64 = 1e6;
-/// The limit of a row, who estimates, and its cutoff; without one it is the true velocity.
+/// Cells with limit, estimator and cutoff of a row. Without a cutoff the row is for the true velocity.
 pub(super) fn limit_cells(limit: Limit, cutoff_hz: Option<f64>) -> [(&'static str, Cell); 4] {
     let (value, unit) = limit.told();
     let estimator = if cutoff_hz.is_some() { "scene" } else { "true-velocity" };
@@ -35,7 +35,7 @@ pub(super) fn limit_cells(limit: Limit, cutoff_hz: Option<f64>) -> [(&'static st
     ]
 }
 
-/// How many walks there were, and their grid.
+/// Cells with the number of walks and their grid.
 pub(super) fn walk_cells(walks: u64, walk: &Walk) -> impl Iterator<Item = (&'static str, Cell)> {
     const NAMES: [&str; 6] = [
         "stiffness_start_n_per_m",
@@ -52,7 +52,7 @@ pub(super) fn walk_cells(walks: u64, walk: &Walk) -> impl Iterator<Item = (&'sta
 #[derive(Clone, Debug)]
 pub struct LimitStudy {
     pub question: Question,
-    /// One for each limit and situation.
+    /// One result for each limit and situation.
     pub results: Vec<LimitResult>,
 }
 
@@ -93,13 +93,13 @@ fn share(area: f64, result: &LimitResult) -> Option<f64> {
     result.told_area().filter(|told| *told > 0.0).map(|told| area / told)
 }
 
-/// The grid of the walks, for people.
+/// The grid of the walks as text for people.
 pub(super) fn grid_text(walk: &Walk) -> String {
     let [k, dk, k_max, b, db, b_max] = grid(walk);
     format!("K from {k} by {dk} to {k_max} N/m, B from {b} by {db} to {b_max} N s/m")
 }
 
-/// Who pushes, for people.
+/// Who pushes, as text for people.
 fn situation(result: &LimitResult) -> String {
     let pushes = match result.situation.as_ref().map(|situation| situation.push) {
         None => return "the worst of all of these".into(),
@@ -202,7 +202,8 @@ impl LimitStudy {
                                RMS, and for each multiple of what a hand feels (a model, unless wall_hit.felt_curve names \
                                a curve).";
 
-    /// The ideal cutoff against the limit: a panel for limits of RMS, one for levels; the scene's own hand.
+    /// The ideal cutoff over the limit: one panel for RMS limits, one for sensation levels, with the scene's own
+    /// hand.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let kinds = [false, true].into_iter().filter(|felt| {
             self.results.iter().any(|result| matches!(result.limit, Limit::Felt(_)) == *felt)
@@ -233,7 +234,7 @@ impl LimitStudy {
                 points: kinds.iter().map(|felt| points(push, *felt)).collect(),
             })
             .collect();
-        // One limit makes no curve.
+        // A curve needs at least two limits.
         if series.iter().flat_map(|series| &series.points).all(|points| points.len() < 2) {
             return Ok(None);
         }
@@ -262,7 +263,7 @@ impl LimitStudy {
     }
 }
 
-/// `500`, or `400 to 500`.
+/// A range as text: `500`, or `400 to 500`.
 pub(super) fn range([low, high]: [f64; 2]) -> String {
     if low == high { low.to_string() } else { format!("{low} to {high}") }
 }

@@ -1,4 +1,4 @@
-//! What a result was made from, so that it can be made again.
+//! All facts that are needed to reproduce a result.
 
 use serde::Serialize;
 
@@ -10,19 +10,19 @@ pub struct Manifest {
     schema_version: u32,
     /// Version of the simulator.
     pub version: &'static str,
-    /// Commit that it was built from, or `unknown`.
+    /// Commit of the build, or `unknown`.
     pub git_commit: &'static str,
-    /// Whether tracked files differed from that commit; `null` if that is unknown.
+    /// Whether tracked files differed from this commit; `null` if unknown.
     pub git_dirty: Option<bool>,
     pub toolchain: &'static str,
     pub target: &'static str,
-    /// The command's arguments that shape the result.
+    /// Arguments of the command that affect the result.
     pub command: String,
-    /// Name of the scene; none: what it was made from names none.
+    /// Name of the scene, or `None` if the result has no named scene.
     pub scene: Option<String>,
-    /// The scene file, to the letter.
+    /// Text of the scene file, unchanged.
     pub scene_text: Option<String>,
-    /// The file that its `felt_curve` names.
+    /// Text of the file in the scene's `felt_curve`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub felt_curve_text: Option<String>,
 }
@@ -38,7 +38,7 @@ impl Manifest {
         }
     }
 
-    /// The manifest of the command that this program was called with.
+    /// The manifest of the command that started this program.
     pub fn of_call(scene: Option<&NamedScene>) -> Self {
         let words = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
         let command = words.collect::<Vec<_>>().join(" ");
@@ -63,7 +63,7 @@ impl Manifest {
         }
     }
 
-    /// Name and value, for a reader.
+    /// Names and values for a reader.
     pub fn facts(&self) -> Vec<(String, String)> {
         [
             ("command", self.command.as_str()),

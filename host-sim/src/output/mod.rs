@@ -1,4 +1,4 @@
-//! What a person gets: files that are whole or not there, figures, the report of a sweep, manifests.
+//! Output for people: files that are complete or absent, figures, the report of a sweep, manifests.
 
 pub mod agree;
 pub mod design;
@@ -32,20 +32,20 @@ use sim_studies::table::{Cell, Column, Kind, Table, csv_line};
 
 use crate::study::{boundary::Boundaries, sweep::Ideal};
 
-/// Version of every JSON object that the commands print or write: 2 since areas carry their unit.
+/// Version of all JSON objects that the commands print or write. Since version 2 the names of areas have their unit.
 pub const SCHEMA_VERSION: u32 = 2;
 
-/// A table whose last column says that version.
+/// The table with this version in an additional last column.
 fn versioned(mut table: Table) -> Table {
     table.columns.push(Column { name: "schema_version".into(), kind: Kind::Whole });
     table.rows.iter_mut().for_each(|row| row.push(Cell::Whole(SCHEMA_VERSION.into())));
     table
 }
 
-/// Cells of a row with the names of their columns.
+/// Cells of a row, each with the name of its column.
 type Cells = Vec<(&'static str, Cell)>;
 
-/// Rows as CSV, all with the columns of the first.
+/// Rows as CSV. All rows have the columns of the first row.
 fn csv_of(rows: impl IntoIterator<Item = Cells>) -> String {
     let mut text = String::new();
     for row in rows {
@@ -62,7 +62,7 @@ fn version() -> (&'static str, Cell) {
     ("schema_version", Cell::Whole(SCHEMA_VERSION.into()))
 }
 
-/// Mean area of the walks, and the least and the most.
+/// Mean area of the walks, smallest and largest area.
 fn area_cells(boundaries: &Boundaries) -> [(&'static str, Cell); 3] {
     let [low, high] = boundaries.area_range();
     [
@@ -72,7 +72,7 @@ fn area_cells(boundaries: &Boundaries) -> [(&'static str, Cell); 3] {
     ]
 }
 
-/// How far the walks came.
+/// Cells with the largest stiffness and damping of the walks, and the number of capped walks.
 fn reach_cells(boundaries: &Boundaries) -> [(&'static str, Cell); 3] {
     [
         ("stiffness_peak_n_per_m", boundaries.stiffness_peak_n_per_m().into()),

@@ -1,4 +1,4 @@
-//! What `passivity` writes: a table for programs, one for people, one picture.
+//! Output of `passivity`: a table for programs, a table for people, a figure.
 
 use std::fmt::Write as _;
 
@@ -28,7 +28,7 @@ pub struct PassiveArea {
     capped_walks: usize,
     /// Hits at the boundary without the controller.
     at_boundary_without: Hits,
-    /// Hits at the boundary found with the controller; `None` if it is off.
+    /// Hits at the boundary with the controller; `None` if it is off.
     at_boundary_with: Option<Hits>,
 }
 
@@ -44,10 +44,10 @@ pub fn lengths_csv(study: &PassiveStudy) -> String {
     versioned(study.length_table()).csv()
 }
 
-/// The boundaries at the first limit, without the controller and with it.
+/// The boundaries for the first limit, without and with the controller.
 ///
 /// # Errors
-/// It cannot be drawn.
+/// The figure cannot be drawn.
 pub fn figure(study: &PassiveStudy, scene: &NamedScene) -> Result<Figure, FigureError> {
     let first = study.rows.first().map(|row| row.limit);
     let rows = study.rows.iter().filter(|row| Some(row.limit) == first);

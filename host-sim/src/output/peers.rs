@@ -1,4 +1,4 @@
-//! What `compare --peers` writes: a table for programs, one for people.
+//! Output of `compare --peers`: a table for programs, a table for people.
 
 use std::fmt::Write as _;
 

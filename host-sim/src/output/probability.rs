@@ -1,4 +1,4 @@
-//! What `sweep --probability` writes: maps, contours, the firmware's envelope, a picture, a table for people.
+//! Output of `sweep --probability`: maps, contours, the firmware's envelope, a figure, a table for people.
 
 use std::fmt::Write as _;
 
@@ -21,10 +21,10 @@ use crate::{
     },
 };
 
-/// Shares of the contours.
+/// Shares of draws for the contours.
 const SHARES: [f64; 3] = [0.05, 0.5, 0.95];
 
-/// The interval of the worst 5 %, as people read it.
+/// The confidence interval for the worst 5 % as text for people.
 fn interval(c: &CutoffProbability) -> String {
     let end = |end: Option<f64>| end.map_or_else(|| "?".to_owned(), millions);
     match [c.area_5_percent_low_n2_s_per_m2, c.area_5_percent_high_n2_s_per_m2] {
@@ -37,18 +37,18 @@ fn interval(c: &CutoffProbability) -> String {
 pub struct ProbabilityStudy {
     /// One map per cutoff, ascending.
     pub maps: Vec<Map>,
-    /// What the draws say of the cutoffs.
+    /// Results of the draws for the cutoffs.
     pub verdicts: Verdicts,
-    /// The firmware's contour at the cutoff that leads in the worst draws.
+    /// The firmware's contour at the cutoff with the best area in the worst draws.
     pub tried: Option<Tried>,
 }
 
 #[derive(Clone, Debug, Serialize)]
 pub struct ProbabilitySummary {
     draws: u32,
-    /// Largest area in the worst 5 % of the draws; `null` where these have no lower bound.
+    /// Cutoff with the largest area in the worst 5 % of the draws; `null` if this area has no lower bound.
     recommended_cutoff_hz: Option<f64>,
-    /// The cutoffs that the draws cannot tell from that one.
+    /// Cutoffs that the draws cannot distinguish from the recommended cutoff.
     alike_hz: Vec<f64>,
     cutoffs: Vec<CutoffProbability>,
     contour: Option<ContourSummary>,
@@ -59,7 +59,7 @@ struct CutoffProbability {
     cutoff_hz: f64,
     area_n2_s_per_m2: f64,
     area_5_percent_n2_s_per_m2: f64,
-    /// 95 % interval of that; `null`: too few devices to say.
+    /// 95 % confidence interval of the area in the worst 5 %; `null` with too few devices.
     area_5_percent_low_n2_s_per_m2: Option<f64>,
     area_5_percent_high_n2_s_per_m2: Option<f64>,
     area_50_percent_n2_s_per_m2: f64,
@@ -90,7 +90,7 @@ impl ProbabilityStudy {
         self.verdicts.leading.and_then(|place| self.maps.get(place))
     }
 
-    /// The cutoff that leads, if its interval bears a recommendation.
+    /// The leading cutoff, if its confidence interval supports a recommendation.
     fn recommended_hz(&self) -> Option<f64> {
         let is_borne = |map: &&Map| map.devices == 0 || map.interval(WORST)[0].is_some();
         self.leading().filter(is_borne).map(|map| map.cutoff_hz)
@@ -153,7 +153,7 @@ impl ProbabilityStudy {
         text
     }
 
-    /// `contours.csv`; the firmware's has the share 95 and `fitted`.
+    /// Text of `contours.csv`. The firmware's contour has the share 95 and `fitted`.
     pub fn contours_csv(&self) -> String {
         let mut text = String::from(
             "cutoff_hz,percent,fitted,damping_n_s_per_m,stiffness_low_n_per_m,stiffness_high_n_per_m,\
@@ -181,7 +181,7 @@ impl ProbabilityStudy {
         text
     }
 
-    /// For the firmware: the fitted contour at the cutoff that leads.
+    /// The fitted contour at the leading cutoff, for the firmware.
     pub fn envelope(&self) -> Vec<Envelope> {
         let tried = self.tried.as_ref().zip(self.leading());
         let of = |(tried, map): (&Tried, &Map)| Envelope {
@@ -191,10 +191,10 @@ impl ProbabilityStudy {
         tried.map(of).into_iter().collect()
     }
 
-    /// The contours at the cutoff that leads.
+    /// The contours at the leading cutoff.
     ///
     /// # Errors
-    /// It cannot be drawn.
+    /// The figure cannot be drawn.
     pub fn figure(&self, scene: &NamedScene) -> Result<Option<Figure>, FigureError> {
         let Some(map) = self.leading() else { return Ok(None) };
         let points = |intervals: &[Interval]| {

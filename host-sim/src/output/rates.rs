@@ -1,4 +1,4 @@
-//! What `sweep --encoder-rates` and `--output-rates` write: a table for programs, one for people, one picture.
+//! Output of `sweep --encoder-rates` and `--output-rates`: a table for programs, a table for people, a figure.
 
 use std::fmt::Write as _;
 
@@ -30,7 +30,7 @@ pub struct RateSummary {
     true_velocity_area_n2_s_per_m2: f64,
 }
 
-/// Question and answer, each loop a pair of rates.
+/// Question and answer. Each loop has one pair of rates.
 #[derive(Clone, Debug)]
 pub struct RateStudy(pub LeverStudy);
 
@@ -40,7 +40,7 @@ fn rates(scene: &Scene) -> [f64; 2] {
     [encoder_hz, encoder_hz / f64::from(scene.actuator.period)]
 }
 
-/// Rates of all loops, ascending, each once.
+/// Rates of all loops, sorted and without repeats.
 fn axis(study: &LeverStudy, which: usize) -> Vec<f64> {
     let all: Vec<f64> =
         study.question.levers.iter().map(|lever| rates(&lever.scene)[which]).collect();
@@ -120,7 +120,8 @@ impl RateStudy {
     /// The sentence below the figure.
     pub const CAPTION: &str = "The area at the ideal cutoff where the same device looks and acts more or less often, the latency the same.";
 
-    /// Area at the ideal cutoff against the output rate, a line for each encoder rate, a panel for each limit, by motor.
+    /// Area at the ideal cutoff over the output rate, pushed by the motor: a line for each encoder rate, a panel for
+    /// each limit.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let Some(&push) = self.0.question.pushes.first() else { return Ok(None) };
         let line = |(n, encoder): (usize, f64)| {

@@ -1,4 +1,4 @@
-//! The cutoff to dial in, as every output says it.
+//! The recommended cutoff, in the form for every output.
 
 use serde::Serialize;
 
@@ -11,7 +11,7 @@ use crate::{
     },
 };
 
-/// `recommended` of a JSON object, and why there is none.
+/// `recommended` of a JSON object, or the reason why there is no recommendation.
 #[derive(Clone, Debug, Serialize)]
 pub struct Answer {
     recommended: Option<Row>,
@@ -24,10 +24,10 @@ struct Row {
     cutoff_hz: f64,
     range_hz: [f64; 2],
     criterion: &'static str,
-    /// The stiffest wall, and its B.
+    /// The stiffest wall, and the B of this wall.
     stiffness_n_per_m: f64,
     damping_n_s_per_m: f64,
-    /// Largest B of any wall.
+    /// Largest B of all walls.
     damping_max_n_s_per_m: f64,
     area_n2_s_per_m2: f64,
     is_capped: bool,
@@ -38,7 +38,7 @@ struct Row {
     protocols: Vec<ProtocolRow>,
 }
 
-/// K up to which a wall of that B is quiet by another protocol; `null` where none is, or none can be tried.
+/// Largest K at which a wall with this B is quiet in another protocol; `null` if there is no such K, or no test.
 #[derive(Clone, Debug, Serialize)]
 struct ProtocolRow {
     protocol: &'static str,
@@ -79,7 +79,7 @@ impl Answer {
     }
 }
 
-/// Why it is that cutoff.
+/// Reason for this cutoff.
 fn reason(units: Units, study: &QuietStudy, of: &Recommended) -> String {
     let mut text = format!(
         "the largest area of quiet walls, {}, of {} tried; those of the range have at least {} % of it",
@@ -106,7 +106,7 @@ fn reason(units: Units, study: &QuietStudy, of: &Recommended) -> String {
     text
 }
 
-/// The answer in one sentence, why it is that, and what to do next.
+/// Sentences with the answer, its reason, and the next step.
 pub fn sentences(scene: &NamedScene, study: &QuietStudy) -> Vec<String> {
     let (name, units) = (&scene.name, scene.scene.units);
     let of = match &study.recommended {
@@ -142,7 +142,7 @@ pub fn sentences(scene: &NamedScene, study: &QuietStudy) -> Vec<String> {
     [dial_in, has].into_iter().chain(elsewhere).chain(free).chain([next]).collect()
 }
 
-/// Whether the stiffest wall is also quiet when it is tried in other ways.
+/// Whether the stiffest wall is also quiet in the other protocols.
 fn by_protocols(units: Units, study: &QuietStudy, of: &Recommended) -> Option<String> {
     let stiffness = of.stiffest.stiffness_n_per_m;
     let said = |protocol: Protocol| match protocol {
@@ -157,7 +157,7 @@ fn by_protocols(units: Units, study: &QuietStudy, of: &Recommended) -> Option<St
         Ok(Some(k)) => {
             let k = k * factor;
             let near = rounded(k, 2);
-            let most = if near > k { rounded(0.95 * k, 2) } else { near }; // what was tried, or less
+            let most = if near > k { rounded(0.95 * k, 2) } else { near }; // not above the K that was tested
             format!("by {} not above K = {most} {unit}", said(held.protocol))
         }
         Ok(None) => format!("by {} at no K", said(held.protocol)),
@@ -173,7 +173,7 @@ fn by_protocols(units: Units, study: &QuietStudy, of: &Recommended) -> Option<St
     })
 }
 
-/// What to know of a cutoff that is outside of the range to dial in, if so.
+/// Note for a cutoff outside of the recommended range, else `None`.
 pub fn outside(study: &QuietStudy, cutoff_hz: f64) -> Option<String> {
     let [low, high] = study.recommended.as_ref().ok()?.range_hz;
     (!(low..=high).contains(&cutoff_hz)).then(|| {
@@ -181,7 +181,7 @@ pub fn outside(study: &QuietStudy, cutoff_hz: f64) -> Option<String> {
     })
 }
 
-/// What the scene's own criterion says; nothing where that is the same.
+/// Result by the scene's own criterion. `None` if this criterion is also the recommendation's.
 pub fn by_its_own(scene: &NamedScene, ideal: Option<Ideal>) -> Option<String> {
     let hit = &scene.scene.wall_hit;
     let by = match (hit.criterion, hit.rms_of()) {

@@ -1,8 +1,8 @@
-//! The report of a sweep: one HTML file that needs nothing else.
+//! The report of a sweep: one HTML file that needs no other file.
 //!
-//! Style sheet and figures are inline, there is no script and no reference to anything outside.
-//! It reads on a phone, prints in black on white, and follows the reader's light or dark setting;
-//! figures stay on white paper, since their colours carry the order of the cutoffs.
+//! Style sheet and figures are inline. There is no script and no external reference. The page fits a phone, prints in
+//! black on white, and follows the reader's light or dark setting. Figures stay on white, because their colours show
+//! the order of the cutoffs.
 
 use std::fmt::Write as _;
 
@@ -35,27 +35,27 @@ pre{margin:0;padding:.8rem 1rem;overflow-x:auto;font-size:.82rem;line-height:1.4
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
-    /// Small line above the answer, also the name of the page: scene and resolution.
+    /// Small line above the answer, and the page's title: scene and resolution.
     pub title: String,
-    /// Smallest nominal cutoff that is as good as any; `None` if no wall was stable.
+    /// Smallest nominal cutoff that is as good as the best; `None` if no wall was stable.
     pub ideal_cutoff_hz: Option<f64>,
-    /// First and last nominal cutoff that the repeats cannot tell from the ideal one.
+    /// First and last nominal cutoff that the repeats cannot distinguish from the ideal cutoff.
     pub ideal_cutoff_range_hz: Option<[f64; 2]>,
-    /// The cutoff to dial in; without it the ideal cutoff answers.
+    /// The recommended cutoff. Without it the ideal cutoff is the answer.
     pub answer: Option<String>,
-    /// Figures in the order in which they are shown.
+    /// Figures in their order on the page.
     pub figures: Vec<ReportFigure>,
-    /// Units of its tables.
+    /// Units of the tables.
     pub units: Units,
     /// One row per cutoff.
     pub areas: Vec<AreaPoint>,
-    /// What else was asked for, as lines of text under a heading; empty ones are left out.
+    /// Further results as lines of text under a heading. Empty texts are left out.
     pub texts: Vec<(&'static str, String)>,
-    /// Remarks, one sentence each.
+    /// Notes, one sentence each.
     pub notes: Vec<String>,
-    /// The scene file as it was read.
+    /// Text of the scene file, unchanged.
     pub scene: String,
-    /// What made the report: version, toolchain, command, as name and value.
+    /// Origin of the report as names and values: version, toolchain, command.
     pub provenance: Vec<(String, String)>,
 }
 
@@ -63,7 +63,7 @@ pub struct Report {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReportFigure {
     pub figure: Figure,
-    /// What the reader should see in it.
+    /// What the figure shows.
     pub caption: String,
 }
 
@@ -80,7 +80,7 @@ pub fn html(report: &Report) -> String {
     page(&report.title, &answer(report), &report.figures, &sections)
 }
 
-/// One HTML file: a small line, the answer, figures, and sections of which empty ones are left out.
+/// One HTML file: a small line, the answer, figures, sections. Empty sections are left out.
 pub(crate) fn page(
     title: &str,
     answer: &str,
@@ -112,7 +112,7 @@ pub(crate) fn page(
     out
 }
 
-/// The result in one sentence, the range first.
+/// The result as one sentence, the range first.
 fn answer(report: &Report) -> String {
     if let Some(answer) = &report.answer {
         return answer.clone();
@@ -134,7 +134,7 @@ fn answer(report: &Report) -> String {
     }
 }
 
-/// A headed section, or nothing if it has no content.
+/// A section with a heading, or nothing if the content is empty.
 fn section(out: &mut String, heading: &str, content: &str) {
     if !content.is_empty() {
         let _ = write!(out, "<section>\n<h2>{heading}</h2>\n{content}</section>\n");
@@ -220,7 +220,7 @@ pub(crate) fn scene(scene: &str) -> String {
     if scene.is_empty() {
         return String::new();
     }
-    // A browser drops the first line break after <pre>.
+    // A browser ignores the first line break after <pre>.
     format!("<pre>\n{}</pre>\n", escape(scene))
 }
 

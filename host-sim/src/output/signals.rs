@@ -1,5 +1,5 @@
-//! Ctrl-C, SIGTERM and SIGHUP, which ask a command to end. What does not come to a place where it looks at the flag in
-//! time (a read that blocks, one long hit, a large matrix) is ended from outside.
+//! Ctrl-C, SIGTERM and SIGHUP ask a command to end. A command may fail to check the flag in time (a blocking read,
+//! one long hit, a large matrix). Then the process is ended here.
 
 use std::{
     process,
@@ -13,16 +13,16 @@ use crate::{
     interrupt,
 };
 
-/// Time that a command has to end by itself; with [`LAST_WORDS`] well below a second.
+/// Time in which a command should end. With [`LAST_WORDS`] it is well below a second.
 const GRACE: Duration = Duration::from_millis(400);
-/// Time to say so where the reader of stderr may hang.
+/// Time for the error message, in case the reader of stderr hangs.
 const LAST_WORDS: Duration = Duration::from_millis(100);
 
-/// Listens to the signals from now on. Where the command has not ended 0.4 s after one, `clean` takes away what
-/// must not stay, `report` says so, and the process ends with [`INTERRUPTED`].
+/// Starts to listen to the signals. If the command has not ended 0.4 s after a signal, `clean` removes unfinished
+/// files, `report` prints the error, and the process ends with [`INTERRUPTED`].
 ///
 /// # Errors
-/// The system refuses, or this has been called before.
+/// The system does not allow it, or this function was called before.
 pub fn watch(clean: fn(), report: fn()) -> Result<(), Error> {
     let ended = move || {
         interrupt::flag().store(true, Ordering::Relaxed);
@@ -44,7 +44,7 @@ fn set_handler(ended: impl FnMut() + Send + 'static) -> Result<(), Error> {
         .map_err(|error| Error::Internal(format!("cannot watch for Ctrl-C: {error}")))
 }
 
-/// A page has no signals: whoever stops its worker ends it.
+/// A web page has no signals. To stop a command, the page ends its worker.
 #[cfg(target_family = "wasm")]
 fn set_handler(_: impl FnMut() + Send + 'static) -> Result<(), Error> {
     Ok(())

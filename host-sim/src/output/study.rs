@@ -1,9 +1,9 @@
-//! The folder of a study: what it is of (`study.json`), a part for each unit, and the manifest that says which parts
-//! are whole (`manifest.jsonl`).
+//! The folder of a study: its description (`study.json`), one part for each unit, and the manifest with the complete
+//! parts (`manifest.jsonl`).
 //!
-//! A part is written whole (draft, flushed to the disk, renamed), then a line of the manifest is appended and flushed.
-//! So a run may be killed at any instant: a part without its line is made again, with the same bytes, and a line that was
-//! torn is cut off.
+//! A part is written completely (draft, flush, rename). Then a line is appended to the manifest and flushed. So a run
+//! may be killed at any time. A part without its line is made again, with the same bytes. An incomplete line is cut
+//! off.
 
 use std::{
     collections::BTreeMap,
@@ -29,10 +29,10 @@ use crate::{
 
 /// File that describes the study.
 const HEAD: &str = "study.json";
-/// Which parts are whole.
+/// File with the list of complete parts.
 const MANIFEST: &str = "manifest.jsonl";
 
-/// What a study is of; `key` and what it is made of must be the same for `--resume`.
+/// Description of a study. For `--resume`, `key` and its contents must be the same.
 #[derive(Debug, Serialize, Deserialize)]
 struct Head {
     schema_version: u32,
@@ -48,9 +48,9 @@ struct Head {
     points: u64,
     units: u64,
     columns: Vec<String>,
-    /// Each scene with one estimator.
+    /// One block for each pair of scene and estimator.
     blocks: Vec<HeadBlock>,
-    /// The study's file, to the letter.
+    /// Text of the study's file, unchanged.
     study_text: String,
     key: String,
 }
@@ -97,7 +97,7 @@ impl Head {
         }
     }
 
-    /// What differs first in `other`, the study of a folder.
+    /// First difference from `other`, the study in a folder.
     fn difference(&self, other: &Self) -> Option<String> {
         let pairs = [
             ("schema_version", self.schema_version.to_string(), other.schema_version.to_string()),
@@ -125,18 +125,18 @@ impl Head {
     }
 }
 
-/// The beginning of a hash, for a person.
+/// The first digits of a hash, for people.
 fn short(hash: &str) -> String {
     hash.chars().take(12).collect()
 }
 
-/// A line of the manifest: a part that is whole.
+/// A line of the manifest. Its part is complete.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Entry {
     /// Number of the unit.
     pub unit: u64,
     pub key: String,
-    /// Name of its part.
+    /// File name of the unit's part.
     pub file: String,
     /// Bytes of the part.
     pub bytes: u64,
@@ -144,16 +144,16 @@ pub struct Entry {
     pub sha256: String,
     /// Rows of the part.
     pub rows: u64,
-    /// Hits that it took.
+    /// Number of hits that were run for the part.
     pub hits: u64,
 }
 
-/// What a unit's part holds.
+/// Content of a unit's part.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Part {
     pub csv: String,
     pub rows: u64,
-    /// Hits that it took.
+    /// Number of hits that were run for the part.
     pub hits: u64,
 }
 
@@ -164,27 +164,27 @@ impl From<&Made> for Part {
     }
 }
 
-/// The folder of a study; one run at a time has it.
+/// The folder of a study. Only one run at a time can open it.
 #[derive(Debug)]
 pub struct Folder {
     path: PathBuf,
-    /// Units whose parts are whole.
+    /// Units with complete parts.
     done: BTreeMap<u64, Entry>,
     manifest: File,
-    /// Bytes of the manifest that are whole lines.
+    /// Length of the manifest's complete lines, bytes.
     whole: u64,
     inputs: Vec<PathBuf>,
     is_resumed: bool,
-    /// Locked while this lives.
+    /// Keeps the lock on the study.
     _head: File,
 }
 
 impl Folder {
-    /// The folder at `path`, new, or with `resume` one that was begun.
+    /// Opens the folder at `path`: a new one, or with `resume` an existing one.
     ///
     /// # Errors
-    /// [`Error::Input`]: it holds a study and `resume` is not given, or holds another study; another run has it; it
-    /// cannot be written. [`Error::File`] on a full disk.
+    /// [`Error::Input`] if the folder holds a study and `resume` is not given, if it holds another study, if another
+    /// run has it open, or if it cannot be written. [`Error::File`] on a full disk.
     pub fn open(
         path: &Path,
         study: &Study,
@@ -252,15 +252,15 @@ impl Folder {
         Ok(Self { path, done, manifest, whole, inputs, is_resumed, _head: lock })
     }
 
-    /// Units whose parts are whole.
+    /// Units with complete parts.
     pub fn done(&self) -> &BTreeMap<u64, Entry> {
         &self.done
     }
 
-    /// Writes the part of a unit and enters it.
+    /// Writes the part of a unit, and adds its line to the manifest.
     ///
     /// # Errors
-    /// [`Error::File`], on a full disk for example; what was entered before stays.
+    /// [`Error::File`], for example on a full disk. Earlier lines stay.
     pub fn add(&mut self, unit: u64, key: String, made: &Part) -> Result<(), Error> {
         let file = format!("part-{unit:08}.csv");
         let Part { csv, rows, hits } = made;
@@ -275,7 +275,7 @@ impl Folder {
         let line = entry.line()?;
         let appended = self.manifest.write_all(line.as_bytes());
         if let Err(error) = appended.and_then(|()| self.manifest.sync_data()) {
-            let _ = self.manifest.set_len(self.whole); // else the next run cuts it
+            let _ = self.manifest.set_len(self.whole); // if this fails, the next run cuts it
             return Err(Error::file(place)(error));
         }
         self.whole += line.len() as u64;
@@ -284,11 +284,11 @@ impl Folder {
         Ok(())
     }
 
-    /// The manifest in the order of the units, so that a study made anywhere, in any order, has the bytes of one that was
-    /// made here. To be called at the end.
+    /// Sorts the manifest by units. So a study has the same bytes, independent of the machine and of the order of its
+    /// units. Call it at the end.
     ///
     /// # Errors
-    /// [`Error::File`]; what was entered stays.
+    /// [`Error::File`]. All lines stay.
     pub fn finish(self) -> Result<BTreeMap<u64, Entry>, Error> {
         let place = self.path.join(MANIFEST);
         let lines: Result<String, Error> = self.done.values().map(Entry::line).collect();
@@ -304,14 +304,14 @@ impl Folder {
 }
 
 impl Entry {
-    /// Its line of the manifest.
+    /// The line of this entry in the manifest.
     fn line(&self) -> Result<String, Error> {
         let line = serde_json::to_string(self);
         let line = line.map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))?;
         Ok(line + "\n")
     }
 
-    /// Whether its part is there, to the last bit.
+    /// Whether the entry's part exists with exactly these bytes.
     fn is_whole(&self, folder: &Path) -> bool {
         let part = folder.join(&self.file);
         let is_as_long = fs::metadata(&part).is_ok_and(|found| found.len() == self.bytes);

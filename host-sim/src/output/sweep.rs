@@ -34,7 +34,7 @@ use crate::{
     },
 };
 
-/// All files that a study may have. `sensitivity.csv` and the figure of a hit are not always there.
+/// All files that a study may have. `sensitivity.csv` and the figure of a hit may be absent.
 pub const FILES: &[&str] = &[
     QUIET_AREAS,
     QUIET_BOUNDARY,
@@ -85,26 +85,26 @@ pub struct Study {
     pub prepared: PreparedScene,
     /// Arithmetic of the controller.
     pub numeric: Numeric,
-    /// Walks of each cutoff.
+    /// Walks per cutoff.
     pub repeats: u32,
     pub result: SweepResult,
-    /// Walls that the firmware may render, per cutoff.
+    /// Walls that the firmware may render, by cutoff.
     pub envelopes: Vec<Envelope>,
-    /// The sensitivity study; empty if none was asked for.
+    /// The sensitivity study; empty if the user did not ask for it.
     pub variants: Vec<VariantResult>,
-    /// Other limits; `None` if nobody asked for them.
+    /// Other limits; `None` if the user did not ask for them.
     pub limits: Option<LimitStudy>,
-    /// Other loops, if they were asked for.
+    /// Other loops; `None` if the user did not ask for them.
     pub levers: Option<LeverStudy>,
-    /// Other rates, if they were asked for.
+    /// Other rates; `None` if the user did not ask for them.
     pub rates: Option<RateStudy>,
-    /// How sure each wall is, if it was asked for.
+    /// Probabilities of the walls; `None` if the user did not ask for them.
     pub probability: Option<ProbabilityStudy>,
-    /// Why the limit that stands beside a plain question is left out.
+    /// Reason why the default second limit is left out.
     pub limits_left_out: Option<String>,
-    /// The cutoff to dial in; `None` in the paper's own study.
+    /// The recommended cutoff; `None` in the paper's own study.
     pub quiet: Option<QuietStudy>,
-    /// The command that made it.
+    /// The command of this study.
     pub command: String,
 }
 
@@ -122,7 +122,7 @@ pub struct Summary {
     ideal_cutoff_range_basis: Option<&'static str>,
     cutoffs: Vec<CutoffSummary>,
     notes: Vec<String>,
-    /// Keys of the scene.
+    /// Keys of the scene whose values are estimated.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     estimated: Vec<String>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -160,7 +160,7 @@ struct VariantSummary {
     area_at_ideal_n2_s_per_m2: Option<f64>,
 }
 
-/// How frequencies are given, one sentence.
+/// The meaning of the frequencies in one sentence.
 fn convention(study: &Study, best_hz: Option<f64>) -> String {
     let scene = &study.scene.scene;
     let shown = best_hz.or_else(|| study.result.cutoffs.last().map(|last| last.cutoff_hz));
@@ -187,7 +187,7 @@ fn subtitle(study: &Study) -> String {
     ))
 }
 
-/// Digits of a number without the last ones of a unit conversion.
+/// Digits of a number, without the last digits, which a unit conversion may change.
 const DIGITS: usize = 10;
 
 impl Study {
@@ -214,14 +214,14 @@ impl Study {
         }
     }
 
-    /// The cutoff to dial in and what to do next, and what the scene's own criterion says.
+    /// The recommended cutoff, the next step, and the result by the scene's own criterion.
     pub fn answers(&self) -> Vec<String> {
         let Some(quiet) = &self.quiet else { return vec![] };
         let own = by_its_own(&self.scene, self.result.ideal);
         sentences(&self.scene, quiet).into_iter().chain(own).collect()
     }
 
-    /// Draws and writes every file.
+    /// Draws and writes all files.
     pub fn write(&self, outputs: &mut Outputs, to: FolderPlace) -> Result<(), Error> {
         let manifest = Manifest::new(self.command.clone(), &self.scene);
         let mut figures = vec![];
@@ -281,7 +281,7 @@ impl Study {
         outputs.add(to, MANIFEST, json(&manifest)?)
     }
 
-    /// What is recommended, with all cutoffs that were tried.
+    /// The recommendation, and the study with all cutoffs that were tried.
     fn recommended(&self) -> Option<(&QuietStudy, &Recommended)> {
         let quiet = self.quiet.as_ref()?;
         Some((quiet, quiet.recommended.as_ref().ok()?))
@@ -302,7 +302,7 @@ impl Study {
         Ok(Some(ReportFigure { figure, caption: caption.into() }))
     }
 
-    /// The boundaries of the cutoffs that were asked for, and of the recommended one.
+    /// The boundaries of the user's cutoffs and of the recommended cutoff.
     fn quiet_walls(&self) -> Result<Option<ReportFigure>, Error> {
         let Some((quiet, found)) = self.recommended() else { return Ok(None) };
         let asked = |cutoff_hz| self.result.cutoffs.iter().any(|of| of.cutoff_hz == cutoff_hz);
@@ -353,7 +353,7 @@ impl Study {
         })?)
     }
 
-    /// The caption of a figure by the scene's own criterion, where another is recommended by.
+    /// The caption of a figure by the scene's own criterion. It says so if the recommendation uses another criterion.
     fn by_its_own(&self, caption: &str) -> String {
         let Some(_) = self.recommended() else { return caption.into() };
         let criterion = self.scene.scene.wall_hit.criterion.name();
@@ -377,7 +377,7 @@ impl Study {
         Ok(ReportFigure { figure, caption: self.by_its_own(&caption) })
     }
 
-    /// `best`: the cutoff that is marked, and its range.
+    /// `best` is the cutoff that gets a mark, with its range.
     fn areas<'a>(
         &self,
         title: String,
@@ -399,7 +399,7 @@ impl Study {
         })?)
     }
 
-    /// The hit on the stiffest wall of the boundary at the ideal cutoff.
+    /// The hit on the stiffest wall at the ideal cutoff.
     fn hit(&self) -> Result<Option<ReportFigure>, Error> {
         let Some(ideal) = self.result.ideal else {
             return Ok(None);
@@ -430,7 +430,7 @@ impl Study {
         Ok(Some(ReportFigure { figure, caption: self.by_its_own(caption) }))
     }
 
-    /// What a reader must know beside the numbers.
+    /// Notes that a reader needs to understand the numbers.
     pub fn notes(&self) -> Vec<String> {
         let left_out = self.limits_left_out.iter();
         let left_out = left_out.map(|why| format!("the limit of one count is left out: {why}"));
@@ -440,7 +440,7 @@ impl Study {
         notes.map(|note| units.text(&note)).chain(estimated).collect()
     }
 
-    /// For the firmware, see [`crate::study::envelope`].
+    /// The envelope for the firmware, see [`crate::study::envelope`].
     fn envelope_csv(&self, envelopes: &[Envelope]) -> String {
         format!("{}{}", envelope::HEADER, envelope::rows(&self.scene, envelopes))
     }
@@ -458,7 +458,7 @@ impl Study {
         text
     }
 
-    /// What was asked for beside the scene's own sweep, as people read it.
+    /// Texts for people: the results that the user asked for beside the scene's own sweep.
     pub fn texts(&self) -> Vec<(&'static str, String)> {
         [
             self.limits.as_ref().map(|limits| ("Limits", limits.text())),
@@ -492,7 +492,7 @@ impl Study {
     }
 }
 
-/// `boundary.csv`, in m and N.
+/// Text of `boundary.csv`, in m and N.
 pub fn boundary_csv(cutoffs: &[CutoffResult], repeats: u32) -> String {
     let mut text =
         String::from("cutoff_hz,repeat,start_offset_counts,damping_n_s_per_m,stiffness_n_per_m\n");
@@ -508,7 +508,7 @@ pub fn boundary_csv(cutoffs: &[CutoffResult], repeats: u32) -> String {
     text
 }
 
-/// `areas.csv`, in m and N.
+/// Text of `areas.csv`, in m and N.
 pub fn areas_csv(cutoffs: &[CutoffResult]) -> String {
     let mut text = String::from(
         "cutoff_hz,true_cutoff_hz,area,area_low,area_high,stiffness_peak_n_per_m,damping_max_n_s_per_m\n",
@@ -521,7 +521,7 @@ pub fn areas_csv(cutoffs: &[CutoffResult]) -> String {
 }
 
 impl VariantResult {
-    /// What changes, and where the ideal cutoff then is.
+    /// The change, and the ideal cutoff with this change.
     pub fn sentence(&self) -> String {
         match self.result.ideal {
             None => format!("{}: no stable wall at any cutoff", self.change),
@@ -550,12 +550,12 @@ fn cutoff_summary(result: &CutoffResult) -> CutoffSummary {
     CutoffSummary { areas: area_row(result), walks: walks.collect() }
 }
 
-/// Each cutoff in numbers, for every table and figure that has a row of it.
+/// Numbers of each cutoff, for tables and figures.
 pub fn areas(result: &SweepResult) -> impl Iterator<Item = AreaPoint> {
     result.cutoffs.iter().map(area_row)
 }
 
-/// What the rows of all CSV tables of areas begin with.
+/// The first cells of a row in all CSV tables of areas.
 fn area_cells(row: &AreaPoint) -> String {
     let AreaPoint { cutoff_hz, true_cutoff_hz, area, area_low, area_high, .. } = row;
     format!("{cutoff_hz},{true_cutoff_hz},{area},{area_low},{area_high}")

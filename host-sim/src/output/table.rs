@@ -1,11 +1,11 @@
-//! Tables of results in the format that their file's ending asks for: CSV, Parquet, MCAP.
+//! Tables of results in the format of their file's ending: CSV, Parquet, MCAP.
 //!
-//! A command writes CSV; what another format is made of is that text, so that its values are those of the CSV. Parquet
-//! and MCAP come with the feature `open-files`.
+//! A command writes CSV. Other formats are converted from this text, so their values are the values of the CSV.
+//! Parquet and MCAP need the feature `open-files`.
 //!
-//! A column whose name ends in a unit that is no count, and an area, is of 64-bit floats, whatever stands in it: a study's parts have
-//! one schema. A column of another kind is of 64-bit integers if all its cells are, else of floats, else of text. An
-//! empty cell is null.
+//! A column is of 64-bit floats if its name ends in a unit other than a count, or if it is an area. Its cells do not
+//! matter, so all parts of a study have one schema. Another column is of 64-bit integers if all its cells are
+//! integers, else of floats if all are numbers, else of text. An empty cell is null.
 
 use std::path::Path;
 
@@ -17,31 +17,31 @@ mod mcap;
 #[cfg(feature = "open-files")]
 mod parquet;
 
-/// What a table's rows are.
+/// Meaning of a table's rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind {
-    /// Nothing that comes one after another in time.
+    /// Rows without an order in time.
     Rows,
-    /// One moment each: the column `time_s`, else `sample` at that rate, Hz.
+    /// One instant per row. The time is the column `time_s`, or else `sample` at this rate, Hz.
     Moments { rate_hz: f64 },
 }
 
-/// How a table is written.
+/// File format of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// Comma-separated values, as docs/files.md has them.
+    /// Comma-separated values, as described in docs/files.md.
     Csv,
-    /// Apache Parquet, one row group, compressed by Snappy.
+    /// Apache Parquet, one row group, compressed with Snappy.
     Parquet,
-    /// MCAP with a message of JSON for each row.
+    /// MCAP with one JSON message for each row.
     Mcap,
 }
 
 impl Format {
-    /// The one that a file's ending asks for; what is neither `.parquet` nor `.mcap` is CSV.
+    /// The format of a file's ending. Every ending other than `.parquet` and `.mcap` gives CSV.
     ///
     /// # Errors
-    /// [`Error::Input`] if this build has not got it, or the table has no times and its format wants them.
+    /// [`Error::Input`] if this build lacks the format, or if the format needs times and the table has none.
     pub fn of(path: &Path, kind: Kind) -> Result<Self, Error> {
         let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
         let shown = path.display();
@@ -58,10 +58,10 @@ impl Format {
         format.is_there(&shown.to_string()).map(|()| format)
     }
 
-    /// Whether this build has it; `what` asks for it.
+    /// Checks that this build has the format. `what` names the option that needs it.
     ///
     /// # Errors
-    /// [`Error::Input`] if not.
+    /// [`Error::Input`] if this build lacks the format.
     pub fn is_there(self, what: &str) -> Result<(), Error> {
         if self == Self::Csv || cfg!(feature = "open-files") {
             return Ok(());
@@ -72,10 +72,10 @@ impl Format {
     }
 }
 
-/// What is told beside the rows: where they come from, and what they are.
+/// Facts beside the rows: their origin and their meaning.
 #[derive(Clone, Debug)]
 pub struct About {
-    /// What the rows are.
+    /// Meaning of the rows.
     pub kind: Kind,
     /// The manifest as JSON text.
     pub manifest: String,
@@ -98,13 +98,14 @@ pub fn bytes(format: Format, csv: &str, about: &About) -> Result<Vec<u8>, Error>
     bytes.map_err(|error| Error::Internal(format!("cannot write the table: {error}")))
 }
 
-/// The bytes of a table: CSV, because [`Format::of`] has refused the others.
+/// The bytes of a table as CSV. No other format is possible, because [`Format::of`] returned an error for other
+/// formats.
 #[cfg(not(feature = "open-files"))]
 pub fn bytes(_: Format, csv: &str, _: &About) -> Result<Vec<u8>, Error> {
     Ok(csv.into())
 }
 
-/// Ends of column names that no key of a scene has, their units, and whether they are whole numbers.
+/// Endings of column names that scenes do not have: their units, and whether the values are whole numbers.
 const UNITS: [(&str, &str, bool); 5] = [
     ("_fraction", "1", false),
     ("_counts", "counts", true),
@@ -113,7 +114,7 @@ const UNITS: [(&str, &str, bool); 5] = [
     ("_q30", "2^-30 of full scale", true),
 ];
 
-/// Cells of a column, none where the table has nothing.
+/// Cells of a column; `None` for an empty cell.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Cells {
     Integers(Vec<Option<i64>>),
@@ -179,7 +180,7 @@ impl Column {
     }
 }
 
-/// All cells by `read`, if it takes each that is not empty.
+/// Converts all cells. Returns `None` if a cell that is not empty cannot be converted.
 fn all<T>(cells: &[&str], read: impl Fn(&str) -> Option<T>) -> Option<Vec<Option<T>>> {
     let read = |cell: &&str| if cell.is_empty() { Some(None) } else { read(cell).map(Some) };
     cells.iter().map(read).collect()

@@ -1,4 +1,4 @@
-//! How every command line begins and ends: arguments, signals, what it prints, errors.
+//! Begin and end of every command line: arguments, signals, output, errors.
 
 use std::{
     io::{self, Write as _},
@@ -17,18 +17,18 @@ use crate::{
     output::{SCHEMA_VERSION, files, signals},
 };
 
-/// What the standard library says of a word that is no number, and what helps.
+/// The standard library's messages for a word that is not a number, and clearer messages.
 const NUMBERS: [(&str, &str); 2] = [
     ("invalid float literal", "it has to be a number, without a unit"),
     ("invalid digit found in string", "it has to be a whole number, without a unit"),
 ];
 
-/// Whether result and error are to be JSON, and the command; `None` if there is no such command.
+/// Whether result and error are printed as JSON, and the command. The command is `None` if it does not exist.
 static JSON: OnceLock<(bool, Option<String>)> = OnceLock::new();
-/// One error is enough.
+/// Whether an error was printed. Only the first error is printed.
 static SAID: AtomicBool = AtomicBool::new(false);
 
-/// The one JSON object of a command: its head, and what it says.
+/// The one JSON object of a command: head and content.
 #[derive(Serialize)]
 struct Headed<'a, T: Serialize> {
     schema_version: u32,
@@ -37,7 +37,7 @@ struct Headed<'a, T: Serialize> {
     body: T,
 }
 
-/// An error for a program, on stdout in place of the result.
+/// An error for a program. It is on stdout instead of the result.
 #[derive(Serialize)]
 struct Failed<'a> {
     error: JsonError<'a>,
@@ -50,8 +50,8 @@ struct JsonError<'a> {
     exit_code: u8,
 }
 
-/// Runs a command line, listening to signals, says what went wrong, if anything did, and returns the exit code: 0 done,
-/// 1 failed, 2 bad input, 130 interrupted.
+/// Runs a command line and listens to signals. Prints an error, if there is one, and returns the exit code: 0 done, 1
+/// failed, 2 invalid input, 130 interrupted.
 pub fn run<T: Parser>(execute: impl FnOnce(T) -> Result<(), Error>) -> u8 {
     let cli = match parse() {
         Ok(cli) => cli,
@@ -64,7 +64,7 @@ pub fn run<T: Parser>(execute: impl FnOnce(T) -> Result<(), Error>) -> u8 {
     error.exit_code()
 }
 
-/// The command line, or the exit code: help, version or what is wrong has been said.
+/// The parsed command line, or an exit code after help, version or an error was printed.
 fn parse<T: Parser>() -> Result<T, u8> {
     let matches = T::command().try_get_matches();
     let cli = matches.and_then(|mut matches| {
@@ -78,7 +78,7 @@ fn parse<T: Parser>() -> Result<T, u8> {
     cli.map_err(|error| {
         let is_help = matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
         if is_help || error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-            let _ = error.print(); // a closed pipe is no reason to panic
+            let _ = error.print(); // a closed pipe must not cause a panic
             return u8::from(error.use_stderr()) * 2;
         }
         let text = error.to_string();
@@ -98,7 +98,8 @@ fn parse<T: Parser>() -> Result<T, u8> {
     })
 }
 
-/// One line on stderr, and the object for a program on stdout. Where nobody can be told, the exit code says it.
+/// Prints one line on stderr, and for a program an object on stdout. If neither can be printed, only the exit code
+/// shows the error.
 fn say_error(error: &Error) {
     if SAID.swap(true, Ordering::Relaxed) {
         return;
@@ -111,7 +112,7 @@ fn say_error(error: &Error) {
     }
 }
 
-/// `body` as JSON with the head that every object has: schema and command.
+/// `body` as JSON with the head of every object: schema version and command.
 pub fn headed(body: impl Serialize) -> Result<String, Error> {
     let command = JSON.get().and_then(|(_, command)| command.as_deref());
     let headed = Headed { schema_version: SCHEMA_VERSION, command, body };
@@ -124,7 +125,7 @@ pub fn print_json(body: impl Serialize) -> Result<(), Error> {
     print_text(&headed(body)?)
 }
 
-/// Prints what a command came to: with `--json` its one object, else the text.
+/// Prints the result of a command: with `--json` one object, else the text.
 pub fn print_result(
     json: bool,
     body: impl Serialize,
@@ -133,7 +134,7 @@ pub fn print_result(
     if json { print_json(body) } else { print_text(&text()) }
 }
 
-/// Prints lines; a reader that hangs up is not an error of ours.
+/// Prints lines. A closed pipe is not an error.
 pub fn print_text(text: &str) -> Result<(), Error> {
     let mut stdout = io::stdout();
     let printed = writeln!(stdout, "{}", printable(text, true)).and_then(|()| stdout.flush());
@@ -143,7 +144,7 @@ pub fn print_text(text: &str) -> Result<(), Error> {
     }
 }
 
-/// A remark on stderr.
+/// Prints a note on stderr.
 pub fn note(text: &str) {
     let _ = writeln!(io::stderr(), "{}", printable(text, true));
 }

@@ -1,4 +1,4 @@
-//! Every sample of one hit, as CSV and as a figure.
+//! All samples of one hit, as CSV and as a figure.
 
 use std::fmt::Write as _;
 
@@ -12,10 +12,10 @@ use crate::{
     },
 };
 
-/// One row per sample. `force_n` is the force that the controller asks for, held from output to
-/// output; `output_n` is the force on the handle at the end of the sample, after latency and
-/// output quantisation; `flags` is the sum of its bits in [`trace`](crate::simulation::trace);
-/// `port_energy_j` is what the wall has taken in this contact, see [`zwidth::port`].
+/// One row per sample. `force_n` is the commanded force, held between outputs. `output_n` is the force on the handle
+/// at the end of the sample, after latency and output quantisation. `flags` is the sum of the bits in
+/// [`trace`](crate::simulation::trace). `port_energy_j` is the energy that the wall has taken in this contact, see
+/// [`zwidth::port`].
 pub fn csv(trace: &Trace) -> String {
     let mut text = String::from(
         "time_s,position_m,count,velocity_m_per_s,force_n,output_n,flags,port_energy_j\n",
@@ -32,7 +32,7 @@ pub fn csv(trace: &Trace) -> String {
     text
 }
 
-/// Position over time, with settle phase and window.
+/// Position over time, with the settle phase and the window.
 pub fn figure(
     trace: &Trace,
     scene: &NamedScene,

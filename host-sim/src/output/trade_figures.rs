@@ -8,9 +8,9 @@ use lab_trade::{
     table::{filter_points, pareto, plant_points},
 };
 
-/// Cutoffs that the Pareto figure shows: the ones tried that are nearest to these, Hz.
+/// Cutoffs of the Pareto figure, Hz. For each of them, the nearest tried cutoff is shown.
 const SHOWN_HZ: [f64; 4] = [1.0, 20.0, 200.0, 2000.0];
-/// Variants of the figure over the cutoff.
+/// Variants in the figure over the cutoff.
 const FOLLOWED: [(Format, Form); 8] = [
     (Format::I32Feedback, Form::Direct1),
     (Format::I32, Form::Direct1),
@@ -22,9 +22,9 @@ const FOLLOWED: [(Format, Form); 8] = [
     (Format::F64, Form::Direct1),
 ];
 
-/// Shares of what is allowed below this are drawn as this.
+/// Smaller errors, relative to the allowed error, are drawn at this value.
 const SHARE_FLOOR: f64 = 1e-4;
-/// Shares above this are drawn on the frame, as what blows up is.
+/// Larger errors, relative to the allowed error, are drawn on the frame, like unstable filters.
 const SHARE_CEILING: f64 = 1e6;
 
 fn error_name(criterion: Criterion) -> &'static str {
@@ -121,13 +121,13 @@ pub fn filters(scene: &str, filters: &Filters, bench: &Bench) -> Result<Figure, 
     })
 }
 
-/// Where the formats fail, drawn: see [`cutoffs_plot`].
+/// Figure of the cutoffs at which the formats fail: see [`cutoffs_plot`].
 pub fn cutoffs(scene: &str, filters: &Filters) -> Result<Figure, FigureError> {
     trade(&cutoffs_plot(scene, filters))
 }
 
-/// Where the formats fail: a panel for each of [`Criterion::ALL`], with the error over what is allowed at each cutoff.
-/// A filter would do where it is above the line in no panel.
+/// Cutoffs at which the formats fail: a panel for each of [`Criterion::ALL`] with the error divided by the allowed
+/// error. A filter is usable at a cutoff if it is above the line in no panel.
 pub fn cutoffs_plot(scene: &str, filters: &Filters) -> TradePlot {
     let shares = |variant: Variant, criterion: Criterion| -> Vec<[f64; 2]> {
         let rows = filters.rows.iter().filter(|row| row.variant == variant);
@@ -163,7 +163,7 @@ pub fn cutoffs_plot(scene: &str, filters: &Filters) -> TradePlot {
     }
 }
 
-/// Error of the plant over operations.
+/// Error of the plant over the number of operations.
 pub fn plants(scene: &str, plants: &Plants) -> Result<Figure, FigureError> {
     let points = plant_points(plants);
     let methods = [

@@ -1,4 +1,4 @@
-//! What `compare --usable` writes: a table for programs, one for people, one picture.
+//! Output of `compare --usable`: a table for programs, a table for people, a figure.
 
 use std::fmt::Write as _;
 
@@ -19,10 +19,10 @@ pub fn csv(study: &UsableStudy) -> String {
     versioned(study.table()).csv()
 }
 
-/// The largest usable K over B of each estimator, within the first limit that is one.
+/// The largest usable K over B of each estimator, within the smallest error limit.
 ///
 /// # Errors
-/// It cannot be drawn.
+/// The figure cannot be drawn.
 pub fn figure(study: &UsableStudy, scene: &NamedScene) -> Result<Figure, FigureError> {
     let limits = study.question.limits.iter().copied();
     let limit = limits.reduce(f64::min).unwrap_or(f64::INFINITY);

@@ -1,4 +1,4 @@
-//! `cargo sim agree`: a measured walk beside the predicted one.
+//! `cargo sim agree`: compares a measured walk with the predicted one.
 
 use std::{
     fs,
@@ -10,7 +10,7 @@ use serde_json::Value;
 
 const SIM: &str = env!("CARGO_BIN_EXE_host-sim");
 
-/// The tutorial's handle, whose walk has three values of B.
+/// A folder with the scene of the tutorial's handle. A walk of this scene has three values of B.
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples");
@@ -56,7 +56,7 @@ fn a_walk_of_the_scene_agrees_and_one_of_a_slower_amplifier_names_it() {
     assert_eq!((table.lines().next(), table.lines().count()), (Some(head), 4));
     let figure = fs::read_to_string(place.join("both.svg")).unwrap();
     assert!(figure.contains("measured") && figure.contains("predicted"));
-    // People get the same answer, and nothing is replaced.
+    // The text for people has the same answer, and existing files are not replaced.
     let output = run(place, &["agree", "known.toml", "slow.csv"]);
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(text.contains("they differ") && text.contains("amplifier.bandwidth_hz"), "{text}");

@@ -1,4 +1,4 @@
-//! The command line as a user meets it: bad input, output files, interruption.
+//! The command line for users: invalid input, output files, interruption.
 
 use std::{
     fs,
@@ -18,7 +18,7 @@ pub fn sim(folder: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_host-sim")).current_dir(folder).args(args).output().unwrap()
 }
 
-/// A scene file in a folder of its own, with `from` replaced by `to`.
+/// A scene file in its own folder, with `from` replaced by `to`.
 pub fn scene(from: &str, to: &str) -> TempDir {
     let text = SCENE;
     assert!(text.contains(from), "{from}");
@@ -27,7 +27,8 @@ pub fn scene(from: &str, to: &str) -> TempDir {
     folder
 }
 
-/// Asserts exit code 2, one line on stderr, nothing on stdout but with `--json`, and no new file; returns the line.
+/// Asserts exit code 2, one line on stderr, nothing on stdout except with `--json`, and no new file. Returns the
+/// line.
 #[track_caller]
 pub fn refused(folder: &Path, args: &[&str]) -> String {
     let before = listing(folder);
@@ -58,7 +59,7 @@ pub fn listing(folder: &Path) -> Vec<String> {
 
 pub const WALL: [&str; 6] = ["--cutoff", "500", "--stiffness", "4000", "--damping", "20"];
 
-/// `hit` on a stable wall.
+/// Arguments of `hit` on a stable wall.
 pub fn hit(scene: &str, extra: &[&str]) -> Vec<String> {
     [&["hit", scene], &WALL[..], extra].concat().into_iter().map(str::to_owned).collect()
 }
@@ -168,7 +169,7 @@ fn bad_arguments_are_refused_with_option_value_and_range() {
     }
 }
 
-/// What `hit` runs with: its cutoff, or why it does not run, and what it notes.
+/// The cutoff of a `hit`, or null if the command fails; and its text on stderr.
 fn cutoff_of(folder: &Path, option: &[&str]) -> (Value, String) {
     let args = [&["hit", "mine.toml", "--json"], &WALL[2..], option].concat();
     let output = sim(folder, &args);
@@ -268,14 +269,14 @@ fn a_hit_prints_one_json_object_and_writes_its_trace() {
     assert_eq!(lines.next(), Some(header));
     assert_eq!(lines.clone().count(), 60_000);
     assert!(lines.next().unwrap().starts_with("0,0,0,0,2.8"));
-    // flags: 2 with every tenth sample; 1 exactly where the count is beyond the wall's
+    // flags: 2 with every tenth sample; 1 exactly when the count is beyond the wall's surface
     for (n, line) in trace.lines().skip(1).enumerate() {
         let fields: Vec<&str> = line.split(',').collect();
         let (count, flags): (i32, u8) = (fields[2].parse().unwrap(), fields[6].parse().unwrap());
         assert_eq!(flags & 2 != 0, n % 10 == 0, "{line}");
         assert_eq!(flags & 1 != 0, count > 70_000, "{line}");
     }
-    // a file that is there is not replaced unasked
+    // an existing file is replaced only with --force
     let line = refused(folder.path(), &args);
     assert!(line.contains("t.csv is there already; --force replaces it"), "{line}");
     let forced: Vec<&str> = args.iter().copied().chain(["--force"]).collect();
@@ -291,7 +292,7 @@ fn a_hit_prints_one_json_object_and_writes_its_trace() {
     assert!(refused(folder.path(), &odd).contains(".svg and .png"));
 }
 
-/// As `cargo sim` is built; `.ci/open-files` tries the other build.
+/// This test is for the default build; `.ci/open-files` tests the other build.
 #[test]
 fn a_build_without_parquet_and_mcap_says_so_and_writes_nothing() {
     let folder = TempDir::new().unwrap();
@@ -364,7 +365,7 @@ fn results_are_complete_the_same_for_any_thread_count_and_not_replaced_unasked()
         assert!(!bytes("one").is_empty());
     }
     assert_eq!(fs::read_dir(folder.path().join("one")).unwrap().count(), names.len());
-    // every wall of the envelope is stable that lies on the grid of the hits
+    // every wall of the envelope that is on the grid of the hits is stable
     let envelope = fs::read_to_string(folder.path().join("one/envelope.csv")).unwrap();
     let row = envelope.lines().find(|line| line.starts_with("paper-2um,butterworth,200,10,10,60,"));
     let mut ends = row.unwrap().rsplit(',').map(|end| end.parse::<f64>().unwrap());
@@ -390,7 +391,7 @@ fn results_are_complete_the_same_for_any_thread_count_and_not_replaced_unasked()
 
 #[test]
 fn a_folder_that_cannot_be_written_is_refused_before_the_first_walk() {
-    // its first walk would fail too, and say something else
+    // the first walk would fail too, with another message
     let folder = scene("push_n = 2.835", "push_n = 0.1");
     fs::write(folder.path().join("file"), "").unwrap();
     let line = refused(folder.path(), &["sweep", "mine.toml", "--out", "file/below"]);
@@ -417,7 +418,7 @@ fn interrupt(signal: &str) {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // the staging folder shows that the work has begun
+    // the staging folder shows that the work has started
     let deadline = Instant::now() + Duration::from_secs(20);
     while !folder.path().join("zwidth-out/paper-2um").exists() {
         assert!(Instant::now() < deadline, "the sweep does not begin");
@@ -452,7 +453,7 @@ fn linear_gives_the_known_boundary_and_says_where_the_gain_margin_fails() {
     assert!(csv.starts_with("cutoff_hz,damping_n_s_per_m,stiffness_max_n_per_m\n20,0,1104"));
     let line = refused(folder.path(), &args[..4]);
     assert!(line.contains("--dampings"), "{line}");
-    // passivity of a loop that the scene's is not: the list says so
+    // the passivity condition leaves out parts of the scene's loop: the list names them
     let passive = ["linear", "paper-1um", "--cutoffs", "2000", "--dampings", "0", "--passivity"];
     let output = sim(folder.path(), &[&passive[..], &["--json", "--csv", "p.csv"]].concat());
     let json: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -466,7 +467,7 @@ fn linear_gives_the_known_boundary_and_says_where_the_gain_margin_fails() {
     assert!(csv.starts_with(&format!("{head}stiffness_passive_n_per_m\n")), "{csv}");
     let text = String::from_utf8(sim(folder.path(), &passive).stdout).unwrap();
     assert!(text.contains("not part of the passivity condition: actuator.period"), "{text}");
-    // of the scene's own loop: K < b / (T/2 + t_d) = 5.5195 / 1.5 ms, just inside its envelope of 3693 N/m
+    // with the scene's own loop: K < b / (T/2 + t_d) = 5.5195 / 1.5 ms, just inside its envelope of 3693 N/m
     let output = sim(folder.path(), &[&passive[..], &["--json", "--multirate"]].concat());
     let json: Value = serde_json::from_slice(&output.stdout).unwrap();
     let row = &json["rows"][0];
@@ -474,7 +475,7 @@ fn linear_gives_the_known_boundary_and_says_where_the_gain_margin_fails() {
     assert!((k / 3679.67 - 1.0).abs() < 1e-4, "{k}");
     assert!(k < row["stiffness_max_n_per_m"].as_f64().unwrap());
     assert_eq!(json["passivity_left_out"], serde_json::json!([]));
-    // where the paper's method fails, or has to choose between crossings, the terminal says so
+    // the text says where the paper's method fails, or must select one of several crossings
     let at = |cutoff: &str, damping: &str| {
         let args = ["linear", "paper-1um", "--cutoffs", cutoff, "--dampings", damping];
         String::from_utf8(sim(folder.path(), &args).stdout).unwrap()

@@ -55,7 +55,7 @@ fn a_design_depends_neither_on_threads_nor_engine_and_runs_as_a_scene() {
     for filter in filters {
         assert!(filter["gain_peak_db"].as_f64().unwrap() <= 6.0);
         let (b, a) = (numbers(&filter["b"]), numbers(&filter["a"]));
-        // reading JSON rounds
+        // reading JSON may round
         assert!((b.iter().sum::<f64>() - 1.0 - a[0] - a[1]).abs() < 1e-14, "a DC gain of one");
         let lead = filter["velocity"]["lead_s"].as_f64().unwrap();
         assert_eq!(filter["delay_s"].as_f64().unwrap(), -lead);
@@ -67,7 +67,7 @@ fn a_design_depends_neither_on_threads_nor_engine_and_runs_as_a_scene() {
             &fs::read_to_string(folder.path().join("one").join(name)).unwrap(),
         );
     }
-    // the best one as a scene holds the walls that were promised
+    // the scene with the best filter has the walls of the result
     let cutoff = numbers(&filters[0]["sweep"]["cutoffs_hz"])[0].to_string();
     let output = sim(folder.path(), &["walk", "one/best.toml", "--cutoff", &cutoff, "--json"]);
     let walked: Value = serde_json::from_slice(&output.stdout).unwrap();

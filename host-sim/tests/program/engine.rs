@@ -1,10 +1,10 @@
-//! `--engine core` and `--engine lanes`: the same bytes from every command that runs hits.
+//! `--engine core` and `--engine lanes`: all commands that run hits give the same bytes.
 
 use std::{fs, path::Path, process::Command};
 
 use tempfile::TempDir;
 
-/// The paper's device with short hits and walks of few of them.
+/// The paper's device with short hits and few walls per walk.
 fn scene(folder: &Path) {
     let text = include_str!("../../../scenes/paper-2um.toml")
         .replace("settle_s = 4.0", "settle_s = 1.5")
@@ -14,8 +14,8 @@ fn scene(folder: &Path) {
     fs::write(folder.join("short.toml"), text).unwrap();
 }
 
-/// Runs a command with both engines; what it printed, and those of its files, hold the same bytes. `FILE` in the
-/// arguments stands for a file or folder of each engine's own.
+/// Runs a command with both engines. Output and files must have the same bytes. `FILE` in the arguments becomes a
+/// file or folder for each engine.
 fn both(folder: &Path, command: &str, files: &[&str]) {
     let [core, lanes] = ["core", "lanes"].map(|engine| {
         let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))

@@ -1,4 +1,4 @@
-//! Hostile inputs and places: what a user types wrongly, what a file should not hold, what happens at a bad time.
+//! Hostile inputs and environments: wrong options, invalid files, failures at bad times.
 
 use std::{
     fs,
@@ -18,17 +18,17 @@ use crate::{
     identify_command::log_of,
 };
 
-/// Longest time from a signal to the end.
+/// Longest time from a signal to the program's end.
 const ENDS_IN: Duration = Duration::from_secs(1);
-/// Longest time of a command here that is not interrupted; one that hangs is killed.
+/// Longest time of a command that is not interrupted. After this time it is killed.
 const TAKES: Duration = Duration::from_secs(20);
 
-/// Under a limit of 2 GB of addresses, and without a core for each thread.
+/// The command with a limit of 2 GB of address space, and with fewer processors than threads.
 fn command(folder: &Path, args: &[&str]) -> Command {
     shell(folder, "ulimit -v 2000000", args)
 }
 
-/// After a line of the shell.
+/// The command after a line of the shell.
 fn shell(folder: &Path, first: &str, args: &[&str]) -> Command {
     let mut command = Command::new("sh");
     command.args(["-c", &format!("{first}; exec \"$0\" \"$@\" --threads 2")]);
@@ -37,7 +37,7 @@ fn shell(folder: &Path, first: &str, args: &[&str]) -> Command {
     command
 }
 
-/// A child that does not outlive its test.
+/// A child process that is killed at the end of its test.
 struct Started(Child);
 
 impl Started {
@@ -48,7 +48,7 @@ impl Started {
 
 impl Drop for Started {
     fn drop(&mut self) {
-        let _ = self.0.kill(); // it has ended, mostly
+        let _ = self.0.kill(); // in most cases it has already ended
         let _ = self.0.wait();
     }
 }
@@ -72,7 +72,7 @@ fn text(pipe: Option<impl std::io::Read>) -> String {
     text
 }
 
-/// Asserts exit code 2, one short line that says `wanted`, and no new file.
+/// Asserts exit code 2, one short line that contains `wanted`, and no new file.
 #[track_caller]
 fn bounded(folder: &Path, args: &[&str], wanted: &str) {
     let before = listing(folder);
@@ -96,7 +96,7 @@ fn json(output: &Output) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// A log of `rows` rows of a handle that swings.
+/// A log of `rows` rows of an oscillating handle.
 fn log(rows: usize) -> String {
     let wave = |n: usize, size: f64| size * (n as f64 * 1e-3).sin();
     Record {
@@ -111,7 +111,7 @@ fn log(rows: usize) -> String {
     .csv()
 }
 
-/// A device that needs 10,000 steps of an integrator for each sample: a hit takes minutes.
+/// A device that needs 10,000 integration steps per sample. A hit takes minutes.
 fn stiff() -> TempDir {
     let integrator = "[integrator]\nmethod = \"rk4\"\nsteps_per_sample = 10000\n\n[sweep]";
     scene("[sweep]", integrator)
@@ -128,7 +128,7 @@ fn every_command_ends_within_a_second_of_a_signal() {
     let hit: Vec<&str> = hit.iter().map(String::as_str).collect();
     let dampings = ["--cutoffs", "1001:1:1100", "--dampings", "0:0.1:999.9"];
     let grid = ["grid", "mine.toml", "--cutoffs", "500", "--dampings", "20", "--stiffnesses"];
-    // The fit first: it alone would end by itself while the others are waited for.
+    // The fit comes first: it could end by itself before it is interrupted.
     let cases: [(&str, Vec<&str>); 11] = [
         ("-TERM", vec!["identify", "log.csv", "--gain", "0.6", "--out", "o.toml"]),
         ("-INT", vec!["walk", "pipe", "--cutoff", "500", "--csv", "w.csv"]),
@@ -143,7 +143,7 @@ fn every_command_ends_within_a_second_of_a_signal() {
         ("-TERM", vec!["compare", "paper-1um", "--out", "compare"]),
     ];
     let mut late = vec![];
-    // A few at a time: on two cores all of them would wait for each other.
+    // Only a few at a time: on two processors all of them would slow each other down.
     for cases in cases.chunks(3) {
         let started = cases.iter().map(|(_, args)| Started::new(command(folder, args)));
         let mut children: Vec<Started> = started.collect();
@@ -265,7 +265,7 @@ fn a_place_that_another_run_writes_is_refused_and_a_killed_run_is_cleaned_up() {
     assert_eq!(line.trim_end().lines().count(), 1, "{line}");
     signal(&first.0, "-TERM");
     assert_eq!(wait(&mut first.0, 2 * ENDS_IN).and_then(|status| status.code()), Some(130));
-    // the folder is the killed run's; nothing else is left of it
+    // only the folder of the killed run remains
     assert_eq!(listing(folder.path()).len(), 1);
 }
 
@@ -274,7 +274,7 @@ fn several_outputs_appear_together_or_not_at_all() {
     let folder = TempDir::new().unwrap();
     let path = folder.path();
     fs::write(path.join("log.csv"), log_of(0.0, 20_000)).unwrap();
-    // A full disk: the scene fits, the CSV does not.
+    // The disk is full: the scene fits, but the CSV does not.
     let args =
         ["identify", "log.csv", "--gain", "0.5906", "--out", "new.toml", "--csv", "new/i.csv"];
     let before = listing(path);
@@ -284,7 +284,7 @@ fn several_outputs_appear_together_or_not_at_all() {
     assert!(line.contains("new/i.csv: File too large"), "{line}");
     assert_eq!(listing(path), before);
     assert!(sim(path, &args).status.success());
-    // Steps of 2^52 samples: rows can be had of it, a figure cannot.
+    // Steps of 2^52 samples: the rows can be written, but the figure cannot be drawn.
     let frames = (0..3).map(|n| {
         let record = TelemetryRecord { sample: u64::from(n) << 52, ..TelemetryRecord::default() };
         Frame { sequence: n, record }.encode()
@@ -294,7 +294,7 @@ fn several_outputs_appear_together_or_not_at_all() {
     let far = sim(path, &["telemetry", "far.bin", "--csv", "far.csv", "--plot", "far.svg"]);
     assert_eq!(far.status.code(), Some(1));
     assert_eq!(listing(path), before);
-    // Two scenes, the second of which has no place.
+    // Two scenes, and the second cannot be written.
     fs::create_dir_all(path.join("both/paper-2um/areas.csv")).unwrap();
     let before = listing(path);
     let both = ["sweep", "--cutoffs", "100", "--repeat", "1", "--out", "both", "--force"];
@@ -329,7 +329,7 @@ fn a_message_is_one_short_printable_line() {
     let output = sim(path, &[&["hit", named], &WALL[..]].concat());
     let said = String::from_utf8(output.stdout).unwrap();
     assert!(said.starts_with("e\\u{1b}[31m: stable"), "{said:?}");
-    // where nobody can be told, the exit code says it
+    // if nothing can be printed, only the exit code shows the error
     for (args, code) in [(vec!["walk", "no-scene"], 2), (vec!["wlak"], 2)] {
         let status = shell(path, "exec 2>/dev/full", &args).status().unwrap();
         assert_eq!(status.code(), Some(code), "{args:?}");
@@ -379,7 +379,7 @@ fn a_quantity_has_one_name_and_a_file_says_its_version() {
         assert_eq!(of["schema_version"], 2);
     }
     assert!(manifest["git_dirty"].is_boolean() || manifest["git_dirty"].is_null());
-    // scripts read these by their columns
+    // scripts read these files by their columns
     let head = "cutoff_hz,true_cutoff_hz,area,area_low,area_high,stiffness_peak_n_per_m,";
     assert!(read("areas.csv").starts_with(head));
 }

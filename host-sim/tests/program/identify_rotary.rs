@@ -1,4 +1,4 @@
-//! `identify` with a rotary base scene: what the same record says with the scene of the same device described by hand.
+//! `identify` with a rotary base scene, compared with the linear scene of the same device.
 
 use std::{fs, path::Path};
 
@@ -7,14 +7,15 @@ use tempfile::TempDir;
 
 use crate::cli::{refused, sim};
 
-/// The handle is at this radius, m; its scene at the handle is `examples/known.toml`.
+/// Radius of the handle, m. The linear scene is `examples/known.toml`.
 const RADIUS_M: f64 = 0.08;
 const KNOWN: &str = include_str!("../../../examples/known.toml");
 const PULSE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/pulse.bin");
-/// Results have twelve digits.
+/// Relative tolerance. Results have twelve digits.
 const ROUNDING: f64 = 1e-10;
 
-/// `known.toml` about an axis: a motor of 2 turns per turn of the handle, at a voltage if `resistance_ohm` is one.
+/// `known.toml` as a rotary scene. The motor makes 2 turns per turn of the handle. With `resistance_ohm` it has a
+/// voltage amplifier.
 fn rotary(resistance_ohm: Option<f64>) -> String {
     let r = RADIUS_M;
     let known: toml::Table = KNOWN.parse().unwrap();
@@ -83,7 +84,7 @@ fn a_rotary_scene_is_found_as_the_one_by_hand_and_written_in_its_keys() {
     }
     let friction = by_hand["terms"]["friction_n"]["value"].as_f64().unwrap();
     near(&turned["terms"]["friction_n_m"]["value"], friction * r, "friction");
-    // The scene has its own keys, what was measured is no estimate any more, and it is the same device.
+    // The scene keeps its own keys, measured values are no longer in `estimated`, and the device is the same.
     let text = fs::read_to_string(folder.path().join("found.toml")).unwrap();
     let tables: toml::Table = text.parse().unwrap();
     assert_eq!(tables["estimated"].as_array().unwrap().len(), 1, "{text}");
@@ -110,7 +111,7 @@ fn a_column_of_angles_is_read_and_one_of_metres_is_refused() {
     fs::write(folder.path().join("paddle.toml"), rotary(None)).unwrap();
     let words = ["identify", PULSE, "--base", "paddle.toml", "--csv", "fit.csv"];
     let found = json(folder.path(), &[&words[..], &SPAN].concat());
-    // What it has written is a record itself.
+    // The CSV from `identify` is a record itself.
     let fit = fs::read_to_string(folder.path().join("fit.csv")).unwrap();
     assert!(fit.starts_with("time_s,voltage_v,position_rad,model_rad,residual_rad\n"), "{fit:.80}");
     let again = json(folder.path(), &["identify", "fit.csv", "--base", "paddle.toml"]);
@@ -121,7 +122,7 @@ fn a_column_of_angles_is_read_and_one_of_metres_is_refused() {
     assert!(line.contains("no column position_rad"), "{line}");
 }
 
-/// Errors and warnings speak of angles, and of the options and columns of a rotary scene.
+/// Errors and warnings are about angles, and name the options and columns of a rotary scene.
 #[test]
 fn what_is_wrong_with_a_record_is_said_about_the_axis() {
     let folder = TempDir::new().unwrap();
@@ -158,14 +159,14 @@ fn what_is_wrong_with_a_record_is_said_about_the_axis() {
         let line = refused(folder, &args);
         assert!(line.contains(wanted), "{line}");
     }
-    // A handle of less than 5 g at its radius.
+    // The device has less than 5 g at its radius.
     let words = ["identify", "fit.csv", "--base", "paddle.toml", "--gain", "1e-4"];
     let found = json(folder, &words);
     let warnings = found["warnings"].to_string();
     assert!(warnings.contains("kg m^2: is --gain in N m/V and position_rad in rad"), "{warnings}");
 }
 
-/// The damping that a record shows has the motor's own in it.
+/// The damping in a record includes the motor's back-EMF.
 #[test]
 fn back_emf_is_taken_off_the_damping_that_is_written_and_a_larger_one_is_told() {
     let folder = TempDir::new().unwrap();

@@ -1,4 +1,4 @@
-//! The simulator as a user meets it, and what its commands promise.
+//! The simulator's commands as a user runs them.
 
 #![allow(
     clippy::unwrap_used,

@@ -1,4 +1,4 @@
-//! What `docs/files.md` says of files and JSON, held to what the program writes: tests that make them ask here.
+//! Compares `docs/files.md` with the files and the JSON that the program writes. The tests of the commands call it.
 
 use std::collections::BTreeSet;
 
@@ -12,14 +12,14 @@ fn names(text: &str) -> BTreeSet<&str> {
     code.flat_map(|code| code.split(|c: char| !c.is_ascii_alphanumeric() && c != '_')).collect()
 }
 
-/// The table whose head begins with ``column of `FILE` `` names all columns of that file, and no others.
+/// Asserts that the table whose head begins with ``column of `FILE` `` names exactly the columns of this file.
 pub fn has_columns_of(file: &str, csv: &str) {
     let head = format!("| column of `{file}` |");
     let table = PAGE.split_once(&head).unwrap_or_else(|| panic!("no table {head}")).1;
     let rows = table.lines().skip(2).take_while(|line| line.starts_with('|'));
     let written: BTreeSet<&str> =
         csv.lines().next().unwrap().split(',').filter(|name| *name != "schema_version").collect();
-    // a design of one section has none of the second
+    // a design with one section has no columns of a second section
     let is_left_out = |name: &&str| {
         file == "design.csv" && name.starts_with("second_") && !written.contains(name)
     };
@@ -30,7 +30,7 @@ pub fn has_columns_of(file: &str, csv: &str) {
     assert_eq!(told, written, "docs/files.md (left), {file} (right)");
 }
 
-/// The part below that heading names every key of the object, but for those that every object has.
+/// Asserts that the text below this heading names all keys of the object, except the keys of every object.
 pub fn has_keys_of(heading: &str, object: &Value) {
     let at = format!("\n{heading}");
     let level = heading.split(' ').next().unwrap();

@@ -1,4 +1,4 @@
-//! `passivity` and `[passivity]` on the command line: files, keys, and what is refused.
+//! `passivity` and `[passivity]` on the command line: files, keys, errors.
 
 use std::{
     fs,
@@ -14,7 +14,7 @@ fn sim(folder: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_host-sim")).current_dir(folder).args(args).output().unwrap()
 }
 
-/// The paper's device with a short hit and coarse walks, and more tables.
+/// The paper's device with a short hit, coarse walks, and additional tables.
 fn folder(more: &str) -> TempDir {
     let folder = TempDir::new().unwrap();
     let mut text = include_str!("../../../scenes/paper-2um.toml").to_owned();

@@ -1,4 +1,4 @@
-//! `prepare`: what the boards' images are built with, and what is refused.
+//! `prepare`: the device records of the boards' images, and errors.
 
 use std::{fs, path::Path};
 
@@ -11,7 +11,7 @@ use crate::cli::{refused, sim};
 
 const NUCLEO: &str = include_str!("../../../scenes/nucleo-f446re.toml");
 
-/// A scene for the NUCLEO with short walks, each `from` replaced by its `to`.
+/// A scene for the NUCLEO with short walks. In it each `from` is replaced by its `to`.
 fn scene(edits: &[(&str, &str)]) -> TempDir {
     let mut text = NUCLEO.to_owned();
     let short = [
@@ -39,13 +39,13 @@ fn the_first_cutoff_is_the_boards_then_the_filters() {
     let of_filter = ("prewarp = false", "prewarp = false\ncutoff_hz = 800");
     assert_eq!(first(&[of_filter]), 360.0);
     assert_eq!(first(&[("cutoff_hz = 360 #", "#"), of_filter]), 800.0);
-    // and where neither says one it is the recommended one
+    // without a cutoff in the scene, the board gets the recommended cutoff
     let folder = scene(&[("cutoff_hz = 360 #", "#")]);
     let output = sim(folder.path(), &["prepare", "mine.toml", "--json"]);
     let made: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(made["cutoff_hz"], made["recommended"]["cutoff_hz"]);
     assert_eq!(made["envelope"][0]["boundaries"], 3, "its walls are in the envelope");
-    // of the estimator that is in force, whatever the scene's own is
+    // the cutoff is for the estimator on the board, not for the scene's own estimator
     let other =
         ("name = \"nucleo-f446re\"", "name = \"nucleo-f446re\"\nestimators = [\"first-order\"]");
     let folder = scene(&[("cutoff_hz = 360 #", "#"), other]);
@@ -55,7 +55,7 @@ fn the_first_cutoff_is_the_boards_then_the_filters() {
     assert_ne!(of_first["recommended"], made["recommended"]);
 }
 
-/// What it recommends is what `sweep` recommends, and a first cutoff outside of that range is a note.
+/// `prepare` recommends the same cutoff as `sweep`. A first cutoff outside of the recommended range gives a note.
 #[test]
 fn it_says_which_cutoff_to_dial_in() {
     let folder = scene(&[]);
@@ -131,7 +131,7 @@ fn a_record_has_what_the_scene_says_and_the_envelope_of_all_that_it_lists() {
     assert_eq!([of(0), of(1)], [("first-order", 360.0, 10), ("first-order", 500.0, 10)]);
     assert_eq!([of(3), of(9)], [("first-order", 360.0, 5), ("butterworth", 1500.0, 5)]);
     assert!(keys.iter().all(|(.., rows)| *rows > 0), "{keys:?}");
-    // a comment is no other device; a number is
+    // a changed comment gives the same device, a changed number gives another device
     let text = fs::read_to_string(path.join("mine.toml")).unwrap();
     for (text, same) in [
         (format!("# the same\n{text}"), true),
@@ -148,7 +148,7 @@ fn a_record_has_what_the_scene_says_and_the_envelope_of_all_that_it_lists() {
     }
 }
 
-/// Each design has the walls that the simulator predicts for it as the scene's estimator, at each output period.
+/// At each output period, a design has the predicted walls of the scene with this design as estimator.
 #[test]
 fn a_design_has_rows_of_its_own_for_every_period() {
     let edits = [(
@@ -194,7 +194,7 @@ fn a_design_has_rows_of_its_own_for_every_period() {
     };
     for period in [10, 5] {
         assert!(!rows(2, 555.0, period).is_empty());
-        // A design that is one of the scene's cutoffs holds that one's walls.
+        // A design equal to one of the scene's cutoffs has the walls of this cutoff.
         assert_eq!(rows(1, 1500.0, period), rows(0, 1500.0, period));
     }
     let mut stored = device.defaults();
@@ -322,7 +322,7 @@ fn what_does_not_fit_a_board_is_one_line_with_the_key() {
             "start_position_m = -0.05",
             "start_m is -0.05, allowed -0.04 to",
         ),
-        // what contradicts the device
+        // values that contradict the device
         (
             "sign_test_counts = 200",
             "sign_test_counts = 900",

@@ -1,4 +1,4 @@
-//! `cargo sim read`: a device record back into a scene.
+//! `cargo sim read`: converts a device record back into a scene.
 
 use std::{
     fs,
@@ -38,7 +38,7 @@ fn a_record_becomes_a_scene_whose_record_says_the_same() {
     assert_eq!(read["scene"]["motor"]["continuous_force_n"], Value::from(4.1));
     assert!(read["settings"].is_null() && read["radius_m"].is_null());
     assert!(read["rows"].as_u64().unwrap() > 100);
-    // What it wrote is a scene; the board says of it what it says of the first one.
+    // The written scene is valid, and its record gives the same tables.
     let args = ["prepare", "back.toml", "--starter", "--board", "nucleo-f446re"];
     whole(run(place, &args));
     let again: Value =
@@ -49,7 +49,7 @@ fn a_record_becomes_a_scene_whose_record_says_the_same() {
     let text = String::from_utf8(whole(run(place, &["read", record]))).unwrap();
     assert!(text.starts_with("# nucleo-f446re on the board nucleo-f446re: record "), "{text}");
     assert!(text.contains("[safety]") && text.contains("[return]"), "{text}");
-    // Nothing is replaced.
+    // Existing files are not replaced.
     assert_eq!(run(place, &["read", record, "--out", "back.toml"]).status.code(), Some(2));
 }
 

@@ -1,4 +1,4 @@
-//! The ready devices of `scenes/`: each gives walls and a record, and says what of it is estimated.
+//! The ready devices of `scenes/`: each has stable walls, a record, and a list of its estimated values.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use tempfile::TempDir;
 
 use crate::cli::sim;
 
-/// Scene, cutoff, K and B of a wall that is well within what it holds, in its units.
+/// Scene, cutoff, K and B of a wall far inside the stable range, in the scene's units.
 const WALLS: [(&str, [&str; 3]); 6] = [
     ("epfl-paddle", ["500", "20", "0.1"]),
     ("rice-paddle", ["500", "20", "0.1"]),
@@ -34,7 +34,7 @@ fn every_ready_device_holds_a_wall() {
     }
 }
 
-/// What is guessed is in the scene's units, as what is printed beside it.
+/// Guessed values are in the scene's units, like the other values of the output.
 #[test]
 fn every_ready_device_has_a_record() {
     let folder = TempDir::new().unwrap();
@@ -61,7 +61,7 @@ fn every_ready_device_has_a_record() {
     }
 }
 
-/// What nobody has measured is named by whatever runs the scene, in its text and in its JSON.
+/// Every command lists the values that were not measured, in its text and in its JSON.
 #[test]
 fn every_command_names_what_is_estimated() {
     let folder = TempDir::new().unwrap();
@@ -95,7 +95,7 @@ fn is_marked(folder: &Path, args: &[&str], before: &str) {
     assert_eq!(text.lines().filter(|line| line.starts_with(&note)).count(), 1, "{args:?}: {text}");
 }
 
-/// The row of the estimator is the best that a longer search finds, or within its range.
+/// The estimator in `explain` is the best of a longer search, or its area is within the range of the best.
 #[test]
 #[ignore = "an explanation and a comparison of each ready device; .ci/long runs it"]
 fn the_best_estimator_of_an_explanation_is_that_of_a_comparison() {

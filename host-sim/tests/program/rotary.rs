@@ -1,4 +1,4 @@
-//! A rotary scene and the scene of the same device described by hand at its handle: the same results, in other units.
+//! A rotary scene and the linear scene of the same device: the same results, in other units.
 
 use std::{fs, path::Path};
 
@@ -10,27 +10,27 @@ use crate::cli::{refused, sim};
 
 const RADIUS_M: f64 = 0.07;
 const HAND: Units = Units::Rotary { radius_m: RADIUS_M };
-/// Results have twelve digits in rotary units.
+/// Relative tolerance. Results have twelve digits in rotary units.
 const ROUNDING: f64 = 1e-11;
 
 const ROTARY: &str = include_str!("paddle/rotary.toml");
 const BY_HAND: &str = include_str!("paddle/by-hand.toml");
 
-/// Keys of JSON whose texts say numbers with their units.
+/// Keys of JSON whose texts contain numbers with units.
 const IN_WORDS: [&str; 5] = ["change", "what", "cost", "answers", "reason"];
-/// A text has four digits.
+/// Relative tolerance of numbers in texts, which have four digits.
 const READ: f64 = 1e-3;
-/// Counts of the encoder in a turn and in a millimetre of the handle.
+/// Names for the encoder's counts per turn and per millimetre of the handle.
 const COUNTS: [(&str, &str); 1] = [("turn of the handle", "mm of handle")];
 
-/// A scene file, the same name in a folder of its own.
+/// A scene file with a fixed name in its own folder.
 fn scene(of: &str) -> TempDir {
     let folder = TempDir::new().unwrap();
     fs::write(folder.path().join("mine.toml"), of).unwrap();
     folder
 }
 
-/// Names at the handle, those about its axis, and what a number there is multiplied by.
+/// The rotary name of a linear key, and the factor of its numbers.
 fn told(key: &str) -> (String, f64) {
     let (r, one) = (RADIUS_M, 1.0);
     for (linear, rotary, factor) in [
@@ -80,7 +80,7 @@ fn same_tables(rotary: &Path, by_hand: &Path) {
     }
 }
 
-/// What people read: the same words, the numbers in the units that stand behind them, with few digits.
+/// Asserts that texts for people have the same words, and numbers converted to the rotary units, with few digits.
 #[track_caller]
 fn same_words(rotary: &str, by_hand: &str) {
     let mut due = HAND.text(by_hand);
@@ -102,7 +102,7 @@ fn same_words(rotary: &str, by_hand: &str) {
         };
         let is_counts = words.get(n + 1).is_some_and(|unit| unit == "counts");
         let hand = if is_counts { hand * counts } else { hand };
-        // a whole number is said as one
+        // a count is shown as a whole number
         let slack = if is_counts { 0.5 * counts } else { READ * hand.abs() };
         assert!((value - hand).abs() <= slack, "{rotary}: {by_hand}, {word} for {hand}");
         assert!(word.chars().filter(char::is_ascii_digit).count() <= 6, "{rotary}: {word}");
@@ -116,7 +116,7 @@ fn same_json(rotary: &Value, by_hand: &Value, factor: f64, what: &str) {
             assert_eq!(rotary.len(), by_hand.len(), "{what}");
             for (key, value) in by_hand {
                 let (told_key, mut factor) = told(key);
-                // of the winner of a criterion
+                // the key is the value of a criterion's winner: the criterion gives the unit
                 if let (Some(criterion), "value") = (by_hand.get("criterion"), key.as_str()) {
                     factor = told(criterion.as_str().unwrap()).1;
                 }
@@ -135,7 +135,7 @@ fn same_json(rotary: &Value, by_hand: &Value, factor: f64, what: &str) {
         (Value::String(rotary), Value::String(by_hand)) if what == "criterion" => {
             assert_eq!(*rotary, told(by_hand).0);
         }
-        // they choose their own power of ten
+        // both texts choose their own power of ten
         (Value::String(_), Value::String(_)) if what == "notes" => {}
         (Value::String(rotary), Value::String(by_hand)) if IN_WORDS.contains(&what) => {
             same_words(rotary, by_hand);
@@ -150,7 +150,7 @@ fn run(folder: &Path, args: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or_default()
 }
 
-/// Runs a command on both; `tables` are its files.
+/// Runs a command with both scenes and compares the results. `tables` are its files.
 #[track_caller]
 fn same(rotary_args: &[&str], hand_args: &[&str], tables: &[&str]) {
     let (rotary, by_hand) = (scene(ROTARY), scene(BY_HAND));
@@ -208,7 +208,7 @@ fn a_sweep_is_the_same_in_other_units_and_its_figures_name_them() {
         for unit in units {
             assert!(text.contains(unit), "{name} has no {unit}");
         }
-        // The report has the tables by limit, which are at the handle.
+        // The report has tables by limit, which are in N and m.
         assert!(!text.contains("N/m") || name == "report.html", "{name}");
     }
     assert!(file("summary.json").contains("stiffness_peak_n_m_per_rad"));
@@ -256,7 +256,7 @@ fn what_limits_the_walls_is_the_same_in_other_units() {
         for unit in at_handle {
             assert!(!text.contains(unit), "{name} has {unit}: {text}");
         }
-        // digits that nobody reads, in a sentence: files for programs have them in their columns
+        // sentences have no long numbers; files for programs have all digits
         let words = text.split([' ', ',', ';', '<', '>', '(', ')']);
         let long = words.filter(|word| word.parse::<f64>().is_ok_and(|_| word.len() > 9));
         let long: Vec<_> = long.collect();
@@ -372,7 +372,8 @@ fn what_a_rotary_scene_cannot_have_is_one_line_that_says_it() {
     assert!(line.contains("--stiffness is 1000000, allowed 0 to 49000"), "{line}");
 }
 
-/// With a voltage amplifier the back-EMF is damping, and full command is what the supply makes at standstill.
+/// With a voltage amplifier the back-EMF acts as damping, and full scale is the force of the supply voltage at
+/// standstill.
 #[test]
 fn a_voltage_amplifier_damps_by_back_emf() {
     let voltage = ROTARY
@@ -400,7 +401,7 @@ fn a_voltage_amplifier_damps_by_back_emf() {
     same_json(&json, &hand_json, 1.0, "result");
 }
 
-/// What `identify --plan` writes is typed at the console, which takes rad and N m.
+/// The user types the output of `identify --plan` at the console, which uses rad and N m.
 #[test]
 fn a_plan_is_in_the_units_of_the_console() {
     let plan = |of: &str| {

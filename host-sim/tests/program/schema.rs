@@ -1,4 +1,4 @@
-//! `schema`: scenes that the program reads are valid by it, and what the program refuses by its types or ranges is not.
+//! `schema`: scenes that the program reads are valid by the schema. Scenes with wrong types or ranges are invalid.
 
 use std::{fs, path::Path};
 
@@ -47,7 +47,7 @@ fn scenes_of_this_project_are_valid() {
     assert!(tried > 15);
 }
 
-/// A scene, key and value: the reader refuses it, and so does the schema.
+/// For each scene, key and value, both the reader and the schema report an error.
 #[test]
 fn what_the_reader_refuses_is_not_valid() {
     let validator = validator();
@@ -85,7 +85,6 @@ fn what_the_reader_refuses_is_not_valid() {
     }
 }
 
-/// A misspelt key would otherwise be found only when the scene is run.
 #[test]
 fn every_key_has_a_meaning() {
     let table = printed(&["reference", "scene"]);

@@ -1,4 +1,4 @@
-//! `study` and `study-plan` as a user meets them: killed, without room, resumed, refused.
+//! `study` and `study-plan` on the command line: killed, on a full disk, resumed, with errors.
 
 use std::{
     collections::BTreeMap,
@@ -48,7 +48,7 @@ fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     entries.map(of).collect()
 }
 
-/// Names the files that differ, not their bytes.
+/// Asserts equal contents. The message names the files that differ, but does not print their bytes.
 #[track_caller]
 fn are_same(folder: &Path, wanted: &BTreeMap<String, Vec<u8>>, what: &str) {
     let found = contents(folder);
@@ -96,7 +96,7 @@ fn a_study_that_is_killed_at_any_instant_comes_to_the_same_bytes() {
         are_same(&path.join(&out), &wanted, &format!("round {round}"));
     }
     assert!(kills >= 10 && between >= 5, "{kills} kills, {between} of them with parts to come");
-    // a line that was torn, a part without its line, a draft
+    // an incomplete line, a part without its line, a draft
     let torn = path.join("torn");
     fs::create_dir(&torn).unwrap();
     for (name, bytes) in &wanted {
@@ -109,7 +109,7 @@ fn a_study_that_is_killed_at_any_instant_comes_to_the_same_bytes() {
         assert!(study(path, "torn", &["--resume"]).status.success());
         are_same(&torn, &wanted, &format!("{cut} bytes cut"));
     }
-    // parts that are gone, or others, are made anew
+    // missing or changed parts are made again
     fs::remove_file(torn.join("part-00000003.csv")).unwrap();
     fs::write(torn.join("part-00000007.csv"), "x").unwrap();
     let mut other = wanted["part-00000009.csv"].clone();
@@ -122,7 +122,7 @@ fn a_study_that_is_killed_at_any_instant_comes_to_the_same_bytes() {
 
 #[test]
 fn a_full_disk_is_one_line_and_resume_goes_on() {
-    // where the manifest is full: in the middle of a line; and where a part is
+    // the disk gets full inside a line of the manifest, or inside a part
     let parts = STUDY.replace("per_unit = 1", "per_unit = 200").replace("0:1:11", "0:0.1:9.9");
     for (study_text, full) in [(STUDY, "manifest.jsonl"), (&parts, "part-00000000.csv")] {
         let folder = folder(study_text);
@@ -130,7 +130,7 @@ fn a_full_disk_is_one_line_and_resume_goes_on() {
         assert!(study(path, "whole", &[]).status.success());
         let wanted = contents(&path.join("whole"));
         let mut command = Command::new("sh");
-        let first = "trap '' XFSZ; ulimit -f 8; exec \"$0\" \"$@\""; // of 512 bytes
+        let first = "trap '' XFSZ; ulimit -f 8; exec \"$0\" \"$@\""; // 8 blocks of 512 bytes
         command.args(["-c", first, env!("CARGO_BIN_EXE_host-sim")]).current_dir(path);
         let output = command.args(["study", "study.toml", "--out", "full"]).output().unwrap();
         let line = String::from_utf8(output.stderr).unwrap();
@@ -219,7 +219,7 @@ fn the_folder_of_another_study_scene_or_version_is_refused() {
         "\"schema_version\": 9",
         "its schema_version is 91",
     );
-    // a comment changes nothing
+    // a changed comment does not change the study
     let text = fs::read_to_string(path.join("study.toml")).unwrap();
     fs::write(path.join("study.toml"), format!("# the same\n{text}")).unwrap();
     assert_eq!(json(&study(path, "out", &["--resume", "--json"]))["units_made"], 0);

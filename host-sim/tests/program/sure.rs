@@ -1,4 +1,4 @@
-//! How faithful and how sure walls are: `compare --usable`, `grid --impedance`, `--probability`.
+//! Accuracy and probability of walls: `compare --usable`, `grid --impedance`, `--probability`.
 
 use std::{fs, path::Path};
 
@@ -10,7 +10,7 @@ use crate::{
     page,
 };
 
-/// A short hit and a coarse grid, so that it is quick; the mass is known to 10 %.
+/// A scene with a short hit and a coarse grid, so that the test is fast. Its mass has an uncertainty of 10 %.
 fn write(folder: &Path, more: &str) {
     let text = include_str!("../../../scenes/paper-2um.toml");
     let changes = [
@@ -58,7 +58,7 @@ fn a_map_says_how_far_the_impedance_is_off() {
     let counts = [0.05, 0.1, 0.2].map(usable);
     assert_eq!(said["usable"], serde_json::json!(counts));
     assert!(counts[0] < counts[2] && counts[0] > 0, "{counts:?}");
-    // a filter of 100 Hz is late, one of 1500 Hz hardly
+    // the velocity of a filter of 100 Hz is late; with 1500 Hz the delay is small
     let worst = |cutoff: &str| {
         let errors = rows[1..].iter().filter(|row| row[0] == cutoff);
         errors.map(|row| row[5].parse::<f64>().unwrap()).fold(0.0, f64::max)
@@ -114,7 +114,7 @@ fn a_sweep_says_how_sure_its_walls_are() {
     let folder_of = folder.path().join("zwidth-out/my");
     let text = fs::read_to_string(folder_of.join("probability.csv")).unwrap();
     page::has_columns_of("probability.csv", &text);
-    // the integral is that of the rows
+    // the printed integral is the integral of the rows
     let map = rows(&folder_of.join("probability.csv"));
     let of = |cutoff: &str| -> f64 {
         let cells: Vec<&Vec<String>> = map[1..].iter().filter(|row| row[0] == cutoff).collect();

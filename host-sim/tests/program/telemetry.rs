@@ -1,4 +1,4 @@
-//! `cargo sim telemetry` as a user meets it.
+//! `cargo sim telemetry` on the command line.
 
 use std::{
     fs,
@@ -43,7 +43,7 @@ fn a_capture_becomes_csv_and_one_json_object() {
     }
     let args_gif = ["telemetry", "capture.bin", "--plot", "c.gif"];
     assert_eq!(sim(folder.path(), &args_gif).status.code(), Some(2));
-    // a second run does not replace it
+    // a second run does not replace the file
     assert_eq!(sim(folder.path(), &args).status.code(), Some(2));
 }
 
@@ -60,8 +60,8 @@ fn what_is_no_capture_is_bad_input() {
     assert!(!folder.path().join("out.csv").exists());
 }
 
-/// The capture of the virtual board that stands in `examples/`: every sample is the core's; with a bit that flips, a
-/// frame that is lost or another velocity that is found and named, and no other value is said.
+/// A capture of the virtual board from `examples/`: every sample agrees with the core. A flipped bit, a lost frame or
+/// a changed velocity is found and named, and no other value changes.
 #[test]
 fn a_capture_of_every_sample_is_checked_and_what_is_wrong_with_it_is_named() {
     let folder = TempDir::new().unwrap();
@@ -83,7 +83,7 @@ fn a_capture_of_every_sample_is_checked_and_what_is_wrong_with_it_is_named() {
     assert!(of(&json, "states_equal") > 20 && of(&json, "forces_equal") > 500);
     assert!(json["unknown"].as_array().unwrap().is_empty());
 
-    // Every value that is still said is the one that it was.
+    // Every remaining value is unchanged.
     let subset = |other: &[String]| {
         let before: std::collections::HashMap<_, _> =
             rows.iter().map(|row| row.split_once(',').unwrap()).collect();
@@ -105,11 +105,11 @@ fn a_capture_of_every_sample_is_checked_and_what_is_wrong_with_it_is_named() {
         );
         assert!(subset(&rows), "{bit}");
     }
-    // A reader that stops for a while, and goes on in the middle of a frame.
+    // The reader stops for a while, and continues in the middle of a frame.
     let (json, rows) = run(&[&whole[..at + 11], &whole[frames[900] + 9..]].concat());
     assert_eq!(json["gaps"].as_array().unwrap().len(), 1);
     assert!(json["first_difference"].is_null() && subset(&rows));
-    // A velocity that is one bit off in a frame whose CRC is right: that output is named.
+    // A velocity with one wrong bit, in a frame with a correct CRC: the difference is reported at this output.
     let mut other = whole.clone();
     let length = next - at;
     other[at + 20] ^= 1;
@@ -131,7 +131,7 @@ fn crc32(bytes: &[u8]) -> u32 {
     })
 }
 
-/// What another estimator would have said to the counts of that capture, and a figure of it.
+/// Velocities of another estimator for the counts of this capture, and a figure.
 #[test]
 fn another_estimator_is_run_over_every_sample_of_a_capture() {
     let folder = TempDir::new().unwrap();
@@ -154,7 +154,7 @@ fn another_estimator_is_run_over_every_sample_of_a_capture() {
         "a.csv",
     ]);
     assert!(slow["samples"].as_u64().unwrap() > 20_000);
-    // sqrt 2 / w later, but for the board's own
+    // the delay is sqrt 2 / w, minus the delay of the board's own estimator
     let later_s = slow["later_s"].as_f64().unwrap();
     assert!((1.5e-3..2.3e-3).contains(&later_s), "{later_s}");
     assert!(slow["change_rms_m_per_s"].as_f64() < slow["board_change_rms_m_per_s"].as_f64());

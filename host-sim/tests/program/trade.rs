@@ -1,4 +1,4 @@
-//! `trade` as a user meets it, and facts that its figures must show.
+//! `trade` on the command line, and facts that its results must show.
 
 use std::{collections::HashSet, fs, path::Path, process::Command};
 
@@ -18,7 +18,7 @@ use tempfile::TempDir;
 
 use crate::page;
 
-/// A walk of few hits, and a hit of few samples.
+/// A scene with few hits per walk, and few samples per hit.
 fn scene(folder: &Path) {
     let text = include_str!("../../../scenes/paper-1um.toml");
     let text = text
@@ -40,7 +40,7 @@ fn trade(folder: &Path, extra: &[&str]) -> (i32, String, String) {
     (output.status.code().unwrap(), out, err)
 }
 
-/// A CSV without its last column, the time on this machine.
+/// A CSV without its last column, which has the time on this machine.
 fn without_time(path: &Path) -> String {
     let text = fs::read_to_string(path).unwrap();
     assert!(text.lines().next().unwrap().ends_with(",host_ns"), "{path:?}");
@@ -75,7 +75,7 @@ fn two_runs_agree_to_the_last_digit_for_any_number_of_threads() {
     for name in ["filters.csv", "plant.csv"] {
         page::has_columns_of(name, &fs::read_to_string(a.join(name)).unwrap());
     }
-    // the exact step is the cheapest, and nothing that costs more than it is more accurate
+    // the exact step costs least, and no method that costs more is more accurate
     let plant = fs::read_to_string(a.join("plant.csv")).unwrap();
     let best: Vec<&str> = plant.lines().filter(|line| line.contains(",true,")).collect();
     assert!(best.len() == 1 && best[0].starts_with("exact,"), "{best:?}");
@@ -84,7 +84,7 @@ fn two_runs_agree_to_the_last_digit_for_any_number_of_threads() {
         let row = methods.iter().find(|row| row["method"] == name && row["setting"] == setting);
         row.unwrap()["trajectory_error_m"].as_f64().unwrap()
     };
-    // first order: ten times the steps, a tenth of the error
+    // first order: with ten times the steps, the error is a tenth
     let ratio = error("semi-implicit-euler", 1.0) / error("semi-implicit-euler", 10.0);
     assert!((ratio - 10.0).abs() < 0.1, "{ratio}");
     assert!(error("rk4", 1.0) < 1e-13);
@@ -121,7 +121,7 @@ fn of(format: Format, form: Form) -> Variant {
 
 const CORE: Variant = Variant { format: Format::I32Feedback, form: Form::Direct1 };
 
-/// What tests/host/filter.rs shows of the core, by another way.
+/// The facts of tests/host/filter.rs about the core, measured in another way.
 #[test]
 fn the_core_is_as_its_own_tests_say() {
     let bench = bench();
@@ -141,7 +141,7 @@ fn the_core_is_as_its_own_tests_say() {
     assert!(refused.to_string().contains("cutoff_hz is 0.1, allowed 0.35 to 4990"), "{refused}");
 }
 
-/// In `f64` each form is the closed form of the bilinear transform, and none is another filter.
+/// In `f64` every form has the response of the bilinear transform.
 #[test]
 fn every_form_in_f64_has_the_exact_response() {
     let bench = bench();
@@ -158,7 +158,7 @@ fn every_form_in_f64_has_the_exact_response() {
     }
 }
 
-/// b0 has 1.28 LSB of Q15 at 20 Hz and 10 kHz.
+/// At 20 Hz and a sampling rate of 10 kHz, b0 is 1.28 LSB of Q15.
 #[test]
 fn q15_fails_at_20_hz_and_its_delta_form_holds_the_cutoff_longer() {
     let bench = bench();
@@ -171,10 +171,10 @@ fn q15_fails_at_20_hz_and_its_delta_form_holds_the_cutoff_longer() {
     );
     println!("at 20 Hz: direct {direct:.3}, with feedback {feedback:.3}, delta {delta:.3}");
     assert!(direct > 0.1 && feedback > 0.1 && delta < 0.03);
-    // the DC sum is 3 LSB where 2.55 are wanted: 8 % more of the -3 dB frequency, in theory and measured
+    // the DC sum is 3 LSB instead of 2.55: the -3 dB frequency is 8 % higher, in theory and measured
     let refused = bench.filter(of(Format::Q15, Form::Direct1), 5.0).unwrap_err();
     assert!(matches!(refused, Refused::Zero { coefficient: "1 + a1 + a2", .. }), "{refused}");
-    // a speed that is lost in the dead zone for ever
+    // this speed stays in the dead zone forever
     let filter = bench.filter(of(Format::Q15, Form::Direct1), 20.0).unwrap();
     let lost = drift::measure(&bench, &filter, 20.0);
     assert!(lost > 1e5, "{lost} of 300,000 counts");
@@ -182,7 +182,7 @@ fn q15_fails_at_20_hz_and_its_delta_form_holds_the_cutoff_longer() {
     assert!(drift::measure(&bench, &filter, 20.0) < 1.1);
 }
 
-/// An unstable filter must not look perfect because its errors are no numbers.
+/// A filter whose errors are NaN must not seem perfect.
 #[test]
 fn a_filter_that_blows_up_has_infinite_errors() {
     let bench = bench();
@@ -197,23 +197,24 @@ fn a_filter_that_blows_up_has_infinite_errors() {
     assert!(all.iter().all(|value| *value > 1.0), "{all:?}");
 }
 
-/// Two filters whose difference is known: the residue dropped moves the output by less than an LSB a sample, at a high cutoff.
+/// Two filters with a known difference. At a high cutoff, dropping the residue changes the output by less than an LSB
+/// per sample.
 #[test]
 fn noise_is_a_fraction_of_an_lsb_where_it_must_be() {
     const LSB: f64 = 1.0 / 65_536.0;
     let bench = bench();
     let motions = Motions::new(&bench, 2000.0);
     let noise = |format, form| motions.measure(&bench.filter(of(format, form), 2000.0).unwrap());
-    // white rounding of 1/sqrt(12) LSB through 1/A and through (1 - z^-1)/A: theory.md has 0.33 at 1000 Hz
+    // white rounding noise of 1/sqrt(12) LSB through 1/A and through (1 - z^-1)/A; theory.md has 0.33 at 1000 Hz
     let plain = noise(Format::I32, Form::StateVariable).at_rest / LSB;
     assert!((plain - 1.0 / 12f64.sqrt()).abs() < 0.02, "{plain}");
     let shaped = noise(Format::I32Feedback, Form::Direct1).at_rest / LSB;
     assert!((0.3..0.45).contains(&shaped), "{shaped}");
-    // outputs below 1 count per sample are rounded to 1.1e-16 at most
+    // outputs below 1 count per sample have rounding errors of at most 1.1e-16
     assert!(noise(Format::F64, Form::Direct1).at_rest < f64::EPSILON);
 }
 
-/// What is said in docs/lab/trade.md, in its words: a tenth of the encoder's share or one LSB; 2 % beyond the spread.
+/// Criteria of docs/lab/trade.md: a tenth of the encoder's error or one LSB; 2 % beyond the spread.
 fn misses(criterion: Criterion, m: &Measured, exact: &Exact) -> bool {
     const LSB: f64 = 1.0 / 65_536.0;
     let within = |error: f64, encoder: f64| error <= 0.1 * encoder || error <= LSB;
@@ -231,7 +232,7 @@ fn misses(criterion: Criterion, m: &Measured, exact: &Exact) -> bool {
     }
 }
 
-/// Measured filters, and changes of the area on both sides of what is allowed there.
+/// Measured filters, with changes of the area just above and below the allowed change.
 #[test]
 fn a_filter_is_above_the_line_exactly_where_it_misses() {
     let bench = bench();
@@ -290,10 +291,10 @@ fn a_filter_is_above_the_line_exactly_where_it_misses() {
         }
     }
     assert_eq!(seen.len(), 2 * Criterion::ALL.len(), "each is kept and missed: {seen:?}");
-    // the LSB decides: more than a tenth of the encoder's share, and still below the line
+    // the LSB is the limit here: the error is above a tenth of the encoder's and still below the line
     let core = filters.rows.iter().find(|row| row.variant == CORE && row.cutoff == 1).unwrap();
     let noise = core.measured.as_ref().unwrap().noise.in_motion;
     assert!(noise > 0.1 * filters.exact[1].encoder.in_motion, "{noise:e}");
-    // what blows up is drawn, not left out
+    // unstable filters are drawn, not left out
     trade_figures::cutoffs("test", &filters).unwrap();
 }

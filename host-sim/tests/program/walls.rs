@@ -1,4 +1,4 @@
-//! What a walk or a hit says of walls that cannot be judged as asked.
+//! Messages of a walk or a hit about walls that cannot be judged.
 
 use std::fs;
 
@@ -11,7 +11,7 @@ fn a_walk_whose_first_point_is_unstable_or_without_contact_says_so() {
     let folder = scene("damping_start_n_s_per_m = 10", "damping_start_n_s_per_m = 3000");
     let line = refused(folder.path(), &["walk", "mine.toml", "--cutoff", "50", "--csv", "w.csv"]);
     assert!(line.contains("first point") && line.contains("unstable"), "{line}");
-    // a push that the spring of the device balances before the wall
+    // the device's spring stops the push before the wall
     let folder = scene("push_n = 2.835", "push_n = 0.1");
     let line = refused(folder.path(), &["walk", "mine.toml", "--cutoff", "500"]);
     assert!(line.contains("no_contact"), "{line}");
@@ -41,7 +41,7 @@ fn a_walk_whose_first_point_is_unstable_or_without_contact_says_so() {
 
 #[test]
 fn a_wall_that_still_settles_is_no_unstable_wall() {
-    // heavy and slow: 4 s are not enough for it to come to rest in a stable wall
+    // a heavy, slow device: after 4 s it is not yet at rest in a stable wall
     let folder = scene("mass_kg = 0.4160", "mass_kg = 10.0");
     let line = refused(folder.path(), &["walk", "mine.toml", "--cutoff", "500"]);
     assert!(line.contains("still settles") && line.contains("wall_hit.settle_s"), "{line}");
@@ -50,7 +50,7 @@ fn a_wall_that_still_settles_is_no_unstable_wall() {
     let output = sim(folder.path(), &args);
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.contains("no stable wall") && text.contains("still settles"), "{text}");
-    // the remedy is one
+    // the suggested remedy works
     let file = folder.path().join("mine.toml");
     let patient = fs::read_to_string(&file).unwrap();
     fs::write(&file, patient.replace("settle_s = 4.0", &format!("settle_s = {enough}.0"))).unwrap();
@@ -87,7 +87,7 @@ fn a_start_inside_the_wall_is_refused() {
 
 #[test]
 fn a_velocity_beyond_its_range_is_refused_or_reported() {
-    // 10 nm at 1 kHz: 0.33 m/s is the largest velocity, the push makes 0.49
+    // 10 nm at 1 kHz: the largest velocity is 0.33 m/s, but the push gives 0.49 m/s
     let text = SCENE
         .replace("resolution_m = 1e-6", "resolution_m = 1e-8")
         .replace("rate_hz = 10000", "rate_hz = 1000")
@@ -101,7 +101,7 @@ fn a_velocity_beyond_its_range_is_refused_or_reported() {
         line.contains("more than 0.328 m/s") && line.contains("encoder.resolution_m"),
         "{line}"
     );
-    // slow enough from the scene's start, but not from 10 mm before it
+    // slow enough from the scene's start position, but too fast from 10 mm before it
     let slower = text.replace("push_n = 2.835", "push_n = 1.65");
     fs::write(folder.path().join("fine.toml"), slower).unwrap();
     let wall =

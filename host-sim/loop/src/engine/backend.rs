@@ -1,4 +1,5 @@
-//! Which text of the core runs the hits, on which vector machine, and which scenes have lanes at all.
+//! Selects the implementation of the controller that runs the hits, its vector instructions, and the scenes with
+//! lanes.
 
 use super::{
     estimator::Form,
@@ -17,17 +18,17 @@ use crate::{
     },
 };
 
-/// Which text of the controller's arithmetic runs the hits. Both give the same bits.
+/// Implementation of the controller's arithmetic that runs the hits. Both give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Engine {
-    /// The core itself, hit by hit.
+    /// The core itself runs one hit after another.
     Core,
-    /// Its second text in vector lanes, where a scene has them; else the core itself.
+    /// The core's arithmetic written again for vector lanes. Scenes without lanes run the core itself.
     Lanes(Backend),
 }
 
 impl Engine {
-    /// Lanes with the best instructions that this machine has.
+    /// Lanes with the best instructions of this machine.
     pub fn lanes() -> Self {
         Self::Lanes(Backend::best())
     }
@@ -40,7 +41,7 @@ impl Engine {
         }
     }
 
-    /// Hits of that scene that run side by side in one thread.
+    /// Number of hits of this scene that run side by side in one thread.
     pub fn hits_at_once(self, prepared: &PreparedScene, numeric: Numeric) -> usize {
         match self {
             Self::Lanes(backend) if lanes_for(prepared, numeric) => backend.lanes(),
@@ -49,7 +50,7 @@ impl Engine {
     }
 }
 
-/// Instructions that lanes are run with. All give the same bits.
+/// Instructions of the lanes. All backends give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Backend {
     /// 8 lanes to a vector.
@@ -58,12 +59,12 @@ pub enum Backend {
     Avx2,
     /// 2 lanes to a vector.
     Neon,
-    /// One lane to a number, several numbers side by side: every machine has it.
+    /// Scalar numbers, one lane each, several side by side. Every machine has this backend.
     Plain,
 }
 
 impl Backend {
-    /// All of them, the best first.
+    /// All backends, the best first.
     pub const ALL: [Self; 4] = [Self::Avx512, Self::Avx2, Self::Neon, Self::Plain];
 
     pub fn name(self) -> &'static str {
@@ -89,13 +90,13 @@ impl Backend {
         }
     }
 
-    /// The best one that this machine has.
+    /// The best backend of this machine.
     pub fn best() -> Self {
         let found = Self::ALL.into_iter().find(|backend| backend.is_available());
         found.unwrap_or(Self::Plain)
     }
 
-    /// Hits that run side by side in one thread.
+    /// Number of hits that run side by side in one thread.
     pub fn lanes(self) -> usize {
         match self {
             Self::Avx512 => 8 * VECTORS,
@@ -106,12 +107,12 @@ impl Backend {
     }
 }
 
-/// Vectors side by side, so that one need not wait for its own last sample; with four the registers run out and
-/// AVX-512 is half as fast.
+/// Vectors side by side: the processor works on one vector while another waits for its last sample. Four vectors need
+/// more registers than there are, and make AVX-512 half as fast.
 const VECTORS: usize = 2;
 
-/// Whether the hits of a scene run in lanes: a linear plant, an encoder that reads what there is, and an
-/// estimator that has lanes in that arithmetic.
+/// Whether the hits of a scene run in lanes. The plant must be linear, the encoder without errors, and the estimator
+/// must have lanes in this arithmetic.
 pub fn lanes_for(prepared: &PreparedScene, numeric: Numeric) -> bool {
     form_for(prepared, numeric).is_some()
 }
@@ -177,8 +178,8 @@ fn each_numeric<'a, S: SimdOps, const R: usize>(
     each_plant(simd, task, &mut *controller, work)
 }
 
-/// Plants of four and six states run as those of five and seven: half as many kinds of lanes to compile for little more
-/// work of each.
+/// Plants of four and six states run as plants of five and seven states. This halves the number of variants to
+/// compile, and costs little time.
 fn each_plant<'a, S: SimdOps, const R: usize>(
     simd: S,
     task: Task<'a>,

@@ -1,7 +1,8 @@
-//! The fixed-point core in lanes: its estimators ([`super::estimator`]), [`Wall::demand`](zwidth::Wall::demand),
-//! [`Demand::saturate`](zwidth::units::Demand::saturate) and [`Actuator::command`](zwidth::Actuator::command), for
-//! hits that stay far inside every range that they saturate at but the force's. A hit that does not is noticed
-//! ([`LaneController::is_lost`]) and run by the core itself.
+//! The fixed-point core in lanes: estimators ([`super::estimator`]), [`Wall::demand`](zwidth::Wall::demand),
+//! [`Demand::saturate`](zwidth::units::Demand::saturate) and [`Actuator::command`](zwidth::Actuator::command).
+//!
+//! In lanes only the force saturates. [`LaneController::is_lost`] detects a hit that comes near another limit, and
+//! the core itself runs this hit.
 
 use pulp::WithSimd;
 use zwidth::{LoopParameters, SettingsError, units::Force};
@@ -31,12 +32,12 @@ pub struct FixedLoop<S: SimdOps, F: VectorForm<S>, const R: usize> {
     simd: S,
     forms: [F; R],
     gains: [F::Gains; R],
-    /// LSB, in the lower 32 bits.
+    /// Velocities, LSB, in the lower 32 bits.
     velocity: [S::u64s; R],
     walls: [Wall<S>; R],
 }
 
-/// The core's loop with an estimator of that form.
+/// The core's loop with an estimator of this form.
 pub fn fixed_loop<S: SimdOps, const R: usize>(
     form: Form,
     simd: S,
@@ -62,13 +63,13 @@ pub fn fixed_loop<S: SimdOps, const R: usize>(
     }
 }
 
-/// What a hit begins with.
+/// Settings at the begin of a hit.
 struct Begin<'a> {
     control: LoopParameters,
     beside: Beside<'a>,
 }
 
-/// The same for all lanes: compiled once.
+/// Not generic over the lanes, so that it is compiled once.
 #[inline(never)]
 fn begin<'a>(
     prepared: &'a PreparedScene,
@@ -83,7 +84,7 @@ fn begin<'a>(
     Ok(Begin { control, beside: Beside { late, readings } })
 }
 
-/// Push, stiffness and damping, a lane each.
+/// Push, stiffness and damping of each lane.
 #[derive(Clone, Copy)]
 struct Wall<S: SimdOps> {
     push: S::u64s,
@@ -179,7 +180,7 @@ impl<S: SimdOps, F: VectorForm<S>, const R: usize> LaneController<S, R> for Fixe
 }
 
 impl<S: SimdOps> Wall<S> {
-    /// The force that is granted, LSB.
+    /// The granted force, LSB.
     #[inline(always)]
     fn force(
         &self,
@@ -208,7 +209,7 @@ impl<S: SimdOps> Wall<S> {
     }
 }
 
-/// The output that a force becomes, fraction of full scale.
+/// The output for a force, fraction of full scale.
 #[inline(always)]
 fn output<S: SimdOps>(simd: S, force: S::u64s, stage: &OutputStage<S>) -> S::f64s {
     let zero = simd.splat_u64s(0);
@@ -225,7 +226,7 @@ fn output<S: SimdOps>(simd: S, force: S::u64s, stage: &OutputStage<S>) -> S::f64
     simd.mul_f64s(simd.to_float(given), stage.per_code)
 }
 
-/// `value`, negated where all bits of `negative` are set.
+/// Returns `value`, negated where all bits of `negative` are set.
 #[inline(always)]
 fn signed<S: SimdOps>(simd: S, value: S::u64s, negative: S::u64s) -> S::u64s {
     simd.sub_u64s(simd.xor_u64s(value, negative), negative)

@@ -1,4 +1,4 @@
-//! The `f64` twin in lanes: [`Twin`] with one of the usual estimators, operation for operation.
+//! The `f64` twin in lanes: [`Twin`] with a common estimator, with the same operations in the same order.
 
 use pulp::WithSimd;
 use zwidth::SettingsError;
@@ -22,11 +22,11 @@ pub struct FloatLoop<S: SimdOps, const R: usize> {
     gains: [TwinGains<S>; R],
 }
 
-/// Weights of the last two inputs in the numerator (2 and 1, 1 and 0, or none), `b0`, both `a`, stiffness, damping and
-/// push, a lane each.
+/// Gains of each lane: weights of the last two inputs in the numerator (2 and 1, 1 and 0, or none), `b0`, both `a`,
+/// stiffness, damping and push.
 type TwinGains<S> = [<S as pulp::Simd>::f64s; 8];
 
-/// What the samples left behind, a lane each.
+/// State of each lane after a sample.
 #[derive(Clone, Copy)]
 struct TwinState<S: SimdOps> {
     x: [S::f64s; 2],
@@ -104,8 +104,8 @@ impl<S: SimdOps, const R: usize> LaneController<S, R> for FloatLoop<S, R> {
     }
 }
 
-/// The velocities of a block without a look at subnormal numbers, which an output waits for as long as for all the
-/// rest; `false` if that is not certain to be right in all lanes.
+/// Velocities of a block, without the check for subnormal numbers, which would double the time until an output.
+/// Returns `false` if the result may be wrong in a lane.
 #[inline(always)]
 fn quick<S: SimdOps, const R: usize>(
     simd: S,

@@ -9,7 +9,7 @@ pub struct GainLanes<S: SimdOps> {
     mantissa: S::u64s,
     half: S::u64s,
     right: S::u64s,
-    /// What the sign bit becomes when it is shifted right: an arithmetic shift made of a logical one.
+    /// Sign bit after the right shift. Subtracting it turns a logical shift into an arithmetic shift.
     sign: S::u64s,
     left: S::u64s,
     bound: S::u64s,

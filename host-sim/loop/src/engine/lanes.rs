@@ -1,8 +1,8 @@
-//! Vectors of loops: the step of [`Simulation`](crate::simulation::Simulation), a lane for each hit.
+//! Vectors of loops: the step of [`Simulation`](crate::simulation::Simulation), with one lane for each hit.
 //!
-//! All lanes of a batch share scene and time: outputs are due and commands take effect in the same sample
-//! for all of them. A hit therefore begins where an output is due. Commands that a lane's hit has not yet
-//! sent are 0, which adds exactly nothing.
+//! All lanes of a batch share scene and time: outputs are due, and commands take effect, in the same sample for all
+//! lanes. A hit therefore begins when an output is due. A command that a hit has not sent yet is 0 and changes
+//! nothing.
 
 #![expect(
     clippy::needless_range_loop,
@@ -21,17 +21,18 @@ mod watch;
 pub use actuation::Actuation;
 pub use watch::{Motion, Watched};
 
-/// Samples that are taken stage by stage: the plant runs ahead, because it does not wait for the filter. Sample
-/// by sample all of a step would wait for its own start, and take twice the time.
+/// Samples that are computed stage by stage. The plant can run ahead of the filter for a whole block. Sample by
+/// sample, each step would wait for the step before, and take twice the time.
 const BLOCK: usize = 16;
 const BLOCK_SAMPLES: u32 = 16;
-/// Samples that a controller takes at once, at most.
+/// Largest number of samples that a controller takes at once.
 pub const ROWS: usize = BLOCK + 1;
 
-/// A controller in lanes. Its functions are not generic over the plant, and called once per block: so each is compiled
-/// once per machine.
+/// A controller in lanes. Its functions are called once per block and are not generic over the plant. So each
+/// function is compiled once per backend.
 pub trait LaneController<S: SimdOps, const R: usize> {
-    /// Puts the controller of a hit, made as the scalar loop makes it, at rest into a lane. Returns its surface, counts.
+    /// Puts the controller of a hit into a lane, at rest, with the settings of the scalar loop. Returns its surface,
+    /// counts.
     ///
     /// # Errors
     /// A setting is out of range.
@@ -41,51 +42,51 @@ pub trait LaneController<S: SimdOps, const R: usize> {
         prepared: &PreparedScene,
         hit: &WallHit,
     ) -> Result<i32, SettingsError>;
-    /// Whether it looks at the handle's speed.
+    /// Whether the controller reads the handle's speed.
     fn looks(&self) -> bool {
         false
     }
-    /// The handle's speeds, m/s, at the samples that it takes next.
+    /// Takes the handle's speeds, m/s, at the samples that come next.
     fn look(&mut self, _speeds: &[Row<S, R>]) {}
-    /// Takes samples, counts moved since the last one. If an output is due with the last one, returns it, fraction of
-    /// full scale; else something.
+    /// Takes samples; `moved` is the count's change since the sample before. If an output is `due` with the last
+    /// sample, returns the output, fraction of full scale. Otherwise the result is undefined.
     fn take(&mut self, moved: &[Row<S, R>], due: Option<&Due<S, R>>) -> Row<S, R>;
-    /// The hit has left the range in which these lanes compute the same as the controller.
+    /// Whether the hit has left the range in which these lanes compute the same as the controller.
     fn is_lost(&self, lane: usize) -> bool;
 }
 
 /// Inputs of an output: depth and true speed.
 pub struct Due<'a, S: SimdOps, const R: usize> {
-    /// Counts behind the surface.
+    /// Depth of the handle behind the surface, counts.
     pub depth: [S::f64s; R],
     /// The true speed, m/s.
     pub speed: [S::f64s; R],
     pub stage: &'a OutputStage<S>,
 }
 
-/// Vector and place in it.
+/// Index of a lane's vector, and of the lane in this vector.
 pub fn place<S: SimdOps>(lane: usize) -> (usize, usize) {
     (lane / S::F64_LANES, lane % S::F64_LANES)
 }
 
-/// What all lanes share at an output.
+/// Values of an output that all lanes share.
 #[derive(Clone, Copy)]
 pub struct OutputStage<S: SimdOps> {
-    /// 0 with `push_only`, else the least number there is.
+    /// Smallest force: 0 with `push_only`, else the smallest number of the type.
     pub least: S::u64s,
     pub least_wall: S::f64s,
-    /// Codes to full scale; `None` without quantisation.
+    /// Codes in full scale, or `None` without quantisation.
     pub codes: Option<S::u64s>,
     pub codes_f64: Option<S::f64s>,
     pub per_code: S::f64s,
-    /// Rounds the twin's velocity, if it is to be rounded.
+    /// LSB to which the twin's velocity is rounded, or `None` if it is not rounded.
     pub velocity_lsb: Option<S::f64s>,
-    /// LSB of the core's velocity per m/s, if the wall is told the true one.
+    /// LSB of the core's velocity per m/s, if the wall gets the true velocity.
     pub told: Option<S::f64s>,
     pub full_scale_n: S::f64s,
 }
 
-/// What all lanes share at every sample.
+/// Values of a sample that all lanes share.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Shared<S: SimdOps, const P: usize> {
@@ -95,60 +96,60 @@ pub struct Shared<S: SimdOps, const P: usize> {
     pub after: [S::f64s; P],
     pub rest_m: S::f64s,
     pub resolution_m: S::f64s,
-    /// Counts that are added before the encoder floors: 1/2 where it rounds, else 0, which changes nothing.
+    /// Counts that are added before the encoder rounds down: 1/2 if it rounds to nearest, else 0.
     pub bias: S::f64s,
-    /// More than counts is looked at.
+    /// Whether more than the counts is measured.
     pub watches: bool,
     pub stage: OutputStage<S>,
 }
 
-/// What a sample changes in a vector of hits.
+/// State of a vector of hits, updated by each sample.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Moving<S: SimdOps, const P: usize> {
     pub state: [S::f64s; P],
-    /// Change of the state in a sample by acting force and hand together, and next, by the hand alone.
+    /// Change of the state in one sample: first by acting force and hand together, then by the hand alone.
     pub pushed: [S::f64s; P],
     pub hand: [S::f64s; P],
-    /// Force that acts, N.
+    /// Force on the plant, N.
     pub acting_n: S::f64s,
     pub counted: Counted<S>,
     pub watched: Watched<S>,
 }
 
-/// What the encoder read, and sums over the window since they were last read, in counts from its first
-/// position. Whole numbers: exact while they stay below 2^53.
+/// The encoder's last reading, and sums over the window since they were last read. Counts are relative to the
+/// window's first position. All values are whole numbers, exact while they stay below 2^53.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Counted<S: SimdOps> {
     pub count: S::f64s,
-    /// Longest way between two samples so far, counts.
+    /// Largest change between two samples so far, counts.
     pub jump: S::f64s,
     pub sum: S::f64s,
     pub squares: S::f64s,
     pub deepest: S::f64s,
 }
 
-/// What a hit keeps.
+/// Values of a vector of hits that stay constant over many samples.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Kept<S: SimdOps> {
     pub surface: S::f64s,
     /// First position of the window.
     pub origin: S::f64s,
-    /// All ones within the window.
+    /// All bits are set within the window.
     pub within: S::u64s,
-    /// First position of the window, m, and all ones from there on.
+    /// First position of the window, m. All bits of `watching` are set from there on.
     pub origin_m: S::f64s,
     pub watching: S::u64s,
 }
 
-/// A vector that never straddles two cache lines.
+/// A vector that does not cross a cache line.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Aligned<V>(pub V);
 
-/// The step without a force, in the order of the scalar plants.
+/// The step without a force, with the operations in the order of the scalar plants.
 #[inline(always)]
 fn free<S: SimdOps, const P: usize>(
     simd: S,
@@ -159,7 +160,7 @@ fn free<S: SimdOps, const P: usize>(
     for (next, row) in next.iter_mut().zip(&shared.phi) {
         for (term, (entry, value)) in row.iter().zip(state).enumerate() {
             let product = simd.mul_f64s(*entry, *value);
-            let first = P == 2 && term == 0; // as `ExactStep`
+            let first = P == 2 && term == 0; // same order as `ExactStep`
             *next = if first { product } else { simd.add_f64s(*next, product) };
         }
     }
@@ -193,8 +194,8 @@ fn pushed<S: SimdOps, const P: usize>(
     pushed
 }
 
-/// One field of each of the R vectors. Nothing generic is called: there are many kinds of lanes, and all that they
-/// call is compiled for each of them.
+/// One field of each of the R vectors. A macro, because a generic function would be compiled again for each of the
+/// many kinds of lanes.
 macro_rules! each_field {
     ($vectors:expr, $field:ident) => {{
         let mut values = [$vectors[0].$field; R];
@@ -206,16 +207,16 @@ macro_rules! each_field {
 }
 use each_field;
 
-/// Some samples of all lanes.
+/// A number of samples of all lanes.
 pub struct Chunk<'a, S: SimdOps, const P: usize, const R: usize> {
     pub shared: &'a Shared<S, P>,
     pub kept: &'a [Kept<S>; R],
     pub moving: &'a mut [Moving<S, P>; R],
     pub controller: &'a mut dyn LaneController<S, R>,
     pub actuation: &'a mut Actuation<S, R>,
-    /// Where all positions go, if somebody listens.
+    /// Destination of all positions, if they are measured.
     pub motion: Option<&'a mut Motion<S, R>>,
-    /// Where the speeds of a block go, m/s, if the controller looks at them.
+    /// Destination of a block's speeds, m/s, if the controller reads them.
     pub speeds: Option<&'a mut [Row<S, R>; ROWS]>,
     pub samples: u32,
 }
@@ -224,7 +225,7 @@ pub struct Chunk<'a, S: SimdOps, const P: usize, const R: usize> {
 pub type Row<S, const R: usize> = Aligned<[<S as pulp::Simd>::f64s; R]>;
 
 impl<S: SimdOps, const P: usize> Moving<S, P> {
-    /// A handle that does not move, before sample 0.
+    /// State of a handle at rest, before sample 0.
     pub fn new(simd: S) -> Self {
         let zero = simd.splat_f64s(0.0);
         let counted = Counted { count: zero, jump: zero, sum: zero, squares: zero, deepest: zero };
@@ -259,7 +260,7 @@ impl<S: SimdOps, const P: usize> Moving<S, P> {
 }
 
 impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
-    /// Runs it with the machine's instructions.
+    /// Runs the chunk with the instructions of this backend.
     pub fn go(self, simd: S) {
         struct Go<'a, S: SimdOps, const P: usize, const R: usize>(Chunk<'a, S, P, R>, S);
         impl<S: SimdOps, const P: usize, const R: usize> WithSimd for Go<'_, S, P, R> {
@@ -283,7 +284,7 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
             let samples = plain.min(BLOCK_SAMPLES);
             left -= samples;
             self.actuation.phase += samples;
-            // A sample with an output or an arriving command ends the block, unless the chunk ends here.
+            // A sample with an output or an arriving command ends the block. A chunk may end before this sample.
             let event = samples == plain && left > 0;
             let Some(block) = buffer.get_mut(..=samples as usize) else { return };
             let end = samples as usize + usize::from(event);
@@ -311,8 +312,8 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
         }
     }
 
-    /// The handle's positions, m, at the beginning and after each sample of a block that no command arrives in; its
-    /// speeds, m/s, if somebody `LOOKS` at them.
+    /// Computes the handle's positions, m, at the beginning of a block and after each sample. No command arrives in
+    /// the block. With `LOOKS`, also computes the handle's speeds, m/s.
     #[inline(always)]
     fn move_on<const LOOKS: bool>(
         &mut self,
@@ -347,7 +348,7 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
         }
     }
 
-    /// Positions of a block to counts moved, and the window's sums.
+    /// Turns the positions of a block into changes of the count, and updates the window's sums.
     #[inline(always)]
     fn count(&mut self, simd: S, block: &mut [Row<S, R>]) {
         let Shared { resolution_m, bias, .. } = *self.shared;
@@ -364,7 +365,7 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
                     count,
                     jump: simd.max_of(jump, simd.magnitude(difference)),
                     sum: simd.add_f64s(sum, away),
-                    // exact, so it does not matter whether the machine fuses it
+                    // the result is exact, with a fused operation or without
                     squares: simd.mul_add_e_f64s(away, away, squares),
                     deepest: simd.max_of(deepest, away),
                 };
@@ -376,13 +377,13 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
         }
     }
 
-    /// The controller takes a block, and its answer goes to the actuator.
+    /// Runs the controller over a block, and sends its output to the actuator.
     #[inline(always)]
     fn output(&mut self, simd: S, block: &[Row<S, R>]) {
         let stage = &self.shared.stage;
         let mut depth = each_field!(self.kept, surface);
         let mut speed = depth;
-        // no closure: one that is not inlined would not be compiled for the machine
+        // a closure that is not inlined would not be compiled for this backend's instructions
         for r in 0..R {
             depth[r] = simd.sub_f64s(self.moving[r].counted.count, depth[r]);
             speed[r] = self.moving[r].state[1];
@@ -398,7 +399,7 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
         self.actuation.send(forces_n);
     }
 
-    /// A command that arrives, and the motion to the next sample.
+    /// Applies a command that arrives, and moves the plant to the next sample.
     #[inline(always)]
     fn event(&mut self, simd: S) {
         let arriving =
@@ -413,7 +414,7 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
     }
 }
 
-/// All ones or all zeros.
+/// Returns all ones if `set`, else all zeros.
 pub fn mask(set: bool) -> u64 {
     if set { u64::MAX } else { 0 }
 }

@@ -1,4 +1,4 @@
-//! Keeps the lanes full: reads what they come to, ends hits and begins new ones.
+//! Keeps the lanes full: reads their results, ends hits and begins new hits.
 
 use zwidth::{
     Output,
@@ -27,21 +27,21 @@ use crate::{
     },
 };
 
-/// Samples between two looks at the lanes, at most.
+/// Largest number of samples between two checks of the lanes.
 const CHUNK_SAMPLES: u32 = 512;
-/// Counts that a lane may move from one sample to the next.
+/// Largest change of a count from one sample to the next in a lane.
 const JUMP_MAX: f64 = (1 << 14) as f64;
-/// Counts that a lane may be away from zero when it is looked at. It stays well within the core's range
-/// until the next look: 2^29 + 512 * 2^14 < 2^30.
+/// Largest distance of a count from zero when a lane is checked. Until the next check the count then stays within the
+/// core's range: 2^29 + 512 * 2^14 < 2^30.
 const COUNT_MAX: f64 = (1 << 29) as f64;
-/// Sums of squares below it are exact.
+/// Sums of squares below this number are exact.
 const SQUARES_MAX: f64 = (1u64 << 53) as f64;
 
 /// A hit in a lane.
 #[derive(Clone, Debug)]
 struct Running<'a> {
     hit: WallHit,
-    /// The scene at its push.
+    /// The scene with the hit's push.
     prepared: &'a PreparedScene,
     /// Samples that the hit has taken so far.
     samples: u32,
@@ -57,7 +57,7 @@ struct Scheduler<'a, 'c, S: SimdOps, const P: usize, const R: usize> {
     simd: S,
     task: Task<'a>,
     step: ExactStep<P>,
-    /// A hit is over, and the next one has to wait for an output to be due.
+    /// A hit is over, and the next hit waits until an output is due.
     waiting: bool,
     tally: Tally,
     shared: Shared<S, P>,
@@ -173,7 +173,7 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
         scalar(Task { prepared, ..self.task }, hit)
     }
 
-    /// Takes the next hit into a free lane; those that no lane can run are run at once.
+    /// Puts the next hit into a free lane. Hits that no lane can run are run here, in the scalar loop.
     fn begin(&mut self, lane: usize, work: &mut Pushes<'a>) {
         let own = Form::of(self.task.prepared.scene().velocity.estimator());
         while let Some((hit, prepared)) = work.next(lane) {
@@ -229,7 +229,7 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
         });
     }
 
-    /// A lane without a hit stands still where the device rests.
+    /// Puts a handle at rest at the device's rest position into a lane without a hit.
     fn idle(&mut self, lane: usize) {
         let still = Moving::<S, P>::new(self.simd);
         let (vector, place) = place::<S>(lane);
@@ -244,7 +244,7 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
         lanes_mut(&mut self.kept[vector].within)[place] = mask(false);
     }
 
-    /// Samples until a lane has to be looked at; `None` if none is running.
+    /// Samples until a lane must be checked, or `None` if no lane runs.
     fn until_next_event(&self) -> Option<u32> {
         let to_output = self.waiting.then(|| self.actuation.samples_to_output());
         let soonest = soonest(&self.running, self.task.prepared.plan(), self.shared.watches);
@@ -252,7 +252,8 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
         Some(samples.min(CHUNK_SAMPLES))
     }
 
-    /// Reads a lane after `samples` more. `Some` if its hit is over, with its outcome if the lanes have it.
+    /// Checks a lane after `samples` more samples. Returns `Some` if its hit is over, with the outcome if the lane
+    /// has a valid one.
     fn look(&mut self, lane: usize, samples: u32) -> Option<Option<Outcome>> {
         let running = self.running[lane].as_mut()?;
         running.samples += samples;
@@ -298,8 +299,8 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
     }
 }
 
-/// Samples until one of these hits has to be looked at: before the first sample of its window, if it is watched, after
-/// it, which gives the origin, and at its end.
+/// Samples until one of these hits must be checked. A hit is checked after the first sample of its window, which
+/// gives the origin, and at its end. With `watches` it is also checked before this first sample.
 fn soonest(running: &[Option<Running<'_>>], plan: &HitPlan, watches: bool) -> Option<u32> {
     let next = |running: &Running| match running.samples {
         n if watches && n < plan.settle => plan.settle - n,
@@ -310,7 +311,7 @@ fn soonest(running: &[Option<Running<'_>>], plan: &HitPlan, watches: bool) -> Op
 }
 
 impl Running<'_> {
-    /// The window begins with this count.
+    /// Begins the window with this count.
     fn open_window(&mut self, count: f64) {
         #[expect(clippy::cast_possible_truncation, reason = "whole and below 2^30")]
         let count = count as i32;
@@ -319,8 +320,8 @@ impl Running<'_> {
         self.origin = count;
     }
 
-    /// Takes sums and deepest place of `samples` more, in counts from the window's first; `false` if they may not be
-    /// exact.
+    /// Adds sums and deepest position of `samples` more samples, in counts from the window's first count. Returns
+    /// `false` if the sums may not be exact.
     fn add(&mut self, samples: u32, [sum, squares]: [f64; 2], deepest: f64) -> bool {
         #[expect(clippy::cast_possible_truncation, reason = "whole and below 2^53")]
         let integer = |value: f64| value as i64;
@@ -332,7 +333,7 @@ impl Running<'_> {
         true
     }
 
-    /// The hit's outcome, if it is over or certain.
+    /// Returns the hit's outcome if the hit is over or its verdict is certain.
     fn judge(
         &self,
         depth: Depth,
@@ -367,7 +368,7 @@ impl Running<'_> {
     }
 }
 
-/// A vector for each number, the number in all its lanes.
+/// One vector for each number, with this number in all its lanes.
 fn each<S: SimdOps, const P: usize>(simd: S, numbers: &[f64; P]) -> [S::f64s; P] {
     let mut vectors = [simd.splat_f64s(0.0); P];
     for (vector, number) in vectors.iter_mut().zip(numbers) {
@@ -376,7 +377,7 @@ fn each<S: SimdOps, const P: usize>(simd: S, numbers: &[f64; P]) -> [S::f64s; P]
     vectors
 }
 
-/// What an output needs, the same for all hits.
+/// Values that an output needs, the same for all hits.
 fn stage<S: SimdOps>(simd: S, task: Task<'_>) -> OutputStage<S> {
     let Task { prepared, numeric, .. } = task;
     let splat = |value: f64| simd.splat_f64s(value);

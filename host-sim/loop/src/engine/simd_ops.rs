@@ -1,5 +1,5 @@
-//! The vector operations that a lane needs beyond those of `pulp`: products of 32-bit halves, shifts, and
-//! the `u64` view of everything. Lanes are 64 bits wide, for floats and integers alike.
+//! Vector operations that lanes need and `pulp` does not have: products of 32-bit halves, shifts, and `u64` views of
+//! vectors. Lanes are 64 bits wide, for floats and for integers.
 
 use std::slice::{from_mut, from_ref};
 
@@ -10,11 +10,10 @@ use pulp::{
 
 use crate::simulation::quantiser::INTEGER;
 
-/// A vector machine. The bodies here work lane by lane and suit every machine; those with an instruction
-/// for it override them.
+/// A set of vector instructions. The functions here work lane by lane on every machine. A machine with an instruction
+/// for a function overrides it.
 pub trait SimdOps: Simd {
-    /// Product of the lower halves, taken as signed, as a signed 64-bit number. The upper halves may hold
-    /// anything.
+    /// Signed 64-bit product of the lower halves, taken as signed. The upper halves may hold anything.
     #[inline(always)]
     fn product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
         each::<Self>(a, b, |a, b| (low(a) * low(b)).cast_unsigned())
@@ -31,7 +30,7 @@ pub trait SimdOps: Simd {
         each::<Self>(a, a, |a, _| a << 16)
     }
 
-    /// `a >> 30`, zeros coming in.
+    /// `a >> 30`, filled with zeros.
     #[inline(always)]
     fn shift_right_30(self, a: Self::u64s) -> Self::u64s {
         each::<Self>(a, a, |a, _| a >> 30)
@@ -43,7 +42,7 @@ pub trait SimdOps: Simd {
         each::<Self>(a, by, |a, by| a << (by & 63))
     }
 
-    /// `a >> by`, zeros coming in, `by` in 0 .. 63.
+    /// `a >> by`, filled with zeros, `by` in 0 .. 63.
     #[inline(always)]
     fn shift_right(self, a: Self::u64s, by: Self::u64s) -> Self::u64s {
         each::<Self>(a, by, |a, by| a >> (by & 63))
@@ -63,7 +62,7 @@ pub trait SimdOps: Simd {
         cast(self.select_u64s(mask, cast(a), cast(b)))
     }
 
-    /// The bits of `a` that are set in `mask`.
+    /// `a` with only the bits that are set in `mask`.
     #[inline(always)]
     fn masked(self, a: Self::f64s, mask: Self::u64s) -> Self::f64s {
         cast(self.and_u64s(cast(a), mask))
@@ -74,7 +73,7 @@ pub trait SimdOps: Simd {
         self.masked(a, self.splat_u64s(!SIGN))
     }
 
-    /// `a` if it is larger, else `b`: what x86 does, signs of zero included.
+    /// `a` if it is larger, else `b`. Zeros of different sign compare equal, as on x86.
     #[inline(always)]
     fn max_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
         self.choose(self.greater_than_f64s(a, b), a, b)
@@ -86,7 +85,7 @@ pub trait SimdOps: Simd {
         self.choose(self.greater_than_f64s(b, a), a, b)
     }
 
-    /// Both are signed 64-bit numbers.
+    /// Whether `a` is larger than `b`, both signed 64-bit numbers.
     #[inline(always)]
     fn is_above(self, a: Self::u64s, b: Self::u64s) -> Self::m64s {
         self.greater_than_i64s(cast(a), cast(b))
@@ -104,13 +103,13 @@ pub trait SimdOps: Simd {
         self.select_u64s(self.is_above(a, b), a, b)
     }
 
-    /// Whole numbers below 2^51 in magnitude as integers in the lower 32 bits; above them is rubbish.
+    /// Whole numbers below 2^51 in magnitude as integers in the lower 32 bits. The upper bits are undefined.
     #[inline(always)]
     fn to_low(self, whole: Self::f64s) -> Self::u64s {
         cast(self.add_f64s(whole, self.splat_f64s(INTEGER)))
     }
 
-    /// Signed 64-bit numbers below 2^51 in magnitude as floats; exact.
+    /// Signed 64-bit numbers below 2^51 in magnitude as floats, exactly.
     #[inline(always)]
     fn to_float(self, number: Self::u64s) -> Self::f64s {
         let bits = self.add_u64s(number, self.splat_u64s(INTEGER.to_bits()));
@@ -123,7 +122,7 @@ pub trait SimdOps: Simd {
         self.sub_u64s(self.to_low(whole), self.splat_u64s(INTEGER.to_bits()))
     }
 
-    /// The whole number next to it towards zero: [`f64::trunc`].
+    /// The value rounded towards zero: [`f64::trunc`].
     #[inline(always)]
     fn truncate(self, value: Self::f64s) -> Self::f64s {
         let (size, whole) = (self.magnitude(value), self.splat_f64s(WHOLE));
@@ -137,18 +136,18 @@ pub trait SimdOps: Simd {
     /// The nearest whole number, halves away from zero: [`f64::round`].
     #[inline(always)]
     fn round(self, value: Self::f64s) -> Self::f64s {
-        let half = self.splat_f64s(0.5f64.next_down()); // 0.5 would make 1 of the number below 0.5
+        let half = self.splat_f64s(0.5f64.next_down()); // 0.5 would round the number below 0.5 to 1
         self.truncate(self.add_f64s(value, self.signed(half, value)))
     }
 
-    /// A number that is not negative, with the sign of another.
+    /// `size`, which is not negative, with the sign of `sign`.
     #[inline(always)]
     fn signed(self, size: Self::f64s, sign: Self::f64s) -> Self::f64s {
         let sign = self.masked(sign, self.splat_u64s(SIGN));
         cast(self.or_u64s(cast(size), cast(sign)))
     }
 
-    /// The largest whole number not above `value`; right below 2^51 in magnitude.
+    /// The largest whole number not above `value`. Correct below 2^51 in magnitude.
     #[inline(always)]
     fn floor(self, value: Self::f64s) -> Self::f64s {
         let integer = self.splat_f64s(INTEGER);
@@ -159,10 +158,10 @@ pub trait SimdOps: Simd {
     }
 }
 
-/// Numbers from here on are whole.
+/// Every number from here on is whole.
 const WHOLE: f64 = (1u64 << 52) as f64;
 
-/// The sign of a float.
+/// The sign bit of a float.
 pub const SIGN: u64 = 1 << 63;
 
 #[inline(always)]
@@ -195,7 +194,7 @@ impl SimdOps for pulp::Scalar {}
 #[cfg(target_arch = "aarch64")]
 impl SimdOps for pulp::aarch64::Neon {}
 
-/// A machine of x86: instructions of the same name, for vectors of different length.
+/// Vector instructions of x86. The instructions have the same names for vectors of different length.
 #[cfg(target_arch = "x86_64")]
 macro_rules! x86 {
     (

@@ -1,5 +1,5 @@
-//! Independent hits by number, on all threads, their outcomes in order: however many there are, only a block of
-//! them is in memory.
+//! Runs independent hits, by number, on all threads, and gives their outcomes in order. Only one block of hits is in
+//! memory.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -11,14 +11,14 @@ use crate::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
-/// Hits of a block for each lane of each thread. At its end lanes wait for the last one: 1 % of the time.
+/// Hits of a block for each lane of each thread. At the end of a block, lanes wait for the last hit: 1 % of the time.
 const HITS_PER_LANE: u64 = 64;
 
-/// Runs the hits 0 .. `total` that `hit` describes and gives each outcome to `sink`, in order. The outcomes
-/// depend neither on the number of threads nor on `engine`.
+/// Runs the hits 0 .. `total` that `hit` describes, and gives each outcome to `sink`, in order. The outcomes depend
+/// only on the hits: any number of threads and any `engine` give the same.
 ///
 /// # Errors
-/// `stop` was set, or an error of `sink`.
+/// `stop` was set, or `sink` returned an error.
 #[expect(clippy::too_many_arguments, reason = "what, how and where to")]
 pub fn stream(
     engine: Engine,
@@ -64,7 +64,7 @@ struct Numbered<'a, F> {
     end: u64,
     hit: &'a F,
     stop: &'a AtomicBool,
-    /// Which hit each lane has.
+    /// Number of each lane's hit.
     lanes: Vec<u64>,
     outcomes: Vec<(u64, Result<Outcome, HitError>)>,
 }

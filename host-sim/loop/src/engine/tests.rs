@@ -1,4 +1,4 @@
-//! Lanes against the scalar loop, bit for bit, on every backend that this machine has.
+//! Lanes compared with the scalar loop, bit for bit, on every backend of this machine.
 
 use zwidth::{
     VelocitySettings,
@@ -27,7 +27,7 @@ fn engines() -> impl Iterator<Item = Engine> {
     std::iter::once(Engine::Core).chain(available.map(Engine::Lanes))
 }
 
-/// Hits in a list, each by the lane that is free.
+/// A list of hits. A free lane takes the next hit.
 struct Listed<'a> {
     hits: &'a [WallHit],
     taken: usize,
@@ -65,7 +65,7 @@ fn outcomes(
     (work.outcomes.into_iter().map(Option::unwrap).collect(), tally)
 }
 
-/// To the bit: what was measured as its bits.
+/// An outcome with its measured values as bits.
 fn bits(outcome: &Result<Outcome, HitError>) -> Result<(Verdict, Vec<Option<u64>>), HitError> {
     outcome.clone().map(|Outcome { verdict, rms_m, measures }| {
         let of = |value: fn(&Measures) -> Option<f64>| measures.as_ref().and_then(value);
@@ -79,7 +79,7 @@ fn bits(outcome: &Result<Outcome, HitError>) -> Result<(Verdict, Vec<Option<u64>
     })
 }
 
-/// [`hold_with`] the scene's own filter at each hit's cutoff.
+/// [`hold_with`] with the scene's own filter at each hit's cutoff.
 fn hold(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
     let own = |hit: &WallHit| {
         let cutoff_hz = hit.velocity.cutoff_hz().unwrap();
@@ -88,8 +88,8 @@ fn hold(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
     hold_with(prepared, &hits.iter().map(own).collect::<Vec<_>>())
 }
 
-/// Every engine and backend against the scalar loop. Returns how many hits stayed in their lanes on the worst of those
-/// that have lanes.
+/// Compares every engine and backend with the scalar loop. Returns the smallest number of hits that stayed in lanes
+/// on a backend with lanes.
 fn hold_with(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
     let mut least = u64::MAX;
     for numeric in NUMERICS {
@@ -104,7 +104,7 @@ fn hold_with(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
                         rms_m: Some(report.rms_m),
                         measures: measures(&report),
                     }),
-                    // by a hit that runs to its end
+                    // expected outcome, from a hit that runs to its end
                     Depth::Bounded => match prepared.hit(numeric, hit, |_| {}) {
                         Err(HitError::OutOfRange(_)) => Ok(Outcome::of(Verdict::Unstable)),
                         whole => whole.map(|report| Outcome {
@@ -142,7 +142,7 @@ fn paper() -> Scene {
     NamedScene::load("paper-1um").unwrap().scene
 }
 
-/// A short hit: the arithmetic is the same, and there are many of them.
+/// A scene with short hits. The arithmetic is the same, and many hits can be tested.
 fn short(mut scene: Scene) -> Scene {
     scene.device.start_position_m = scene.wall.position_m - 2e-3;
     scene.wall_hit.settle_s = 0.1003;
@@ -177,7 +177,7 @@ fn whole_hits_of_the_paper_are_the_same_on_every_backend() {
     }
 }
 
-/// So short that an interpreter of another machine's instructions runs it in CI: NEON's lanes.
+/// So short that CI can run it in an interpreter with another machine's instructions: NEON lanes.
 #[test]
 fn a_few_samples_are_the_same_on_every_backend() {
     let mut scene = short(paper());
@@ -234,7 +234,7 @@ fn what_has_no_lanes_runs_all_the_same() {
     }
 }
 
-/// The cutoffs of a sweep have to suit the estimator, and it may need a sensor.
+/// A scene for this estimator: a cutoff of the sweep that suits it, and an accelerometer if it needs one.
 fn with_estimator(mut scene: Scene, velocity: VelocitySettings) -> Scene {
     scene.sweep.cutoffs_hz = vec![0.1 * scene.control.rate_hz];
     if velocity.name().sense() == Some(Sense::Acceleration) {
@@ -284,7 +284,7 @@ fn a_filter_of_another_form_than_the_scenes_runs_beside_the_lanes() {
     assert_eq!(hold_with(&prepared, &hits), 2, "the low-passes");
 }
 
-/// docs/lab/batch.md names the others.
+/// docs/lab/batch.md names the estimators without lanes.
 const IN_LANES: [&str; 24] = [
     "butterworth",
     "butterworth-prewarped",
@@ -333,7 +333,7 @@ fn a_hit_without_contact_and_one_that_is_refused_say_so() {
     }
 }
 
-/// A handle that leaves the core's range: never another outcome.
+/// A scene whose handle leaves the core's range. The outcome must be the same all the same.
 fn at_the_ends() -> Scene {
     let mut scene = short(paper());
     scene.encoder.resolution_m = 1e-8;
@@ -354,11 +354,11 @@ fn hits_at_the_ends_of_the_ranges_leave_their_lanes() {
     assert!(hold(&prepared, &hits) < hits.len() as u64, "some left");
 }
 
-/// Of every estimator, slow and fast: some of them are near their limits where the handle is not.
+/// Every estimator, slow and fast. Some estimators come near their limits before the handle does.
 #[test]
 fn estimators_at_the_ends_of_their_ranges_leave_their_lanes() {
     let hits = grid(&[800.0], &[20.0], &[0.01, 0.05]);
-    // observers have no model of a handle that light
+    // observers have no model of such a light handle
     let names = in_lanes().filter(|name| name.sense().is_none());
     let ways = [(0.0, 0.5), (0.5, 0.5), (0.99, 0.5), (0.5, 5.0)];
     for (name, (tuning, push_n)) in names.flat_map(|name| ways.map(|way| (name, way))) {

@@ -1,4 +1,4 @@
-//! The hits that an engine runs: where they come from, what they come to, and the scalar loop.
+//! The hits of an engine, their outcomes, and the scalar loop.
 
 use zwidth::experiment::Verdict;
 
@@ -8,54 +8,54 @@ use crate::simulation::{
     window::Measures,
 };
 
-/// How much of a hit is run.
+/// Part of a hit that is run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depth {
     /// Until the verdict is certain. A hit that leaves the core's range is unstable.
     Verdict,
-    /// Until it is certain to be unstable; all others to their end, for what they show. A hit that leaves the core's
-    /// range is unstable.
+    /// Until the hit is certain to be unstable. All other hits run to their end, for their measures. A hit that
+    /// leaves the core's range is unstable.
     Bounded,
-    /// To its end, for the RMS. A hit that leaves the core's range is an error.
+    /// To the hit's end, for the RMS. A hit that leaves the core's range is an error.
     Whole,
 }
 
-/// What a hit came to.
+/// Outcome of a hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome {
     pub verdict: Verdict,
     /// Population RMS over the window, m; only with [`Depth::Whole`].
     pub rms_m: Option<f64>,
-    /// What the window showed, if the scene looks at more than counts: with [`Depth::Whole`], and with
-    /// [`Depth::Bounded`] of hits that are not unstable.
+    /// Measures of the window, if the scene looks at more than counts. Present with [`Depth::Whole`], and with
+    /// [`Depth::Bounded`] if the hit is not unstable.
     pub measures: Option<Measures>,
 }
 
 impl Outcome {
-    /// A verdict and no more.
+    /// An outcome with only a verdict.
     pub fn of(verdict: Verdict) -> Self {
         Self { verdict, rms_m: None, measures: None }
     }
 }
 
-/// Where hits were run.
+/// How many hits were run in lanes and how many in the scalar loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// In their lanes to the end.
+    /// Hits that stayed in their lanes to the end.
     pub in_lanes: u64,
-    /// In the scalar loop, or refused.
+    /// Hits that the scalar loop ran, and hits with an error.
     pub scalar: u64,
 }
 
-/// Where hits come from and outcomes go.
+/// Source of hits, and receiver of their outcomes.
 pub trait Work {
-    /// The next hit for a free lane. A lane that gets `None` is not asked again.
+    /// The next hit for a free lane. If the result is `None`, the lane is not used again.
     fn next(&mut self, lane: usize) -> Option<WallHit>;
-    /// The last hit of that lane is over.
+    /// Takes the outcome of this lane's last hit.
     fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>);
 }
 
-/// Which hits, in which arithmetic, and how much of them.
+/// Scene, arithmetic and depth of the hits.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'a> {
     pub prepared: &'a PreparedScene,
@@ -74,18 +74,19 @@ pub fn one_by_one(task: Task<'_>, work: &mut Pushes<'_>) -> Tally {
     tally
 }
 
-/// Work whose walls are hit at each push of the scene, one after another in a lane, until one is not held.
+/// Work with several pushes: a lane hits each wall at each push of the scene, one after another, until the wall is
+/// not held.
 pub struct Pushes<'a> {
     work: &'a mut dyn Work,
     pushes: &'a [PreparedScene],
     lanes: Vec<Option<Begun>>,
 }
 
-/// A wall that has been held at the first pushes.
+/// A wall that was held at the first pushes.
 struct Begun {
     hit: WallHit,
     next: usize,
-    /// The outcome whose force is the least quiet.
+    /// The worst outcome so far.
     worst: Option<Outcome>,
 }
 
@@ -94,7 +95,8 @@ impl<'a> Pushes<'a> {
         Self { work, pushes: prepared.pushes(), lanes: vec![] }
     }
 
-    /// The next hit for a free lane, and the scene at its push. A lane that gets `None` is not asked again.
+    /// The next hit for a free lane, and the scene with the hit's push. If the result is `None`, the lane is not used
+    /// again.
     pub fn next(&mut self, lane: usize) -> Option<(WallHit, &'a PreparedScene)> {
         if self.lanes.len() <= lane {
             self.lanes.resize_with(lane + 1, || None);
@@ -108,7 +110,7 @@ impl<'a> Pushes<'a> {
         Some((begun.hit, self.pushes.get(begun.next)?))
     }
 
-    /// The last hit of that lane is over.
+    /// Takes the outcome of this lane's last hit.
     pub fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>) {
         let Some(place) = self.lanes.get_mut(lane) else { return };
         let Some(begun) = place else { return };
@@ -130,12 +132,12 @@ impl<'a> Pushes<'a> {
     }
 }
 
-/// A hit in the scalar loop.
+/// Runs a hit in the scalar loop.
 pub fn scalar(task: Task<'_>, hit: &WallHit) -> Result<Outcome, HitError> {
     let Task { prepared, numeric, depth } = task;
     match depth {
         Depth::Verdict => match prepared.verdict(numeric, hit) {
-            // another machine may have been certain before the handle left
+            // an engine may be certain of the verdict before the handle leaves the range
             Err(HitError::OutOfRange(_)) => Ok(Verdict::Unstable),
             verdict => verdict,
         }

@@ -1,4 +1,5 @@
-//! The one reader of tables that a user names: the numbers under named columns. docs/files.md says what is taken.
+//! Reads the numbers under named columns of a user's table. All such tables are read here. docs/files.md describes
+//! the format.
 
 use std::{iter, ops::RangeInclusive};
 
@@ -9,7 +10,7 @@ pub const FINITE: RangeInclusive<f64> = f64::MIN..=f64::MAX;
 /// Any finite number from 0 on.
 pub const FROM_0: RangeInclusive<f64> = 0.0..=f64::MAX;
 
-/// What may stand between two cells.
+/// Characters that may separate two cells.
 const DELIMITERS: [char; 3] = [',', ';', '\t'];
 const ROWS_MAX: usize = 8_000_000;
 /// Longest line of a table, bytes.
@@ -17,10 +18,10 @@ const LINE_MAX: usize = 1 << 20;
 /// Longest cell in a message, characters.
 const SHOWN: usize = 30;
 
-/// A column's name, and the numbers that it may hold.
+/// A column's name, and the range of its numbers.
 pub type Column<'a> = (&'a str, RangeInclusive<f64>);
 
-/// A text with a header.
+/// The text of a table with a header.
 #[derive(Clone, Debug)]
 pub struct Table<'a> {
     text: &'a str,
@@ -30,10 +31,10 @@ pub struct Table<'a> {
 }
 
 impl<'a> Table<'a> {
-    /// Finds the header.
+    /// Finds the header of a table.
     ///
     /// # Errors
-    /// One line: there is no header, or a quote in it does not end.
+    /// One line: the text has no header, or a quote in the header does not end.
     pub fn new(text: &'a str) -> Result<Self, String> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let first = lines(text).next().ok_or("the file is empty")?;
@@ -44,7 +45,7 @@ impl<'a> Table<'a> {
         });
         let named = |table: &Self| table.header.iter().filter(|name| !name.is_empty()).count();
         let columns = |table: &Result<Self, _>| table.as_ref().map_or(0, named);
-        // Of several with as many columns it takes the last.
+        // Of several delimiters with the same number of columns, it takes the last.
         tables.into_iter().rev().max_by_key(columns).unwrap_or_else(|| Err("no delimiter".into()))
     }
 
@@ -58,10 +59,10 @@ impl<'a> Table<'a> {
         self.line
     }
 
-    /// Line and numbers of each row.
+    /// Line number and numbers of each row.
     ///
     /// # Errors
-    /// One line: the line of the file, the column and what is allowed.
+    /// One line: line number in the file, column, and allowed values.
     pub fn numbers<const N: usize>(
         &self,
         columns: &[Column<'_>; N],
@@ -119,7 +120,7 @@ impl<'a> Table<'a> {
     }
 }
 
-/// The lines that are neither blank nor a comment, with their numbers from 1 on. LF, CRLF and CR end one.
+/// The lines that are neither blank nor a comment, with their numbers from 1 on. A line ends with LF, CRLF or CR.
 fn lines(text: &str) -> impl Iterator<Item = (&str, usize)> {
     let lines =
         text.split('\n').flat_map(|line| line.strip_suffix('\r').unwrap_or(line).split('\r'));
@@ -129,12 +130,12 @@ fn lines(text: &str) -> impl Iterator<Item = (&str, usize)> {
     })
 }
 
-/// Without the blanks at both ends. What else does not print stays, and is refused as a value.
+/// A text without blanks at both ends. Other characters that do not print stay, and make the value invalid.
 fn trim(text: &str) -> &str {
     text.trim_matches([' ', '\t'])
 }
 
-/// A number with a point, or with a comma where that does not separate cells.
+/// A number with a decimal point, or with a decimal comma if the comma does not separate cells.
 fn number(cell: &str, delimiter: char) -> Option<f64> {
     let has_comma = delimiter != ',' && !cell.contains('.');
     let number = if has_comma { cell.replacen(',', ".", 1).parse() } else { cell.parse() };
@@ -177,7 +178,7 @@ impl Splitter {
         text.resize(line.len() + 1, 0);
         ends.resize(line.len() + 1, 0);
         let (_, _, written, cells) = reader.read_record(line.as_bytes(), text, ends);
-        // In an open quote the line's end is one more character.
+        // In an open quote the line's end counts as one more character.
         let (result, _, _, last) =
             reader.read_record(b"\n", &mut text[written..], &mut ends[cells..]);
         if !matches!(result, ReadRecordResult::Record) {
@@ -187,14 +188,14 @@ impl Splitter {
         }
         let ends = &ends[..cells + last];
         let pairs = iter::once(&0).chain(ends).zip(ends);
-        // Cut at delimiters and quotes, a text stays one.
+        // The text was cut at delimiters and quotes only, so each piece is still valid UTF-8.
         Ok(pairs
             .map(|(begin, end)| clean(str::from_utf8(&text[*begin..*end]).unwrap_or_default()))
             .collect())
     }
 }
 
-/// A cell without blanks, and without the quotes that a blank before them has kept.
+/// A cell without blanks, and without quotes. The reader keeps quotes that follow a blank.
 fn clean(cell: &str) -> &str {
     let cell = trim(cell);
     cell.strip_prefix('"').and_then(|cell| cell.strip_suffix('"')).map_or(cell, trim)

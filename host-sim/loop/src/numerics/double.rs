@@ -1,9 +1,9 @@
-//! Arithmetic with 32 digits.
+//! Arithmetic with about 32 decimal digits.
 
 use std::ops::{Add, Mul, Sub};
 
-/// A number as an unevaluated sum of two, the second below half an LSB of the first. (A crate for it, `twofloat`,
-/// would bring a second `syn` into every build.)
+/// A number as the sum of two floats. The second is at most half an LSB of the first. (The crate `twofloat` has such
+/// a type, but would bring a second `syn` into every build.)
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Double {
     high: f64,
@@ -30,14 +30,14 @@ fn two_sum(a: f64, b: f64) -> Double {
     Double { high, low: (a - (high - rounded)) + (b - rounded) }
 }
 
-/// The same for `abs(a) >= abs(b)`.
+/// Sum and rounding error, for `abs(a) >= abs(b)`.
 #[inline]
 fn quick_sum(a: f64, b: f64) -> Double {
     let high = a + b;
     Double { high, low: b - (high - a) }
 }
 
-/// Product and its rounding error, by halves of 26 bits (Dekker, Numer. Math. 18, 1971).
+/// Product and its rounding error, from halves of 26 bits (Dekker, Numer. Math. 18, 1971).
 #[inline]
 fn two_product(a: f64, b: f64) -> Double {
     const HALVES: f64 = 134_217_729.0; // 2^27 + 1

@@ -1,15 +1,15 @@
-//! Discrete Fourier transforms: the same bits on every machine, which transforms written with a machine's vector
-//! instructions do not give.
+//! Discrete Fourier transforms with the same bits on every machine. Transforms that use a machine's vector
+//! instructions do not give the same bits.
 //!
-//! Powers of two by Stockham's form in radix 4 and, at the end, 2 (C. Van Loan, *Computational Frameworks for the Fast
-//! Fourier Transform*, 1992, sections 1.7 and 4.4), other lengths as a convolution with a chirp (Bluestein, IEEE Trans.
-//! Audio Electroacoust. 18, 1970).
+//! Powers of two use Stockham's form in radix 4, with a last stage in radix 2 (C. Van Loan, *Computational Frameworks
+//! for the Fast Fourier Transform*, 1992, sections 1.7 and 4.4). Other lengths use a convolution with a chirp
+//! (Bluestein, IEEE Trans. Audio Electroacoust. 18, 1970).
 
 use core::f64::consts::{PI, TAU};
 
 use nalgebra::Complex;
 
-/// `X[k] = sum over n of x[n] exp(-2 pi i k n / N)`, of any length.
+/// `X[k] = sum over n of x[n] exp(-2 pi i k n / N)`, for any length.
 pub fn forward(signal: &[Complex<f64>]) -> Vec<Complex<f64>> {
     let length = signal.len();
     if length == 0 {
@@ -29,32 +29,32 @@ pub fn forward(signal: &[Complex<f64>]) -> Vec<Complex<f64>> {
     }
     let (mut values, kernel) = (table.of(values), table.of(kernel));
     for (value, kernel) in values.iter_mut().zip(&kernel) {
-        *value = (*value * kernel).conj(); // the conjugate's transform is the inverse's conjugate
+        *value = (*value * kernel).conj(); // for the inverse transform
     }
     let scale = 1.0 / float(room);
     let values = table.of(values);
     values.iter().zip(&chirp).map(|(value, chirp)| value.conj() * scale * chirp).collect()
 }
 
-/// The spectrum of a real signal, padded with zeros to a power of two; quick, since its tables are made once.
+/// The spectrum of a real signal, padded with zeros to a power of two. Its tables are made once, so it is fast.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RealSpectrum {
-    /// Tables for the complex signal, each sample of which is made of two real ones.
+    /// Tables for a complex signal of half the length. Each complex sample holds two real samples.
     table: Table,
 }
 
 impl RealSpectrum {
-    /// For up to `samples` samples.
+    /// Tables for up to `samples` samples.
     pub fn new(samples: usize) -> Self {
         Self { table: Table::new(samples.max(4).next_power_of_two() / 2) }
     }
 
-    /// Samples with the zeros.
+    /// Number of samples, with the zeros.
     pub fn length(&self) -> usize {
         2 * self.table.length
     }
 
-    /// `|X[k]|^2` of the bins `bins`, all below half of the length.
+    /// `|X[k]|^2` of the bins `bins`, all below half the length.
     pub fn powers(&self, signal: &[f64], bins: core::ops::Range<usize>) -> Vec<f64> {
         let half = self.table.length;
         let part = |odd: usize| -> Vec<f64> {
@@ -64,7 +64,7 @@ impl RealSpectrum {
         let [re, im] = self.table.transformed([part(0), part(1)]);
         let power = |k: usize| {
             let (a, b) = (k % half, (half - k) % half);
-            // the spectra of even and odd samples, then one step of decimation in time
+            // spectra of the even and the odd samples, then one step of decimation in time
             let even = [0.5 * (re[a] + re[b]), 0.5 * (im[a] - im[b])];
             let odd = [0.5 * (im[a] + im[b]), 0.5 * (re[b] - re[a])];
             let (x, y) = times((self.table.turns[0][k], self.table.turns[1][k]), (odd[0], odd[1]));
@@ -78,11 +78,11 @@ impl RealSpectrum {
 /// Real and imaginary parts.
 type Parts = [Vec<f64>; 2];
 
-/// What transforms of a length, a power of two, need.
+/// Tables for transforms of one length, a power of two.
 #[derive(Clone, Debug, PartialEq)]
 struct Table {
     length: usize,
-    /// `exp(-pi i k / length)`: the whole circle, real and imaginary.
+    /// `exp(-pi i k / length)` over the whole circle, real and imaginary parts.
     turns: Parts,
 }
 
@@ -115,7 +115,7 @@ impl Table {
         from
     }
 
-    /// One pass of radix 4 over transforms of `length`, `stride` of them side by side.
+    /// One pass of radix 4 over transforms of `length`, with `stride` transforms side by side.
     fn quarters(&self, from: &Parts, to: &mut Parts, length: usize, stride: usize) {
         let quarter = length / 4;
         let [re, im] = from;

@@ -1,4 +1,5 @@
-//! Mathematics that knows no device: the exact step of a linear system, integrators, Fourier transform, random numbers, statistics.
+//! Mathematics that is independent of the device: exact step of a linear system, integrators, Fourier transform,
+//! random numbers, statistics.
 
 pub mod double;
 pub mod exact;
@@ -7,7 +8,7 @@ pub mod integrator;
 pub mod random;
 pub mod statistics;
 
-/// A number of things: what is below 0 is none.
+/// Converts to a whole number, rounded down; a negative value gives 0.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
 pub fn whole(value: f64) -> usize {
     value as usize

@@ -1,12 +1,12 @@
-//! Random numbers by sample: a function of seed and sample number, so that they depend neither on threads nor on
-//! what else was drawn.
+//! Random numbers of a sample. Each is a function of seed and sample number, so it depends neither on threads nor on
+//! other draws.
 //!
 //! Source: the output function of SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators",
 //! OOPSLA 2014) on a counter; Box and Muller, Ann. Math. Stat. 29, 1958.
 
 use core::f64::consts::TAU;
 
-/// SplitMix64's n-th number after `seed`.
+/// Number n of SplitMix64 after `seed`.
 #[inline]
 pub fn bits(seed: u64, n: u64) -> u64 {
     let mut z = seed.wrapping_add(n.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
@@ -15,30 +15,30 @@ pub fn bits(seed: u64, n: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// The upper 53 bits, as a whole number.
+/// The upper 53 bits as a whole number.
 fn high(bits: u64) -> f64 {
     (bits >> 11) as f64
 }
 
-/// Evenly spread over (0, 1).
+/// Uniform over (0, 1).
 #[inline]
 pub fn uniform(seed: u64, n: u64) -> f64 {
     (high(bits(seed, n)) + 0.5) / (1u64 << 53) as f64
 }
 
-/// Evenly spread over [0, 1).
+/// Uniform over [0, 1).
 #[inline]
 pub fn uniform_with_zero(seed: u64, n: u64) -> f64 {
     high(bits(seed, n)) / (1u64 << 53) as f64
 }
 
-/// Gaussian of two numbers that are evenly spread: the first over (0, 1], the second over (0, 1) or [0, 1).
+/// Gaussian number from two uniform numbers: `radius` over (0, 1], `angle` over (0, 1) or [0, 1).
 #[inline]
 pub fn box_muller(radius: f64, angle: f64) -> f64 {
     libm::sqrt(-2.0 * libm::log(radius)) * libm::cos(TAU * angle)
 }
 
-/// Gaussian, mean 0, variance 1.
+/// Gaussian number with mean 0 and variance 1.
 #[inline]
 pub fn gaussian(seed: u64, n: u64) -> f64 {
     box_muller(uniform(seed, 2 * n), uniform(seed, 2 * n + 1))
@@ -50,7 +50,7 @@ mod tests {
 
     #[test]
     fn bits_are_those_of_splitmix64() {
-        // The reference implementation's first numbers after seed 1234567.
+        // First numbers of the reference implementation after seed 1234567.
         let expected =
             [6_457_827_717_110_365_317, 3_203_168_211_198_807_973, 9_817_491_932_198_370_423];
         assert_eq!([0, 1, 2].map(|n| bits(1_234_567, n)), expected);

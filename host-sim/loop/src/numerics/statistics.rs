@@ -1,19 +1,20 @@
-//! Whether the walks tell two results apart: Welch's unequal variances t-test (Biometrika 34, 1947).
+//! Decides whether the walks show a difference between two results: Welch's unequal variances t-test (Biometrika 34,
+//! 1947).
 
 use statrs::distribution::{ContinuousCDF as _, StudentsT};
 
-/// A result is as good as the best if its mean is at least this fraction of the best one's.
+/// A result is as good as the best result if its mean is at least this fraction of the best mean.
 pub const AS_GOOD_AS_BEST: f64 = 0.98;
-/// Chance that the test drops a result that is just as good as it must be.
+/// Probability that the test rejects a result that is exactly at its limit.
 pub const LEVEL: f64 = 0.05;
 
-/// Mean and squared standard error of a few repeats.
+/// Mean and squared standard error of a number of repeats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Repeats {
     pub count: f64,
-    /// Mean of the repeats; 0 without any.
+    /// Mean of the repeats; 0 without repeats.
     pub mean: f64,
-    /// Square of the standard error of the mean; 0 with a single one.
+    /// Square of the standard error of the mean; 0 with a single repeat.
     pub squared_error: f64,
 }
 
@@ -25,7 +26,7 @@ impl Repeats {
         Self { count, mean, squared_error: squares / (count - 1.0).max(1.0) / count }
     }
 
-    /// Half of the interval that has the mean with 95 %, by Student's t; infinite with a single one.
+    /// Half width of the mean's 95 % confidence interval, by Student's t; infinite with a single repeat.
     pub fn half_width(&self) -> f64 {
         if self.squared_error == 0.0 && self.count > 1.0 {
             return 0.0;
@@ -36,8 +37,8 @@ impl Repeats {
         }
     }
 
-    /// Whether the repeats show the mean to be below `share` of the mean of `best`: one-sided, at
-    /// [`LEVEL`]. Without spread it is a plain comparison.
+    /// Whether the repeats show that the mean is below `share` of the mean of `best`. The test is one-sided, at
+    /// [`LEVEL`]. Without spread the means are compared directly.
     pub fn is_below(&self, share: f64, best: &Self) -> bool {
         let lacking = share * best.mean - self.mean;
         let errors = [self.squared_error, share * share * best.squared_error];
@@ -52,7 +53,7 @@ impl Repeats {
             Ok(distribution) => {
                 lacking > distribution.inverse_cdf(1.0 - LEVEL) * squared_error.sqrt()
             }
-            Err(_) => true, // the freedom is at least 1 by its definition
+            Err(_) => true, // the degrees of freedom are at least 1 by definition
         }
     }
 }
@@ -65,11 +66,11 @@ mod tests {
     fn a_difference_counts_only_where_it_exceeds_the_spread() {
         let of = |values: &[f64]| Repeats::of(values.iter().copied());
         let best = of(&[99.0, 100.0, 101.0, 100.0]);
-        // t = 4 / sqrt(0.167 + 2 * 0.98^2 ..): far below and far above what 5 % asks for
+        // t = 4 / sqrt(0.167 + 2 * 0.98^2 ..): far below and far above the threshold for 5 %
         assert!(of(&[93.0, 94.0, 95.0, 94.0]).is_below(AS_GOOD_AS_BEST, &best));
         assert!(!of(&[80.0, 108.0, 95.0, 93.0]).is_below(AS_GOOD_AS_BEST, &best));
         assert!(!of(&[98.5; 4]).is_below(AS_GOOD_AS_BEST, &best));
-        // without spread: a plain comparison
+        // without spread the means are compared directly
         assert!(of(&[97.9]).is_below(AS_GOOD_AS_BEST, &of(&[100.0])));
         assert!(!of(&[98.1]).is_below(AS_GOOD_AS_BEST, &of(&[100.0])));
         assert_eq!(of(&[]).mean, 0.0);
@@ -77,8 +78,8 @@ mod tests {
 
     #[test]
     fn the_threshold_is_that_of_the_t_distribution() {
-        // Two of equal spread and count 4: 6 degrees of freedom, t(95 %) = 1.9432; the squared error
-        // of each mean is 1/6, of their difference 1/3.
+        // Both have equal spread and count 4: 6 degrees of freedom, t(95 %) = 1.9432. The squared error of each mean
+        // is 1/12, the squared error of their difference 1/6.
         let around = |mean: f64| Repeats::of([-0.5, 0.5, -0.5, 0.5].map(|d| mean + d).into_iter());
         let spread = around(0.0).squared_error;
         assert!((spread - 1.0 / 12.0).abs() < 1e-12, "{spread}");

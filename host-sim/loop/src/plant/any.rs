@@ -1,6 +1,6 @@
-//! Any plant behind one type: for callers that take what a scene asks for. Plants with an exact step are told
-//! apart by their number of states, so that the loop of a hit is compiled for each of them ([`each_plant`]); the
-//! others take so long for a step that a call through a table does not matter.
+//! Any plant of a scene in one type. Plants with an exact step have a variant for each number of states, and
+//! [`each_plant`] compiles a hit's loop for each of them. Other plants take so long for a step that a call through a
+//! vtable does not matter.
 
 use std::{fmt::Debug, sync::Arc};
 
@@ -31,12 +31,12 @@ pub enum AnyPlant {
     Six(ExactStep<6>),
     /// Three bodies and an amplifier.
     Seven(ExactStep<7>),
-    /// Integrated step by step, or with something wrong with its readings.
+    /// A plant that is integrated, or whose encoder readings have errors.
     Other(Arc<dyn OtherPlant>),
 }
 
-/// Runs an expression with the plant that an [`AnyPlant`] holds, compiled for each that has an exact step, and once
-/// for the others.
+/// Runs an expression with the plant in an [`AnyPlant`]. The expression is compiled for each plant with an exact
+/// step, and once for all other plants.
 #[macro_export]
 macro_rules! each_plant {
     ($any:expr, $plant:ident => $body:expr) => {
@@ -53,7 +53,7 @@ macro_rules! each_plant {
 }
 pub use each_plant;
 
-/// [`Plant`] with the state of any plant, for calls through a table.
+/// [`Plant`] with the state of any plant, for calls through a vtable.
 pub trait OtherPlant: Debug + Send + Sync {
     fn any_at_rest(&self, position_m: f64) -> AnyState;
     fn any_position_m(&self, state: &AnyState) -> f64;
@@ -122,7 +122,7 @@ impl<P: Plant + Debug + Send + Sync> OtherPlant for P {
 }
 
 impl AnyPlant {
-    /// What a hand's constant force adds to the states in a sample, if the step is linear.
+    /// Change of the states in a sample by the hand's constant force, if the step is linear.
     pub(crate) fn hand(&self) -> [f64; 7] {
         match self {
             Self::Plain(step) => step.padded::<7>().hand,
@@ -135,8 +135,8 @@ impl AnyPlant {
         }
     }
 
-    /// The plant of a scene, sampled every `sample_s`, with a command taking effect at `fraction` (0 to
-    /// below 1) of it, and what its encoder reads.
+    /// The plant of a scene with the errors of its encoder, sampled every `sample_s`. A command takes effect at
+    /// `fraction` (0 to below 1) of the sample.
     pub fn of(scene: &Scene, sample_s: f64, fraction: f64) -> Self {
         let sensing = Sensing::of(scene);
         let plant = Self::unsensed(scene, sample_s, fraction);
@@ -150,7 +150,7 @@ impl AnyPlant {
         }
     }
 
-    /// The plant of a scene without what may be wrong with its readings.
+    /// The plant of a scene without the errors of its encoder.
     pub fn unsensed(scene: &Scene, sample_s: f64, fraction: f64) -> Self {
         let chain = scene.chain();
         match scene.integrator {
@@ -166,7 +166,7 @@ impl AnyPlant {
         Self::Other(Arc::new(plant))
     }
 
-    /// A plant that is integrated step by step, linear or not.
+    /// A plant that is integrated, linear or not.
     pub fn integrated(
         chain: &Chain,
         nonlinear: &Nonlinear,
@@ -179,7 +179,7 @@ impl AnyPlant {
         )))
     }
 
-    /// The exact step over `sample_s`, split at `fraction` (0 to below 1) of it.
+    /// The exact step over `sample_s`, split at `fraction` (0 to below 1) of the sample.
     pub fn exact(chain: &Chain, sample_s: f64, fraction: f64) -> Self {
         match chain.states() {
             2 => {

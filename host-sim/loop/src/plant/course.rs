@@ -1,6 +1,6 @@
-//! The handle's motion over a run of samples, at most the last of which has an output: the plant needs nothing of the
-//! controller there, so it moves on alone, and a plant behind a table is called once for all of them. Its encoder reads
-//! it on the way: the plant waits for its last step longer than that takes.
+//! The handle's motion over a run of samples. Only the last sample of a run may have an output. Until then the plant
+//! does not depend on the controller. So the plant moves over the whole run in one call, and a plant behind a vtable
+//! is called only once. The encoder is read in the same loop, while the processor waits for the plant's last step.
 
 use std::ops::Range;
 
@@ -8,38 +8,38 @@ pub use zwidth::RUN;
 
 use super::{Moment, Plant, quantiser::Quantiser};
 
-/// Where the handle is at the samples of a run, at most [`RUN`].
+/// Positions of the handle at the samples of a run, at most [`RUN`].
 #[derive(Debug)]
 pub struct Places<'a> {
     pub positions_m: &'a mut [f64; RUN],
-    /// What the encoder reads.
+    /// Readings of the encoder.
     pub counts: &'a mut [i32; RUN],
 }
 
-/// True speeds and forces of a run, filled if they are asked for.
+/// True speeds and forces of a run, filled only if `watched`.
 #[derive(Clone, Copy, Debug)]
 pub struct Course {
     pub speeds_m_per_s: [f64; RUN],
-    /// Force on the handle at the end of each sample but the last, N.
+    /// Force on the handle at the end of each sample except the last, N.
     pub outputs_n: [f64; RUN],
 }
 
-/// A run that is asked for.
+/// Description of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Span {
-    /// Number of its first sample.
+    /// Number of the run's first sample.
     pub index: u64,
-    /// Its samples, 1 to [`RUN`].
+    /// Number of samples, 1 to [`RUN`].
     pub samples: usize,
-    /// Somebody looks at the [`Course`].
+    /// Whether the [`Course`] is filled.
     pub watched: bool,
-    /// Command that acts at its beginning, N.
+    /// Command that acts at the run's beginning, N.
     pub acting_n: f64,
-    /// The sample of the run within which another command takes effect; beyond the run if there is none.
+    /// Sample of the run within which another command takes effect. Beyond the run if there is no such command.
     pub arrival: usize,
-    /// Command that takes effect there, N.
+    /// Command that takes effect in sample `arrival`, N.
     pub arriving_n: f64,
-    /// What reads the handle.
+    /// Quantiser of the encoder.
     pub encoder: Quantiser,
 }
 
@@ -47,7 +47,7 @@ impl Course {
     pub const NONE: Self = Self { speeds_m_per_s: [0.0; RUN], outputs_n: [0.0; RUN] };
 
     /// Moves from the run's first sample to its last one.
-    #[inline(never)] // once for each plant, whatever the controller
+    #[inline(never)] // compiled once for each plant, independent of the controller
     pub fn run<P: Plant>(
         &mut self,
         plant: &P,
@@ -63,7 +63,7 @@ impl Course {
     }
 }
 
-/// A run on its way.
+/// State of a run.
 struct Way<'a, 'b, P, const WATCHED: bool> {
     plant: &'a P,
     span: &'a Span,
@@ -91,7 +91,7 @@ impl<P: Plant, const WATCHED: bool> Way<'_, '_, P, WATCHED> {
         state
     }
 
-    /// Samples under one command.
+    /// Moves over samples under one command.
     #[inline(always)]
     fn under(&mut self, mut state: P::State, acting_n: f64, samples: Range<usize>) -> P::State {
         for sample in samples {
@@ -102,10 +102,10 @@ impl<P: Plant, const WATCHED: bool> Way<'_, '_, P, WATCHED> {
         state
     }
 
-    /// A sample, with the commands that act at its beginning and from its split on.
+    /// Stores a sample's values. The commands act at its beginning, and from its split on.
     #[inline(always)]
     fn note(&mut self, state: &P::State, sample: usize, [before_n, after_n]: [f64; 2]) {
-        let sample = sample % RUN; // as it is: so nothing below is checked again
+        let sample = sample % RUN; // has no effect, but saves the bounds checks below
         let moment = Moment { index: self.span.index + sample as u64, before_n, after_n };
         self.places.positions_m[sample] = self.plant.position_m(state);
         self.places.counts[sample] = self.span.encoder.count(self.plant.reading_m(state, &moment));
@@ -114,7 +114,7 @@ impl<P: Plant, const WATCHED: bool> Way<'_, '_, P, WATCHED> {
         }
     }
 
-    /// The end of a sample.
+    /// Stores the force at the end of a sample.
     #[inline(always)]
     fn moved(&mut self, state: &P::State, sample: usize, acting_n: f64) {
         if WATCHED {

@@ -1,12 +1,13 @@
-//! The device, advanced exactly: `m x'' + b x' + k (x - x0) = F` with a force that is constant, or
-//! steps once, within a sample.
+//! The device, advanced exactly: `m x'' + b x' + k (x - x0) = F`. The force is constant within a sample, or steps
+//! once.
 //!
-//! The state is `(x - x0, x')`. Under a constant force a step is `s' = phi s + gamma F`. Where the
-//! force steps from F1 to F2 at `fraction` of the sample it is `s' = phi s + before F1 + after F2`,
-//! `after = gamma((1 - fraction) T)`, `before = phi((1 - fraction) T) gamma(fraction T)`. A hand's constant force adds
-//! the same to the state in every sample. Nothing is
-//! approximated but by rounding. Forces or lengths scaled by a power of two give a run that is
-//! bit-identical up to that scale.
+//! The state is `(x - x0, x')`. Under a constant force a step is `s' = phi s + gamma F`. If the force steps from F1
+//! to F2 at `fraction` of the sample, the step is `s' = phi s + before F1 + after F2` with
+//! `after = gamma((1 - fraction) T)`, `before = phi((1 - fraction) T) gamma(fraction T)`. A hand's constant force
+//! adds the same to the state in every sample.
+//!
+//! The only errors are roundings. If forces or lengths are scaled by a power of two, the run is the same bit for bit,
+//! except for this scale.
 
 mod any;
 mod course;
@@ -24,50 +25,50 @@ pub use sensed::{Sensed, SensedState, Sensing};
 
 use crate::scene::element::STATES_MAX;
 
-/// A sample that the encoder is read for.
+/// A sample at which the encoder is read.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment {
     /// Number of the sample.
     pub index: u64,
-    /// Command that acts at its beginning, N.
+    /// Command at the sample's beginning, N.
     pub before_n: f64,
-    /// Command that acts from its split on, N.
+    /// Command from the sample's split on, N.
     pub after_n: f64,
 }
 
-/// What moves under the actuator's force, one sample at a time.
+/// A device under the actuator's force, advanced one sample at a time.
 pub trait Plant: Clone {
-    /// What a step changes.
+    /// State of the plant.
     type State: Copy + core::fmt::Debug;
 
-    /// The state of a handle at rest at `position_m`, before any force.
+    /// State of a handle at rest at `position_m`, before any force.
     fn at_rest(&self, position_m: f64) -> Self::State;
-    /// Position where motor and encoder are, m.
+    /// Position of motor and encoder, m.
     fn position_m(&self, state: &Self::State) -> f64;
-    /// Speed where motor and encoder are, m/s.
+    /// Speed of motor and encoder, m/s.
     fn speed_m_per_s(&self, state: &Self::State) -> f64;
-    /// Force of the actuator on the handle while `output_n` is commanded, N: the same, unless the
-    /// amplifier takes time.
+    /// Force of the actuator on the handle for the command `output_n`, N. Both are equal, except with an amplifier's
+    /// lag.
     #[inline]
     fn force_n(&self, _state: &Self::State, output_n: f64) -> f64 {
         output_n
     }
-    /// What the encoder sees for a sample, m, before it is made a count: the position, unless it reads late or
-    /// wrongly.
+    /// Position that the encoder reads for a sample, m, before quantisation. It differs from the true position if the
+    /// encoder reads late or with errors.
     #[inline]
     fn reading_m(&self, state: &Self::State, _moment: &Moment) -> f64 {
         self.position_m(state)
     }
-    /// Position `delay_s` (below a sample) later, m, under the commands until the split and from it on, if this
-    /// plant can say so by itself; an exact step is for whole samples only.
+    /// Position `delay_s` (below a sample) later, m, with the two commands before and after the split. `None` if the
+    /// plant cannot compute it: an exact step is for whole samples only.
     fn later_m(&self, _state: &Self::State, _delay_s: f64, _forces_n: [f64; 2]) -> Option<f64> {
         None
     }
-    /// The state one sample later, with `force_n` commanded all the while.
+    /// State one sample later, with the constant command `force_n`.
     fn advance(&self, state: &Self::State, force_n: f64) -> Self::State;
-    /// The state one sample later, with `before_n` commanded until the split and `after_n` from it on.
+    /// State one sample later, with `before_n` commanded until the split and `after_n` from the split on.
     fn advance_split(&self, state: &Self::State, before_n: f64, after_n: f64) -> Self::State;
-    /// Moves over a run of samples, read by the encoder.
+    /// Moves over a run of samples. The encoder reads each sample.
     #[inline(always)]
     fn run(
         &self,
@@ -78,11 +79,11 @@ pub trait Plant: Clone {
     ) -> Self::State {
         course.run(self, state, span, places)
     }
-    /// Steps of its integrator that were tried since it was at rest; 0 if it has none.
+    /// Number of integration steps tried since the state at rest; 0 without an integrator.
     fn steps(&self, _state: &Self::State) -> u64 {
         0
     }
-    /// A state as one that fits every plant.
+    /// Converts a state to the type that holds the state of any plant.
     fn pack(state: &Self::State) -> AnyState;
     fn unpack(any: &AnyState) -> Self::State;
 }

@@ -1,39 +1,40 @@
-//! The encoder's scale: positions to counts. The lanes' text of it is
-//! `Chunk::count` of the engine, which tests hold to this one.
+//! The encoder's scale: positions to counts. The lanes have the same calculation in `Chunk::count` of the engine;
+//! tests compare both.
 
 use std::hint::cold_path;
 
 use crate::scene::{Encoder, Rounding};
 
-/// How an encoder makes a count of a position.
+/// Converts a position to a count.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quantiser {
     /// Length of a count, m per count.
     pub resolution_m: f64,
-    /// Which count a position between two borders becomes.
+    /// Rounding of a position to a count.
     pub rounding: Rounding,
     /// Counts per metre, the reciprocal of the resolution.
     per_m: f64,
-    /// [`ABOVE`], and what is added to a position before it is floored.
+    /// [`ABOVE`], plus 1/2 if the encoder rounds to nearest. It is added to a position in counts.
     above: f64,
 }
 
-/// Adding it to a number in the range of `i32` leaves that number in the low 52 bits of the sum, above -2^31 and in
-/// 2^-20.
+/// Added to a number in the range of `i32`, it leaves this number plus 2^31 in the low 52 bits of the sum, in units
+/// of 2^-20.
 const ABOVE: f64 = 1.5 * (1u64 << 32) as f64;
 const FRACTION_BITS: u32 = 20;
-/// A product and a sum that are further than this from every whole number have the floor of the quotient, in 2^-20.
+/// If product and sum are at least this far from every whole number, their floor is the quotient's floor. Units of
+/// 2^-20.
 const CLOSE: u64 = 4;
 
 impl Quantiser {
-    /// That of a scene's encoder.
+    /// The quantiser of a scene's encoder.
     pub fn of(encoder: &Encoder) -> Self {
         let (resolution_m, rounding) = (encoder.resolution_m, encoder.rounding);
         let above = ABOVE + if rounding == Rounding::Round { 0.5 } else { 0.0 };
         Self { resolution_m, rounding, per_m: 1.0 / resolution_m, above }
     }
 
-    /// The place of `position_m` on the scale whose whole numbers are the borders of the counts.
+    /// `position_m` in counts, on a scale whose whole numbers are the borders between counts.
     #[inline]
     pub fn place(&self, position_m: f64) -> f64 {
         let exact = position_m / self.resolution_m;
@@ -43,11 +44,11 @@ impl Quantiser {
         }
     }
 
-    /// The count of `position_m`: the floor of its [`place`](Self::place). Saturates at the ends of `i32`.
+    /// The count of `position_m`: the floor of its [`place`](Self::place), saturated to the range of `i32`.
     ///
-    /// Nearly always without the division, for which a loop would have to wait: below 2^31 counts, the product with the
-    /// reciprocal and the quotient are at most 3 * 2^-53 * 2^31 < 2^-20 apart, and the sums beside them add 2^-21 and
-    /// 2^-22. So their floors differ only where a whole number is closer than 4 * 2^-20.
+    /// Nearly every count is computed without a division, which is slow. Below 2^31 counts, the product with the
+    /// reciprocal differs from the quotient by at most 3 * 2^-53 * 2^31 < 2^-20. The two sums add errors of 2^-21 and
+    /// 2^-22. So the floors differ only if a whole number is closer than 4 * 2^-20.
     #[inline]
     pub fn count(&self, position_m: f64) -> i32 {
         let sum = position_m * self.per_m + self.above;
@@ -62,18 +63,18 @@ impl Quantiser {
     }
 }
 
-/// Adding it to a number below 2^51 leaves the nearest integer in the low bits of the sum.
+/// Added to a number below 2^51, it leaves the nearest integer in the low bits of the sum.
 pub(crate) const INTEGER: f64 = 1.5 * (1u64 << 52) as f64;
 
-/// The largest integer not above `value`, saturating at the ends of `i32`: `INTEGER` gives the nearest one, and a
-/// rounding up is taken back. A third of the instructions of `value.floor() as i32`.
+/// The largest integer not above `value`, saturated to the range of `i32`. `INTEGER` gives the nearest integer; a
+/// rounding up is corrected. It takes a third of the instructions of `value.floor() as i32`.
 #[inline]
 pub fn floor(value: f64) -> i32 {
     let value = value.clamp(f64::from(i32::MIN), f64::from(i32::MAX));
     let sum = value + INTEGER;
     #[expect(clippy::cast_possible_truncation, reason = "the low 32 bits are the integer")]
     let nearest = (sum.to_bits() as u32).cast_signed();
-    nearest.wrapping_sub(i32::from(sum - INTEGER > value)) // i32::MIN is not rounded up to
+    nearest.wrapping_sub(i32::from(sum - INTEGER > value)) // i32::MIN is never rounded up to
 }
 
 #[cfg(test)]
@@ -109,7 +110,7 @@ mod tests {
         }
     }
 
-    /// Borders, their neighbours, the ends and what is no number, and any position: the product is the quotient's floor.
+    /// Count and floor of the place agree at borders, beside borders, at the ends, for NaN, and for random positions.
     #[test]
     fn a_count_is_the_floor_of_its_place() {
         let numbers = (0..).map(|n| random::uniform_with_zero(20_261_126, n));
@@ -135,7 +136,7 @@ mod tests {
                     for number in numbers.by_ref().take(300) {
                         let place = number * 2f64.powi(exponent);
                         check(place * resolution_m);
-                        check(place.round() * resolution_m); // at a border, or a last digit beside it
+                        check(place.round() * resolution_m); // at a border, or one last digit beside it
                     }
                 }
             }

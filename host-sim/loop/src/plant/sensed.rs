@@ -1,4 +1,4 @@
-//! A plant whose encoder reads late, wrongly or noisily.
+//! A plant whose encoder reads late, or with error or noise.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use crate::{
     },
 };
 
-/// What is wrong with the readings.
+/// Errors of the encoder's readings.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sensing {
     pub error: Option<EncoderError>,
@@ -20,7 +20,7 @@ pub struct Sensing {
 }
 
 impl Sensing {
-    /// What a scene says.
+    /// The errors in a scene.
     pub fn of(scene: &Scene) -> Self {
         Self { error: scene.encoder_error, noise: scene.encoder_noise, jitter: scene.jitter }
     }
@@ -29,8 +29,8 @@ impl Sensing {
         *self == Self::default()
     }
 
-    /// What the encoder shows of a handle at `position_m`, m, with its error and noise, before it is made a
-    /// count. `hit` and `sample` tell the noise of one reading from that of others.
+    /// Position that the encoder reads for a handle at `position_m`, m, with error and noise, before quantisation.
+    /// `hit` and `sample` select the noise of a reading.
     #[inline]
     pub fn shown_m(&self, position_m: f64, hit: u64, sample: u64) -> f64 {
         let mut shown_m = position_m;
@@ -44,14 +44,14 @@ impl Sensing {
     }
 }
 
-/// A plant and what is wrong with its readings.
+/// A plant with errors of its encoder's readings.
 #[derive(Clone, Debug)]
 pub struct Sensed<P> {
     plant: P,
     sensing: Sensing,
-    /// Where the device rests, m.
+    /// Rest position of the device, m.
     rest_m: f64,
-    /// For plants with an exact step: the position at each delay.
+    /// The position at each delay, for plants with an exact step.
     glimpses: Option<Arc<[Glimpse]>>,
 }
 
@@ -63,7 +63,7 @@ pub struct SensedState<S> {
 }
 
 impl<P: Plant> Sensed<P> {
-    /// `chain` and `split_s` are those of the plant.
+    /// `chain` and `split_s` must belong to `plant`.
     pub fn new(plant: P, sensing: Sensing, chain: &Chain, split_s: f64) -> Self {
         let by_itself = plant.later_m(&plant.at_rest(0.0), 0.0, [0.0; 2]).is_some();
         let glimpses = sensing
@@ -93,7 +93,8 @@ impl<P: Plant> Plant for Sensed<P> {
     type State = SensedState<P::State>;
 
     fn at_rest(&self, position_m: f64) -> Self::State {
-        // Each start of a repeat has its own noise; all walls that are hit from there share it.
+        // Each start position of a repeat has its own noise. All walls that are hit from this start have the same
+        // noise.
         let hit = random::bits(position_m.to_bits(), 0);
         SensedState { plant: self.plant.at_rest(position_m), hit }
     }
@@ -179,7 +180,7 @@ mod tests {
         scene
     }
 
-    /// Late readings against exact steps of their very length.
+    /// Compares late readings with exact steps of the same length.
     fn late_readings(scene: &Scene, fraction: f64, tolerance_m: f64) {
         let mut with = scene.clone();
         with.jitter = Some(JITTER);
@@ -196,7 +197,7 @@ mod tests {
             let level = JITTER.level(state.hit, index);
             levels.insert(level);
             let delay_s = JITTER.delay_s(level);
-            // The first part up to the split, the second beyond it, each as a whole step of that length.
+            // The delay has a part up to the split and a part after it. Each part is a whole step of this length.
             let early_s = delay_s.min(split_s);
             let part = |dt: f64, state: &AnyState, force_n: f64| {
                 if dt == 0.0 {

@@ -1,7 +1,8 @@
-//! What only a real board needs of a device: the tables `[board]`, `[safety]`, `[motor]` and `[return]`.
+//! What a board needs of a device and the simulator does not: the tables `[board]`, `[safety]`, `[motor]` and
+//! `[return]`.
 //!
-//! The simulator checks them and ignores them otherwise. Each key may be left out; what is then taken is a guess, made
-//! here from the rest of the scene, and `prepare` says so. The guesses are the paper's device's numbers, scaled.
+//! The simulator only checks these tables. Each key may be absent. Then a guess is made here from the rest of the
+//! scene, and `prepare` lists it. The guesses are scaled numbers of the paper's device.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -94,7 +95,7 @@ pub struct MotorTable {
 }
 
 impl MotorTable {
-    /// One without the other would be read as 0.
+    /// A key without the other would be read as 0.
     fn check_current(&self) -> Result<(), String> {
         let (rest, full) = ("motor.current_sense_rest", "motor.current_sense_full");
         let (missing, key, value) = match (self.current_sense_rest, self.current_sense_full) {
@@ -105,7 +106,7 @@ impl MotorTable {
         Err(format!("{missing} is missing, {key} is {value}, allowed both or neither"))
     }
 
-    /// Without these keys the input is not used.
+    /// The settings of the current input. Without these keys the input is not used.
     fn current(&self) -> CurrentSettings {
         CurrentSettings {
             rest: self.current_sense_rest.unwrap_or_default(),
@@ -134,23 +135,23 @@ pub struct ReturnTable {
     pub timeout_s: Option<f64>,
 }
 
-/// What a board needs of a device, whole.
+/// All values that a board needs of a device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OnBoard {
     /// Limits of the supervisor.
     pub safety: SafetySettings,
     pub calibration: CalibrationSettings,
-    /// What the motor stands.
+    /// Limits of the motor.
     pub duty: DutySettings,
-    /// How the amplifier says its current.
+    /// Scale of the amplifier's current output.
     pub current: CurrentSettings,
     pub back: ReturnSettings,
     pub signs: Signs,
-    /// Keys that the scene leaves out, and what was taken: `key value`.
+    /// Guessed values of keys that the scene leaves out.
     pub guessed: Vec<Guess>,
 }
 
-/// A key that the scene leaves out, and what was taken.
+/// A key that the scene leaves out, and the guessed value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guess {
     key: &'static str,
@@ -158,7 +159,7 @@ pub struct Guess {
 }
 
 impl Guess {
-    /// `KEY VALUE`, as a scene in those units would have it.
+    /// `KEY VALUE`, in the scene's units.
     pub fn told(&self, units: Units) -> String {
         match units.key(self.key) {
             Some((key, factor)) => {
@@ -168,13 +169,13 @@ impl Guess {
         }
     }
 
-    /// The key at the handle.
+    /// The key of the value at the handle.
     pub fn key(&self) -> &'static str {
         self.key
     }
 }
 
-/// Takes keys out of tables, or guesses.
+/// Reads keys from tables, and guesses absent values.
 struct Keys(Vec<Guess>);
 
 impl Keys {
@@ -187,28 +188,29 @@ impl Keys {
     }
 }
 
-/// The paper's device, whose numbers the guesses are.
+/// Full scale of the paper's device, N. The guesses scale from this device.
 const PAPER_FULL_SCALE_N: f64 = 5.906;
-/// What the sign test has to see of what the free handle moves by.
+/// Part of the free handle's motion that the sign test must detect.
 const SIGN_PART: f64 = 0.22;
-/// The heaviest handle that a push may find, in masses of the device: a hand on it, and what a guess may be off by.
+/// Mass of the heaviest handle that a push may find, in masses of the device. It covers a hand on the handle and the
+/// error of a guess.
 const HEAVIEST: f64 = 20.0;
-/// It is damped to this time constant at least, s.
+/// Longest time constant, mass over damping, of the heaviest handle, s.
 const HEAVIEST_S: f64 = 0.1;
-/// A quarter of the sign test, s (src/safety/sign.rs has the equation).
+/// A quarter of the sign test's time, s (src/safety/sign.rs has the equation).
 const SIGN_QUARTER_S: f64 = 0.025;
-/// Least distances, counts: four, and what a guess may lose where it is shortened.
+/// Smallest distances: four counts, and a margin for the digits that a shortened guess loses.
 const LEAST_COUNTS: f64 = 4.0 * (1.0 + 1e-8);
-/// Room beyond start and wall, m.
+/// Travel beyond start and wall, m.
 const ROOM_M: f64 = 0.04;
 
 impl Scene {
-    /// What the sign test moves the free handle by with that part of full scale, m: 2 f h^2 / m.
+    /// Motion of the free handle in the sign test, m, with `force` a part of full scale: 2 f h^2 / m.
     pub fn sign_test_m(&self, force: f64) -> f64 {
         2.0 * force * self.full_scale_n() * SIGN_QUARTER_S.powi(2) / self.device.mass_kg
     }
 
-    /// What a board needs; guesses where the scene says nothing.
+    /// All values that a board needs, with guesses for absent keys.
     pub fn on_board(&self) -> OnBoard {
         let full_n = self.full_scale_n();
         let count_m = self.encoder.resolution_m;
@@ -269,7 +271,7 @@ impl Scene {
         let travel_m = f64::max(1e-3, LEAST_COUNTS * count_m);
         let calibration = CalibrationSettings {
             percent: 0.0,
-            rise_percent_per_s: 2.0, // a person can follow it and stop
+            rise_percent_per_s: 2.0, // so slow that a person can follow the push and stop it
             hold_s: 30.0,
             travel_m: keys.or("safety.calibration_travel_m", safety.calibration_travel_m, travel_m),
         };
@@ -316,7 +318,7 @@ impl Scene {
         OnBoard { safety: settings, calibration, duty, current, back, signs, guessed: keys.0 }
     }
 
-    /// Checks the tables that are there; without any of them a scene need not fit a board.
+    /// Checks the tables for a board. Without any of them the scene need not suit a board.
     pub(super) fn check_board(&self) -> Result<(), String> {
         let Self { board, safety, motor, back, .. } = self;
         if let Some(board) = board {
@@ -351,10 +353,10 @@ impl Scene {
         Ok(())
     }
 
-    /// The estimators that an envelope for a board covers, the first of them in force at first.
+    /// The estimators that an envelope for a board covers. The first is active at the start.
     ///
     /// # Errors
-    /// One of them is none, or a board has not what it needs.
+    /// A name is not an estimator, or the board lacks what an estimator needs.
     pub fn board_estimators(&self) -> Result<Vec<EstimatorName>, String> {
         let named = self.board.as_ref().map_or(&[][..], |board| &board.estimators);
         let own = self.velocity.estimator();
@@ -379,7 +381,7 @@ impl Scene {
         Ok(names)
     }
 
-    /// The output periods that an envelope for a board covers, the scene's own first.
+    /// The output periods that an envelope for a board covers. The scene's own period is the first.
     pub fn board_periods(&self) -> Vec<u32> {
         let named = self.board.as_ref().map_or(&[][..], |board| &board.periods);
         let own = self.actuator.period;
@@ -393,7 +395,8 @@ impl BoardTable {
             let most = Name::LEN;
             return Err(format!("board.name is `{}`, allowed 1 to {most} bytes", self.name));
         }
-        // What is not named is the scene's own estimator, which `prepare` judges: without a board it may be any.
+        // Without names there is only the scene's own estimator. `prepare` checks it; without a board any estimator
+        // is allowed.
         let estimators = match self.estimators.is_empty() {
             true => vec![scene.velocity.estimator()],
             false => scene.board_estimators()?,
@@ -413,7 +416,7 @@ impl BoardTable {
             if settings.cutoff_hz().is_none() {
                 let name = estimators[0].text();
                 return match self.estimators.is_empty() {
-                    true => Ok(()), // it is for those that have one
+                    true => Ok(()), // the cutoff is for the estimators that have one
                     false => Err(format!(
                         "board.cutoff_hz is {cutoff_hz}, the estimator {name} has none"
                     )),

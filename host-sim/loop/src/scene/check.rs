@@ -1,4 +1,4 @@
-//! What a scene may hold: ranges, and the one line that refuses a value.
+//! Allowed values of a scene: ranges, and the message for a wrong value.
 
 use zwidth::{SettingsError, experiment::quiet};
 
@@ -8,12 +8,13 @@ use super::{
 };
 use crate::range::{refused, within};
 
-/// A spectrum of a shorter window cannot tell a hand's sway from what is quicker, s.
+/// Shortest window of a hit by hand, s. The spectrum of a shorter window cannot separate a hand's sway from faster
+/// motion.
 const WINDOW_OF_HAND_S: f64 = 0.5;
-/// Slower outputs leave nothing above a hand's sway, Hz.
+/// Lowest output rate of a hit by hand, Hz. Slower outputs have no frequencies above a hand's sway.
 const OUTPUT_OF_HAND_HZ: f64 = 100.0;
 
-/// Accepted ranges of what only the simulator knows.
+/// Allowed ranges of values that only the simulator uses.
 pub mod ranges {
     use std::ops::RangeInclusive;
 
@@ -29,7 +30,7 @@ pub mod ranges {
     pub const GAIN_N_PER_V: RangeInclusive<f64> = 1e-6..=1e6;
     /// Largest command of an actuator, V.
     pub const LIMIT_V: RangeInclusive<f64> = 1e-3..=1e3;
-    /// Most values of a list.
+    /// Largest number of values in a list.
     pub const VALUES_MAX: usize = 10_000;
     /// Limit of the sensation level, dB.
     pub const FELT_DB: RangeInclusive<f64> = -60.0..=120.0;
@@ -41,12 +42,13 @@ pub mod ranges {
     pub const LATENCY: RangeInclusive<f64> = 0.0..=1000.0;
 }
 
-/// Below it, half a second, a window has no bins at 2 Hz; beyond, a lane's motion takes a lot of memory.
+/// Shortest window with a sensation level, s: a shorter window has no bins at 2 Hz. Longest window, samples: the
+/// motion of a longer one takes too much memory in lanes.
 const FELT_WINDOW_S: f64 = 0.5;
 const FELT_SAMPLES_MAX: u32 = 1 << 17;
 
 impl Scene {
-    /// Shortest and longest window that has a sensation level, s.
+    /// Shortest and longest window with a sensation level, s.
     pub fn felt_window_s(&self) -> [f64; 2] {
         [FELT_WINDOW_S, f64::from(FELT_SAMPLES_MAX) / self.control.rate_hz]
     }
@@ -65,7 +67,8 @@ impl Scene {
         self.check_loop().and_then(|()| self.check_sweep())
     }
 
-    /// Checks every value but the cutoffs of the sweep, which a filter in the place of the scene's own need not have.
+    /// Checks every value except the cutoffs of the sweep. A filter that replaces the scene's own may not have these
+    /// cutoffs.
     ///
     /// # Errors
     /// As [`check`](Self::check).
@@ -116,7 +119,7 @@ impl Scene {
         self.settings(filter, 0.0, 0.0).build(&self.design()).map_err(keyed).map(|_| ())
     }
 
-    /// What criterion and protocol ask for must be within what the motor can push.
+    /// Checks that the pushes of criterion and protocol are within the motor's force.
     fn check_pushes(&self) -> Result<(), String> {
         let hit = &self.wall_hit;
         let (share, why) = match (hit.criterion, hit.protocol) {
@@ -175,7 +178,7 @@ impl Scene {
     }
 }
 
-/// The core's error with the scene's key in place of the core's name.
+/// The core's error with the scene's key instead of the core's name.
 fn in_scene(error: &SettingsError) -> String {
     let key = match error.parameter {
         "rate_hz" => "control.rate_hz",

@@ -1,4 +1,4 @@
-//! `[designs.NAME]`: velocity filters with a name, among which a person chooses on the board, and `SCENE:NAME`.
+//! `[designs.NAME]`: named velocity filters. A person selects one on the board, or with `SCENE:NAME`.
 
 use zwidth::{
     device::designs::{DESIGNS_MAX, NamedFilter, is_design_name},
@@ -12,7 +12,7 @@ use super::{
 use crate::{error::Error, range::refused};
 
 impl VelocityTable {
-    /// Checks the design of that name.
+    /// Checks this design.
     fn check_design(&self, key: &str, scene: &Scene) -> Result<(), String> {
         let filter = self.settings().ok_or_else(|| format!("{key}.{CUTOFF} is missing"))?;
         let built = scene.settings(filter, 0.0, 0.0).build(&scene.design()).map(|_| ());
@@ -24,7 +24,7 @@ impl VelocityTable {
 }
 
 impl Scene {
-    /// Checks `[designs]`, and that `board.design` is one of them.
+    /// Checks `[designs]`, and that `board.design` names one of the designs.
     pub(super) fn check_designs(&self) -> Result<(), String> {
         let count = self.designs.len();
         if count > DESIGNS_MAX {
@@ -61,7 +61,7 @@ impl Scene {
         }
     }
 
-    /// The designs as a device record has them, in the order of their names.
+    /// The designs as in a device record, in the order of their names.
     pub fn named_filters(&self) -> Vec<NamedFilter> {
         let named = |(name, design): (&String, &VelocityTable)| {
             Some(NamedFilter { name: Name::new(name)?, velocity: design.settings()? })
@@ -69,11 +69,11 @@ impl Scene {
         self.designs.iter().filter_map(named).collect()
     }
 
-    /// The scene with that design as its filter; its sweep has the design's cutoff only, since the filter may not have the
-    /// others.
+    /// The scene with this design as its filter. Its sweep has only the design's cutoff, because the filter may not
+    /// have the other cutoffs.
     ///
     /// # Errors
-    /// There is no such design.
+    /// There is no design of this name.
     pub fn with_design(&self, name: &str) -> Result<Self, String> {
         let known = || format!("there is no design `{name}`, {}", self.known_designs());
         let mut scene = self.clone();
@@ -86,7 +86,7 @@ impl Scene {
 }
 
 impl NamedScene {
-    /// The scene with that design as its estimator; named and written as what it is.
+    /// The scene with this design as its estimator. Its text has the design too.
     pub(super) fn with_design(self, name: &str) -> Result<Self, Error> {
         let scene = self.scene.with_design(name);
         let scene = scene.map_err(|error| Error::Input(format!("{}: {error}", self.name)))?;
@@ -123,7 +123,7 @@ mod tests {
             assert_eq!(one.name, format!("my-{}", filter.name.text()));
             assert_eq!(one.scene.velocity.settings(), Some(filter.velocity));
             assert_eq!(one.scene.designs, named.scene.designs);
-            // Its text says the same scene.
+            // Its text gives the same scene.
             assert_eq!(NamedScene::parse(one.name, one.text, "").unwrap().scene, one.scene);
         }
         let error = named.with_design("loud").unwrap_err().to_string();

@@ -1,5 +1,4 @@
-//! The optional elements of a scene: one table each. One that is absent is not modelled and costs
-//! nothing.
+//! The optional elements of a scene: one table each. An absent element is not modelled and costs no time.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -53,8 +52,8 @@ impl Scene {
         }
     }
 
-    /// Whether the scene can give that sense. Edges have to go with the counts, so they have none of the errors that
-    /// a reading gets once per sample.
+    /// Whether the scene can provide this input. Edges must agree with the counts, so encoder noise and jitter, which
+    /// change once per sample, exclude edges.
     pub fn feeds(&self, sense: Sense) -> bool {
         match sense {
             Sense::Force => true,
@@ -63,7 +62,7 @@ impl Scene {
         }
     }
 
-    /// An estimator has the sense that it needs.
+    /// Checks that the scene provides the input that its estimator needs.
     pub(super) fn check_senses(&self) -> Result<(), String> {
         let Some(sense) = self.velocity.sense().filter(|sense| !self.feeds(*sense)) else {
             return Ok(());
@@ -78,7 +77,7 @@ impl Scene {
         ))
     }
 
-    /// Tables of this scene that no linear analysis can take.
+    /// Tables of this scene that a linear analysis does not cover.
     pub fn nonlinear_elements(&self) -> Vec<&'static str> {
         [
             ("output", self.output.is_some()),

@@ -1,7 +1,7 @@
-//! The least motion that a hand feels, by frequency: a threshold curve, read from a small file.
+//! The least motion that a hand feels, by frequency: a threshold curve from a small file.
 //!
-//! The curve that is built in is a model (`host-sim/data/felt-model.csv` says what of); `wall_hit.felt_curve` names
-//! another one.
+//! The built-in curve is a model; `host-sim/data/felt-model.csv` names its sources. `wall_hit.felt_curve` names
+//! another curve.
 
 use std::{ops::RangeInclusive, path::Path, sync::Arc};
 
@@ -10,17 +10,17 @@ use crate::{
     input::{self, table::Table},
 };
 
-/// What is felt unless a scene names a curve.
+/// The curve of scenes that name no curve.
 const MODEL: &str = include_str!("../../../data/felt-model.csv");
 const COLUMNS: [(&str, RangeInclusive<f64>); 2] =
     [("frequency_hz", 1e-3..=1e6), ("threshold_rms_m", 1e-12..=1.0)];
 
-/// Frequencies and thresholds: straight lines between them in log-log, constant beyond its ends.
+/// Frequencies and thresholds. The curve has straight lines between them in log-log, and is constant beyond its ends.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FeltCurve {
-    /// Hz and m RMS, frequencies rising.
+    /// Frequency, Hz, and threshold, m RMS. Frequencies rise.
     points: Arc<[[f64; 2]]>,
-    /// The text that it was read from; `None`: the model that is built in.
+    /// The file's text, or `None` for the built-in model.
     text: Option<Arc<str>>,
 }
 
@@ -34,14 +34,14 @@ impl FeltCurve {
     /// Reads a curve.
     ///
     /// # Errors
-    /// The file cannot be read, or is no curve.
+    /// The file cannot be read, or is not a curve.
     pub fn load(path: &Path) -> Result<Self, Error> {
         let text = input::read_text(path, input::CURVE)?;
         let points = parse(&text).map_err(|e| Error::Input(e).of(&path.display().to_string()))?;
         Ok(Self { points: points.into(), text: Some(text.into()) })
     }
 
-    /// The file's text; `None` for the model that is built in.
+    /// The file's text, or `None` for the built-in model.
     pub fn text(&self) -> Option<&str> {
         self.text.as_deref()
     }
@@ -63,7 +63,7 @@ impl FeltCurve {
     }
 }
 
-/// The points of a curve, or the line and what is wrong with it.
+/// The points of a curve, or a message with the wrong line.
 fn parse(text: &str) -> Result<Vec<[f64; 2]>, String> {
     let table = Table::new(text)?;
     let rows = table.numbers(&COLUMNS)?;
@@ -97,7 +97,7 @@ mod tests {
         };
         near(500.0, 0.05e-6);
         near(180.0, 0.05e-6);
-        near(90.0, 0.2e-6); // 12 dB an octave: a factor of 4
+        near(90.0, 0.2e-6); // 12 dB per octave: a factor of 4
         near(21.0, 0.05e-6 * (180.0f64 / 21.0).powi(2));
         near(19.0, 4.05e-6);
         near(5.0, 4.05e-6);

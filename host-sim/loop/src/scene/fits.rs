@@ -1,7 +1,7 @@
-//! What the tables for a board may not say of this device: a board that cannot arm, a fault that is sure to come or that
-//! never can.
+//! Checks the tables for a board against the device. Wrong values would mean a board that cannot arm, or a fault that
+//! always or never comes.
 //!
-//! The core takes each value by itself; only the scene knows mass and stops. `prepare` refuses what contradicts them.
+//! The core checks each value alone; only the scene knows mass and stops. `prepare` reports contradictions as errors.
 
 use zwidth::safety::SafetySettings;
 
@@ -9,18 +9,19 @@ use super::{Scene, element::Travel};
 use crate::range::within;
 
 impl Scene {
-    /// Checks what a board needs against the device. `is_measured`: somebody knows the device; else the sign test is left
-    /// to be tried.
+    /// Checks a board's values against the device. The sign test is checked only if the device's values are measured
+    /// (`is_measured`); otherwise a person tries it.
     ///
     /// # Errors
-    /// The one line with key, value and what is allowed, in the scene's units.
+    /// One line with key, value and allowed range, in the scene's units.
     pub fn check_fits(&self, is_measured: bool) -> Result<(), String> {
         let fits = self.travel_fits().and_then(|()| self.heaviest_fits());
         let fits = if is_measured { fits.and_then(|()| self.sign_test_fits()) } else { fits };
         fits.map_err(|line| self.units.text(&line))
     }
 
-    /// A handle at a rigid stop has not left a travel that is wider: the board would never know.
+    /// The travel must be inside the rigid stops. Otherwise a handle at a stop is still inside the travel, and the
+    /// board never detects it.
     fn travel_fits(&self) -> Result<(), String> {
         let Some(Travel::Rigid { low_m, high_m, .. }) = self.travel else { return Ok(()) };
         let (safety, count_m) = (self.on_board().safety, self.encoder.resolution_m);
@@ -31,7 +32,7 @@ impl Scene {
         within(&format!("{first}_high_m"), safety.travel_high_m, high)
     }
 
-    /// The device by itself is lighter than what a push may find.
+    /// The heaviest handle must be heavier than the device alone.
     fn heaviest_fits(&self) -> Result<(), String> {
         let (safety, device) = (self.on_board().safety, &self.device);
         let mass_kg = device.mass_kg + self.mode.map_or(0.0, |mode| mode.mass_kg);
@@ -48,7 +49,7 @@ impl Scene {
         )
     }
 
-    /// The free handle moves in the sign test by what it has to see: else the board never arms.
+    /// The sign test must move the free handle by the counts that it has to detect, or the board never arms.
     fn sign_test_fits(&self) -> Result<(), String> {
         let (safety, count_m) = (self.on_board().safety, self.encoder.resolution_m);
         let force = safety.sign_test_force;

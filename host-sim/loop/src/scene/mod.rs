@@ -1,8 +1,8 @@
-//! Scene files: one device, one controller, one study, in TOML with units in the names.
+//! Scene files: one device, one controller, one study. The files are in TOML; each key's name contains its unit.
 //!
-//! Unknown keys are refused, and so is every value outside its range. Each physical element is a
-//! table; an element that is absent is not modelled and costs nothing. A scene with `[rotary]` speaks rad and N m
-//! ([`rotary`]); inside, all is m and N at the handle.
+//! Unknown keys and values out of range are errors. Each physical element is a table. An absent element is not
+//! modelled and costs no time. The file of a scene with `[rotary]` uses rad and N m ([`rotary`]). In memory all
+//! values are in m and N at the handle.
 
 use std::{
     collections::BTreeMap,
@@ -74,14 +74,14 @@ pub const BUILT_IN: &[(&str, &str)] = &[
 /// The built-in scenes of the paper's study.
 pub const STUDY: [&str; 2] = ["paper-1um", "paper-2um"];
 
-/// A scene as read, with its name and text.
+/// A scene from a file or a built-in one, with its name and text.
 #[derive(Clone, Debug)]
 pub struct NamedScene {
-    /// Built-in name, or the file's name without its ending.
+    /// Built-in name, or the file's name without its extension.
     pub name: String,
-    /// The text it was read from.
+    /// The scene's text.
     pub text: String,
-    /// The files that it was read from; none if it is built in.
+    /// Files of the scene; empty for a built-in scene.
     pub files: Vec<PathBuf>,
     pub scene: Scene,
 }
@@ -148,14 +148,14 @@ pub struct Scene {
     /// The board's return move between two hits.
     #[serde(rename = "return")]
     pub back: Option<ReturnTable>,
-    /// What its file speaks, and everything that is made of it. A scene that is written speaks m and N.
+    /// Units of the scene's file and of its results. A scene that is written to a file is in m and N.
     #[serde(skip)]
     pub units: Units,
 }
 
 impl NamedScene {
-    /// The built-in scene of that name, or the scene file at that path; `SCENE:NAME` with its design of that name in place
-    /// of its estimator.
+    /// The built-in scene of this name, or the scene file at this path. `SCENE:NAME` replaces the estimator by the
+    /// scene's design NAME.
     ///
     /// # Errors
     /// [`Error::Input`]: no such scene, not TOML, an unknown key, a value out of range, no such design.
@@ -184,7 +184,7 @@ impl NamedScene {
         Ok(scene)
     }
 
-    /// Reads `text`; `origin` is what errors call it.
+    /// Reads `text`. Errors use the name `origin`.
     ///
     /// # Errors
     /// [`Error::Input`], see [`load`](Self::load).
@@ -192,10 +192,10 @@ impl NamedScene {
         Self::parsed(name, text, origin, None)
     }
 
-    /// The keys of its text; the curve that it names by its whole path, so that it is found from anywhere.
+    /// The keys of the scene's text. A curve has its absolute path, so that it is found from any folder.
     ///
     /// # Errors
-    /// [`Error::Internal`]: the text was read before.
+    /// [`Error::Internal`]: the text is not TOML, though it was read before.
     pub fn table(&self) -> Result<toml::Table, Error> {
         let mut table: toml::Table = self
             .text
@@ -209,7 +209,7 @@ impl NamedScene {
         Ok(table)
     }
 
-    /// The scene of these keys; errors name the key, since there is no line.
+    /// The scene of these keys. Errors name the key, because there is no line.
     ///
     /// # Errors
     /// As [`parse`](Self::parse).
@@ -223,7 +223,7 @@ impl NamedScene {
         Self::parse(name, text, origin)
     }
 
-    /// As [`parse`](Self::parse); `folder` is where the files that it names are.
+    /// As [`parse`](Self::parse). Files that the scene names are in `folder`.
     fn parsed(
         name: String,
         text: String,
@@ -262,11 +262,11 @@ impl NamedScene {
     }
 }
 
-/// Every key of `estimated` is one that the scene has.
+/// Checks that the scene has every key of `estimated`.
 fn check_estimated(scene: &toml::Table) -> Result<(), String> {
     let keys = scene.get("estimated").and_then(toml::Value::as_array);
     for key in keys.into_iter().flatten().filter_map(toml::Value::as_str) {
-        // A scene that was made of a rotary one keeps what that says.
+        // A scene made from a rotary scene keeps the rotary scene's keys here.
         if key.starts_with("rotary.") && !scene.contains_key("rotary") {
             continue;
         }
@@ -279,7 +279,7 @@ fn check_estimated(scene: &toml::Table) -> Result<(), String> {
     Ok(())
 }
 
-/// An error in a table: where, and what.
+/// Place and message of an error in a table.
 fn told_of(error: &toml::de::Error) -> String {
     let text = error.to_string();
     let place = text.lines().find_map(|line| line.trim().strip_prefix("in "));
@@ -287,7 +287,7 @@ fn told_of(error: &toml::de::Error) -> String {
     format!("{place}{}", error.message().replace('\n', " "))
 }
 
-/// An error in the tables of a rotary scene at the handle: what, and where, with its own keys.
+/// Message and place of an error in a converted rotary scene, with the rotary scene's own keys.
 fn in_one_line(error: &toml::de::Error) -> String {
     let message = told_of(error);
     let parts = message.split('`').enumerate();
@@ -298,14 +298,14 @@ fn in_one_line(error: &toml::de::Error) -> String {
     parts.map(told).collect::<Vec<_>>().join("`")
 }
 
-/// The line that an error is about, shortened.
+/// Text of the wrong line, shortened.
 fn line_of(text: &str, line: usize) -> String {
     let line = text.lines().nth(line - 1).unwrap_or_default().trim();
     format!("`{}`", line.chars().take(60).collect::<String>())
 }
 
 impl Scene {
-    /// The keys of `estimated`, as its file has them.
+    /// The keys of `estimated` as in the scene's file.
     pub fn estimated_keys(&self) -> Vec<String> {
         let told = |key: &String| match key.starts_with("rotary.") {
             true => key.clone(),
@@ -314,7 +314,7 @@ impl Scene {
         self.estimated.iter().map(told).collect()
     }
 
-    /// What of it is estimated, and what helps, in a sentence.
+    /// A sentence that names the estimated keys and how to measure them.
     pub fn estimated_note(&self) -> Option<String> {
         let keys = self.estimated_keys().join(", ");
         (!keys.is_empty()).then(|| {
@@ -322,19 +322,19 @@ impl Scene {
         })
     }
 
-    /// The linear part of its plant.
+    /// The linear part of the scene's plant.
     pub fn chain(&self) -> Chain {
         let Self { device, mode, arm, amplifier, .. } = *self;
         let offset_n = self.offset.map_or(0.0, |offset| offset.force_n);
         Chain { device, mode, arm, amplifier, hand_n: self.push_n(PushBy::Hand), offset_n }
     }
 
-    /// What `by` pushes with in a hit, N.
+    /// Force with which `by` pushes in a hit, N.
     pub fn push_n(&self, by: PushBy) -> f64 {
         if self.wall_hit.push_by == by { self.wall_hit.push_n } else { 0.0 }
     }
 
-    /// The elements of its plant that are not linear.
+    /// The non-linear elements of the scene's plant.
     pub fn nonlinear(&self) -> Nonlinear {
         Nonlinear { friction: self.friction, cogging: self.cogging, travel: self.travel }
     }
@@ -377,13 +377,13 @@ impl Scene {
         }
     }
 
-    /// -3 dB frequency of its filter at that nominal cutoff, Hz.
+    /// -3 dB frequency of the scene's filter at this nominal cutoff, Hz.
     pub fn true_cutoff_hz(&self, cutoff_hz: f64) -> f64 {
         let filter = self.velocity.at(cutoff_hz);
         filter.true_cutoff_hz(self.control.rate_hz).unwrap_or(cutoff_hz)
     }
 
-    /// Names of the arms of `[arms]` and of the built-in ones.
+    /// Names of the arms in `[arms]` and of the built-in arms.
     pub fn arm_names(&self) -> Vec<String> {
         let built_in = Arm::BUILT_IN.iter().map(|(name, _)| (*name).to_owned());
         let mut names: Vec<String> = self.arms.keys().cloned().chain(built_in).collect();
@@ -392,10 +392,10 @@ impl Scene {
         names
     }
 
-    /// An arm of `[arms]`, or a built-in one.
+    /// An arm of `[arms]`, or a built-in arm.
     ///
     /// # Errors
-    /// There is none of that name.
+    /// There is no arm of this name.
     pub fn named_arm(&self, name: &str) -> Result<Arm, String> {
         let built_in = || Arm::BUILT_IN.iter().find(|(known, _)| *known == name);
         let own = self.arms.get(name).copied();
@@ -405,7 +405,7 @@ impl Scene {
         .ok_or_else(|| format!("there is no arm `{name}`, allowed {}", self.arm_names().join(", ")))
     }
 
-    /// `stable` is an RMS below this, m, whatever the criterion.
+    /// A hit is `stable` if its RMS is below this limit, m, with any criterion.
     pub fn rms_limit_m(&self) -> f64 {
         match self.wall_hit.criterion {
             Criterion::Quiet => quiet::rms_limit_m(self.encoder.resolution_m),
@@ -413,7 +413,7 @@ impl Scene {
         }
     }
 
-    /// The core's wall-hit experiment; its push is the motor's.
+    /// The core's wall-hit experiment. Its push is the motor's push.
     pub fn hit_settings(&self) -> HitSettings {
         let hit = &self.wall_hit;
         let [settle_s, window_s] = hit.times_s();
@@ -439,8 +439,8 @@ impl Scene {
         }
     }
 
-    /// No quiet wall has more: K at which a count is the push, and B at which a count in a sample is all the force that
-    /// there is, but never less than where the walk begins. Without bounds by other criteria.
+    /// Upper bounds of K and B for quiet walls. At this K one count gives the push. At this B one count per sample
+    /// gives the full force. Neither is below the walk's start. Other criteria have no bounds.
     fn caps(&self) -> [f64; 2] {
         if self.wall_hit.criterion != Criterion::Quiet {
             return [f64::INFINITY; 2];

@@ -1,4 +1,4 @@
-//! The passivity controller of the wall, as an element of a scene.
+//! The wall's passivity controller as an element of a scene.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -20,13 +20,13 @@ pub struct PassivityTable {
 }
 
 impl Scene {
-    /// The most that the handle accelerates, m/s^2: of the table, or the usual one.
+    /// Largest acceleration of the handle, m/s^2: from the table, or the default.
     pub fn acceleration(&self) -> f64 {
         let usual = || 2.0 * self.full_scale_n() / self.device.mass_kg;
         self.passivity.and_then(|table| table.acceleration_m_per_s2).unwrap_or_else(usual)
     }
 
-    /// The controller in counts; `None` without the table.
+    /// The controller in counts, or `None` without the table.
     ///
     /// # Errors
     /// The acceleration or the latency is out of range.
@@ -39,7 +39,8 @@ impl Scene {
         PassivitySettings { acceleration_m_per_s2, latency }.build(&self.design()).map(Some)
     }
 
-    /// The most that a contact may give with the controller, J; `None` without the table, or out of range.
+    /// Largest energy that a contact may give with the controller, J. `None` without the table, or if a value is out
+    /// of range.
     pub fn reserve_j(&self) -> Option<f64> {
         let plan = self.passivity().ok()??;
         let reserve = plan.reserve() as f64;

@@ -1,7 +1,7 @@
-//! A device record, and settings that a board saved, back into a scene.
+//! Converts a device record, and settings saved on a board, back into a scene.
 //!
-//! A record has what the board needs; mass, damping, stiffness and the elements of the plant it has not, so another scene
-//! gives these. A copy of the board's settings sectors takes the place of the record's defaults.
+//! A record has only the values that the board needs. Another scene gives mass, damping, stiffness and the elements
+//! of the plant. A copy of the board's settings sectors replaces the record's defaults.
 
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
@@ -24,25 +24,25 @@ use super::{
 };
 use crate::error::Error;
 
-/// Bytes of one of the two sectors of the settings.
+/// Bytes of one of the two settings sectors.
 const SECTOR: usize = 16 * 1024;
 
-/// The device of a record's words, on the board that it names.
+/// The device in a record's words, on the board that the record names.
 ///
 /// # Errors
-/// [`Error::Input`]: what is wrong with it, as the board would say it, and what to do.
+/// [`Error::Input`]: the error as the board would report it, and a remedy.
 pub fn device(words: &[u32]) -> Result<Device<'_>, Error> {
     let name = words.get(BOARD_AT / 4..BOARD_AT / 4 + Name::LEN / 4).unwrap_or_default();
     let bytes: Vec<u8> = name.iter().flat_map(|word| word.to_le_bytes()).collect();
     let text = String::from_utf8_lossy(&bytes);
-    // Which board only matters if it is a record at all: the first one says what is wrong with another file.
+    // The board's name matters only in a valid record. For another file, any board gives the error.
     let board =
         board_facts(text.trim_end_matches('\0')).or_else(|_| board_facts("nucleo-f446re"))?;
     Device::from_record(words, &board)
         .map_err(|bad| Error::Input(format!("no device record: {bad}{}", help(&bad))))
 }
 
-/// What to do about such a record, behind what is wrong with it.
+/// Remedy for an error in a record. The text follows the error's text.
 fn help(bad: &BadRecord) -> String {
     let anew = "; make it anew: cargo sim prepare, with the scene that it was made of";
     match *bad {
@@ -54,10 +54,10 @@ fn help(bad: &BadRecord) -> String {
     }
 }
 
-/// The settings of a copy of both sectors, from sector 1 on.
+/// The settings in a copy of both settings sectors, from sector 1 on.
 ///
 /// # Errors
-/// [`Error::Input`]: it is not as long as the sectors are, or none of the device's settings are in it.
+/// [`Error::Input`]: the copy has the wrong length, or contains no settings of this device.
 pub fn saved(device: &Device<'_>, bytes: Vec<u8>) -> Result<Loaded, Error> {
     if bytes.len() != 2 * SECTOR {
         let (length, needed) = (bytes.len(), 2 * SECTOR);
@@ -68,7 +68,7 @@ pub fn saved(device: &Device<'_>, bytes: Vec<u8>) -> Result<Loaded, Error> {
     Ok(load(&mut Copied(bytes), device.defaults()))
 }
 
-/// Puts settings in the place of the record's own.
+/// Replaces the record's settings by the loaded ones.
 #[must_use]
 pub fn with_settings<'a>(device: Device<'a>, loaded: &Loaded) -> Device<'a> {
     let stored = &loaded.stored;
@@ -89,10 +89,11 @@ pub fn with_settings<'a>(device: Device<'a>, loaded: &Loaded) -> Device<'a> {
 }
 
 impl Scene {
-    /// This scene with all that a device's record has. K and B of the wall stay out: no scene has them.
+    /// This scene with all values of a device's record. K and B of the wall are left out, because scenes do not have
+    /// them.
     ///
     /// # Errors
-    /// The two do not go together: key, value, and what is allowed.
+    /// Record and scene contradict each other: key, value, allowed range.
     pub fn with_device(&self, device: &Device<'_>) -> Result<Self, String> {
         let mut scene = self.clone();
         scene.units = super::Units::Linear;
@@ -110,7 +111,7 @@ impl Scene {
             Output::Pwm { steps } => Some(Quantisation::Pwm { steps }),
         };
         let own = VelocityTable::from(settings.velocity);
-        scene.velocity = own.with_cutoff(None); // `[board]` has it
+        scene.velocity = own.with_cutoff(None); // `[board]` has the cutoff
         scene.wall.position_m = settings.wall.position_m;
         scene.wall.push_only = settings.wall.push_only;
         scene.device.start_position_m = back.start_m;
@@ -199,10 +200,10 @@ impl Scene {
     }
 }
 
-/// Two sectors as they were read out of a board.
+/// A copy of the two sectors of a board.
 struct Copied(Vec<u8>);
 
-/// Outside the two sectors.
+/// Error of an access outside the two sectors.
 #[derive(Debug)]
 struct Outside;
 
@@ -247,7 +248,7 @@ impl NorFlash for Copied {
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Outside> {
         for (place, byte) in self.part(offset, bytes.len())?.iter_mut().zip(bytes) {
-            *place &= byte; // writing clears bits
+            *place &= byte; // programming flash only clears bits
         }
         Ok(())
     }

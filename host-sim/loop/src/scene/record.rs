@@ -1,4 +1,4 @@
-//! The device record of a scene: what the firmware of a board takes its device from.
+//! The device record of a scene. The firmware of a board reads its device from the record.
 
 use std::path::Path;
 
@@ -18,10 +18,10 @@ use zwidth::{
 use super::{BUILT_IN, NamedScene, OnBoard, Quantisation, Scene};
 use crate::{error::Error, input, range::within};
 
-/// The board of that name: what its own scene, which is built in, says of it.
+/// The facts of the board of this name, from its built-in scene.
 ///
 /// # Errors
-/// There is none.
+/// There is no such board.
 pub fn board_facts(name: &str) -> Result<BoardFacts, Error> {
     let of = |scene: &NamedScene| scene.scene.board.as_ref().map(|board| board.name.clone());
     let mut boards = vec![];
@@ -45,19 +45,19 @@ pub fn board_facts(name: &str) -> Result<BoardFacts, Error> {
     Err(Error::Input(format!("the board is `{name}`, allowed {}", boards.join(", "))))
 }
 
-/// A device as a board would have it.
+/// A device in the form that a board needs.
 #[derive(Clone, Debug)]
 pub struct Prepared {
     /// The device, without designs and envelope.
     pub device: Device<'static>,
-    /// Its filters with a name.
+    /// Named filters of the device.
     pub designs: Vec<NamedFilter>,
-    /// What of it the scene leaves out, and what was taken: `key value`, in the scene's units.
+    /// Guessed values of keys that the scene leaves out: `key value`, in the scene's units.
     pub guessed: Vec<String>,
 }
 
 impl NamedScene {
-    /// The same device with the board's output, and with its latency where the scene's is shorter.
+    /// The same device with the board's output. The board's latency replaces a shorter latency of the scene.
     #[must_use]
     pub fn on(&self, board: &BoardFacts) -> Self {
         let mut named = self.clone();
@@ -72,10 +72,10 @@ impl NamedScene {
         named
     }
 
-    /// The device on that board, with that estimator in force at first.
+    /// The device on this board. The estimator `velocity` is active at the start.
     ///
     /// # Errors
-    /// [`Error::Input`]: the scene does not go with the board.
+    /// [`Error::Input`]: the scene does not suit the board.
     pub fn prepared(
         &self,
         board: &BoardFacts,
@@ -112,14 +112,14 @@ impl NamedScene {
             )));
         }
         let OnBoard { safety, calibration, duty, current, back, signs, guessed } = scene.on_board();
-        // What is known of a value is no other device.
+        // The list of estimated keys does not change the device.
         let content = Scene { estimated: vec![], ..scene.clone() };
         let text = toml::to_string(&content)
             .map_err(|error| Error::Internal(format!("{}: {error}", self.name)))?;
         let settings = scene.settings(velocity, 0.0, 0.0);
         let mut hit = scene.hit_settings();
-        hit.push_n = 0.0; // nothing pushes until somebody says so
-        (hit.settle_s, hit.window_s) = (scene.wall_hit.settle_s, scene.wall_hit.window_s); // whatever the protocol
+        hit.push_n = 0.0; // no push until a user sets one
+        (hit.settle_s, hit.window_s) = (scene.wall_hit.settle_s, scene.wall_hit.window_s); // with any protocol
         let device = Device {
             board: Name::of(board.name),
             key: DeviceKey { name, hash: 0 },
@@ -140,23 +140,23 @@ impl NamedScene {
             hit,
             criterion: match scene.wall_hit.criterion {
                 super::Criterion::Quiet => Criterion::Quiet,
-                _ => Criterion::Rms, // a board knows no third
+                _ => Criterion::Rms, // a board has no third criterion
             },
             walk: scene.walk_plan(),
         };
         let guessed = guessed.iter().map(|guess| guess.told(scene.units)).collect();
         let prepared = Prepared { device, designs: scene.named_filters(), guessed };
-        // What the board would say at boot.
+        // Finds the error that the board would report at boot.
         prepared.record(&[], board).map_err(|error| error.of(&self.name))?;
         Ok(prepared)
     }
 }
 
 impl Prepared {
-    /// The bytes of its record with that envelope, which the board takes.
+    /// The bytes of the device's record with this envelope.
     ///
     /// # Errors
-    /// [`Error::Input`]: it is too long, or the board does not take it.
+    /// [`Error::Input`]: the record is too long, or the board would reject it.
     pub fn record(
         &self,
         boundaries: &[Boundary<'_>],
@@ -177,15 +177,15 @@ impl Prepared {
     }
 }
 
-/// The words of a record's bytes; a part of a word at the end is left out.
+/// The words of a record's bytes, without an incomplete word at the end.
 pub fn words(bytes: &[u8]) -> Vec<u32> {
     bytes.as_chunks().0.iter().map(|&word| u32::from_le_bytes(word)).collect()
 }
 
-/// Reads a device record. Whether it is one the board says.
+/// Reads the bytes of a device record. It checks the length only, not the content.
 ///
 /// # Errors
-/// [`Error::Input`] if it cannot be read, or does not fit a flash sector.
+/// [`Error::Input`] if the file cannot be read or does not fit into a flash sector.
 pub fn load(path: &Path) -> Result<Vec<u8>, Error> {
     let bytes = input::read(path, input::DEVICE)?;
     if bytes.len() > 4 * WORDS_MAX {
@@ -255,7 +255,7 @@ mod tests {
         (bare.scene.safety, bare.scene.motor, bare.scene.back) = (None, None, None);
         assert_eq!(own.scene.on_board().guessed, []);
         let (own, bare) = (own.scene.on_board(), bare.scene.on_board());
-        // The paper's device is what the guesses are made from, but for two that are rounded.
+        // The guesses scale from the paper's device, so only two rounded values differ.
         assert_eq!((own.back, own.calibration), (bare.back, bare.calibration));
         assert_eq!(own.safety.travel_high_m, bare.safety.travel_high_m);
         assert!((bare.safety.sign_test_counts as f64 / 200.0 - 1.0).abs() < 0.03);

@@ -1,10 +1,15 @@
-//! `[rotary]`: a device that turns, in place of `[device]`, `encoder.resolution_m` and `actuator.gain_n_per_v`.
+//! `[rotary]`: a rotary device. It replaces `[device]`, `encoder.resolution_m` and `actuator.gain_n_per_v`.
 //!
-//! With the radius r at which the hand holds it, and N motor turns per turn of the handle:
-//! m = (J_handle + N^2 J_motor) / r^2, b = (c + N^2 k_t^2 / R) / r^2, k = kappa / r^2, x = r angle, a count is 2 pi r / CPR, of
-//! an encoder on the motor 2 pi r / (N CPR). A volt of command makes N k_t k_amp / r newtons, with a voltage amplifier
-//! N k_t / (R r): there the back-EMF, k_t N omega, is damping, which takes from the force at speed. Winding inductance is left out:
-//! L / R is some tenth of a millisecond in motors of this size; `[amplifier]` can stand for it.
+//! Let r be the radius at which the hand holds the handle, and N the motor turns per turn of the handle. Then m =
+//! (J_handle + N^2 J_motor) / r^2, b = (c + N^2 k_t^2 / R) / r^2, k = kappa / r^2, x = r angle. A count is 2 pi r /
+//! CPR, or 2 pi r / (N CPR) with the encoder on the motor.
+//!
+//! A volt of command gives N k_t k_amp / r newtons, or N k_t / (R r) with a voltage amplifier. With a voltage
+//! amplifier the back-EMF, k_t N omega, is damping and reduces the force at speed; with a current amplifier k_t^2 / R
+//! is absent from b.
+//!
+//! Winding inductance is left out: L / R is about a tenth of a millisecond in motors of this size. `[amplifier]` can
+//! model it.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -68,7 +73,7 @@ pub enum DriveKind {
     Voltage,
 }
 
-/// Tables about a hand, a sensor at the handle or an estimator: in m and N in every scene.
+/// Tables about a hand, a sensor at the handle or an estimator. They are in m and N in every scene.
 pub(super) const LINEAR_TABLES: [&str; 6] =
     ["arm", "arms", "accelerometer", "passivity", "velocity", "designs"];
 
@@ -108,7 +113,7 @@ impl Rotary {
         }
     }
 
-    /// Newtons per volt of command, and the damping of the back-EMF at the handle, N m s/rad.
+    /// Force per volt of command, N, and damping by the back-EMF at the handle, N m s/rad.
     fn drive(&self) -> [f64; 2] {
         let torque = self.ratio * self.torque_constant_n_m_per_a;
         match self.drive {
@@ -120,7 +125,7 @@ impl Rotary {
         }
     }
 
-    /// The tables that every other scene has, at the handle.
+    /// The tables of a linear scene that replace `[rotary]`, at the handle.
     fn tables(&self) -> [(&'static str, Vec<(&'static str, f64)>); 3] {
         let units = self.units();
         let at =
@@ -150,10 +155,10 @@ impl Rotary {
     }
 }
 
-/// A scene's tables at the handle, and its units, if it is rotary.
+/// The tables of a scene at the handle, and the scene's units.
 ///
 /// # Errors
-/// `[rotary]` is wrong, or beside it stands what goes without it.
+/// `[rotary]` is wrong, or the scene also has a key that `[rotary]` replaces.
 pub fn at_handle(mut scene: Table) -> Result<(Table, Units), String> {
     let Some(rotary) = scene.remove("rotary") else { return Ok((scene, Units::Linear)) };
     let rotary: Rotary = rotary.try_into().map_err(|error: toml::de::Error| {
@@ -196,7 +201,7 @@ pub fn at_handle(mut scene: Table) -> Result<(Table, Units), String> {
     Ok((scene, units))
 }
 
-/// Angles and torques of a table and those in it.
+/// Converts angles and torques of a table and of the tables in it.
 fn convert(units: Units, path: &str, value: &mut Value) -> Result<(), String> {
     let Some(table) = value.as_table_mut() else { return Ok(()) };
     for (key, mut value) in std::mem::take(table) {

@@ -1,7 +1,7 @@
 //! The JSON schema of scene files, for editors and for the book.
 //!
-//! Keys and descriptions are those of the types. Ranges are asked of the reader of scenes: it refuses a value that is too
-//! large, and names what is allowed. A range that depends on another key of the scene is left out; the description has it.
+//! Keys and descriptions come from the types. Ranges come from the reader of scenes: a value that is too large gives
+//! an error with the allowed range. A range that depends on another key is left out; the description has it.
 
 use std::sync::LazyLock;
 
@@ -17,12 +17,12 @@ use super::{
     rotary::{LINEAR_TABLES, Rotary, at_handle},
 };
 
-/// Stands for the name of an arm or of a design.
+/// Placeholder for the name of an arm or a design.
 const NAME: &str = "NAME";
-/// Where a key's range is in its schema, beside `minimum` and `maximum`.
+/// Names of a range's ends in a schema.
 const LOW_HIGH: [&str; 2] = ["minimum", "maximum"];
 
-/// Optional tables whose ranges are asked for, in the forms that they have.
+/// Optional tables with several forms, each form once. Their ranges are looked up.
 const ELEMENTS: [&str; 3] = [
     "[output]\nkind = 'dac'\nbits = 12\n[travel]\nstop = 'spring'\nlow_m = -1\nhigh_m = 1\nstiffness_n_per_m = 1e3\n\
      damping_n_s_per_m = 1\n[integrator]\nmethod = 'dormand-prince'\nrelative_tolerance = 1e-6\n\
@@ -31,7 +31,7 @@ const ELEMENTS: [&str; 3] = [
      [integrator]\nmethod = 'rk4'\nsteps_per_sample = 100",
     "[integrator]\nmethod = 'semi-implicit-euler'\nsteps_per_sample = 100",
 ];
-/// Those that have one form.
+/// Optional tables with one form.
 const PLAIN: &str = "[amplifier]\nbandwidth_hz = 100\n[mode]\nmass_kg = 1\nstiffness_n_per_m = 1\ndamping_n_s_per_m = 1\n\
     [arm]\nmass_kg = 1\nstiffness_n_per_m = 1\ndamping_n_s_per_m = 1\nrest_position_m = 0\ngrip_stiffness_n_per_m = 1\n\
     grip_damping_n_s_per_m = 1\n[friction]\ncoulomb_n = 0\nstatic_n = 1\nstribeck_speed_m_per_s = 1\n[offset]\nforce_n = 1\n\
@@ -39,7 +39,7 @@ const PLAIN: &str = "[amplifier]\nbandwidth_hz = 100\n[mode]\nmass_kg = 1\nstiff
     phase_rad = 0\n[encoder_noise]\nrms_m = 0\nseed = 1\n[accelerometer]\nfull_scale_m_per_s2 = 10\n[uncertainty]\n\
     [passivity]\n[board]\nname = 'nucleo-f446re'\n[safety]\n[motor]\n[return]";
 
-/// Scenes of other devices: what is allowed in all of them depends on none.
+/// Scenes of different devices. A range that is the same in all of them does not depend on the device.
 static BASES: LazyLock<Vec<Table>> = LazyLock::new(|| {
     let of = |text: &str| text.parse::<Table>().unwrap_or_default();
     let (_, paper) = BUILT_IN[0];
@@ -74,7 +74,7 @@ static BASES: LazyLock<Vec<Table>> = LazyLock::new(|| {
     bases
 });
 
-/// The JSON schema (draft 7) of scene files: a linear one, or a rotary one.
+/// The JSON schema (draft 7) of scene files, for linear and for rotary scenes.
 pub fn schema() -> Value {
     let linear = of::<Scene>();
     let rotary = turned(linear.clone());
@@ -82,7 +82,7 @@ pub fn schema() -> Value {
         ranged(&mut form, "", true);
         form
     });
-    // Both have these tables, and each twice.
+    // Both kinds of scene have these tables, and each table's schema is used twice.
     let velocity = linear["properties"]["velocity"].clone();
     let arm = linear["properties"]["arm"].clone();
     for form in [&mut linear, &mut rotary] {
@@ -100,7 +100,7 @@ pub fn schema() -> Value {
     })
 }
 
-/// The schema of a scene with `[rotary]`: keys of lengths, forces and masses have the rotary unit at their end.
+/// The schema of a scene with `[rotary]`. Keys of lengths, forces and masses end with the rotary unit.
 fn turned(mut scene: Value) -> Value {
     rename(&mut scene, &|table, key| match (table, key) {
         ("encoder", "resolution_m") | ("actuator", "gain_n_per_v") | ("", "device") => None,
@@ -111,14 +111,14 @@ fn turned(mut scene: Value) -> Value {
     if let Some(required) = scene["required"].as_array_mut() {
         required.push("rotary".into());
     }
-    // With `drive = "voltage"` it is the supply's.
+    // With `drive = "voltage"`, `rotary.supply_v` replaces this key.
     if let Some(required) = scene["properties"]["actuator"]["required"].as_array_mut() {
         required.retain(|key| key != "limit_v");
     }
     scene
 }
 
-/// Renames keys, or takes them out, by the scene's table in which they stand.
+/// Renames or removes keys; `name` gets the table and the key.
 fn rename(scene: &mut Value, name: &dyn Fn(&str, &str) -> Option<String>) {
     rename_in(scene, "", name);
     for (table, schema) in scene["properties"].as_object_mut().into_iter().flatten() {
@@ -141,7 +141,7 @@ fn rename_in(schema: &mut Value, table: &str, name: &dyn Fn(&str, &str) -> Optio
     }
 }
 
-/// The unit that the end of a key names.
+/// The unit at the end of a key's name.
 pub fn unit(key: &str) -> Option<String> {
     const WORDS: [(&str, &str); 16] = [
         ("n", "N"),
@@ -179,22 +179,22 @@ pub fn unit(key: &str) -> Option<String> {
     (!unit.is_empty()).then_some(unit)
 }
 
-/// A key of scenes, for people.
+/// Description of a key of scenes.
 #[derive(Debug)]
 pub struct Key {
-    /// Tables and key, with dots.
+    /// Tables and key, separated by dots.
     pub path: String,
-    /// None: a number without a unit, or no number.
+    /// `None` for a number without a unit, and for other values.
     pub unit: Option<String>,
     pub meaning: String,
-    /// Range, or names with what they mean; empty where the meaning has it.
+    /// Range, or names with their meaning. Empty if `meaning` has the range.
     pub allowed: String,
-    /// `needed`, `optional`, or what stands for it where it is absent.
+    /// `needed`, `optional`, or the value if the key is absent.
     pub absent: String,
 }
 
-/// All keys of linear scenes, and those of `[rotary]`. Left out are `[velocity]` and the tables `[designs.NAME]` and
-/// `[arms.NAME]`, which have the keys of `[velocity]` and `[arm]`.
+/// All keys of linear scenes, and the keys of `[rotary]`. `[velocity]`, `[designs.NAME]` and `[arms.NAME]` are left
+/// out. The last two have the keys of `[velocity]` and `[arm]`.
 pub fn keys() -> Vec<Key> {
     let mut schema = of::<Scene>();
     schema["properties"]["rotary"] = of::<Rotary>();
@@ -204,7 +204,7 @@ pub fn keys() -> Vec<Key> {
     found
 }
 
-/// `with`: which form of the table has the keys.
+/// `with` names the form of the table that has the keys.
 fn listed(schema: &Value, path: &str, with: &str, found: &mut Vec<Key>) {
     let text = |value: &Value| value.as_str().unwrap_or_default().replace('\n', " ");
     for (name, key) in schema["properties"].as_object().into_iter().flatten() {
@@ -251,14 +251,14 @@ fn listed(schema: &Value, path: &str, with: &str, found: &mut Vec<Key>) {
     }
 }
 
-/// A number as people write it.
+/// A number in its shorter form, plain or with an exponent.
 fn short(number: f64) -> String {
     let plain = number.to_string();
     let power = format!("{number:e}");
     if power.len() + 1 < plain.len() { power } else { plain }
 }
 
-/// The schema of a type, without what TOML does not have.
+/// The schema of a type, without null, which TOML does not have.
 fn of<T: JsonSchema>() -> Value {
     let settings = SchemaSettings::draft07().with(|settings| settings.inline_subschemas = true);
     let mut schema = settings.into_generator().into_root_schema_for::<T>().to_value();
@@ -300,7 +300,7 @@ fn without_null(schema: &mut Value) {
     }
 }
 
-/// Numbers of a table get the range that every scene has, and with `units` each description ends with its key's unit.
+/// Adds ranges that are the same in every scene. With `units`, adds its key's unit to each description.
 fn ranged(schema: &mut Value, path: &str, units: bool) {
     let Some(keys) = schema.as_object_mut() else { return };
     let unit = path.rsplit('.').next().and_then(unit).filter(|_| units);
@@ -333,14 +333,14 @@ fn joined(path: &str, key: &str) -> String {
     if path.is_empty() { key.into() } else { format!("{path}.{key}") }
 }
 
-/// What the key may be, if that is the same in every scene that can have it.
+/// The range of a key, if it is the same in every scene that can have the key.
 fn range(path: &str) -> Option<[Value; 2]> {
     let found: Vec<[f64; 2]> = BASES.iter().filter_map(|base| range_in(base, path)).collect();
     let (first, others) = found.split_first()?;
     others.iter().all(|other| other == first).then(|| first.map(|end| json!(end)))
 }
 
-/// The range with which a scene refuses a value that none has.
+/// The range in the error message for a value that no scene allows.
 fn range_in(base: &Table, path: &str) -> Option<[f64; 2]> {
     [toml::Value::Float(f64::INFINITY), toml::Value::Integer(u32::MAX.into())].into_iter().find_map(
         |strange| {
@@ -355,7 +355,7 @@ fn range_in(base: &Table, path: &str) -> Option<[f64; 2]> {
     )
 }
 
-/// Sets a key of a table that is there.
+/// Sets a key of an existing table.
 fn put(scene: &mut Table, path: &str, value: toml::Value) {
     let mut keys: Vec<&str> = path.split('.').collect();
     let last = keys.pop().unwrap_or_default();
@@ -365,7 +365,7 @@ fn put(scene: &mut Table, path: &str, value: toml::Value) {
     }
 }
 
-/// Why a scene is none.
+/// Error of a scene, or `None` if the scene is valid.
 fn refusal(scene: Table) -> Option<String> {
     let (table, units) = match at_handle(scene) {
         Ok(read) => read,

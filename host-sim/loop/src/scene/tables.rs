@@ -63,7 +63,7 @@ pub struct Actuator {
 }
 
 impl Actuator {
-    /// The latency to the nearest whole sample.
+    /// The latency, rounded to whole samples.
     pub fn latency_samples(&self) -> u32 {
         #[expect(
             clippy::cast_possible_truncation,
@@ -75,7 +75,7 @@ impl Actuator {
     }
 }
 
-/// Longest latency that may be known, in samples.
+/// Longest latency with `latency_known`, in samples.
 pub const LATENCY_KNOWN_MAX: u32 = 64;
 
 /// The sampled controller.
@@ -134,7 +134,7 @@ pub struct WallHit {
 }
 
 impl WallHit {
-    /// What the RMS is taken of.
+    /// Signal of the RMS.
     pub fn rms_of(&self) -> RmsOf {
         self.rms_of.unwrap_or(match self.criterion {
             Criterion::Quiet => RmsOf::Motion,
@@ -142,7 +142,7 @@ impl WallHit {
         })
     }
 
-    /// Times before the window and of the window, s, as the protocol has them.
+    /// Times before the window and of the window, s, for this protocol.
     pub fn times_s(&self) -> [f64; 2] {
         match self.protocol {
             Protocol::Paper | Protocol::Hand => [self.settle_s, self.window_s],
@@ -151,18 +151,18 @@ impl WallHit {
         }
     }
 
-    /// Judged by that; what goes without saying is not said.
+    /// Sets criterion and signal of the RMS. A default signal is stored as `None`.
     pub fn judge(&mut self, criterion: Criterion, rms_of: Option<RmsOf>) {
         (self.criterion, self.rms_of) = (criterion, None);
         self.rms_of = rms_of.filter(|rms_of| *rms_of != self.rms_of());
     }
 
-    /// With the criterion `quiet`, `stable` is an RMS of the force below this, N.
+    /// With the criterion `quiet`, a hit is `stable` if the RMS of the force is below this limit, N.
     pub fn force_rms_limit_n(&self) -> f64 {
         self.force_rms_limit_n.unwrap_or(quiet::FORCE_SHARE * self.push_n.abs())
     }
 
-    /// The same with a push of another size, and the limits of this one.
+    /// The same hit with `share` times the push, and with the limits of the original push.
     pub(crate) fn with_push(&self, share: f64) -> Self {
         let force_rms_limit_n = Some(self.force_rms_limit_n());
         Self { push_n: share * self.push_n, force_rms_limit_n, ..self.clone() }
@@ -189,9 +189,9 @@ impl RmsOf {
     }
 }
 
-/// From one tap to the next, s.
+/// Time between two taps, s.
 pub const TAP_S: f64 = 0.5;
-/// A hand's push is off by at most this share.
+/// Largest relative error of a hand's push.
 pub const HAND_SWAY: f64 = 0.3;
 
 /// How a wall is tried, beside its criterion.
@@ -221,12 +221,12 @@ impl Protocol {
         }
     }
 
-    /// Its name where it is not the paper's.
+    /// Name of the protocol, or `None` for `paper`.
     pub fn named(self) -> Option<&'static str> {
         (self != Self::Paper).then(|| self.name())
     }
 
-    /// The push changes during a hit.
+    /// Whether the push changes during a hit.
     pub fn varies(self) -> bool {
         matches!(self, Self::Taps | Self::Hand)
     }

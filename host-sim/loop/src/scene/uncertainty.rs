@@ -1,4 +1,4 @@
-//! How sure the numbers of a device are, and devices drawn by it.
+//! Uncertainty of a device's numbers, and random devices drawn from it.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -34,11 +34,11 @@ pub struct Uncertainty {
     pub correlations: Vec<(String, String, f64)>,
 }
 
-/// How many numbers there are.
+/// Number of uncertain quantities.
 const COUNT: usize = 6;
-/// Devices that are drawn for one within the scene's ranges, at most.
+/// Largest number of draws until a device is within the scene's ranges.
 const DRAWS_MAX: u64 = 1000;
-/// Below it a variance that is left over is none.
+/// A remaining variance below this is rounding and counts as 0.
 const ROUNDING: f64 = 1e-9;
 
 type Matrix = [[f64; COUNT]; COUNT];
@@ -65,7 +65,7 @@ impl Uncertainty {
         ]
     }
 
-    /// The place of that name, or of what a rotary scene calls it.
+    /// Index of the quantity with this name, linear or rotary.
     pub fn place(name: &str) -> Option<usize> {
         let is = |known: &&str| {
             *known == name || Units::rotary_key(known).is_some_and(|rotary| rotary == name)
@@ -73,7 +73,7 @@ impl Uncertainty {
         Self::NAMES.iter().position(is)
     }
 
-    /// Cholesky's factor of the correlations.
+    /// Cholesky factor of the correlations.
     fn factor(&self) -> Result<Matrix, String> {
         let mut wanted: Matrix = [[0.0; COUNT]; COUNT];
         for (n, row) in wanted.iter_mut().enumerate() {
@@ -117,7 +117,7 @@ impl Uncertainty {
         Ok(factor)
     }
 
-    /// That many deviations of each number, for the n-th device of a seed.
+    /// Random deviation of each quantity, for device `n` of a seed.
     fn offsets(&self, seed: u64, n: u64) -> Result<[f64; COUNT], String> {
         let factor = self.factor()?;
         let normal: Vec<f64> =
@@ -139,7 +139,8 @@ impl Scene {
         uncertainty.factor().map(|_| ())
     }
 
-    /// The n-th device that its `[uncertainty]` draws; the scene itself without one. It depends on seed and n alone.
+    /// Device `n` drawn from the scene's `[uncertainty]`, or the scene itself without `[uncertainty]`. The result
+    /// depends only on seed and n.
     ///
     /// # Errors
     /// No draw is within the scene's ranges.
@@ -192,7 +193,7 @@ mod tests {
             .collect();
         let mean =
             |of: &dyn Fn(&[f64; 3]) -> f64| drawn.iter().map(of).sum::<f64>() / f64::from(count);
-        // four standard errors
+        // tolerances are four standard errors
         for n in 0..3 {
             assert!(mean(&|d| d[n]).abs() < 0.057);
             assert!((mean(&|d| d[n] * d[n]) - 1.0).abs() < 0.08);
@@ -220,7 +221,7 @@ mod tests {
             let error = scene(&format!("[uncertainty]\n{table}")).unwrap_err().to_string();
             assert!(error.contains(says), "{table}: {error}");
         }
-        // a tenth of the draws have a negative latency: they are drawn anew
+        // a tenth of the draws have a negative latency; these draws are repeated
         let scene = scene("[uncertainty]\nlatency = 8.0").unwrap();
         assert!((0..200).all(|n| scene.drawn(1, n).unwrap().actuator.latency >= 0.0));
     }

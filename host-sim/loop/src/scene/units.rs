@@ -1,30 +1,30 @@
-//! The units that a scene speaks: m and N at the handle, or rad and N m about its axis.
+//! The units of a scene: m and N at the handle, or rad and N m about the handle's axis.
 //!
-//! Inside everything is m and N at the handle. A rotary scene is converted once on the way in, by its handle's radius
-//! ([`Units::to_handle`]), and what leaves, files, figures, texts, once on the way out.
+//! In memory all values are in m and N at the handle. A rotary scene is converted once when it is read, by its
+//! handle's radius ([`Units::to_handle`]). Files, figures and texts are converted once when they are written.
 
 use crate::notation::rounded;
 
-/// What a scene, and everything that is made of it, speaks.
+/// Units of a scene, and of all results from it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Units {
     /// Positions in m, forces in N.
     #[default]
     Linear,
-    /// rad and N m, of a handle at this radius.
+    /// Angles in rad, torques in N m, for a handle of this radius.
     Rotary { radius_m: f64 },
 }
 
-/// What a number is, in a linear scene and in a rotary one.
+/// A physical quantity in linear and in rotary scenes.
 struct Quantity {
-    /// How its keys end; nothing: it stands in texts only.
+    /// End of the quantity's keys; empty if the quantity is only used in texts.
     linear: &'static str,
     rotary: &'static str,
-    /// A rotary value is the linear one times the radius to this power.
+    /// A rotary value is the linear value times the radius to this power.
     power: i32,
-    /// Its rotary unit as people read it; angles are in degrees.
+    /// Rotary unit in texts. Angles are in degrees.
     unit: &'static str,
-    /// Linear units in texts, each with what else its numbers are multiplied by.
+    /// Linear units in texts, each with an additional factor.
     units: &'static [(&'static str, f64)],
 }
 
@@ -38,7 +38,7 @@ const fn quantity(
     Quantity { linear, rotary, power, unit, units }
 }
 
-/// Longer keys before those that they end with.
+/// A longer suffix must come before a suffix that is its end.
 const QUANTITIES: &[Quantity] = &[
     quantity(["mass_kg", "inertia_kg_m2", "kg m^2"], 2, &[("kg", 1.0), ("g", 1e-3)]),
     quantity(["n2_s_per_m2", "n2_m2_s_per_rad2", "N^2 m^2 s/rad^2"], 4, &[("N^2 s/m^2", 1.0)]),
@@ -60,31 +60,31 @@ const QUANTITIES: &[Quantity] = &[
     quantity(["m", "rad", "deg"], -1, &[("mm", 1e-3 * DEGREES), ("m", DEGREES)]),
 ];
 
-/// What is in the first unit of a text that `is` it: that unit, the quantity, and the unit's own factor.
+/// The first unit in texts for which `is` returns true: the unit, its quantity and its own factor.
 fn written(is: impl Fn(&'static str) -> bool) -> Option<(&'static str, &'static Quantity, f64)> {
     let each =
         |of: &'static Quantity| of.units.iter().map(move |&(unit, factor)| (unit, of, factor));
     QUANTITIES.iter().flat_map(each).find(|&(unit, ..)| is(unit))
 }
 
-/// The quantity of a linear scene's key.
+/// The quantity of a key of linear scenes.
 fn of_key(key: &str) -> Option<&'static Quantity> {
     QUANTITIES.iter().find(|of| !of.linear.is_empty() && ends(key, of.linear))
 }
 
-/// Significant digits of a value that comes in: one product's rounding is not seen in it.
+/// Significant digits of a value that is read. The rounding of one product does not change them.
 const DIGITS_IN: usize = 15;
-/// Of one that goes out.
+/// Significant digits of a value that is written.
 const DIGITS_OUT: usize = 12;
-/// Of one that people read in a sentence.
+/// Significant digits of a value in a sentence.
 const DIGITS_READ: usize = 4;
 
-/// Whether `key` ends with the words of `suffix`.
+/// Whether `key` ends with `suffix`, at a word boundary.
 fn ends(key: &str, suffix: &str) -> bool {
     key.strip_suffix(suffix).is_some_and(|rest| rest.is_empty() || rest.ends_with(['_', '.']))
 }
 
-/// Phases are angles in both.
+/// Whether a key is a phase. Phases are angles in linear scenes too.
 fn is_phase(key: &str) -> bool {
     ends(key, "phase_rad")
 }
@@ -97,7 +97,7 @@ impl Units {
         }
     }
 
-    /// Radius of the handle, m; 0: it moves straight.
+    /// Radius of the handle, m; 0 in linear scenes.
     pub fn radius_m(self) -> f64 {
         match self {
             Self::Linear => 0.0,
@@ -105,18 +105,18 @@ impl Units {
         }
     }
 
-    /// Whether they are those of a rotary scene.
+    /// Whether these are the units of a rotary scene.
     pub fn is_rotary(self) -> bool {
         self != Self::Linear
     }
 
-    /// The rotary scene's key for what is `key` at the handle; `None` if it is the same.
+    /// The rotary key for the linear `key`, or `None` if both are the same.
     pub fn rotary_key(key: &str) -> Option<String> {
         let found = of_key(key)?;
         Some(format!("{}{}", key.strip_suffix(found.linear)?, found.rotary))
     }
 
-    /// What a rotary scene's key is called at the handle, and its value there; `None` if it is the same.
+    /// The linear key and value for a rotary key and value, or `None` if both are the same.
     pub fn to_handle(self, key: &str, value: f64) -> Option<(String, f64)> {
         let is = |of: &&Quantity| !of.rotary.is_empty() && ends(key, of.rotary);
         let found = QUANTITIES.iter().find(is).filter(|_| !is_phase(key))?;
@@ -124,12 +124,12 @@ impl Units {
         Some((key, rounded(value / self.factor(found.power), DIGITS_IN)))
     }
 
-    /// A stiffness K as it was typed, N/m.
+    /// A stiffness K that a user typed in these units, converted to N/m.
     pub fn stiffness_n_per_m(self, typed: f64) -> f64 {
         self.typed(2, typed)
     }
 
-    /// A damping B as it was typed, N s/m.
+    /// A damping B that a user typed in these units, converted to N s/m.
     pub fn damping_n_s_per_m(self, typed: f64) -> f64 {
         self.typed(2, typed)
     }
@@ -141,7 +141,7 @@ impl Units {
         }
     }
 
-    /// The key of a result, and what its numbers are multiplied by; `None` if it is as inside.
+    /// The key of a result in these units, and the factor of its numbers. `None` if neither changes.
     pub fn key(self, key: &str) -> Option<(String, f64)> {
         if self == Self::Linear {
             return None;
@@ -149,12 +149,14 @@ impl Units {
         Some((Self::rotary_key(key)?, self.factor(of_key(key)?.power)))
     }
 
-    /// A result's number in the written units: `value` times the factor of [`key`](Self::key), rounded to 12 digits.
+    /// A number of a result in the written units: `value` times the factor of [`key`](Self::key), rounded to 12
+    /// digits.
     pub fn told(value: f64, factor: f64) -> f64 {
         if factor == 1.0 { value } else { rounded(value * factor, DIGITS_OUT) }
     }
 
-    /// A number at the handle, as a board's console takes it: `key` says what it is. Fifteen digits, all that it reads.
+    /// A number at the handle as text for a board's console. `key` gives its quantity. The text has fifteen digits,
+    /// as many as the console reads.
     pub fn command(self, key: &str, at_handle: f64) -> String {
         match self.key(key) {
             Some((_, factor)) => rounded(at_handle * factor, DIGITS_IN).to_string(),
@@ -162,12 +164,12 @@ impl Units {
         }
     }
 
-    /// A number that a board's console has said, at the handle.
+    /// Converts a number from a board's console to the handle.
     pub fn from_reply(self, key: &str, said: f64) -> f64 {
         self.key(key).map_or(said, |(_, factor)| said / factor)
     }
 
-    /// How a unit is written, and what its numbers are multiplied by.
+    /// Name of a unit in these units, and the factor of its numbers.
     pub fn written(self, unit: &'static str) -> (&'static str, f64) {
         match written(|known| known == unit).filter(|_| self.is_rotary()) {
             Some((_, of, factor)) => (of.unit, factor * self.factor(of.power)),
@@ -175,14 +177,14 @@ impl Units {
         }
     }
 
-    /// A number at the handle in that unit, with four digits, and its unit: what people read.
+    /// A number at the handle with four digits and its unit, as text for people. `unit` is the linear unit.
     pub fn said(self, at_handle: f64, unit: &'static str) -> String {
         let (unit, factor) = self.written(unit);
         format!("{} {unit}", rounded(at_handle * factor, DIGITS_READ))
     }
 
-    /// A text with all that stands in it as `NUMBER UNIT`, `NUMBER to NUMBER UNIT`, `NUMBER +- NUMBER UNIT`, or `KEY is NUMBER, allowed NUMBER to
-    /// NUMBER`, in these units.
+    /// Converts the numbers of a text to these units. The text has them as `NUMBER UNIT`, `NUMBER to NUMBER UNIT`,
+    /// `NUMBER +- NUMBER UNIT`, or `KEY is NUMBER, allowed NUMBER to NUMBER`.
     pub fn text(self, text: &str) -> String {
         if !self.is_rotary() {
             return text.to_owned();
@@ -233,7 +235,7 @@ impl Units {
         words.join(" ")
     }
 
-    /// `KEY is VALUE, allowed LOW to HIGH`, if that is it.
+    /// Converts a line `KEY is VALUE, allowed LOW to HIGH`. Returns `None` for other lines.
     fn refusal(self, line: &str) -> Option<String> {
         let (before, range) = line.split_once(", allowed ")?;
         let (key, value) = before.rsplit_once(" is ")?;
@@ -254,7 +256,7 @@ impl Units {
     }
 }
 
-/// Multiplies the number in a word; it keeps four digits at least, and as many as it had.
+/// Multiplies the number in a word. The number keeps its digits, and at least four.
 fn scale(word: &mut String, factor: f64) {
     let bare = word.trim_start_matches(['(', '[']);
     let Ok(value) = bare.parse::<f64>() else { return };

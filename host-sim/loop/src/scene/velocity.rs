@@ -1,7 +1,7 @@
-//! The velocity filter of a scene: the core's table of estimators in the keys of `[velocity]` and `[designs.NAME]`.
+//! The velocity filter of a scene: the keys of `[velocity]` and `[designs.NAME]` for the core's table of estimators.
 //!
-//! Names and keys are the table's; a frequency is called `cutoff_hz` whatever its name there. Without it the command line
-//! or `[sweep]` has the cutoff.
+//! Names and keys come from the core's table, but every cutoff or other frequency has the key `cutoff_hz`. If the
+//! scene leaves it out, the command line or `[sweep]` gives the cutoff.
 
 use std::{borrow::Cow, fmt};
 
@@ -18,14 +18,14 @@ use zwidth::{
     velocity::{EstimatorName, PARAMETERS, Parameter, Sense},
 };
 
-/// What a key of a family tells its members by.
+/// Value of the key that selects an estimator of a family.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Member {
     Flag(bool),
     Number(u32),
 }
 
-/// Estimators that share a name in scenes: that name, the key that tells them apart, and its value.
+/// Estimators that share a name in scenes (a family): the name, the key that selects the estimator, and its value.
 const FAMILIES: [(EstimatorName, &str, &str, Member); 8] = [
     (EstimatorName::Butterworth, "butterworth", "prewarp", Member::Flag(false)),
     (EstimatorName::ButterworthPrewarped, "butterworth", "prewarp", Member::Flag(true)),
@@ -36,14 +36,14 @@ const FAMILIES: [(EstimatorName, &str, &str, Member); 8] = [
     (EstimatorName::LeastSquares1, "least-squares", "degree", Member::Number(1)),
     (EstimatorName::LeastSquares2, "least-squares", "degree", Member::Number(2)),
 ];
-/// Keys that a scene may leave out; the parameter is at the table's default then.
+/// Keys that a scene may leave out. An absent key has the default of the core's table.
 const OPTIONAL: [&str; 3] = ["noise_counts", "lambda_ratio", "lead"];
-/// The key of the name.
+/// The key with the estimator's name.
 const TAG: &str = "estimator";
-/// The key of the frequency that tunes an estimator.
+/// The key of an estimator's frequency.
 pub const CUTOFF: &str = "cutoff_hz";
 
-/// The name in scenes, and the key with which it is this estimator.
+/// The name in scenes, and the key and value that select this estimator.
 fn spelling(name: EstimatorName) -> (&'static str, Option<(&'static str, Member)>) {
     match FAMILIES.iter().find(|(member, ..)| *member == name) {
         Some((_, family, key, member)) => (family, Some((key, *member))),
@@ -51,12 +51,12 @@ fn spelling(name: EstimatorName) -> (&'static str, Option<(&'static str, Member)
     }
 }
 
-/// The estimators that a scene writes by that name.
+/// The estimators that have this name in scenes.
 fn members(family: &str) -> impl Iterator<Item = EstimatorName> {
     EstimatorName::ALL.iter().copied().filter(move |name| spelling(*name).0 == family)
 }
 
-/// Keys of an estimator's parameters with their places.
+/// Keys of an estimator's parameters, each with its parameter and the parameter's index.
 fn keys(name: EstimatorName) -> impl Iterator<Item = (&'static str, Parameter, usize)> {
     let parameters = name.parameters().into_iter().flatten().enumerate();
     let keyed = name.keys().iter().zip(parameters);
@@ -66,7 +66,7 @@ fn keys(name: EstimatorName) -> impl Iterator<Item = (&'static str, Parameter, u
     })
 }
 
-/// The key of `[velocity]` for a parameter of the core, if it is one of an estimator's.
+/// The key of `[velocity]` for a parameter of the core. `None` if no estimator has this parameter.
 pub fn key_of(parameter: &str) -> Option<&str> {
     if FAMILIES.iter().any(|(_, _, key, _)| *key == parameter) {
         return Some(parameter);
@@ -76,13 +76,13 @@ pub fn key_of(parameter: &str) -> Option<&str> {
     all.find(|(core, _)| **core == parameter).map(|(_, (key, ..))| key)
 }
 
-/// A velocity filter as a scene says it, with its cutoff or without.
+/// A velocity filter as in a scene, with or without its cutoff.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VelocityTable {
     estimator: EstimatorName,
-    /// By their places; none where the estimator has no parameter, and for a cutoff that the scene does not have.
+    /// Values by parameter index. `None` for unused indices, and for a cutoff that the scene leaves out.
     numbers: [Option<f64>; PARAMETERS],
-    /// What the family's key says, if it has no such member: [`check`](Self::check) refuses it.
+    /// Value of the family's key that selects no estimator; [`check`](Self::check) reports it.
     stranger: Option<u32>,
 }
 
@@ -98,24 +98,24 @@ impl From<VelocitySettings> for VelocityTable {
 }
 
 impl VelocityTable {
-    /// The core's settings; none without a cutoff that the estimator needs.
+    /// The core's settings. `None` if the estimator needs a cutoff and has none.
     pub fn settings(&self) -> Option<VelocitySettings> {
         let whole = !self.has_cutoff() || self.cutoff_hz().is_some();
         whole.then(|| self.estimator.settings(self.numbers.map(Option::unwrap_or_default)))
     }
 
-    /// The core's settings at that cutoff, which an estimator without one does not look at.
+    /// The core's settings with this cutoff. An estimator without a cutoff ignores it.
     pub fn at(&self, cutoff_hz: f64) -> VelocitySettings {
         let table = if self.has_cutoff() { self.with_cutoff(Some(cutoff_hz)) } else { *self };
         self.estimator.settings(table.numbers.map(Option::unwrap_or_default))
     }
 
-    /// Hz, if the estimator has one and the scene says it.
+    /// The cutoff, Hz. `None` if the estimator or the scene has none.
     pub fn cutoff_hz(&self) -> Option<f64> {
         self.cutoff_place().and_then(|place| self.numbers[place])
     }
 
-    /// The same with another cutoff, or without, where the estimator has one.
+    /// The same filter with another cutoff or without one. An estimator without a cutoff does not change.
     #[must_use]
     pub fn with_cutoff(mut self, cutoff_hz: Option<f64>) -> Self {
         if let Some(place) = self.cutoff_place() {
@@ -124,7 +124,7 @@ impl VelocityTable {
         self
     }
 
-    /// Whether it is tuned by a cutoff.
+    /// Whether the estimator has a cutoff.
     pub fn has_cutoff(&self) -> bool {
         self.cutoff_place().is_some()
     }
@@ -133,10 +133,10 @@ impl VelocityTable {
         keys(self.estimator).find(|(key, ..)| *key == CUTOFF).map(|(.., place)| place)
     }
 
-    /// Says whether there is such an estimator; its parameters are for the core to check.
+    /// Checks that the keys select an estimator. The core checks the parameters.
     ///
     /// # Errors
-    /// Names the key, and its range.
+    /// The error names the key and its range.
     pub fn check(&self) -> Result<(), SettingsError> {
         let (family, key) = spelling(self.estimator);
         let (Some(value), Some((parameter, _))) = (self.stranger, key) else { return Ok(()) };
@@ -149,22 +149,22 @@ impl VelocityTable {
         Err(SettingsError { parameter, value: value.into(), range: low..=high })
     }
 
-    /// What the estimator cannot do without, beside the position.
+    /// Input that the estimator needs beside the position.
     pub fn sense(&self) -> Option<Sense> {
         self.estimator.sense()
     }
 
-    /// Which estimator it is.
+    /// The estimator of this filter.
     pub fn estimator(&self) -> EstimatorName {
         self.estimator
     }
 
-    /// Name in reports and in the envelope.
+    /// Name of the estimator in reports and in the envelope.
     pub fn name(&self) -> &'static str {
         self.estimator.text()
     }
 
-    /// From the keys of a scene, beside the name.
+    /// Reads the keys of a scene; `family` is the estimator's name.
     fn read(family: &str, given: Vec<(String, Value)>) -> Result<Self, String> {
         let first = members(family).next().ok_or_else(|| no_family(family))?;
         let selects = spelling(first).1;
@@ -216,7 +216,7 @@ impl VelocityTable {
     }
 }
 
-/// Name and cutoff of a filter, for people.
+/// Name and cutoff of a filter as text for people.
 pub fn describe(filter: &VelocitySettings, rate_hz: f64) -> String {
     let name = filter.name().text();
     let (Some((parameter, _)), Some(cutoff_hz), Some(true_hz)) =
@@ -232,22 +232,22 @@ pub fn describe(filter: &VelocitySettings, rate_hz: f64) -> String {
     }
 }
 
-/// A value of that type, or why it is none; to serde a date is a map, here as in a scene's other tables.
+/// A value converted to a type, or the error. serde reads a date as a map, as in a scene's other tables.
 fn typed<T: DeserializeOwned>(value: Value) -> Result<T, String> {
     let value = if value.is_datetime() { Value::Table(toml::Table::new()) } else { value };
     T::deserialize(value).map_err(|error| error.message().into())
 }
 
-/// All names in scenes.
+/// All names of estimators in scenes.
 fn families() -> Vec<&'static str> {
     let mut all: Vec<_> = EstimatorName::ALL.iter().map(|name| spelling(*name).0).collect();
     all.dedup();
     all
 }
 
-/// Why a scene names no estimator.
+/// The error for an unknown name of an estimator.
 fn no_family(text: &str) -> String {
-    // a family as this is one
+    // a family of this name exists as the replacement
     let family = (text == "algebraic").then_some("least-squares");
     match EstimatorName::replacing(text).or(family) {
         Some(other) => format!("estimator `{text}` is no more: use {other}"),
@@ -255,7 +255,7 @@ fn no_family(text: &str) -> String {
     }
 }
 
-/// serde's own line for what it does not know.
+/// The error for an unknown name, in serde's own words.
 fn unknown(what: &str, name: &str, known: &[&str]) -> String {
     let quoted: Vec<_> = known.iter().map(|known| format!("`{known}`")).collect();
     match quoted.as_slice() {
@@ -273,7 +273,7 @@ impl<'de> Deserialize<'de> for VelocityTable {
     }
 }
 
-/// The table `[velocity]`: the name, and the other keys with their values.
+/// Reads the table `[velocity]`: the name, and the other keys with their values.
 struct Table;
 
 impl<'de> Visitor<'de> for Table {
@@ -296,7 +296,7 @@ impl<'de> Visitor<'de> for Table {
     }
 }
 
-/// A name in scenes.
+/// The name of an estimator in scenes.
 struct Family(String);
 
 impl<'de> Deserialize<'de> for Family {
@@ -335,7 +335,7 @@ impl JsonSchema for VelocityTable {
     }
 }
 
-/// The keys that go with a name in scenes.
+/// The keys of an estimator's name in scenes.
 fn schema_of(family: &str) -> serde_json::Value {
     let mut properties = serde_json::Map::from_iter([(TAG.into(), json!({ "const": family }))]);
     let mut required = vec![TAG];
@@ -410,8 +410,8 @@ mod tests {
     use super::*;
     use crate::scene::NamedScene;
 
-    /// Every estimator, with a cutoff and without: what is written is read as the same, and nothing stands for a cutoff
-    /// that is not there.
+    /// Every estimator, with and without a cutoff: a written table is read as the same filter, and a missing cutoff
+    /// is written as no key.
     #[test]
     fn a_table_is_read_as_it_was_written() {
         for name in EstimatorName::ALL {

@@ -1,5 +1,5 @@
-//! An accelerometer. Its noise is drawn by the number of the reading, so it is the same in every hit. The lanes' text of
-//! a reading is `engine/estimator/accelerometer.rs`, which tests hold to this one.
+//! An accelerometer. Its noise depends only on the number of the reading, so the noise is the same in every hit. The
+//! lanes have the same calculation in `engine/estimator/accelerometer.rs`; tests compare both.
 
 use std::sync::Arc;
 
@@ -7,27 +7,27 @@ use zwidth::units::Acceleration;
 
 use crate::{numerics::random, scene::Accelerometer};
 
-/// An accelerometer, in counts and samples.
+/// An accelerometer in units of counts and samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Sensor {
     pub full_scale: f64,
-    /// Step of a reading; 0: none.
+    /// Step of a reading; 0 without steps.
     pub resolution: f64,
     pub bias: f64,
     /// RMS of the noise of one reading.
     noise: f64,
-    /// Part of a step that the low-pass lets through in a sample; 1 without low-pass.
+    /// Part of a change that passes the low-pass in one sample; 1 without a low-pass.
     pub follows: f64,
     filtered: f64,
-    /// Random numbers so far.
+    /// Number of random numbers drawn so far.
     drawn: u64,
 }
 
 impl Sensor {
-    /// LSB of an [`Acceleration`] in a count per sample^2.
+    /// LSB of an [`Acceleration`] per count per sample^2.
     pub const LSB: f64 = (1u32 << Acceleration::FRACTION_BITS) as f64;
 
-    /// At rest before its first reading.
+    /// A sensor at rest before its first reading.
     pub fn new(sensor: &Accelerometer, rate_hz: f64, resolution_m: f64) -> Self {
         let per_unit = 1.0 / (resolution_m * rate_hz * rate_hz);
         let bandwidth_hz = sensor.bandwidth_hz.unwrap_or(f64::INFINITY);
@@ -35,7 +35,7 @@ impl Sensor {
             full_scale: sensor.full_scale_m_per_s2 * per_unit,
             resolution: sensor.resolution_m_per_s2 * per_unit,
             bias: sensor.bias_m_per_s2 * per_unit,
-            // A density up to half the rate, that many readings per second.
+            // The noise's density over a band of half the sampling rate.
             noise: sensor.noise_m_per_s2_per_sqrt_hz * (0.5 * rate_hz).sqrt() * per_unit,
             follows: -libm::expm1(-2.0 * core::f64::consts::PI * bandwidth_hz / rate_hz),
             filtered: 0.0,
@@ -79,10 +79,10 @@ impl Sensor {
 #[derive(Clone, Debug)]
 pub(crate) struct Readings {
     pub sensor: Sensor,
-    /// Speed in m/s to counts per sample.
+    /// Factor from m/s to counts per sample.
     pub speed: f64,
-    /// Noise of the reading at each sample of a hit, counts per sample^2; none behind its end. Nothing is read before
-    /// sample 0: what stands there takes the bias off.
+    /// Noise of the reading at each sample of a hit, counts per sample^2. The value of sample 0 cancels the bias,
+    /// because nothing is read before it.
     pub noise: Arc<[f64]>,
 }
 
@@ -97,7 +97,7 @@ impl Readings {
     }
 }
 
-/// The nearest integer, saturating.
+/// The nearest integer, saturated.
 pub(super) fn round(value: f64) -> i32 {
     #[expect(clippy::cast_possible_truncation, reason = "saturates, as it must")]
     let nearest = value.round() as i32;

@@ -1,8 +1,8 @@
-//! The samples of a run, taken many at once.
+//! Computes the samples of a run together.
 //!
-//! A [`Run`] of samples ends with an output at the latest: so its stages (plant, encoder, estimator) come one after the
-//! other over all of it, and none waits for the one before it in every sample. Whoever looks on gets a [`Block`] of many
-//! runs.
+//! Only the last sample of a [`Run`] may have an output. So each stage (plant, encoder, estimator) is computed over
+//! the whole run, before the next stage. No stage waits for another one at every sample. Observers get a [`Block`] of
+//! many runs.
 
 use zwidth::velocity::Senses;
 
@@ -13,20 +13,21 @@ use super::{
 };
 use crate::plant::{Course, Places, RUN};
 
-/// Samples of a block at most.
+/// Largest number of samples in a block.
 const SAMPLES: usize = 128;
-/// Room for them, and for a run at any place.
+/// Space for these samples, and for one more run.
 const ROOM: usize = SAMPLES + RUN;
 
-/// What happened at some samples.
+/// Results of a number of samples.
 #[derive(Clone, Debug)]
 pub struct Block {
-    /// Number of its first sample.
+    /// Number of the block's first sample.
     index: u64,
     samples: usize,
     positions_m: [f64; ROOM],
     counts: [i32; ROOM],
-    /// If somebody looks at each sample: the controller's velocities, counts per sample, and the forces at their ends, N.
+    /// Only if every sample is observed: the controller's velocities, counts per sample, and the forces at the
+    /// samples' ends, N.
     velocities: [f64; ROOM],
     outputs_n: [f64; ROOM],
     outputs: Vec<Output>,
@@ -34,13 +35,13 @@ pub struct Block {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
-    /// The sample with which it was computed, as its place in the block.
+    /// Index in the block of the output's sample.
     pub place: usize,
-    /// What the controller did.
+    /// Result of the controller.
     pub rendered: ControllerOutput,
 }
 
-/// What only the stages of a run see of it.
+/// Values of a run that only its stages use.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Run {
     pub samples: usize,
@@ -51,7 +52,7 @@ pub(super) struct Run {
 impl Run {
     pub const NONE: Self = Self { samples: 0, course: Course::NONE, senses: [Senses::NONE; RUN] };
 
-    /// Fills the senses at its samples, for these positions.
+    /// Computes the senses at the run's samples, for these positions.
     #[inline]
     fn sense<S: Sensing>(&mut self, positions_m: &[f64; RUN], sensing: &mut S) {
         let speeds_m_per_s = &self.course.speeds_m_per_s;
@@ -76,13 +77,13 @@ impl Block {
         Self { index: 0, samples: 0, positions_m, counts, velocities, outputs_n, outputs }
     }
 
-    /// Number of its first sample.
+    /// Number of the block's first sample.
     #[inline]
     pub fn index(&self) -> u64 {
         self.index
     }
 
-    /// What the encoder read.
+    /// Readings of the encoder.
     #[inline]
     pub fn counts(&self) -> &[i32] {
         self.counts.get(..self.samples).unwrap_or_default()
@@ -94,20 +95,20 @@ impl Block {
         self.positions_m.get(..self.samples).unwrap_or_default()
     }
 
-    /// The outputs, in order.
+    /// The outputs, in their order.
     #[inline]
     pub fn outputs(&self) -> &[Output] {
         &self.outputs
     }
 
-    /// How many of its samples come before that number.
+    /// Number of the block's samples before sample `index`.
     #[inline]
     pub fn before(&self, index: u64) -> usize {
         let before = index.saturating_sub(self.index).min(self.samples as u64);
         usize::try_from(before).unwrap_or(SAMPLES)
     }
 
-    /// Its samples one by one, of a run that is watched.
+    /// The block's samples one by one. The run must be watched.
     pub fn each(&self) -> impl Iterator<Item = Sample> {
         let mut outputs = self.outputs.iter().peekable();
         (0..self.samples)
@@ -125,20 +126,20 @@ impl Block {
         }
     }
 
-    /// Empty, before sample `index`.
+    /// Makes the block empty. The next sample is `index`.
     #[inline]
     pub(super) fn begin(&mut self, index: u64) {
         (self.index, self.samples) = (index, 0);
         self.outputs.clear();
     }
 
-    /// There is room for another run.
+    /// Whether there is space for another run.
     #[inline]
     pub(super) fn has_room(&self) -> bool {
         self.samples < SAMPLES
     }
 
-    /// Where the next run goes.
+    /// Space for the next run.
     #[inline]
     pub(super) fn places(&mut self) -> Option<Places<'_>> {
         let (at, Self { positions_m, counts, .. }) = (self.samples, self);
@@ -146,7 +147,7 @@ impl Block {
         Some(Places { positions_m, counts: counts.get_mut(at..)?.first_chunk_mut()? })
     }
 
-    /// Takes the samples of a run, through the stage of the controller.
+    /// Adds the samples of a run: runs the controller's estimator over them.
     #[inline]
     pub(super) fn take<C: Controller, S: Sensing>(
         &mut self,
@@ -178,13 +179,13 @@ impl Block {
         }
     }
 
-    /// Its last sample has an output.
+    /// Adds the output of the last sample.
     #[inline]
     pub(super) fn output(&mut self, rendered: ControllerOutput) {
         self.outputs.push(Output { place: self.samples - 1, rendered });
     }
 
-    /// The force at its end, N.
+    /// Stores the force at the last sample's end, N.
     pub(super) fn end(&mut self, output_n: f64) {
         if let Some(last) = self.outputs_n.get_mut(self.samples - 1) {
             *last = output_n;

@@ -1,4 +1,4 @@
-//! What the sampled loop asks of a controller, and the core behind that interface.
+//! The controller's interface in the sampled loop, and the core with this interface.
 
 use zwidth::{
     Design, Drive, LoopParameters, Motion, Sampler, Settings, SettingsError,
@@ -10,16 +10,16 @@ use zwidth::{
 use super::quantiser::floor;
 use crate::plant::RUN;
 
-/// What a controller did at an output.
+/// Result of a controller at an output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ControllerOutput {
-    /// Force asked of the actuator, fraction of full scale, after saturation.
+    /// Commanded force after saturation, fraction of full scale.
     pub force: f64,
-    /// Force that the actuator's code stands for, fraction of full scale.
+    /// Force of the actuator's code, fraction of full scale.
     pub output: f64,
-    /// More was asked for than the actuator can give.
+    /// Whether the demand was above the actuator's limit.
     pub saturated: bool,
-    /// What the passivity controller took off the wall's force, fraction of full scale.
+    /// Part of the wall's force that the passivity controller removed, fraction of full scale.
     pub withheld: f64,
     /// Push at this output, fraction of full scale.
     pub push: f64,
@@ -30,14 +30,14 @@ pub struct ControllerOutput {
 pub struct Readings<'a> {
     /// Encoder counts, one per sample.
     pub counts: &'a [i32],
-    /// What is sensed beside them; empty where nothing is.
+    /// Inputs beside the counts; empty without such inputs.
     pub senses: &'a [Senses],
-    /// True speeds, m/s, for a controller that [is told](Controller::IS_TOLD) them.
+    /// True speeds, m/s, for a controller that [gets](Controller::IS_TOLD) them.
     pub speeds_m_per_s: &'a [f64],
 }
 
 impl<'a> Readings<'a> {
-    /// Counts and senses of each sample.
+    /// Count and senses of each sample.
     #[inline]
     pub fn each(&self) -> impl Iterator<Item = (i32, &'a Senses)> + use<'a> {
         let senses = self.senses;
@@ -48,7 +48,8 @@ impl<'a> Readings<'a> {
 
 /// A controller in the loop: counts in, force out.
 pub trait Controller {
-    /// Takes the samples of a run, at most the last of which has an output; says the velocities if they are asked for.
+    /// Takes the samples of a run. Only the last sample may have an output. Stores the velocities in `velocities`, if
+    /// given.
     fn samples(&mut self, readings: Readings<'_>, mut velocities: Option<&mut [f64; RUN]>) {
         for (place, (count, senses)) in readings.each().enumerate() {
             self.sample(count, senses);
@@ -62,27 +63,27 @@ pub trait Controller {
             }
         }
     }
-    /// Takes one sample, with what is sensed beside the count; `true` if an output is due with it.
+    /// Takes one sample with its senses. Returns `true` if an output is due with this sample.
     fn sample(&mut self, count: i32, senses: &Senses) -> bool;
-    /// The output that is due with the last sample.
+    /// Computes the output that is due with the last sample.
     fn render(&mut self) -> ControllerOutput;
     /// The velocity at the last sample, counts per sample.
     fn velocity(&self) -> f64;
-    /// The wall's surface, counts; contact is beyond it.
+    /// The wall's surface, counts. The handle is in contact beyond it.
     fn surface(&self) -> i32;
     /// Whether the controller gets the true speed.
     const IS_TOLD: bool = false;
-    /// The true speed at the last sample, m/s.
+    /// Takes the true speed at the last sample, m/s.
     fn told(&mut self, _speed_m_per_s: f64) {}
-    /// What it pushes with, fraction of full scale, into the wall.
+    /// The controller's push into the wall, fraction of full scale.
     fn push(&self) -> f64;
-    /// Pushes with that from the next output on.
+    /// Sets the push from the next output on.
     fn set_push(&mut self, push: f64);
-    /// Force that the code for that force stands for, fraction of full scale.
+    /// Force of the actuator's code for `force`, fraction of full scale.
     fn put_out(&self, force: f64) -> f64;
 }
 
-/// The core with the true velocity in place of its estimate: what no estimator can be better than.
+/// The core with the true velocity instead of an estimate. It is the limit for every estimator.
 #[derive(Clone, Copy, Debug)]
 pub struct Told {
     core: Fixed,
@@ -90,13 +91,13 @@ pub struct Told {
 }
 
 impl Told {
-    /// Around a core of that design.
+    /// Makes it from a core with this design.
     pub fn new(core: Fixed, design: &Design) -> Self {
         Self { core, lsb_per_m_per_s: lsb_per_m_per_s(design) }
     }
 }
 
-/// LSB of [`Velocity`] in a speed of 1 m/s.
+/// LSB of [`Velocity`] per m/s.
 pub fn lsb_per_m_per_s(design: &Design) -> f64 {
     f64::from(1u32 << Velocity::FRACTION_BITS) / (design.resolution_m * design.rate_hz)
 }
@@ -151,7 +152,7 @@ pub struct Fixed {
 }
 
 impl Fixed {
-    /// The core with those settings, at rest at `count`, with a constant push.
+    /// The core with these settings, at rest at `count`, with a constant push.
     ///
     /// # Errors
     /// A setting is out of range.
@@ -175,18 +176,18 @@ impl Fixed {
         })
     }
 
-    /// The core's settings, folded into integers.
+    /// The core's settings as integers.
     pub fn control(&self) -> &LoopParameters {
         &self.control
     }
 
-    /// The last sample as the core saw it.
+    /// Motion of the last sample in the core.
     pub fn motion(&self) -> Motion {
         self.motion
     }
 
-    /// Takes the samples of a run; says the velocities.
-    #[inline(never)] // one for all plants
+    /// Takes the samples of a run, and stores their velocities.
+    #[inline(never)] // compiled once for all plants
     pub fn take(&mut self, readings: Readings<'_>, velocities: &mut [Velocity; RUN]) {
         let Readings { counts, senses, .. } = readings;
         if let Some(sampled) = self.sampler.sense_all(&self.control, counts, senses, velocities) {
@@ -194,7 +195,7 @@ impl Fixed {
         }
     }
 
-    /// Another velocity for the last sample.
+    /// Replaces the velocity of the last sample.
     #[inline]
     pub fn set_velocity(&mut self, velocity: Velocity) {
         self.motion.velocity = velocity;
@@ -222,7 +223,7 @@ impl Controller for Fixed {
         sampled.due
     }
 
-    #[inline(always)] // called, it would keep the state of the loop in memory
+    #[inline(always)] // a call would move the state of the loop from registers to memory
     fn render(&mut self) -> ControllerOutput {
         let Drive { force, saturated, .. } = self.control.render(self.motion, self.push);
         let command = self.control.actuator.command(force);

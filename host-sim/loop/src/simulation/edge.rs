@@ -1,8 +1,8 @@
-//! When the handle came over the border of a count, on the cubic through positions and speeds of both ends of a sample.
+//! Time at which the handle crossed the border of a count. The path is the cubic through positions and speeds at both
+//! ends of a sample.
 
-/// When within the sample (0 to 1) the handle last came over a border into the cell in which it
-/// ends, and whether upwards; `None` if it never left it. Position and speed of both ends, in counts
-/// and samples.
+/// Time within the sample (0 to 1) of the last crossing into the cell of the sample's end, and whether it was
+/// upwards. `None` if the handle stayed in this cell. Positions and speeds of both ends are in counts and samples.
 pub fn last_edge([x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> Option<(f64, bool)> {
     let cell = x1.floor();
     // x(t) = x0 + t (v0 + t (b + t a)), its slope v0 + 2 b t + 3 a t^2
@@ -11,7 +11,7 @@ pub fn last_edge([x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> Option<(f64, bool)> 
     let b = 3.0 * moved - 2.0 * v0 - v1;
     let at = |t: f64| x0 + t * (v0 + t * (b + t * a));
     let slope = |t: f64| v0 + t * (2.0 * b + t * 3.0 * a);
-    // From the end back over pieces without a turn.
+    // Search backwards from the end over monotone pieces.
     let mut until = 1.0;
     for from in turns(v0, b, a) {
         let x = at(from);
@@ -34,7 +34,7 @@ pub fn last_edge([x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> Option<(f64, bool)> 
     None
 }
 
-/// Where `v0 + 2 b t + 3 a t^2` is 0 between 0 and 1, latest first, and 0.
+/// Zeros of `v0 + 2 b t + 3 a t^2` between 0 and 1, latest first, then 0.
 fn turns(v0: f64, b: f64, a: f64) -> impl Iterator<Item = f64> {
     let discriminant = b * b - 3.0 * a * v0;
     let roots = if discriminant > 0.0 {
@@ -47,14 +47,14 @@ fn turns(v0: f64, b: f64, a: f64) -> impl Iterator<Item = f64> {
     roots.into_iter().filter(|t| *t > 0.0 && *t < 1.0).chain([0.0])
 }
 
-/// Halvings of a sample: far below the 2^-16 that an age has.
+/// Halvings of a sample: much finer than the 2^-16 of an age.
 const HALVINGS: u32 = 32;
 /// Parts of a sample after these halvings.
 const PARTS: f64 = (1u64 << HALVINGS) as f64;
-/// Steps of Newton's to the place of a crossing: from the middle they double its digits.
+/// Newton steps to a crossing. From the middle of the sample, each step doubles the correct digits.
 const NEWTON_STEPS: u32 = 4;
 
-/// Where a monotone function is 0, between two places where it has different signs.
+/// Zero of a monotone function between two points where it has different signs.
 fn crossing(function: impl Fn(f64) -> f64, mut from: f64, mut until: f64) -> f64 {
     let rises = function(from) < 0.0;
     for _ in 0..HALVINGS {
@@ -68,9 +68,9 @@ fn crossing(function: impl Fn(f64) -> f64, mut from: f64, mut until: f64) -> f64
     until
 }
 
-/// The very number that [`crossing`] gives from 0 to 1, in a third of the time; `None` where it is not certain to be.
-/// The halvings end at the border between two of [`PARTS`] where the sign changes. There is one such border if the
-/// function, next but one to it, is farther from 0 than it is `rounded`: beyond, it is farther still.
+/// The same number as [`crossing`] from 0 to 1, in a third of the time. `None` if the result might differ. Halving
+/// ends at the border of one of [`PARTS`], where the sign has changed. The result is certain if the function exceeds
+/// its rounding error, `rounded`, at the next borders before and after the sign change.
 fn crossing_of_sample(
     function: impl Fn(f64) -> f64,
     slope: impl Fn(f64) -> f64,
@@ -104,7 +104,7 @@ mod tests {
         };
         let (mut quick, cases) = (0, 20_000);
         for _ in 0..cases {
-            // a border that a cubic without turns comes over, slowly or fast, wherever the handle is
+            // a monotone cubic crosses a border, at any speed and any position
             let place = (next() * 2e5).floor();
             let speed = 10f64.powf(4.0 * next());
             let bent = [speed * next(), 0.3 * speed * next()];

@@ -1,4 +1,4 @@
-//! One wall hit: what is hit, in which arithmetic, and what it showed.
+//! One wall hit: wall, arithmetic, results.
 
 use std::ops::Deref;
 
@@ -7,13 +7,13 @@ use zwidth::{SettingsError, VelocitySettings, experiment::Verdict, units::Positi
 use super::{port::PortReport, twin, window::Measures};
 use crate::error::Error;
 
-/// Which arithmetic the controller uses.
+/// Arithmetic of the controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Numeric {
     /// Fixed point: the core's arithmetic, as on the board.
     #[default]
     Fixed,
-    /// Its twin in 64-bit floats.
+    /// The twin of the core in 64-bit floats.
     F64,
     /// The twin with its velocity rounded to the fixed-point LSB.
     F64Rounded,
@@ -29,7 +29,7 @@ impl Numeric {
         }
     }
 
-    /// How the twin rounds; `None` for the core.
+    /// Rounding of the twin; `None` for the core.
     pub(crate) fn twin(self) -> Option<twin::Rounding> {
         match self {
             Self::Fixed => None,
@@ -39,36 +39,36 @@ impl Numeric {
     }
 }
 
-/// One wall, hit from one place.
+/// One wall, hit from one start position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WallHit {
     pub velocity: VelocitySettings,
     pub stiffness_n_per_m: f64,
     pub damping_n_s_per_m: f64,
-    /// Start, counts beyond the scene's start position.
+    /// Start in counts from the scene's start position.
     pub start_offset_counts: f64,
 }
 
-/// What a hit showed, in SI units.
+/// Results of a hit, in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HitReport {
     pub verdict: Verdict,
     pub measures: Measures,
     /// Mean of the measured position over the window, m.
     pub mean_m: f64,
-    /// Deepest position behind the surface during the whole hit, m; 0 if it was never reached.
+    /// Deepest position behind the surface during the whole hit, m; 0 without contact.
     pub peak_penetration_m: f64,
-    /// Outputs that saturated, as a fraction of all outputs of the whole hit.
+    /// Part of the whole hit's outputs that saturated.
     pub saturated_fraction: f64,
-    /// Samples in contact, as a fraction of the window.
+    /// Part of the window's samples that are in contact.
     pub contact_fraction: f64,
-    /// Samples with more counts since the last one than the core's velocity can say, as a fraction of the whole hit.
+    /// Part of the whole hit's samples at which the count changed by more than the core's velocity can represent.
     pub velocity_clipped_fraction: f64,
-    /// Energy exchanged by the wall's force over the counted motion; the push is left out.
+    /// Energy that the wall's force exchanged over the motion of the counts, without the push.
     pub port: PortReport,
 }
 
-/// What its window showed is read as its own.
+/// The measures of the window are read like fields of the report.
 impl Deref for HitReport {
     type Target = Measures;
 
@@ -78,8 +78,8 @@ impl Deref for HitReport {
 }
 
 impl HitReport {
-    /// Of [`reports`](super::prepared::PreparedScene::reports) at several pushes the one that decides: the first that was
-    /// not held, or the one whose force is the least quiet.
+    /// The report that decides, from the [`reports`](super::prepared::PreparedScene::reports) at several pushes. It
+    /// is the first report that is not stable, or else the one with the largest force RMS.
     pub fn deciding(reports: &[(f64, Self)]) -> Option<Self> {
         let mut each = reports.iter().map(|(_, report)| *report);
         each.clone().find(|report| !report.is_stable()).or_else(|| {
@@ -94,7 +94,7 @@ impl HitReport {
     }
 }
 
-/// The result of the two pushes with the larger force RMS; `kept` if they are equal.
+/// The result with the larger force RMS; `kept` if both are equal.
 pub(crate) fn louder<T>(kept: Option<T>, next: T, force_n: impl Fn(&T) -> Option<f64>) -> T {
     match kept {
         Some(kept) if force_n(&next) <= force_n(&kept) => kept,
@@ -102,12 +102,12 @@ pub(crate) fn louder<T>(kept: Option<T>, next: T, force_n: impl Fn(&T) -> Option
     }
 }
 
-/// Why a hit has no verdict.
+/// Reason why a hit has no verdict.
 #[derive(Clone, Debug, PartialEq)]
 pub enum HitError {
     /// A setting is out of range.
     Settings(SettingsError),
-    /// The handle left the +-2^30 counts that the core accepts, at this sample.
+    /// At this sample the handle left the +-2^30 counts that the core accepts.
     OutOfRange(u64),
 }
 

@@ -1,4 +1,4 @@
-//! The sampled loop: plant, encoder, controller, latency, in the order that the design fixes.
+//! The sampled loop: plant, encoder, controller, latency, in the order of the design.
 
 pub(crate) mod accelerometer;
 mod block;
@@ -29,18 +29,18 @@ use crate::{
     },
 };
 
-/// The parts of the loop that a run does not change.
+/// The parts of the loop that stay constant during a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Parts<P> {
-    /// What moves, with its step split where a command takes effect.
+    /// The plant. Its step is split when a command takes effect.
     pub plant: P,
-    /// How a position becomes a count.
+    /// Converts a position to a count.
     pub encoder: Quantiser,
     /// Force at full command, N.
     pub full_scale_n: f64,
-    /// Whole samples from the encoder reading to the force; the fraction is in `plant`.
+    /// Whole samples from the encoder reading to the force. `plant` has the rest of the latency.
     pub latency: u32,
-    /// Samples per output, as the controller keeps it.
+    /// Samples per output, the same as in the controller.
     pub period: u32,
 }
 
@@ -51,11 +51,11 @@ pub struct Sample {
     pub index: u64,
     /// Position of the handle at the sample, m.
     pub position_m: f64,
-    /// What the encoder read.
+    /// Reading of the encoder.
     pub count: i32,
     /// The controller's velocity, counts per sample.
     pub velocity: f64,
-    /// The output computed with this sample, if one was due.
+    /// The output computed with this sample, if an output was due.
     pub rendered: Option<ControllerOutput>,
     /// Force that acts on the handle at the end of this sample, N.
     pub output_n: f64,
@@ -66,31 +66,31 @@ pub struct Sample {
 pub struct Simulation<C, S = Full, P: Plant = AnyPlant> {
     parts: Parts<P>,
     moving: Moving<C, S, P::State>,
-    /// A ring with room for all commands that can be on their way to the actuator at once, N.
+    /// Ring of all commands that have not taken effect yet, N.
     forces_n: Box<[f64]>,
     block: Box<Block>,
 }
 
-/// What a run changes.
+/// State of a run.
 #[derive(Clone, Copy, Debug)]
 struct Moving<C, S, X> {
     controller: C,
     sensing: S,
     state: X,
     index: u64,
-    /// Samples until the next output; 0 means with the next sample. As the controller counts them.
+    /// Samples until the next output; 0 if the next sample has an output. The controller counts the same.
     until_due: u32,
     output_n: f64,
     on_the_way: Latency,
 }
 
-/// Commands on their way to the actuator. One sets out every `period` samples, and each takes
-/// effect `latency` samples after the sample that it answers.
+/// Commands that have not taken effect yet. A command is sent every `period` samples. Each takes effect `latency`
+/// samples after its sample.
 #[derive(Clone, Copy, Debug)]
 struct Latency {
     write: usize,
     read: usize,
-    /// Sample at which the next one takes effect.
+    /// Sample at which the next command takes effect.
     effective: u64,
     period: u64,
 }
@@ -104,15 +104,15 @@ impl Latency {
         self.write = following(self.write, forces_n);
     }
 
-    /// How many samples after `index` the next command takes effect, if within a run, and that command, as far as
-    /// it is known before that sample is taken: one of this very sample is not.
+    /// Samples from `index` until the next command takes effect, and this command. A command that sample `index`
+    /// itself sends is not known yet.
     #[inline]
     fn next(&self, forces_n: &[f64], index: u64, acting_n: f64) -> (usize, f64) {
         let samples = usize::try_from(self.effective - index).unwrap_or(usize::MAX);
         (samples, forces_n.get(self.read).copied().unwrap_or(acting_n))
     }
 
-    /// That command takes effect.
+    /// The command that takes effect now.
     #[inline]
     fn arrived(&mut self, forces_n: &[f64]) -> Option<f64> {
         self.effective += self.period;
@@ -128,7 +128,7 @@ fn following(slot: usize, ring: &[f64]) -> usize {
 }
 
 impl<P> Parts<P> {
-    /// The same loop around another plant.
+    /// The same loop with another plant.
     pub fn with<Q: Clone>(&self, plant: &Q) -> Parts<Q> {
         let Self { plant: _, encoder, full_scale_n, latency, period } = *self;
         Parts { plant: plant.clone(), encoder, full_scale_n, latency, period }
@@ -136,8 +136,8 @@ impl<P> Parts<P> {
 }
 
 impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
-    /// The next samples, at most so many and none behind an output: sample `n` at `t = n T` with the motion up to
-    /// `(n + 1) T`, the steps in the order that a sample needs them. Returns how many.
+    /// Computes the next samples, at most `most` and none after an output. Sample `n` is at `t = n T`, with the
+    /// motion until `(n + 1) T`. The steps are in the order that a sample needs. Returns the number of samples.
     #[inline(always)]
     fn run<P: Plant<State = X>>(
         &mut self,
@@ -152,7 +152,8 @@ impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
         let samples = if due { self.until_due + 1 } else { most };
         self.until_due = if due { parts.period - 1 } else { self.until_due - samples };
         let (index, looks) = (self.index, self.sensing.looks());
-        // 4. and 5. the plant up to the last sample, with a command that takes effect before it, and 1. the encoder
+        // steps 4 and 5: the plant until the last sample, with a command that takes effect before it; step 1: the
+        // encoder
         run.samples = samples as usize;
         let (arrival, arriving_n) = self.on_the_way.next(forces_n, index, self.output_n);
         let span = Span {
@@ -172,16 +173,16 @@ impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
             self.output_n = arriving_n;
             self.on_the_way.arrived(forces_n);
         }
-        // 2. the velocity
+        // step 2: the velocity
         block.take(run, &mut self.controller, &mut self.sensing, watched);
-        // 3. the wall, with the last sample
+        // step 3: the wall, with the last sample
         if due {
             let rendered = self.controller.render();
             self.sensing.granted(rendered.force);
             self.on_the_way.send(forces_n, rendered.output * parts.full_scale_n);
             block.output(rendered);
         }
-        // 4. a command that takes effect within that sample, and 5. the plant
+        // step 4: a command that takes effect within the last sample; step 5: the plant
         let state = self.state;
         if self.on_the_way.effective + 1 == self.index {
             let force_n = self.on_the_way.arrived(forces_n).unwrap_or(self.output_n);
@@ -205,8 +206,8 @@ impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
 }
 
 impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
-    /// A handle at rest at `start_m`, before sample 0. `controller` must be at rest at the count
-    /// that the encoder reads there.
+    /// A handle at rest at `start_m`, before sample 0. `controller` must be at rest at the encoder's count for
+    /// `start_m`.
     pub fn new(parts: Parts<P>, controller: C, sensing: S, start_m: f64) -> Self {
         let on_the_way = Latency {
             write: 0,
@@ -221,13 +222,13 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         Self { parts, moving, forces_n: vec![0.0; room].into(), block: Block::new().into() }
     }
 
-    /// One sample, and the motion up to the next one.
+    /// Computes one sample, and the motion until the next one.
     pub fn step(&mut self) -> Sample {
         self.take(1, true);
         self.block.sample(0, self.block.outputs().first())
     }
 
-    /// Up to `samples` steps; `each` sees every sample and may end the run.
+    /// Computes up to `samples` samples. `each` gets every sample and may end the run.
     pub fn run<B>(
         &mut self,
         samples: u32,
@@ -239,8 +240,8 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         ControlFlow::Continue(())
     }
 
-    /// So many samples, block by block; `each` may end the run behind its block. Only the blocks of a run that is
-    /// `watched` can be told [sample by sample](Block::each).
+    /// Computes `samples` samples in blocks. `each` may end the run after its block. A block has [single
+    /// samples](Block::each) only if the run is `watched`.
     #[inline]
     pub fn blocks<B>(
         &mut self,
@@ -256,7 +257,7 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         ControlFlow::Continue(())
     }
 
-    /// The next block, of so many samples at most; returns how many.
+    /// Computes the next block, of at most `most` samples. Returns the number of samples.
     #[inline(never)]
     fn take(&mut self, most: u32, watched: bool) -> u32 {
         let Self { parts, moving, forces_n, block } = self;
@@ -272,12 +273,12 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         &self.moving.controller
     }
 
-    /// The controller, to be pushed with something else.
+    /// The controller, for a change of its push.
     pub(crate) fn controller_mut(&mut self) -> &mut C {
         &mut self.moving.controller
     }
 
-    /// The same plant under another force of the hand.
+    /// Replaces the plant by the same plant under another force of the hand.
     pub(crate) fn set_plant(&mut self, plant: P) {
         self.parts.plant = plant;
     }
@@ -286,7 +287,7 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         &self.parts.plant
     }
 
-    /// The plant's state now.
+    /// The plant's state.
     pub fn state(&self) -> &P::State {
         &self.moving.state
     }

@@ -1,4 +1,4 @@
-//! A controller whose wall may not give more than a reserve: the core's [`PassiveWall`] around any arithmetic.
+//! A controller whose wall gives no more energy than a reserve: the core's [`PassiveWall`] with any arithmetic.
 
 use zwidth::{
     passivity::{PassiveWall, Passivity},
@@ -11,18 +11,18 @@ use super::controller::{Controller, ControllerOutput};
 /// Full scale, LSB of force.
 pub(super) const FULL_SCALE: f64 = (1u32 << Force::FRACTION_BITS) as f64;
 
-/// LSB of force in a fraction of full scale; exact for the core's forces.
+/// LSB of force for a fraction of full scale. Exact for the core's forces.
 pub(super) fn bits(fraction: f64) -> i64 {
     let exact = fraction * FULL_SCALE;
     #[expect(clippy::cast_possible_truncation, reason = "at most two full scales")]
     let bits = {
-        let towards_zero = exact as i64; // of the core's forces it is exact, and rounding is a call
+        let towards_zero = exact as i64; // exact for the core's forces, and faster than a call of `round`
         if towards_zero as f64 == exact { towards_zero } else { exact.round() as i64 }
     };
     bits
 }
 
-/// A controller with the passivity controller behind it.
+/// A controller with the passivity controller after it.
 #[derive(Clone, Copy, Debug)]
 pub struct Passive<C> {
     controller: C,
@@ -32,7 +32,7 @@ pub struct Passive<C> {
 }
 
 impl<C> Passive<C> {
-    /// Around a controller that is at rest at `count`.
+    /// Adds the passivity controller to a controller at rest at `count`.
     pub fn new(controller: C, plan: Passivity, count: i32) -> Self {
         let at = Position::from_counts(count);
         Self { controller, plan, wall: PassiveWall::new(at), at }

@@ -1,41 +1,43 @@
-//! The account of the port during a hit: the wall's force, from the sample on in which it acts, and the counts' motion.
+//! Energy at the port during a hit. The wall's force counts from the sample at which it acts. The motion is the
+//! motion of the counts.
 
 use zwidth::{Design, port::PortEnergy, units::Position};
 
 use super::{Block, Output, Sample, controller::ControllerOutput, passive};
 
-/// Energy account of the port, and the wall forces that do not act yet.
+/// Energy at the port, and the wall forces that do not act yet.
 #[derive(Clone, Debug)]
 pub struct PortWatch {
     port: PortEnergy,
-    /// Sample, force of the wall, contact.
+    /// Sample, wall force and contact of each force that does not act yet.
     pending: Vec<(u64, i64, bool)>,
     /// Whole samples from an output to its force.
     latency: u64,
     surface: i32,
     /// Energy of one LSB of force times one count, J.
     unit_j: f64,
-    /// Outputs in contact, and those of them that the passivity controller has changed.
+    /// Outputs in contact, and outputs in contact that the passivity controller changed.
     outputs: [u32; 2],
-    /// Sums of magnitudes over these outputs: the wall force before withholding; the withheld force.
+    /// Sums of magnitudes over the outputs in contact: the wall force before the passivity controller, and the
+    /// withheld force.
     forces: [f64; 2],
 }
 
-/// What wall and hand have exchanged in a hit, J.
+/// Energy that wall and hand exchanged in a hit, J.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PortReport {
-    /// What the wall has taken in the last contact; below 0 it has given.
+    /// Energy that the wall has taken in the last contact; negative if it has given energy.
     pub taken_j: f64,
     /// Largest net energy given at any time in any contact.
     pub given_j: f64,
-    /// Outputs in contact whose force the passivity controller has changed, as a fraction of those in contact.
+    /// Part of the outputs in contact that the passivity controller changed.
     pub limited_fraction: f64,
-    /// What it has withheld at them, as a fraction of the wall's force summed over the outputs in contact.
+    /// Withheld force, as a fraction of the wall's force, both summed over the outputs in contact.
     pub withheld_fraction: f64,
 }
 
 impl PortWatch {
-    /// For a handle at rest at `count`.
+    /// Starts with a handle at rest at `count`.
     pub fn new(design: &Design, latency: u32, surface: i32, count: i32) -> Self {
         Self {
             port: PortEnergy::new(Position::from_counts(count)),
@@ -85,7 +87,7 @@ impl PortWatch {
         }
     }
 
-    /// Up to the sample of that count.
+    /// Report up to the sample with this count.
     pub fn report(&self, count: i32) -> PortReport {
         let mut port = self.port;
         port.moved(Position::from_counts(count));

@@ -1,7 +1,7 @@
-//! What the controller senses beside the count: commanded force, acceleration, edge times.
+//! Inputs of the controller beside the count: commanded force, acceleration, edge times.
 //!
-//! Nearly no estimator looks at it, so a run is compiled without ([`Blind`]) and with ([`Full`]);
-//! the prepared scene chooses once per run. Only the sense that the hit's estimator looks at is worked out.
+//! Few estimators use them. So a run is compiled without ([`Blind`]) and with ([`Full`]) these inputs, and the
+//! prepared scene selects one once per run. Only the input that the hit's estimator uses is computed.
 
 use zwidth::{
     units::Force,
@@ -17,26 +17,26 @@ use crate::{
     },
 };
 
-/// A handle at one instant.
+/// Motion of a handle at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Handle {
     pub position_m: f64,
     pub speed_m_per_s: f64,
 }
 
-/// What senses the motion from sample to sample.
+/// Computes these inputs from the motion between samples.
 pub trait Sensing: Copy {
-    /// Whether there is anything to sense.
+    /// Whether there is any input beside the count.
     fn looks(&self) -> bool;
-    /// What there is to sense at a sample.
+    /// The inputs at a sample.
     fn senses(&self) -> &Senses;
-    /// The controller granted a force, fraction of full scale.
+    /// Takes a force that the controller granted, fraction of full scale.
     fn granted(&mut self, force: f64);
-    /// The handle moved on by one sample.
+    /// Takes the handle's motion over one sample.
     fn moved(&mut self, from: Handle, to: Handle);
 }
 
-/// Nothing but the count.
+/// No input beside the count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Blind;
 
@@ -58,27 +58,27 @@ impl Sensing for Blind {
     fn moved(&mut self, _: Handle, _: Handle) {}
 }
 
-/// What the estimator looks at.
+/// The inputs that estimators can use.
 ///
-/// *Force*: what the firmware tells ([`zwidth::safety::GuardedSampler`]): the force last granted,
-/// saturated and held, as if it had acted since the last sample. The latency of our boards is below half
-/// a sample. With `actuator.latency_known` it is told as many whole samples later as that latency is
-/// nearest to, when it acts.
+/// *Force*: the force last granted, saturated and held, as the firmware gives it
+/// ([`zwidth::safety::GuardedSampler`]). The estimator treats it as if it had acted since the last sample; our boards
+/// have a latency below half a sample. With `actuator.latency_known` the estimator gets the force when it acts: later
+/// by the latency, rounded to whole samples.
 ///
-/// *Acceleration*: the mean over the sample, from the speeds; through a first-order low-pass if the
-/// scene gives the accelerometer a bandwidth, then noise, bias, range and resolution.
+/// *Acceleration*: the mean over the sample, computed from the speeds. It passes a first-order low-pass if the scene
+/// gives the accelerometer a bandwidth. Noise, bias, range and resolution follow.
 ///
-/// *Edges*: the last crossing of a count's border, on the cubic through positions and speeds of both
-/// ends (Hermite), with the scene's encoder error. Under a constant force it is off by less than 1e-6 counts for the scenes' devices;
-/// where the force steps by dF within the sample by up to `0.0162 dF T^2 / m`, 0.005 counts for the
-/// whole range of the paper's device. With noise or jitter of the readings, which are one number a
-/// sample, edges would not go with the counts: such a scene has none ([`Scene::feeds`]).
+/// *Edges*: the last crossing of a count's border. The path is the cubic through positions and speeds at both ends of
+/// the sample (Hermite), with the scene's encoder error. Under a constant force its error is below 1e-6 counts for
+/// the scenes' devices. If the force steps by dF within the sample, the error is up to `0.0162 dF T^2 / m`: 0.005
+/// counts for the whole range of the paper's device. Noise and jitter are one number per sample, so edges would not
+/// agree with the counts. A scene with noise or jitter therefore has no edges ([`Scene::feeds`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Full {
-    /// What is looked at; none: the estimator does not look.
+    /// The input that the estimator uses; `None` if it uses only counts.
     looks_at: Option<Sense>,
     encoder: Quantiser,
-    /// Speed in m/s to counts per sample.
+    /// Factor from m/s to counts per sample.
     speed: f64,
     accelerometer: Option<Sensor>,
     encoder_error: Option<EncoderError>,
@@ -86,12 +86,12 @@ pub struct Full {
     senses: Senses,
 }
 
-/// Ring of forces that were granted but not yet given to the estimator, a place for each sample.
+/// Ring of forces granted but not yet given to the estimator, one place for each sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Told {
     granted: Force,
     ring: [Force; LATENCY_KNOWN_MAX as usize],
-    /// Places in use; 0: told at once.
+    /// Places in use. 0: the estimator gets the force at once.
     samples: usize,
     next: usize,
 }
@@ -103,7 +103,7 @@ impl Told {
         Self { granted: Force::ZERO, ring: [Force::ZERO; _], samples, next: 0 }
     }
 
-    /// A sample on: the force to tell.
+    /// Advances by one sample. Returns the force that the estimator gets.
     fn moved(&mut self) -> Force {
         if self.samples == 0 {
             return self.granted;
@@ -115,7 +115,7 @@ impl Told {
 }
 
 impl Full {
-    /// The senses of that scene for an estimator that looks at one of them, at rest before sample 0.
+    /// The inputs of this scene for an estimator that uses one of them, at rest before sample 0.
     pub fn new(scene: &Scene, looks_at: Option<Sense>) -> Self {
         let design = scene.design();
         let (rate_hz, resolution_m) = (design.rate_hz, design.resolution_m);
@@ -133,7 +133,7 @@ impl Full {
         }
     }
 
-    /// The accelerometer, for hits of so many samples.
+    /// The accelerometer, for hits of `samples` samples.
     pub(crate) fn readings(&self, samples: u32) -> Option<Readings> {
         self.accelerometer.map(|sensor| Readings::new(sensor, self.speed, samples))
     }
@@ -299,7 +299,7 @@ mod tests {
                 scene.accelerometer = Some(sensor);
             })
         };
-        // one m/s^2 is 0.01 counts per sample^2
+        // 1 m/s^2 is 0.01 counts per sample^2
         let read = |sensing: &mut Full, m_per_s2: f64| {
             sensing.moved(handle(0.0, 0.0), handle(0.0, m_per_s2 * 1e-4));
             f64::from(sensing.senses.acceleration.bits()) / 2f64.powi(24) * 100.0
@@ -315,7 +315,7 @@ mod tests {
         let readings: Vec<f64> = (0..20_000).map(|_| read(&mut noisy, 0.0)).collect();
         let mean = readings.iter().sum::<f64>() / 20_000.0;
         let rms = (readings.iter().map(|x| x * x).sum::<f64>() / 20_000.0).sqrt();
-        // density times the root of half the rate: 0.7071; five standard errors
+        // density times the square root of half the rate: 0.7071; the tolerance is five standard errors
         assert!((rms / 0.5f64.sqrt() - 1.0).abs() < 0.025 && mean.abs() < 0.025, "{rms} {mean}");
     }
 }

@@ -17,10 +17,10 @@ pub const RENDERED: u8 = 2;
 /// Bit of the flags: the last output saturated.
 pub const SATURATED: u8 = 4;
 
-/// Most samples of a trace: 200 s at 10 kHz, about half a gigabyte with the CSV.
+/// Largest number of samples in a trace: 200 s at 10 kHz, about half a gigabyte with the CSV.
 const SAMPLES_MAX: u64 = 2_000_000;
 
-/// Samples of a hit.
+/// Number of samples of a hit.
 fn samples(prepared: &PreparedScene) -> u64 {
     u64::from(prepared.plan().settle) + u64::from(prepared.plan().window)
 }
@@ -28,7 +28,7 @@ fn samples(prepared: &PreparedScene) -> u64 {
 /// One hit, sample by sample.
 #[derive(Clone, Debug)]
 pub struct Trace {
-    /// Samples in a second.
+    /// Samples per second.
     pub rate_hz: f64,
     velocity_lsb_m_per_s: f64,
     full_scale_n: f64,
@@ -45,18 +45,19 @@ pub struct Row {
     pub count: i32,
     /// The controller's velocity, m/s.
     pub velocity_m_per_s: f64,
-    /// Force that the controller asks for, held from output to output, N.
+    /// Commanded force, held between outputs, N.
     pub force_n: f64,
     /// Force on the handle at the end of the sample, after latency and output quantisation, N.
     pub output_n: f64,
     /// Sum of [`CONTACT`], [`RENDERED`] and [`SATURATED`].
     pub flags: u8,
-    /// What the wall has taken in this contact, by its force and the counts, J; below 0 it has given.
+    /// Energy that the wall has taken in this contact, from its force and the counts, J. Negative if it has given
+    /// energy.
     pub port_energy_j: f64,
 }
 
 impl Trace {
-    /// Why a hit of that scene is too long to be kept sample by sample, if it is.
+    /// Error message if a hit of this scene is too long to store every sample, else `None`.
     pub fn refused(prepared: &PreparedScene) -> Option<String> {
         let samples = samples(prepared);
         (samples > SAMPLES_MAX).then(|| {
@@ -66,7 +67,7 @@ impl Trace {
         })
     }
 
-    /// An empty trace of that hit.
+    /// An empty trace for this hit.
     ///
     /// # Errors
     /// A setting of `hit` is out of range, or the hit is too long.

@@ -1,12 +1,12 @@
-//! What a hit's window shows beside the RMS of its counts, and whether the wall counts as stable by it.
+//! Measures of a hit's window beside the RMS of its counts, and the verdict from them.
 //!
-//! | quantity | of the samples of the window |
+//! | quantity | meaning, over the samples of the window |
 //! |----------|------------------------------|
 //! | RMS of the motion | true positions about their mean |
-//! | at the limit | outputs at the actuator's limit, as a share |
-//! | RMS of the force | what safety grants, as the output rounds it, about its mean over the outputs of the window |
-//! | penetration ratio | K times the mean of the counts behind the surface, over the mean force of the wall |
-//! | sensation level | energy of the motion over what a hand just feels, dB |
+//! | at the limit | part of the outputs that are at the actuator's limit |
+//! | RMS of the force | force that safety grants, rounded by the output, about its mean |
+//! | penetration ratio | K times the mean depth of the counts behind the surface, divided by the mean force of the wall |
+//! | sensation level | energy of the motion relative to the least motion that a hand feels, dB |
 
 use std::sync::Arc;
 
@@ -20,21 +20,21 @@ use crate::{
     scene::{Criterion, FeltCurve, PushBy, RmsOf, Scene},
 };
 
-/// Frequencies that are felt, Hz.
+/// Frequency band of the sensation level, Hz.
 const FELT_HZ: [f64; 2] = [2.0, 1000.0];
-/// The level of no motion at all, dB.
+/// Level without any motion, dB.
 const NO_MOTION_DB: f64 = -200.0;
-/// Rounding that a sum may have before it says that a limit will be reached.
+/// Margin for rounding before a sum shows that a limit will be exceeded.
 const SURE: f64 = 1.0 + 1e-9;
 
-/// Sums over the window's samples so far. The order of operations is the lanes' too.
+/// Sums over the window's samples so far. The lanes use the same order of operations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Watch {
     /// First position of the window, m.
     pub origin_m: f64,
-    /// Sum of the positions from there, m.
+    /// Sum of the positions relative to the first, m.
     pub sum_m: f64,
-    /// Sum of the squares of these positions, m^2.
+    /// Sum of the squares of these relative positions, m^2.
     pub squares: f64,
     /// Outputs at the actuator's limit.
     pub at_limit: f64,
@@ -46,7 +46,7 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Takes the position of one sample.
+    /// Adds the position of one sample.
     #[inline]
     pub fn sample(&mut self, position_m: f64) {
         let away_m = position_m - self.origin_m;
@@ -54,7 +54,7 @@ impl Watch {
         self.squares += away_m * away_m;
     }
 
-    /// Takes an output, fraction of full scale.
+    /// Adds an output, fraction of full scale.
     #[inline]
     pub fn output(&mut self, output: f64) {
         if output.abs() >= 1.0 {
@@ -76,22 +76,22 @@ impl Watch {
     }
 }
 
-/// What the window showed.
+/// Measures of a window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measures {
     /// Population RMS of the counts about their mean, m.
     pub rms_m: f64,
     /// Population RMS of the true positions about their mean, m.
     pub rms_motion_m: f64,
-    /// Outputs at the actuator's limit, as a share of the window's.
+    /// Part of the window's outputs that are at the actuator's limit.
     pub at_limit_fraction: f64,
-    /// Sensation level of the motion, dB; `None` where nobody asked for it.
+    /// Sensation level of the motion, dB; `None` if it was not computed.
     pub sensation_db: Option<f64>,
     /// Population RMS of the force, N.
     pub force_rms_n: f64,
     /// Mean force of the wall, N.
     pub wall_force_n: f64,
-    /// K times the mean penetration, over `wall_force_n`; `None` if that is 0.
+    /// K times the mean penetration, divided by `wall_force_n`; `None` if `wall_force_n` is 0.
     pub penetration_ratio: Option<f64>,
 }
 
@@ -103,7 +103,7 @@ pub struct Stiff {
     pub surface: i32,
 }
 
-/// How a scene's windows are judged.
+/// Judges a scene's windows.
 #[derive(Clone, Debug)]
 pub struct Judge {
     criterion: Criterion,
@@ -119,14 +119,14 @@ pub struct Judge {
     resolution_m: f64,
     period: u32,
     felt: Option<Arc<Felt>>,
-    /// Somebody asked for the measures.
+    /// Whether the measures are needed for another purpose than the verdict.
     measures: bool,
-    /// The push changes during a hit.
+    /// Whether the push changes during a hit.
     varies: bool,
 }
 
 impl Judge {
-    /// That of a scene; the level is worked out where it decides.
+    /// The judge of a scene. It computes the sensation level only if the criterion needs it.
     pub fn of(scene: &Scene) -> Self {
         let (hit, full_scale_n) = (&scene.wall_hit, scene.full_scale_n());
         let limit_m = scene.rms_limit_m();
@@ -148,34 +148,34 @@ impl Judge {
         if hit.criterion == Criterion::Felt { judge.with_felt(scene) } else { judge }
     }
 
-    /// With the level of every whole hit, if the window allows one.
+    /// Also computes the level of every whole hit, if the window has a suitable length.
     pub fn with_felt(mut self, scene: &Scene) -> Self {
         self.felt = Felt::of(scene).map(Arc::new);
         self
     }
 
-    /// Judge that also measures hits whose verdict does not need it.
+    /// Also measures hits whose verdict does not need it.
     pub fn with_measures(self) -> Self {
         Self { measures: true, ..self }
     }
 
-    /// The counts alone decide, and nothing else is asked for.
+    /// Whether only the counts are needed, for the verdict and otherwise.
     pub fn is_plain(&self) -> bool {
         let by_counts = self.criterion == Criterion::Rms && self.rms_of == RmsOf::Counts;
         by_counts && !self.varies && self.felt.is_none() && !self.measures
     }
 
-    /// With another push of the motor, fraction of full scale.
+    /// The same judge for another push of the motor, fraction of full scale.
     pub fn about(self, push: f64) -> Self {
         Self { push, ..self }
     }
 
-    /// The positions of the window are needed one by one.
+    /// Whether the single positions of the window are needed.
     pub fn listens(&self) -> bool {
         self.felt.is_some()
     }
 
-    /// What a window of the hit of that wall showed; `motion` are its positions, if they are needed.
+    /// Measures of a window of a hit. `motion` has the window's positions, if they are needed.
     pub fn measures(
         &self,
         hit: &Hit,
@@ -200,7 +200,7 @@ impl Judge {
         }
     }
 
-    /// The RMS is below its limit; that of the counts of a constant push says so in integers.
+    /// Whether the RMS is below its limit. For counts under a constant push this is checked in integers.
     fn rests(&self, measures: &Measures, counts: impl FnOnce() -> bool) -> bool {
         match self.rms_of {
             RmsOf::Counts if self.varies => measures.rms_m < self.limit_m,
@@ -209,7 +209,7 @@ impl Judge {
         }
     }
 
-    /// Handle and force rest, and the wall stands.
+    /// Whether handle and force are quiet, and the wall bears the push.
     fn is_quiet(&self, hit: &Hit, wall: Stiff, measures: &Measures) -> bool {
         let rests = self.rests(measures, || hit.scatter().is_below(self.quiet_counts));
         let Measures { force_rms_n, wall_force_n, penetration_ratio, .. } = *measures;
@@ -218,7 +218,7 @@ impl Judge {
         rests && window.is_quiet(self.quiet_force * self.full_scale_n)
     }
 
-    /// The verdict of a whole window.
+    /// The verdict from a whole window.
     pub fn verdict(&self, hit: &Hit, wall: Stiff, measures: &Measures) -> Verdict {
         let counts = hit.verdict();
         if counts == Verdict::NoContact {
@@ -234,8 +234,8 @@ impl Judge {
         if stable { Verdict::Stable } else { Verdict::Unstable }
     }
 
-    /// A verdict before the end, if it is certain to equal the one at the end. A level is never certain: what comes may
-    /// be weighted more.
+    /// A verdict before the end of the window, if the final verdict is certain to be the same. A sensation level is
+    /// never certain, because later samples may have more weight.
     pub fn certain_verdict(&self, hit: &Hit, watch: &Watch, window: u32) -> Option<Verdict> {
         let by_counts = || hit.certain_verdict();
         let moves = || {
@@ -269,11 +269,11 @@ impl Judge {
     }
 }
 
-/// A threshold curve made ready for windows of one length.
+/// A threshold curve, prepared for windows of one length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Felt(Band);
 
-/// The part of a signal's energy that lies in a band, weighted over frequency, for windows of one length.
+/// Energy of a signal in a band, weighted over frequency, for windows of one length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Band {
     spectrum: RealSpectrum,
@@ -281,12 +281,12 @@ pub struct Band {
     window: Vec<f64>,
     /// First bin of the band.
     first: usize,
-    /// What a bin's power adds.
+    /// Weight of each bin's power.
     weights: Vec<f64>,
 }
 
 impl Felt {
-    /// For a scene's windows; `None` if they are too short or too long.
+    /// Prepares the curve for a scene's windows. `None` if the windows are too short or too long.
     pub fn of(scene: &Scene) -> Option<Self> {
         let (hit, [least_s, most_s]) = (&scene.wall_hit, scene.felt_window_s());
         let plan = scene.hit_settings().build(&scene.design()).ok()?;
@@ -295,7 +295,7 @@ impl Felt {
             .then(|| Self::new(&hit.felt, plan.window as usize, scene.control.rate_hz))
     }
 
-    /// For windows of so many samples.
+    /// Prepares a curve for windows of `samples` samples.
     pub fn new(curve: &FeltCurve, samples: usize, rate_hz: f64) -> Self {
         Self(Band::new(samples, rate_hz, FELT_HZ, |hz| 1.0 / curve.threshold_m(hz).powi(2)))
     }
@@ -307,7 +307,7 @@ impl Felt {
 }
 
 impl Band {
-    /// For windows of so many samples, from one frequency to the other, Hz, each weighted.
+    /// For windows of `samples` samples, between two frequencies, Hz, with a weight for each frequency.
     pub fn new(
         samples: usize,
         rate_hz: f64,
@@ -322,7 +322,7 @@ impl Band {
         let hz = |bin: usize| bin as f64 * rate_hz / length;
         let within = |bin: &usize| (from_hz..=to_hz).contains(&hz(*bin));
         let bins: Vec<usize> = (1..spectrum.length() / 2).filter(within).collect();
-        // both halves of the spectrum, over what the window takes away
+        // both halves of the spectrum, divided by the energy of the window function
         let energy: f64 = window.iter().map(|w| w * w).sum();
         let per_power = 2.0 / (length * energy);
         let weights = bins.iter().map(|bin| per_power * weight(hz(*bin))).collect();
@@ -375,7 +375,7 @@ mod tests {
         let [a, b, both] = [a, b, both].map(|motion| energy(felt.level_db(motion)));
         assert!((both / (a + b) - 1.0).abs() < 1e-4, "{a} {b} {both}");
         assert_eq!(felt.level_db(vec![0.07; 20_000]), NO_MOTION_DB);
-        // what is not felt: below 2 Hz and above 1000 Hz
+        // frequencies outside the band: below 2 Hz and above 1000 Hz
         assert!(felt.level_db(tone(1500.0, 1e-6, 0.0)) < -60.0);
     }
 }

@@ -215,7 +215,7 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// The result with the scene that it makes, in the units and keys of that scene's own file.
+/// The result with the scene that was made from it, in the units and keys of the scene's file.
 #[derive(Serialize)]
 struct WithScene<'a> {
     #[serde(flatten)]
@@ -242,7 +242,7 @@ fn scene_text(
     Ok(format!("{text}\n{tables}"))
 }
 
-/// Names of the records on one line.
+/// Names of the records in one line.
 fn of_records(records: &[Record]) -> String {
     let names = records.iter().map(|record| printable(&record.name, false));
     names.collect::<Vec<_>>().join(", ")

@@ -1,4 +1,4 @@
-//! What was identified, as a person reads it: rows, table, CSV, figure.
+//! Texts of an identification for people: rows, table, CSV, figure.
 
 use std::{fmt::Write as _, path::Path};
 
@@ -10,7 +10,7 @@ use crate::{
     scene::Units,
 };
 
-/// A parameter as a reader sees it.
+/// A parameter as shown to people.
 pub(super) struct Row {
     name: &'static str,
     unit: &'static str,
@@ -18,7 +18,7 @@ pub(super) struct Row {
 }
 
 impl Row {
-    /// Name, value, and the interval to two digits of its width.
+    /// Name, value and interval. The interval's half width has two digits.
     pub(super) fn text(&self) -> String {
         let Self { name, unit, estimate: Estimate { value, half_width, .. } } = self;
         if *half_width == 0.0 {

@@ -1,4 +1,4 @@
-//! Ticks at round numbers, and the numbers beside them.
+//! Ticks at round numbers, and their numbers.
 
 use std::ops::Range;
 
@@ -8,15 +8,15 @@ use plotters::coord::{
     types::RangedCoordf64,
 };
 
-/// An axis far from 0 may be so short that the next round number is the same number.
+/// Largest number of ticks. On a short axis far from 0, the next round number may be the same float.
 const MOST_VALUES: u16 = 32;
 const MOST_DECIMALS: usize = 15;
-/// Part of a step by which rounding may displace a tick.
+/// Part of a step by which rounding may move a tick.
 const SLACK: f64 = 1e-6;
-/// Powers of ten that stay in the ticks; others go to the unit.
+/// Powers of ten that stay in the ticks' numbers. Other powers go into the unit.
 const PLAIN_EXPONENTS: std::ops::RangeInclusive<i32> = -2..=3;
 
-/// Where a linear axis has its ticks, and over what range.
+/// Ticks and range of a linear axis.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Ticks {
     pub values: Vec<f64>,
@@ -26,13 +26,13 @@ pub(super) struct Ticks {
 }
 
 impl Ticks {
-    /// Ticks at round numbers; the range grows to the next ticks outside.
+    /// Ticks at round numbers. The range grows to the next ticks outside.
     pub(super) fn around(low: f64, high: f64, at_most: usize) -> Self {
         let inside = Self::within(low, high, at_most);
         let (Some(step), Some(first)) = (inside.step(), inside.values.first()) else {
             return inside;
         };
-        // Ticks are multiples of the step but for rounding.
+        // Except for rounding, ticks are multiples of the step.
         let first = (first / step).round();
         let first = if low < (first - SLACK) * step { first - 1.0 } else { first };
         let last = (high / step - SLACK).ceil();
@@ -43,7 +43,7 @@ impl Ticks {
         Self { values: values.collect(), low: first * step, high: last * step, ..inside }
     }
 
-    /// Ticks at round numbers inside a range that stays as it is.
+    /// Ticks at round numbers inside a fixed range.
     pub(super) fn within(low: f64, high: f64, at_most: usize) -> Self {
         let mut ticks = Self {
             values: RangedCoordf64::from(low..high).key_points(at_most),
@@ -57,12 +57,12 @@ impl Ticks {
         ticks
     }
 
-    /// The axis of data that is all 0: one tick.
+    /// The axis of data that is all 0. It has one tick.
     pub(super) fn nothing() -> Self {
         Self { values: vec![0.0], decimals: 0, low: 0.0, high: 1.0 }
     }
 
-    /// The same range with neither ticks nor numbers.
+    /// The same range without ticks and numbers.
     pub(super) fn bare(self) -> Self {
         Self { values: vec![], ..self }
     }
@@ -75,7 +75,7 @@ impl Ticks {
     }
 }
 
-/// What plotters makes an axis of.
+/// The interface from which plotters makes an axis.
 impl Ranged for Ticks {
     type FormatOption = NoDefaultFormatting;
     type ValueType = f64;
@@ -103,7 +103,7 @@ impl ValueFormatter<f64> for Ticks {
     }
 }
 
-/// A frequency to about four digits, without idle zeros: `0.5`, `49.96`, `496`, `1785.7`.
+/// A frequency with about four digits, without trailing zeros: `0.5`, `49.96`, `496`, `1785.7`.
 pub(crate) fn hertz(value: f64) -> String {
     let decimals = match value {
         v if v >= 1000.0 => 1,
@@ -114,12 +114,12 @@ pub(crate) fn hertz(value: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// The factor by which values up to `largest` are divided, and the unit with it: `10⁷ N² s/m²`.
+/// Divisor for values up to `largest`, and the unit with its power of ten: `10⁷ N² s/m²`.
 pub(crate) fn scaled_unit(largest: f64, unit: &str) -> (f64, String) {
     if largest <= 0.0 || !largest.is_finite() {
         return (1.0, unit.to_owned());
     }
-    // The printed form gives the exponent exactly, also just below a power of ten.
+    // The printed form has the exact exponent, even just below a power of ten.
     let exponent: i32 = format!("{largest:e}")
         .split_once('e')
         .and_then(|(_, exponent)| exponent.parse().ok())

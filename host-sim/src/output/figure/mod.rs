@@ -8,14 +8,12 @@
 //! TelemetryPlot -> telemetry      │
 //! TradePlot     -> trade          ┘
 //! ```
-//! Each figure is a pure function: the same data gives the same bytes. plotters draws both forms on
-//! one grid of `GRID` steps per unit, since its coordinates are integers; the font is bundled, so
-//! nothing is taken from the system.
-//! Colours: viridis for cutoffs, which are ordered, and vermilion for the ideal one.
+//! Each figure is a pure function: the same data gives the same bytes. plotters has integer coordinates, so SVG and
+//! PNG use one grid with `GRID` steps per unit. The font is bundled, so nothing depends on the system. Colours:
+//! viridis for cutoffs, which are ordered, and vermilion for the ideal cutoff.
 //!
-//! Drawn by hand, because plotters has it not: legends outside the plot, the numbers at the cutoffs
-//! (two rows, two scales, one colour each), strips of phases, and the lines and texts of the PNG
-//! ([`sim_bitmap`]).
+//! plotters lacks some parts, which are drawn here: legends outside the plot, the numbers at the cutoffs (two rows,
+//! two scales, one colour each), strips of phases, and the lines and texts of the PNG ([`sim_bitmap`]).
 
 mod area;
 mod axis;
@@ -47,14 +45,14 @@ pub use trace::{TracePlot, hit_trace};
 pub use trade::{Mark, TradePanel, TradePlot, TradeSeries, trade};
 pub use zwidth::{Curve, ZwidthPlot, zwidth};
 
-/// Width of every figure in SVG user units; a font of 12 units is 4.7 pt on a column of 88 mm.
+/// Width of every figure in SVG user units. A font of 12 units is 4.7 pt in a column of 88 mm.
 const WIDTH: f64 = 640.0;
 const MARGIN: f64 = 12.0;
 /// Steps of the drawing grid per unit.
 const GRID: f64 = 6.0;
-/// Beyond this a plotted number is a mistake, and the axis arithmetic would lose its digits.
+/// Largest number that is plotted. Larger numbers are mistakes, and the axis arithmetic would lose digits.
 const LARGEST_VALUE: f64 = 1e15;
-/// What is smaller counts as 0 where a logarithm or a division follows.
+/// Smaller numbers count as 0 before a logarithm or a division.
 const SMALLEST_POSITIVE: f64 = 1e-15;
 
 #[derive(Debug, Clone, PartialEq)]
@@ -65,7 +63,7 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// A page of that height with title and subtitle, and what `draw` adds to it.
+    /// A page of this height with title and subtitle. `draw` adds the rest.
     fn new(
         [title, subtitle]: [&str; 2],
         height: f64,
@@ -81,8 +79,7 @@ impl Figure {
         Ok(Self { size, shapes, svg })
     }
 
-    /// One `<svg>` element without ids and without an XML declaration: a file as it is, or inline in
-    /// a page.
+    /// One `<svg>` element without ids and without an XML declaration. It can be a file, or inline in a page.
     #[must_use]
     pub fn svg(&self) -> &str {
         &self.svg
@@ -91,7 +88,7 @@ impl Figure {
     /// The same figure as PNG, three pixels per SVG unit.
     ///
     /// # Errors
-    /// The bitmap cannot be made, which the data cannot cause.
+    /// The bitmap cannot be made. The data never causes this error.
     pub fn png(&self) -> Result<Vec<u8>, FigureError> {
         sim_bitmap::png(&self.shapes, self.size).map_err(|error| FigureError(error.to_string()))
     }
@@ -111,7 +108,7 @@ fn at(x: f64, y: f64) -> (i32, i32) {
     (grid(x), grid(y))
 }
 
-/// Why there is no figure: what is wrong with a number, or that there are no samples.
+/// Reason why there is no figure: an invalid number, or no samples.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FigureError(String);
 

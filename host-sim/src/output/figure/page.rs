@@ -1,6 +1,6 @@
-//! What a figure is drawn on: a page that keeps the shapes which plotters draws.
+//! The page of a figure. It records the shapes that plotters draws.
 //!
-//! plotters is compiled for each backend that it draws on: here for one, and a figure is drawn once.
+//! plotters is compiled for each backend. With one recorder it is compiled once, and each figure is drawn once.
 
 use std::convert::Infallible;
 
@@ -11,13 +11,13 @@ use plotters_backend::{
 };
 use sim_bitmap::{Lettering, Shape};
 
-/// plotters writes this part of a nominal size into SVG.
+/// Factor of a nominal font size in plotters' SVG.
 pub(super) const NOMINAL_PER_EM: f64 = 1.24;
 
-/// What a figure is drawn on, in grid steps from its top left corner.
+/// The drawing area of a figure, in grid steps from its top left corner.
 pub(super) type Page = DrawingArea<Recorder, Shift>;
 
-/// Keeps what plotters draws: filled shapes and lines, since no figure has others.
+/// Records what plotters draws. Figures have only filled shapes, lines and texts.
 pub(super) struct Recorder {
     pub size: (u32, u32),
     pub shapes: Vec<Shape>,

@@ -28,12 +28,12 @@ const TITLE_MIDDLE: f64 = 18.0;
 const SUBTITLE_MIDDLE: f64 = 37.5;
 const GRID_WIDTH: f64 = 0.7;
 const FRAME_WIDTH: f64 = 1.0;
-/// Between a sample of a legend and its name.
+/// Distance between a legend's sample and its name.
 pub(super) const LEGEND_GAP: f64 = 6.0;
-/// From the frame to the lower edge of the title below it.
+/// Distance from the frame to the lower edge of the title below it.
 pub(super) const X_TITLE_DROP: f64 = 40.0;
 
-/// The rectangle that data is drawn in.
+/// The rectangle of the data.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Panel {
     pub left: f64,
@@ -42,11 +42,11 @@ pub(super) struct Panel {
     pub bottom: f64,
 }
 
-/// A chart over linear stiffness, area or position.
+/// A chart whose y axis is linear: stiffness, area or position.
 pub(super) type Chart<'a, X> = ChartContext<'a, Recorder, Cartesian2d<X, Ticks>>;
 
 impl Panel {
-    /// The chart in this rectangle; `x_title_drop` is the room below it.
+    /// The chart in this rectangle. `x_title_drop` is the space below it.
     pub(super) fn chart<'a, X: AsRangedCoord>(
         &self,
         page: &'a Page,
@@ -74,7 +74,7 @@ impl Panel {
         (grid(self.left), grid(self.right))
     }
 
-    /// The frame, painted after the data so that lines end under it.
+    /// The frame. It is drawn after the data, so that it covers the lines' ends.
     pub(super) fn frame(&self, page: &Page) -> Result<(), FigureError> {
         let (l, t, r, b) = (self.left, self.top, self.right, self.bottom);
         let corners = [[l, t], [r, t], [r, b], [l, b], [l, t], [r, t]];
@@ -154,7 +154,7 @@ pub(super) fn path(
     Ok(page.draw(&PathElement::new(points, colour.stroke_width(stroke(width))))?)
 }
 
-/// Lines and their names in a row that begins at `left`.
+/// Lines with their names, in a row that begins at `left`.
 pub(super) fn legend<'a>(
     page: &Page,
     [mut left, middle]: [f64; 2],

@@ -1,4 +1,4 @@
-//! Voltage, measured and modelled position, and what is between them: the paper's figure 4.
+//! Voltage, measured and modelled position, and their difference: the paper's figure 4.
 
 use plotters::prelude::*;
 
@@ -19,15 +19,15 @@ const POSITION: Panel =
 const RESIDUAL: Panel =
     Panel { top: POSITION.bottom + 22.0, bottom: POSITION.bottom + 112.0, ..VOLTAGE };
 const HEIGHT: f64 = RESIDUAL.bottom + 50.0;
-/// Room below a panel whose times stand below another one.
+/// Space below a panel whose time axis is below another panel.
 const NO_TITLE_DROP: f64 = 4.0;
 const MOST_X_TICKS: usize = 9;
 const MOST_Y_TICKS: usize = 6;
 const FEW_Y_TICKS: usize = 5;
-/// Room above and below the pulses, in terms of their height.
+/// Space above and below the pulses, relative to their height.
 const VOLTAGE_PAD: f64 = 0.15;
 
-/// The measured line is broad and the modelled one thin, so that both show where they agree.
+/// The measured line is broad and the modelled line thin, so that both are visible when they agree.
 const MEASURED_WIDTH: f64 = 3.2;
 const MODEL_WIDTH: f64 = 1.1;
 const RESIDUAL_WIDTH: f64 = 0.5;
@@ -37,7 +37,7 @@ const LEGEND_MIDDLE: f64 = POSITION.top - 14.0;
 const LEGEND_SAMPLE: f64 = 26.0;
 const LEGEND_PITCH: f64 = 18.0;
 
-/// What [`pulse_response`] draws; all rows are even in time.
+/// Data of [`pulse_response`]. The time between rows is constant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResponsePlot {
     /// First line above the plot.
@@ -48,18 +48,18 @@ pub struct ResponsePlot {
     pub start_s: f64,
     /// Time between rows, s.
     pub step_s: f64,
-    /// Command at each row, and its axis.
+    /// Command at each row, and the title of its axis.
     pub command: Vec<f64>,
     pub command_title: &'static str,
     /// Measured position at each row, m.
     pub measured_m: Vec<f64>,
     /// First row that was fitted.
     pub first: usize,
-    /// Modelled position from there on, m.
+    /// Modelled position from row `first` on, m.
     pub model_m: Vec<f64>,
-    /// Measured less modelled from there on, m.
+    /// Measured minus modelled position from row `first` on, m.
     pub residual_m: Vec<f64>,
-    /// What the figure speaks.
+    /// Units of the figure.
     pub units: Units,
 }
 

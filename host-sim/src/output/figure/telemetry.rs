@@ -1,4 +1,4 @@
-//! What a board told about itself: position, velocity, force and facts over time.
+//! Telemetry of a board: position, velocity, force and facts over time.
 
 use plotters::{prelude::*, style::text_anchor::HPos};
 
@@ -13,28 +13,28 @@ use super::{
 
 const TOP: f64 = 56.0;
 const PANEL_HEIGHT: f64 = 104.0;
-/// From one panel to the next: the numbers of the time axis stand in it.
+/// Distance between panels. The time axis has its numbers there.
 const GAP: f64 = 26.0;
 const PANELS: usize = 3;
-/// One row of facts.
+/// Height of a row of facts.
 const ROW: f64 = 16.0;
 const BAR: f64 = 9.0;
 const LEFT: f64 = 84.0;
 const RIGHT: f64 = WIDTH - 20.0;
 const MOST_X_TICKS: usize = 9;
 const MOST_Y_TICKS: usize = 5;
-/// Shortest axis of time: its numbers must not need many digits.
+/// Shortest time axis, so that its numbers do not need many digits.
 const SHORTEST: f64 = 1e-3;
 const NAME_GAP: f64 = 8.0;
 const BAR_OPACITY: f64 = 0.75;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TelemetryPoint {
-    /// On the axis of time; rising.
+    /// Time; it must rise.
     pub time: f64,
     /// Position, velocity and force, in this order.
     pub values: [f64; PANELS],
-    /// Records are missing between the one before and this one: the line is broken here.
+    /// Whether records are missing before this one. The line has a gap here.
     pub after_gap: bool,
     /// Facts as bits of `TelemetryPlot::facts`.
     pub facts: u32,
@@ -44,18 +44,18 @@ pub struct TelemetryPoint {
 pub struct TelemetryPlot {
     /// First line above the plot.
     pub title: String,
-    /// Second line: what identifies the capture.
+    /// Second line: facts that identify the capture.
     pub subtitle: String,
     /// Title of the axis of time, with its unit.
     pub time_title: String,
     /// Titles of the three panels, with their units.
     pub titles: [String; PANELS],
-    /// Names of the facts, the bit of each, and whether it is bad news.
+    /// Names of the facts, the bit of each fact, and whether it is a problem.
     pub facts: Vec<(String, u32, bool)>,
     pub points: Vec<TelemetryPoint>,
 }
 
-/// Draws three panels above each other and a bar for each fact, as long as it holds.
+/// Draws three panels above each other, and for each fact bars over the times at which it is true.
 ///
 /// # Errors
 /// [`FigureError`] if a number is NaN or infinite, or there are no records.
@@ -93,7 +93,7 @@ fn draw(plot: &TelemetryPlot, page: &Page) -> Result<(), FigureError> {
     draw_facts(page, plot, [from, to])
 }
 
-/// A panel of lines over time, from that top on and so high.
+/// A panel of lines over time, with this top and height.
 fn draw_lines(
     page: &Page,
     [from, to]: [f64; 2],
@@ -125,7 +125,7 @@ fn draw_facts(page: &Page, plot: &TelemetryPlot, [from, to]: [f64; 2]) -> Result
         let mut runs = runs.peekable();
         while let Some(run) = runs.next() {
             let (first, last) = (run[0], run[run.len() - 1]);
-            // One record: as long as to the next.
+            // A single record lasts until the next one.
             let alone = run.len() == 1;
             let until = match runs.peek().map(|next| next[0]) {
                 Some(next) if alone || !next.after_gap => next.time,
@@ -149,7 +149,7 @@ fn bar(
     middle: f64,
     colour: RGBColor,
 ) -> Result<(), FigureError> {
-    // Not too short to be seen.
+    // The bar must be long enough to be visible.
     let to = to.max(from + 1.0).min(RIGHT);
     panel::rect(page, from..to, middle - BAR / 2.0..middle + BAR / 2.0, colour.mix(BAR_OPACITY))
 }
@@ -158,19 +158,19 @@ fn bar(
 pub struct ReplayPlot {
     /// First line above the plot.
     pub title: String,
-    /// Second line: what identifies the capture.
+    /// Second line: facts that identify the capture.
     pub subtitle: String,
     /// Title of the axis of time, with its unit.
     pub time_title: String,
     /// Titles of the two panels, with their units.
     pub titles: [String; 2],
-    /// Names of the board's velocity and of the other.
+    /// Names of the board's velocity and of the other velocity.
     pub names: [String; 2],
-    /// Time, position, the board's velocity and the other.
+    /// Time, position, the board's velocity and the other velocity.
     pub points: Vec<[f64; 4]>,
 }
 
-/// Draws position, and below it both velocities over time.
+/// Draws position over time, and both velocities below it.
 ///
 /// # Errors
 /// [`FigureError`] if a number is NaN or infinite, or there are no samples.
@@ -193,7 +193,7 @@ fn draw_replay(plot: &ReplayPlot, page: &Page) -> Result<(), FigureError> {
         let line = |&(place, colour): &(usize, RGBColor)| {
             (plot.points.iter().map(|point| (point[0], point[place])).collect(), colour)
         };
-        // The second one is twice as high.
+        // The second panel is twice as high.
         let height = (index as f64 + 1.0) * PANEL_HEIGHT;
         let lines = curves.iter().map(line).collect();
         draw_lines(page, [from, to], [panel_top(index), height], title, lines)?;

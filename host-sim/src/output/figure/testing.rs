@@ -1,15 +1,15 @@
-//! What every figure must pass.
+//! Tests that every figure must pass.
 
 use roxmltree::{Document, Node};
 
 use super::{Figure, FigureError, GRID, WIDTH, grid, text};
 
 const PNG_SIGNATURE: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
-/// Text, grid and data cover at least this part of a figure, and most of the paper stays white.
+/// Least part of a figure that text, grid and data cover. At most `MOST_INK` is covered.
 const LEAST_INK: f64 = 0.01;
 const MOST_INK: f64 = 0.6;
 
-/// A bitmap read back.
+/// A decoded bitmap.
 pub(super) struct Pixels {
     pub width: usize,
     pub rgb: Vec<u8>,
@@ -32,7 +32,7 @@ impl Pixels {
         Self { width, rgb }
     }
 
-    /// How many pixels have exactly this colour.
+    /// Number of pixels with exactly this colour.
     pub(super) fn count(&self, colour: plotters::style::RGBColor) -> usize {
         let colour = [colour.0, colour.1, colour.2];
         self.rgb.chunks(3).filter(|pixel| **pixel == colour).count()
@@ -74,7 +74,7 @@ pub(super) fn check<P>(draw: fn(&P) -> Result<Figure, FigureError>, plot: &P) ->
     figure
 }
 
-/// Left, top, right and bottom of each horizontal text, in grid steps.
+/// Left, top, right and bottom edge of each horizontal text, in grid steps.
 pub(super) fn text_boxes(document: &Document<'_>) -> Vec<[f64; 4]> {
     let number = |node: &Node<'_, '_>, name| -> f64 {
         let value = node.attribute(name).unwrap();

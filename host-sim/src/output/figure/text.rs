@@ -1,4 +1,4 @@
-//! Text on a page: style, width, cutting and wrapping, and what is safe in markup.
+//! Text on a page: style, width, cutting, wrapping, and escaping for markup.
 
 use plotters::{
     prelude::*,
@@ -8,9 +8,9 @@ pub(super) use sim_bitmap::width;
 
 use super::{FigureError, Page, at, page::NOMINAL_PER_EM};
 
-/// Families tried by a browser; the first is the bundled one, the second has nearly its widths.
+/// Font families for a browser. The first is the bundled one; the second has nearly the same widths.
 pub(super) const FONT_FAMILIES: &str = "DejaVu Sans, Verdana, sans-serif";
-/// A text may shrink to this part of its size before it is cut.
+/// A text may shrink to this part of its size. After that it is cut.
 const SMALLEST_SHARE: f64 = 0.8;
 
 /// A style of `size` units.
@@ -19,7 +19,7 @@ pub(super) fn style(size: f64, colour: RGBColor) -> TextStyle<'static> {
     (FONT_FAMILIES, nominal).into_font().color(&colour)
 }
 
-/// Writes a line of text; `x` is its start, middle or end, `y` the middle of its digits.
+/// Writes a line of text. `x` is its start, middle or end; `y` is the middle of its digits.
 pub(super) fn write(
     page: &Page,
     text: &str,
@@ -33,7 +33,7 @@ pub(super) fn write(
     Ok(())
 }
 
-/// The text and its size so that it is at most `limit` wide: first shrunk, then cut with an ellipsis.
+/// A text and its size for a width of at most `limit`. The text first shrinks, then it is cut with an ellipsis.
 pub(super) fn fit(text: &str, size: f64, limit: f64) -> (String, f64) {
     let natural = width(text, size);
     if natural <= limit {
@@ -56,7 +56,7 @@ pub(super) fn fit(text: &str, size: f64, limit: f64) -> (String, f64) {
     }
 }
 
-/// The text broken at spaces into lines of at most `limit`, unless a single word is longer.
+/// A text broken at spaces into lines of at most `limit`. Only a single long word may exceed it.
 pub(super) fn wrap(text: &str, size: f64, limit: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
@@ -71,7 +71,7 @@ pub(super) fn wrap(text: &str, size: f64, limit: f64) -> Vec<String> {
     lines
 }
 
-/// Without the characters that XML 1.0 does not allow at all: they become U+FFFD.
+/// Replaces characters that XML 1.0 does not allow by U+FFFD.
 fn printable(text: &str) -> String {
     let allowed = |c| match c {
         '\t' | '\n' | '\r' => c,
@@ -81,7 +81,7 @@ fn printable(text: &str) -> String {
     text.chars().map(allowed).collect()
 }
 
-/// Text made safe for XML and HTML, in elements and in quoted attributes.
+/// Text escaped for XML and HTML, in elements and in quoted attributes.
 pub(crate) fn escape(text: &str) -> String {
     printable(text)
         .replace('&', "&amp;")

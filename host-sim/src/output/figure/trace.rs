@@ -23,47 +23,47 @@ const MOST_Y_TICKS: usize = 6;
 pub(super) const LINE_WIDTH: f64 = 0.9;
 const WALL_WIDTH: f64 = 1.2;
 const DASH: [f64; 2] = [6.0, 4.0];
-/// Opacity of a phase behind the trace, and of its strip above.
+/// Opacity of a phase behind the trace, and of its strip above the plot.
 const SETTLE_OPACITY: [f64; 2] = [0.08, 0.2];
 const WINDOW_OPACITY: [f64; 2] = [0.08, 0.25];
 const BAND_OPACITY: f64 = 0.13;
-/// Right of the frame.
+/// Distance of remarks right of the frame.
 const REMARK_GAP: f64 = 6.0;
 const REMARK_HALF_PITCH: f64 = 7.0;
-/// Grid steps of the columns that a long trace is reduced to: finer than a pen line is wide.
+/// Width of the columns of a reduced trace, in grid steps. It is less than a line's width.
 const COLUMN_STEPS: i32 = 4;
 
 pub(super) const MM_PER_M: f64 = 1e3;
 const UM_PER_M: f64 = 1e6;
-/// From here on small lengths are in millimetres.
+/// From this length on, small lengths are in millimetres.
 const MM_FROM_M: f64 = 2e-3;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct TracePlot {
     /// First line above the plot.
     pub title: String,
-    /// Second line: scene, resolution, and what else identifies the run.
+    /// Second line: scene, resolution, and other facts that identify the run.
     pub subtitle: String,
-    /// What its axes speak.
+    /// Units of the axes.
     pub units: Units,
     pub rate_hz: f64,
-    /// Position at every sample, from t = 0; may end early.
+    /// Position at every sample, from t = 0. It may end early.
     pub positions_m: Vec<f64>,
     /// Position of the wall.
     pub wall_m: f64,
-    /// From the start to the measuring window.
+    /// Time from the start to the measuring window.
     pub settle_s: f64,
     /// Length of the measuring window.
     pub window_s: f64,
-    /// Largest RMS that counts as stable.
+    /// RMS limit of a stable hit.
     pub rms_limit_m: f64,
-    /// `stable`, `unstable`, `no contact`: printed as it is.
+    /// `stable`, `unstable` or `no contact`, printed unchanged.
     pub verdict: String,
     /// RMS of the position about its mean in the window.
     pub rms_m: f64,
 }
 
-/// Draws position over time, and below it the measuring window about its mean.
+/// Draws position over time, and below it the measuring window with its mean as 0.
 ///
 /// A long trace is reduced to the first, lowest, highest and last sample of each pixel column.
 ///
@@ -147,7 +147,7 @@ fn draw_hit(page: &Page, plot: &TracePlot) -> Result<(), FigureError> {
     text::write(page, "wall", beside, HPos::Left, SMALL_SIZE, ACCENT)
 }
 
-/// The line through the samples, reduced.
+/// The line through the samples, reduced to columns.
 pub(super) fn draw_trace(
     page: &Page,
     chart: &Chart<'_, Ticks>,
@@ -159,7 +159,7 @@ pub(super) fn draw_trace(
     panel::path(page, points, colour, width)
 }
 
-/// Unit of small lengths that reach this far, and how many of it are a metre.
+/// Unit for small lengths of this range, and the number of such units in a metre.
 pub(super) fn small_unit([low_m, high_m]: [f64; 2]) -> (&'static str, f64) {
     if low_m.abs().max(high_m.abs()) >= MM_FROM_M { ("mm", MM_PER_M) } else { ("µm", UM_PER_M) }
 }
@@ -175,7 +175,7 @@ fn draw_level(page: &Page, chart: &Chart<'_, Ticks>, level: f64) -> Result<(), F
 }
 
 fn draw_window(page: &Page, plot: &TracePlot) -> Result<(), FigureError> {
-    // Half a sample of slack: n / rate need not be exact.
+    // Half a sample of tolerance, because n / rate may be rounded.
     let half_s = 0.5 / plot.rate_hz;
     let (from_s, to_s) = (plot.settle_s, plot.settle_s + plot.window_s);
     let samples = plot.positions_m.iter().enumerate();
@@ -217,7 +217,7 @@ fn draw_window(page: &Page, plot: &TracePlot) -> Result<(), FigureError> {
     Ok(())
 }
 
-/// Lowest and highest value; a range of one value grows, so that an axis has a length.
+/// Lowest and highest value. A range of a single value grows, so that the axis has a length.
 pub(super) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let [low, high] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
         [low.min(value), high.max(value)]
@@ -230,7 +230,7 @@ pub(super) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     }
 }
 
-/// First, lowest, highest and last point of each column: peaks survive.
+/// First, lowest, highest and last point of each column, so that peaks remain.
 fn reduce(points: impl Iterator<Item = (i32, i32)>) -> Vec<(i32, i32)> {
     let points: Vec<(i32, i32)> = points.collect();
     let columns = points.chunk_by(|a, b| a.0 / COLUMN_STEPS == b.0 / COLUMN_STEPS);
@@ -248,7 +248,7 @@ fn reduce(points: impl Iterator<Item = (i32, i32)>) -> Vec<(i32, i32)> {
     line
 }
 
-/// A length in micrometres to about three digits.
+/// A length in micrometres with about three digits.
 fn micrometres(length_m: f64) -> String {
     let length_um = length_m * UM_PER_M;
     let decimals = if length_um >= 100.0 { 0 } else { 2 };
@@ -283,7 +283,7 @@ mod tests {
         }
     }
 
-    /// Alternates by ±2 µm about 0.0702 m from 0.3 s on.
+    /// Positions that alternate by ±2 µm about 0.0702 m from 0.3 s on.
     fn contact() -> Vec<f64> {
         (0..60_000_u32)
             .map(|n| match n {

@@ -1,4 +1,4 @@
-//! Figures of a trade: error over cost, or over the cutoff, on logarithmic axes.
+//! Figures of a trade: error over cost or over the cutoff, on logarithmic axes.
 
 use plotters::{prelude::*, style::text_anchor::HPos};
 
@@ -12,7 +12,7 @@ use super::{
 
 const TOP: f64 = 78.0;
 const LEFT: f64 = 58.0;
-/// From panel to panel: room for the numbers of the right one, and for numbers and title below the upper one.
+/// Space between panels: for the numbers of the right panel, and for numbers and title below the upper panel.
 const GAP: [f64; 2] = [50.0, 46.0];
 const PANEL_HEIGHT: f64 = 190.0;
 const BOTTOM: f64 = 52.0;
@@ -24,9 +24,9 @@ const LEGEND_SWATCH: f64 = 18.0;
 const LINE_WIDTH: f64 = 1.4;
 const GRID_WIDTH: f64 = 0.7;
 const MARK: f64 = 3.4;
-/// Room between the ends of an axis and the frame, as a share of its length.
+/// Space between the ends of an axis and the frame, relative to its length.
 const PAD: f64 = 0.025;
-/// Numbers on an axis.
+/// Largest number of ticks on an axis.
 const MOST_TICKS: i32 = 6;
 const LIMIT: RGBColor = TEXT;
 const LIMIT_WIDTH: f64 = 0.9;
@@ -36,13 +36,13 @@ const LIMIT_WIDTH: f64 = 0.9;
 pub enum Mark {
     Circle,
     Square,
-    /// Filled, with its point up.
+    /// Filled triangle, point up.
     Triangle,
-    /// Filled, on its corner.
+    /// Filled square on its corner.
     Diamond,
 }
 
-/// Colours of Okabe and Ito, the yellow one replaced: distinct under every common colour vision deficiency.
+/// Colours of Okabe and Ito, with yellow replaced. They differ under every common colour vision deficiency.
 const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 90, 150),
     RGBColor(213, 94, 0),
@@ -54,15 +54,15 @@ const COLOURS: [RGBColor; 8] = [
     RGBColor(150, 30, 30),
 ];
 
-/// One series: a name of the legend, and its points in each panel.
+/// One series: its name in the legend, and its points in each panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TradeSeries {
-    /// What the legend calls it.
+    /// Name in the legend.
     pub name: String,
-    /// Place in the palette.
+    /// Index in the palette.
     pub colour: usize,
     pub mark: Mark,
-    /// Points of each panel, x and y; what is 0 is drawn at the lower edge, what is infinite on the frame.
+    /// Points of each panel, x and y. A value of 0 is drawn at the lower edge, an infinite value on the frame.
     pub points: Vec<Vec<[f64; 2]>>,
 }
 
@@ -72,16 +72,16 @@ pub struct TradePanel {
     pub title: String,
     /// Title beside the panel, with the unit.
     pub y_title: String,
-    /// A level that is marked.
+    /// Level with a line.
     pub limit: Option<f64>,
-    /// What is smaller is drawn here: nothing at all has no logarithm.
+    /// Smaller values are drawn at this value, because 0 has no logarithm.
     pub floor: f64,
-    /// Points that nothing beats, in order of x: a staircase.
+    /// Points of the Pareto front, in order of x, drawn as a staircase.
     pub front: Vec<[f64; 2]>,
 }
 
 impl TradePanel {
-    /// A panel with neither limit nor front.
+    /// A panel without limit and front.
     pub fn new(title: impl Into<String>, y_title: impl Into<String>, floor: f64) -> Self {
         let (title, y_title) = (title.into(), y_title.into());
         Self { title, y_title, limit: None, floor, front: vec![] }
@@ -96,12 +96,12 @@ pub struct TradePlot {
     pub subtitle: String,
     /// Title of the legend.
     pub legend: String,
-    /// Below each panel, with the unit.
+    /// Title below each panel, with the unit.
     pub x_title: String,
-    /// Panels, two in a row; they share the x axis.
+    /// Panels, two in a row, with the same x axis.
     pub panels: Vec<TradePanel>,
     pub series: Vec<TradeSeries>,
-    /// Draw lines through the points of a series.
+    /// Whether lines connect the points of a series.
     pub lines: bool,
 }
 
@@ -133,7 +133,7 @@ fn height(plot: &TradePlot) -> f64 {
     panels.max(TOP + LEGEND_PITCH * (plot.series.len() as f64 + 2.0) + MARGIN)
 }
 
-/// A range of whole decades that holds the values.
+/// A range of whole decades that contains the values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Decades {
     low: i32,
@@ -141,7 +141,7 @@ struct Decades {
 }
 
 impl Decades {
-    /// `floor` is a power of ten, or as good as nothing.
+    /// `floor` is a power of ten, or so small that it does not matter.
     fn around(values: impl Iterator<Item = f64>, floor: f64) -> Self {
         let (low, high) = values
             .filter(|value| value.is_finite())
@@ -155,7 +155,7 @@ impl Decades {
         Self { low, high: high.max(low + 1) }
     }
 
-    /// Place of a value, 0 to 1.
+    /// Position of a value on the axis, 0 to 1.
     fn place(self, value: f64) -> f64 {
         let (low, high) = (f64::from(self.low), f64::from(self.high));
         ((value.max(f64::MIN_POSITIVE).log10() - low) / (high - low)).clamp(0.0, 1.0)
@@ -167,7 +167,7 @@ impl Decades {
     }
 }
 
-/// `10⁻³`, and plain from 0.1 to 1000.
+/// A power of ten as text: `10⁻³`, and a plain number from 0.1 to 1000.
 fn decade(exponent: i32) -> String {
     match exponent {
         -1 => "0.1".into(),
@@ -212,11 +212,11 @@ fn draw_panel(
     [x, y]: [Decades; 2],
     below: bool,
 ) -> Result<(), FigureError> {
-    // marks at the ends of the axes stay off the frame
+    // marks at the ends of the axes must not touch the frame
     let inside = |place: f64| PAD + place * (1.0 - 2.0 * PAD);
     let at = |[u, v]: [f64; 2]| {
         let across = panel.left + inside(x.place(u)) * (panel.right - panel.left);
-        // on the frame, where no tick is
+        // on the frame, above all ticks
         let up = if v == f64::INFINITY { 1.0 } else { inside(y.place(v)) };
         [across, panel.bottom - up * (panel.bottom - panel.top)]
     };
@@ -262,7 +262,7 @@ fn draw_panel(
     }
     panel.frame(page)?;
     let rise = panel.top - TITLE_RISE;
-    // the y axis is named above its upper end, so that two panels stand close
+    // the name of the y axis is above its upper end, so that panels can be close to each other
     let name =
         format!("{}{}{}", part.y_title, if part.title.is_empty() { "" } else { ", " }, part.title);
     let room = panel.right - panel.left + 44.0;

@@ -17,11 +17,11 @@ const LEFT: f64 = 64.0;
 const TOP: f64 = 58.0;
 const BOTTOM: f64 = HEIGHT - 50.0;
 const MOST_TICKS: usize = 9;
-/// Keeps the highest peak, and the halo of the ideal curve, off the frame.
+/// Space between the frame and the highest peak with the halo of the ideal curve.
 const HEADROOM: f64 = 1.02;
-/// From here on the axis counts in kN/m.
+/// From this stiffness on, the axis is in kN/m.
 const KILO_FROM_N_PER_M: f64 = 2e3;
-/// From here on the axis counts in MN/m.
+/// From this stiffness on, the axis is in MN/m.
 const MEGA_FROM_N_PER_M: f64 = 2e6;
 
 const CURVE_WIDTH: f64 = 1.4;
@@ -29,9 +29,9 @@ const IDEAL_WIDTH: f64 = 2.4;
 const IDEAL_HALO: f64 = 4.0;
 const DOT_RADIUS: f64 = 1.9;
 const IDEAL_DOT_RADIUS: f64 = 2.6;
-/// Points nearer than this on average are drawn as a line only.
+/// Curves whose points are closer than this on average are drawn without dots.
 const DOT_SPACING: f64 = 4.0;
-/// From this many curves on, the dots are smaller by [`CROWD_SHARE`].
+/// From this number of curves on, dots are smaller by [`CROWD_SHARE`].
 const CROWD: usize = 16;
 const CROWD_SHARE: f64 = 0.7;
 
@@ -49,35 +49,35 @@ const NOTE_DROP: f64 = 33.0;
 pub struct ZwidthPlot {
     /// First line above the plot.
     pub title: String,
-    /// Second line: scene, resolution, and what else identifies the run.
+    /// Second line: scene, resolution, and other facts that identify the run.
     pub subtitle: String,
-    /// What its axes speak.
+    /// Units of the axes.
     pub units: Units,
     /// Title of the legend.
     pub legend: String,
-    /// What the legend adds to the curve that is drawn on top: `ideal`.
+    /// Word that the legend adds to the ideal curve: `ideal`.
     pub marked: &'static str,
-    /// The boundaries; the colours follow their order.
+    /// The boundaries. Their order gives the colours.
     pub curves: Vec<Curve>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Curve {
-    /// What the legend calls it.
+    /// Name in the legend.
     pub name: String,
-    /// What it says under the pointer.
+    /// Text under the pointer.
     pub detail: String,
-    /// Drawn in the accent colour and on top.
+    /// Whether the curve is drawn in the accent colour and on top.
     pub ideal: bool,
     /// The boundary in the order of the walk; empty if no wall was stable.
     pub points: Vec<BoundaryPoint>,
 }
 
 impl Curve {
-    /// Title of the legend of curves named by their cutoff.
+    /// Title of a legend whose curves are named by their cutoff.
     pub const CUTOFF_LEGEND: &str = "Cutoff [Hz]";
 
-    /// The boundary of one nominal cutoff, whose filter is down by 3 dB at `true_cutoff_hz`.
+    /// The boundary of one nominal cutoff. The filter's gain is -3 dB at `true_cutoff_hz`.
     pub fn of_cutoff(
         cutoff_hz: f64,
         true_cutoff_hz: f64,
@@ -92,7 +92,7 @@ impl Curve {
 
 /// Draws stiffness over damping, both from 0, with a legend of the curves.
 ///
-/// Beyond 34 curves the legend names every second, third, .. one, the ideal one always.
+/// With more than 34 curves the legend names every second, third, .. curve, and always the ideal curve.
 ///
 /// # Errors
 /// [`FigureError`] if a number is NaN, infinite or negative.
@@ -135,7 +135,7 @@ fn draw(plot: &ZwidthPlot, page: &Page) -> Result<(), FigureError> {
     panel::axes(&mut chart, Grid::Both, titles)?;
     panel.frame(page)?;
 
-    // The ideal curve comes last, on top of the others.
+    // The ideal curve is drawn last, on top of the others.
     let styles = styles(plot);
     for on_top in [false, true] {
         for (curve, style) in plot.curves.iter().zip(&styles) {
@@ -151,7 +151,7 @@ fn draw(plot: &ZwidthPlot, page: &Page) -> Result<(), FigureError> {
     legend.draw(page, panel.right + LEGEND_GAP)
 }
 
-/// Largest damping and stiffness, at least 1 each so that the axes have a length.
+/// Largest damping and stiffness. Each is at least 1, so that the axes have a length.
 fn largest(plot: &ZwidthPlot) -> Result<[f64; 2], FigureError> {
     let mut largest = [0.0_f64; 2];
     for curve in &plot.curves {
@@ -218,7 +218,7 @@ fn draw_curve(page: &Page, points: Vec<(i32, i32)>, style: Style) -> Result<(), 
 struct Legend {
     title: String,
     entries: Vec<(String, Style)>,
-    /// Every how many curves are named.
+    /// Interval between the curves that are named.
     every: usize,
     columns: usize,
     column_width: f64,
@@ -332,7 +332,7 @@ mod tests {
         let figure = look(zwidth, &plot(vec![curve(300.0, 36_000.0, 69)]));
         let pixels = Pixels::of(&figure);
         assert!(pixels.count(ACCENT) > 1000);
-        // The peak of 36 kN/m at 350 N s/m, in the middle of 0 to 700, on an axis up to 40.
+        // The peak of 36 kN/m is at 350 N s/m, in the middle of 0 to 700. The axis ends at 40 kN/m.
         let right = WIDTH - MARGIN - Legend::of(&plot(vec![curve(300.0, 1.0, 1)])).width();
         let peak = BOTTOM - 0.9 * (BOTTOM - TOP);
         assert_eq!(pixels.at(f64::midpoint(LEFT, right), peak), [213, 94, 0]);

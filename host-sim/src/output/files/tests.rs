@@ -2,7 +2,7 @@ use super::*;
 
 const NAMES: [&str; 3] = ["x.csv", "y.csv", MANIFEST];
 
-/// A result with these files, each of this text.
+/// Writes a result with these files, each with this text.
 fn write(folder: &Path, files: &[&str], text: &[u8], force: bool) -> Result<(), Error> {
     let mut outputs = Outputs::new(force, &[]);
     let to = outputs.folder(folder, Units::Linear, &NAMES)?;
@@ -19,7 +19,7 @@ fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-/// Writes one file, whole or not at all.
+/// Writes one file, completely or not at all.
 fn write_file(path: &Path, bytes: &[u8], force: bool) -> Result<(), Error> {
     let mut outputs = Outputs::new(force, &[]);
     let file = outputs.file(path)?;
@@ -91,7 +91,7 @@ fn a_result_that_fails_half_way_leaves_the_old_one() {
     let last = outputs.file(&other.join("last.csv")).unwrap();
     outputs.write(first, b"new").unwrap();
     outputs.write(last, b"new").unwrap();
-    fs::remove_dir_all(&other).unwrap(); // under our hands
+    fs::remove_dir_all(&other).unwrap(); // another program removes the folder
     assert_eq!(outputs.commit().unwrap_err().exit_code(), 1);
     assert_eq!(names(root.path()), ["result"]);
     assert_eq!(names(&result), [MANIFEST, "x.csv", "y.csv"]);

@@ -1,5 +1,5 @@
-//! MCAP: a channel of JSON messages with their JSON schema, one message for each row, in uncompressed chunks; the manifest
-//! is the record of metadata `zwidth`.
+//! MCAP: one channel of JSON messages with their JSON schema, one message for each row, in uncompressed chunks. The
+//! manifest is the metadata record `zwidth`.
 
 use std::{collections::BTreeMap, io::Cursor};
 
@@ -40,7 +40,7 @@ fn write(table: &Table, times: &[u64], about: &About) -> ::mcap::McapResult<Vec<
     Ok(file.into_inner().into_inner())
 }
 
-/// When each row was, ns since sample 0.
+/// Time of each row, ns since sample 0.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -75,7 +75,7 @@ fn schema(table: &Table) -> Value {
     json!({ "type": "object", "properties": properties.collect::<Map<_, _>>() })
 }
 
-/// A cell; what JSON has no number for is null.
+/// A cell as JSON. Numbers that JSON cannot represent are null.
 fn value(column: &Column, row: usize) -> Value {
     match &column.cells {
         Cells::Integers(cells) => cells[row].into(),

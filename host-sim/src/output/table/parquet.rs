@@ -12,7 +12,7 @@ use ::parquet::{
 
 use super::{Cells, Column, Table};
 
-/// Keys of the pairs: JSON of column and unit, and the manifest.
+/// Keys of these pairs: JSON of columns with their units, and the manifest.
 const UNITS: &str = "zwidth.units";
 const MANIFEST: &str = "zwidth.manifest";
 
@@ -67,7 +67,7 @@ fn field(column: &Column) -> Result<Type, ParquetError> {
         .build()
 }
 
-/// The values that are there, and for each cell whether it is (the definition level).
+/// The values that are not null, and for each cell whether it has a value (the definition level).
 fn split<T, V>(cells: &[Option<T>], value: impl Fn(&T) -> V) -> (Vec<V>, Vec<i16>) {
     let there = cells.iter().map(|cell| i16::from(cell.is_some())).collect();
     (cells.iter().flatten().map(value).collect(), there)

@@ -1,5 +1,5 @@
-//! The scene's accelerometer in lanes: [`Sensor::read`] over vectors. Its noise is the same in every hit, so each lane looks
-//! it up by the number of its sample.
+//! The scene's accelerometer in lanes: [`Sensor::read`] over vectors. The noise is the same in every hit. Each lane
+//! looks up the noise by the number of its sample.
 
 use std::sync::Arc;
 
@@ -24,16 +24,16 @@ pub struct Accelerometer<S: SimdOps> {
     sample: S::u64s,
 }
 
-/// What readings leave behind.
+/// State of the sensors after a reading.
 #[derive(Clone, Copy)]
 pub struct Sensed<S: SimdOps> {
-    /// At the last sample, counts per sample.
+    /// Speed at the last sample, counts per sample.
     speed: S::f64s,
-    /// Behind the low-pass, counts per sample^2.
+    /// Output of the low-pass, counts per sample^2.
     filtered: S::f64s,
 }
 
-/// What a [`Sensor`] reads by, the same in all lanes.
+/// Constants of a [`Sensor`], the same in all lanes.
 #[derive(Clone, Copy)]
 pub struct Scale<S: SimdOps> {
     speed: S::f64s,
@@ -53,7 +53,7 @@ impl<S: SimdOps> Accelerometer<S> {
         Self { scale, sensed: Sensed { speed: zero, filtered: zero }, drawn, noise, sample }
     }
 
-    /// Puts one that has not read anything into a lane.
+    /// Puts a sensor that has not read anything into a lane.
     pub fn start(&mut self, simd: S, lane: usize, readings: &Readings) {
         let Readings { sensor, speed, ref noise } = *readings;
         let splat = |value: f64| simd.splat_f64s(value);
@@ -87,7 +87,7 @@ impl<S: SimdOps> Accelerometer<S> {
 }
 
 impl<S: SimdOps> Sensed<S> {
-    /// What a core's observer knows of the acceleration at a sample, of the handle's speed, m/s.
+    /// Acceleration that a core's observer gets at a sample. `speed` is the handle's speed, m/s.
     #[inline(always)]
     pub fn read(&mut self, simd: S, scale: &Scale<S>, speed: S::f64s, noise: S::f64s) -> S::u64s {
         const LIMIT: f64 = Acceleration::LIMIT as f64 * Sensor::LSB;
@@ -125,7 +125,8 @@ mod tests {
     use super::*;
     use crate::{engine::simd_ops::lanes, scene::Accelerometer as Scene};
 
-    /// Every lane against a sensor of its own. Lanes begin one after the other, at rest, and read the same speeds.
+    /// Compares every lane with its own sensor. The lanes start one after the other, at rest, and read the same
+    /// speeds.
     fn hold<S: SimdOps>(simd: Option<S>, readings: &Readings, speeds_m_per_s: &[f64]) {
         let Some(simd) = simd else { return };
         let mut sensors = Accelerometer::none(simd);
@@ -167,7 +168,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(256))]
 
-        /// To the last bit, before and after it is made an LSB.
+        /// Readings agree to the last bit, before and after rounding to an LSB.
         #[test]
         fn every_lane_reads_as_a_sensor_alone(
             (offset, step) in (-8.0..4.0f64, -6.0..1.0f64),
@@ -182,7 +183,7 @@ mod tests {
             let share = |power: Option<f64>| {
                 power.map_or(0.0, |power| full_scale_m_per_s2 * 10f64.powf(power))
             };
-            // At rest: half a step, or half an LSB.
+            // A sensor at rest then reads half a step, or half an LSB.
             let mut bias_m_per_s2 = bias * full_scale_m_per_s2;
             if tie && resolution.is_some() {
                 bias_m_per_s2 = (0.5 * share(resolution)).copysign(bias);
@@ -197,10 +198,10 @@ mod tests {
                 bias_m_per_s2,
                 bandwidth_hz,
             };
-            // so that 1 m/s^2 is a count per sample^2
+            // 1 m/s^2 is then one count per sample^2
             let (rate_hz, resolution_m) = (2f64.powi(13), 2f64.powi(-26));
             let sensor = Sensor::new(&scene, rate_hz, resolution_m);
-            let readings = Readings::new(sensor, 1e4, 300); // a product with it is rounded
+            let readings = Readings::new(sensor, 1e4, 300); // the product of a speed and 1e4 is rounded
             let (offset, step) = (10f64.powf(offset), 10f64.powf(step) / rate_hz);
             let speeds: Vec<f64> = steps.iter().map(|at| offset + step * at).collect();
             hold(Some(pulp::Scalar), &readings, &speeds);

@@ -1,4 +1,4 @@
-//! [`Kalman`] in lanes: the core's own text, over vectors.
+//! [`Kalman`] in lanes: the core's own code, over vectors.
 
 use zwidth::velocity::{self, Estimator, KalmanState};
 
@@ -8,25 +8,25 @@ use super::{
 };
 use crate::engine::simd_ops::{SimdOps, lanes, lanes_mut};
 
-/// Gains, a lane each.
+/// Gains of each lane.
 #[derive(Clone, Copy)]
 pub struct Gains<S: SimdOps> {
     filter: velocity::Kalman<LaneGain<S>>,
-    /// All ones where the lanes do not have the gains.
+    /// All bits are set where the gains do not fit into lanes.
     without: S::u64s,
 }
 
-/// Estimates, a lane each.
+/// Estimates of each lane.
 #[derive(Clone, Copy)]
 pub struct Kalman<S: SimdOps> {
     state: KalmanState<Vector<S>>,
-    /// All estimates so far, one over the other: beyond twice their limit if one was out of bounds.
+    /// Bitwise OR of all estimates so far. It exceeds twice the limit if one estimate was out of bounds.
     seen: [S::u64s; 2],
 }
 
-/// Position and velocity: with a jump of 2^14 counts what is predicted may be multiplied.
+/// Limit of position and velocity. After a jump of 2^14 counts, the prediction can still be multiplied.
 const LIMIT: u64 = 1 << (FACTOR_BITS - 2);
-/// Acceleration, which has 12 more fractional bits.
+/// Limit of the acceleration, which has 12 more fractional bits.
 const ACCELERATION_LIMIT: u64 = 1 << 58;
 
 impl<S: SimdOps> Recursive<S> for Kalman<S> {

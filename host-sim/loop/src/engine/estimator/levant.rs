@@ -1,4 +1,4 @@
-//! [`Levant`](zwidth::velocity::Levant) in lanes, for states that stay far inside their ranges.
+//! [`Levant`](zwidth::velocity::Levant) in lanes, for states far inside their ranges.
 
 use pulp::bytemuck::cast;
 use zwidth::velocity::{Estimator, Word as _};
@@ -9,29 +9,29 @@ use super::{
 };
 use crate::engine::simd_ops::{SimdOps, lanes, lanes_mut};
 
-/// Sizes of its terms, a lane each.
+/// Parameters of each lane.
 #[derive(Clone, Copy)]
 pub struct Sizes<S: SimdOps> {
     alpha: S::u64s,
     lambda: LaneGain<S>,
     half: S::u64s,
     square: S::u64s,
-    /// All ones where the lanes do not have lambda.
+    /// All bits are set where lambda does not fit into lanes.
     without: S::u64s,
 }
 
-/// Position and velocity, a lane each.
+/// Position and velocity of each lane.
 #[derive(Clone, Copy)]
 pub struct Levant<S: SimdOps, const IMPLICIT: bool> {
     ahead: S::u64s,
     velocity: S::u64s,
-    /// All states so far, one over the other: beyond 2 [`LIMIT`] if one was out of bounds.
+    /// Bitwise OR of all states so far. It exceeds 2 [`LIMIT`] if one state was out of bounds.
     seen: S::u64s,
 }
 
-/// Position and velocity: 2^14 counts, per sample.
+/// Limit of position and velocity: 2^14 counts, 2^14 counts per sample.
 const LIMIT: u64 = 1 << (FACTOR_BITS - 2);
-/// Bits that the output has less than the velocity.
+/// The output has this number of bits fewer than the velocity.
 const DROPPED: u32 = 16;
 
 impl<S: SimdOps, const IMPLICIT: bool> Recursive<S> for Levant<S, IMPLICIT> {
@@ -103,18 +103,18 @@ impl<S: SimdOps, const IMPLICIT: bool> Recursive<S> for Levant<S, IMPLICIT> {
     }
 }
 
-/// `size`, negated where all bits of `negative` are set.
+/// Returns `size`, negated where all bits of `negative` are set.
 #[inline(always)]
 fn with_sign<S: SimdOps>(simd: S, size: S::u64s, negative: S::u64s) -> S::u64s {
     simd.sub_u64s(simd.xor_u64s(size, negative), negative)
 }
 
-/// The core's square root of numbers below 2^50, with 32 fractional bits: 31 significant bits, or as many as it has.
+/// The core's square root of numbers below 2^50, with 32 fractional bits. The root has at most 31 significant bits.
 #[inline(always)]
 fn root<S: SimdOps>(simd: S, square: S::u64s) -> S::u64s {
     let of = |bits: u64| simd.splat_u64s(bits);
     let float = simd.to_float(square);
-    // n: half of the leading zeros, at most 16, as the exponent has them; 63 + 1023 - exponent are all
+    // n is half the number of leading zeros, at most 16. The exponent gives this number: 63 + 1023 - exponent
     let exponent = simd.shift_right(cast(float), of(52));
     let n = simd.shift_right(simd.sub_u64s(of(63 + 1023), exponent), of(1));
     let n = simd.smaller(n, of(16));
@@ -123,7 +123,7 @@ fn root<S: SimdOps>(simd: S, square: S::u64s) -> S::u64s {
     let nearest = simd.floor(simd.sqrt_f64s(simd.mul_f64s(float, cast(scale))));
     let bits = simd.to_low(simd.min_of(nearest, simd.splat_f64s(f64::from(u32::MAX))));
     let bits = simd.and_u64s(bits, of(u32::MAX.into()));
-    // rounded up to a whole number it may be one too large
+    // the conversion may have rounded up, then the root is too large by one
     let rest = simd.sub_u64s(simd.shift_left(square, twice), simd.unsigned_product(bits, bits));
     let one_less = simd.shift_right(rest, of(63));
     let bits = simd.sub_u64s(bits, one_less);
@@ -134,7 +134,7 @@ fn root<S: SimdOps>(simd: S, square: S::u64s) -> S::u64s {
 mod tests {
     use super::root;
 
-    /// As the core writes it.
+    /// The root as the core computes it.
     fn cores(square: u64) -> u64 {
         let n = square.leading_zeros().min(62) / 2;
         let bits = (square << (2 * n)).isqrt();

@@ -5,14 +5,14 @@ use zwidth::velocity::{Biquad, Estimator, Shaping};
 use super::Recursive;
 use crate::engine::simd_ops::{SimdOps, lanes, lanes_mut};
 
-/// Fractional bits of a coefficient, and of the accumulator beyond the velocity's.
+/// Mask of the fractional bits that the accumulator has beyond the velocity's. A coefficient has as many.
 const RESIDUE: u64 = (1 << 30) - 1;
 /// Half an LSB of the output.
 const HALF: u64 = 1 << 29;
-/// Sums of the filter beyond it are left to the core: half of the largest velocity.
+/// Limit of the filter's sums: half of the largest velocity. The core itself runs hits with larger sums.
 const SUM_LIMIT: u64 = 1 << 60;
 
-/// Coefficients, a lane each.
+/// Coefficients of each lane.
 #[derive(Clone, Copy)]
 pub struct Coefficients<S: SimdOps> {
     b: [S::u64s; 3],
@@ -33,16 +33,16 @@ impl<S: SimdOps> Coefficients<S> {
     }
 }
 
-/// What the samples left behind, a lane each. Numbers of 32 bits have rubbish above them.
+/// State of each lane after a sample. The upper 32 bits of 32-bit numbers are undefined.
 #[derive(Clone, Copy)]
 pub struct LowPass<S: SimdOps> {
-    /// Past inputs, 32 bits: counts, or LSB behind another one.
+    /// Past inputs, 32 bits: counts, or LSB if the input is another filter's output.
     x: [S::u64s; 2],
     /// Past velocities, 32 bits.
     y: [S::u64s; 2],
-    /// Past residues, plus [`HALF`]: the lower bits of the sums as they are.
+    /// Past residues plus [`HALF`]: the lower bits of the sums.
     residue: [S::u64s; 2],
-    /// All sums so far, one over the other: beyond 2 [`SUM_LIMIT`] if one was out of bounds.
+    /// Bitwise OR of all sums so far. It exceeds 2 [`SUM_LIMIT`] if one sum was out of bounds.
     sums: S::u64s,
 }
 
@@ -79,7 +79,7 @@ impl<S: SimdOps> Recursive<S> for LowPass<S> {
 }
 
 impl<S: SimdOps> LowPass<S> {
-    /// The output, LSB, for an input in counts, or in LSB, in the lower 32 bits.
+    /// The output, LSB. The input, counts or LSB, is in the lower 32 bits.
     #[inline(always)]
     fn pass<const COUNTS: bool>(
         &mut self,

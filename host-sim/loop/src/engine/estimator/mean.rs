@@ -1,4 +1,5 @@
-//! [`WindowDifference`]: counts of some samples over their number. Asked only when an output is due.
+//! [`WindowDifference`]: the count's change over a number of samples, divided by this number. It runs only for
+//! outputs.
 
 use pulp::bytemuck::cast_slice;
 use zwidth::velocity::{Estimator, WindowDifference};
@@ -9,20 +10,20 @@ use crate::engine::{
     simd_ops::{SimdOps, lanes_mut},
 };
 
-/// Where the handles of a vector were, counts from where they began, and the samples that each lane looks at.
+/// Past positions of a vector's handles, in counts from the start, and the window of each lane.
 pub struct Mean<S: SimdOps> {
-    /// A ring of the last samples.
+    /// Ring of the positions at the last samples.
     places: Vec<S::f64s>,
     newest: usize,
-    /// From the older of the two that each lane looks at to the last.
+    /// Samples of each lane's window, from its oldest to its newest position.
     samples: Vec<usize>,
-    /// The core's factor in two parts: without its last [`LAST`] bits, and these bits.
+    /// The core's factor in two parts: the bits above the last [`LAST`] bits, and the last [`LAST`] bits.
     factor: [S::u64s; 2],
 }
 
-/// Of the longest window, and as a power of two.
+/// Length of the ring: a power of two, not below the longest window.
 const LENGTH: usize = 256;
-/// Last bits of the factor: both parts are below 2^31.
+/// Number of last bits in the factor's second part. Both parts are below 2^31.
 const LAST: u32 = 16;
 
 impl<S: SimdOps> VectorForm<S> for Mean<S> {
@@ -76,7 +77,7 @@ impl<S: SimdOps> VectorForm<S> for Mean<S> {
     }
 }
 
-/// Counts between the two samples that each lane looks at; `places` has all of its lanes beside each other.
+/// Change of the count over each lane's window. `places` holds the lanes of one sample beside each other.
 fn moved_by(lanes: &[usize], counts: &mut [f64], places: &[f64], newest: usize) {
     for (lane, (samples, counts)) in lanes.iter().zip(counts).enumerate() {
         let at = |age: usize| places[(newest + LENGTH - age) % LENGTH * lanes.len() + lane];
@@ -84,7 +85,8 @@ fn moved_by(lanes: &[usize], counts: &mut [f64], places: &[f64], newest: usize) 
     }
 }
 
-/// LSB in the lower 32 bits. The product is below 2^55: a count moves by less than 2^15 in each of the samples.
+/// The velocity, LSB, in the lower 32 bits. The product is below 2^55, because a count moves by less than 2^15 per
+/// sample.
 #[inline(always)]
 fn mean<S: SimdOps>(simd: S, counts: S::f64s, [first, last]: [S::u64s; 2]) -> S::u64s {
     const BITS: u32 = WindowDifference::FACTOR_BITS;

@@ -17,34 +17,34 @@ pub(super) mod observer;
 pub(super) mod window;
 mod word;
 
-/// The estimators that have lanes, by their form.
+/// Forms of the estimators that have lanes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
     /// Difference, first-order and second-order low-passes.
     LowPass,
-    /// What is a low-pass in fixed point, but not in `f64`.
+    /// Estimators that are a low-pass in fixed point, but not in `f64`.
     LikeLowPass,
     /// Two low-passes in a row.
     Cascade,
     Kalman,
     /// Weighted sums of the last differences.
     Fir,
-    /// Counts of some samples over their number.
+    /// Change of the count over a number of samples, divided by this number.
     Mean,
     /// First-order adaptive windowing by the window's ends.
     FoawEnd,
-    /// The same by its least-squares slope.
+    /// Least-squares slope in the window of first-order adaptive windowing.
     FoawBest,
     LevantExplicit,
     LevantImplicit,
-    /// Observer that is told the force.
+    /// Observer that gets the force.
     Observer,
-    /// Observer that is told the acceleration.
+    /// Observer that gets the acceleration.
     Fusion,
 }
 
 impl Form {
-    /// `None` where there are no lanes.
+    /// Form of an estimator, or `None` if it has no lanes.
     pub fn of(estimator: EstimatorName) -> Option<Self> {
         match estimator {
             EstimatorName::Butterworth
@@ -75,12 +75,12 @@ impl Form {
     }
 }
 
-/// Inputs of an estimator beside the counts, the same in all hits of a scene.
+/// Inputs of an estimator in addition to the counts. They are the same in all hits of a scene.
 #[derive(Clone, Copy)]
 pub struct Beside<'a> {
-    /// Samples from the grant of a force to when the estimator gets it.
+    /// Samples from the grant of a force until the estimator gets the force.
     pub late: usize,
-    /// The accelerometer, if it looks at one.
+    /// The accelerometer, if the estimator reads one.
     pub readings: Option<&'a Readings>,
 }
 
@@ -88,7 +88,7 @@ pub struct Beside<'a> {
 pub trait VectorForm<S: SimdOps>: Sized {
     type Gains: Copy;
 
-    /// Before the first sample, and coefficients of lanes that are not in use.
+    /// State before the first sample, and coefficients for unused lanes.
     fn at_rest(simd: S) -> (Self, Self::Gains);
     /// Puts an estimator at rest into a lane.
     fn start(
@@ -99,13 +99,14 @@ pub trait VectorForm<S: SimdOps>: Sized {
         estimator: &Estimator,
         beside: Beside<'_>,
     );
-    /// It looks at the handle's speed.
+    /// Whether the estimator reads the handle's speed.
     const LOOKS: bool = false;
-    /// The handle's speeds, m/s, at the samples that are taken next.
+    /// Takes the handle's speeds, m/s, at the samples that come next.
     #[inline(always)]
     fn look<const R: usize>(_: &mut [Self; R], _: S, _: &[Row<S, R>]) {}
-    /// Vectors of it take samples, counts moved since the last one. If an output is `due`, `velocity` becomes that of the
-    /// last one, LSB in the lower 32 bits; else it is anything.
+    /// Updates estimators with samples; `moved` is the count's change since the sample before. If an output is `due`,
+    /// `velocity` becomes the velocity at the last sample, LSB in the lower 32 bits. Otherwise `velocity` is
+    /// undefined.
     fn take<const R: usize>(
         forms: &mut [Self; R],
         simd: S,
@@ -114,23 +115,23 @@ pub trait VectorForm<S: SimdOps>: Sized {
         due: bool,
         velocity: &mut [S::u64s; R],
     );
-    /// The wall granted forces, LSB, with the last sample that was taken.
+    /// Takes the forces, LSB, that the wall granted with the last sample.
     #[inline(always)]
     fn granted(&mut self, _: S, _: &Self::Gains, _: S::u64s) {}
-    /// The hit has left the range in which these lanes compute the same as the estimator.
+    /// Whether the hit has left the range in which these lanes compute the same as the estimator.
     fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool;
 }
 
-/// An estimator that lives on its own past, and so has to take every sample.
+/// An estimator with feedback: it must take every sample.
 pub trait Recursive<S: SimdOps>: Copy {
     type Gains: Copy;
 
     fn at_rest(simd: S) -> (Self, Self::Gains);
-    /// All that it remembers.
+    /// All words of the state.
     fn words(&mut self) -> impl Iterator<Item = &mut S::u64s>;
     /// Puts the coefficients of an estimator into a lane.
     fn tune(gains: &mut Self::Gains, lane: usize, estimator: &Estimator);
-    /// The velocity after a move by so many counts, LSB in the lower 32 bits.
+    /// The velocity after the count changed by `moved`, LSB in the lower 32 bits.
     fn step(&mut self, simd: S, gains: &Self::Gains, moved: S::f64s) -> S::u64s;
     fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool;
 }

@@ -1,5 +1,5 @@
-//! [`Observer`](velocity::Observer) in lanes: the core's own text, over vectors, and the force that it is told or, beside an
-//! accelerometer, the acceleration.
+//! [`Observer`](velocity::Observer) in lanes: the core's own code, over vectors. The observer gets the force, or the
+//! acceleration from an accelerometer.
 
 use zwidth::{
     units::Force,
@@ -20,20 +20,20 @@ use crate::{
     scene::LATENCY_KNOWN_MAX,
 };
 
-/// Gains, a lane each.
+/// Gains of each lane.
 #[derive(Clone, Copy)]
 pub struct Gains<S: SimdOps> {
     observer: velocity::Observer<LaneFactor<S>>,
     per_force: GainLanes<S>,
-    /// All ones where the lanes do not have the gains.
+    /// All bits are set where the gains do not fit into lanes.
     without: S::u64s,
 }
 
-/// What is observed, a lane each.
+/// Observer state of each lane.
 #[derive(Clone, Copy)]
 struct Observed<S: SimdOps> {
     state: ObserverState<Vector<S>>,
-    /// All that was observed so far, one over the other: beyond twice the limit if one was out of bounds.
+    /// Bitwise OR of all states so far. It exceeds twice the limit if one state was out of bounds.
     seen: S::u64s,
 }
 
@@ -41,25 +41,26 @@ struct Observed<S: SimdOps> {
 pub struct Observer<S: SimdOps> {
     observed: Observed<S>,
     granted: S::u64s,
-    /// Forces granted but not yet given to the observer, one per sample; used if it knows the latency.
+    /// Forces granted but not yet given to the observer, one per sample. The ring is used if the observer knows the
+    /// latency.
     ring: [S::u64s; LATENCY_KNOWN_MAX as usize],
-    /// Places in use; 0: told at once.
+    /// Places of the ring in use. 0: the observer gets the force at once.
     late: usize,
     next: usize,
 }
 
-/// Observer that is told the acceleration.
+/// Observer that gets the acceleration.
 pub struct Fusion<S: SimdOps> {
     observed: Observed<S>,
     accelerometer: Accelerometer<S>,
-    /// Known acceleration at the samples that it takes next.
+    /// Known acceleration at the samples that come next.
     known: [S::u64s; ROWS],
 }
 
-/// Of `x - x^` and what is known of the acceleration, 2^12 counts; with a jump of 2^14 counts the error, whose product
-/// is taken, is below 2^47.
+/// Limit of `x - x^` and of the known acceleration: 2^12 counts. After a jump of 2^14 counts the error is below 2^47,
+/// so it can be multiplied.
 const LIMIT: u64 = 1 << 44;
-/// Further bits of velocity and disturbance: the first is below 2^12 counts per sample, the second below as much.
+/// Additional bits of velocity and disturbance. Both stay below 2^12 counts per sample.
 const MORE: [u32; 2] = [12, 16];
 
 impl<S: SimdOps> Observed<S> {
@@ -97,7 +98,7 @@ impl<S: SimdOps> Observed<S> {
         }
     }
 
-    /// The velocity after a move by so many counts, LSB.
+    /// The velocity after the count changed by `moved`, LSB.
     #[inline(always)]
     fn step(&mut self, simd: S, gains: &Gains<S>, moved: S::f64s, known: S::u64s) -> S::u64s {
         let moved = Vector { simd, bits: simd.to_low(moved) };
@@ -178,7 +179,8 @@ impl<S: SimdOps> VectorForm<S> for Observer<S> {
 }
 
 impl<S: SimdOps> Observer<S> {
-    /// What is told of the force, a sample on. Before the first sample of a hit this is nothing, as what was granted.
+    /// Returns the force that the observer gets now, and advances the ring by one sample. The force is zero before a
+    /// hit's first sample.
     #[inline(always)]
     fn tell(&mut self) -> S::u64s {
         let Some(place) = self.ring.get_mut(self.next) else { return self.granted };
@@ -265,7 +267,7 @@ impl<S: SimdOps> VectorForm<S> for Fusion<S> {
     }
 }
 
-/// Beyond twice [`LIMIT`] where one of the numbers is out of bounds.
+/// Exceeds twice [`LIMIT`] where one of the numbers is out of bounds.
 #[inline(always)]
 fn near<S: SimdOps>(simd: S, state: &ObserverState<Vector<S>>) -> S::u64s {
     let above = |word: S::u64s, more: u32| simd.add_u64s(word, simd.splat_u64s(LIMIT << more));

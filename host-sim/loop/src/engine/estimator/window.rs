@@ -1,6 +1,7 @@
-//! Estimators that look at the last differences and remember nothing else: asked only when an output is due.
+//! Estimators that use only the last differences and have no other state. They run only when an output is due.
 //!
-//! Counts, weights and their products are whole numbers far below 2^53, so `f64` lanes have them exactly, fused or not.
+//! Counts, weights and their products are whole numbers far below 2^53. Therefore `f64` lanes hold them exactly, also
+//! with fused operations.
 
 use zwidth::{
     units::Velocity,
@@ -13,23 +14,23 @@ use crate::engine::{
     simd_ops::{SimdOps, lanes_mut},
 };
 
-/// The last differences of a vector, counts, and what is made of them.
+/// The last differences of a vector, in counts, and the estimator that uses them.
 pub struct Window<S: SimdOps, K> {
-    /// Differences; the newest is right before `end`, entries from `end` on are old.
+    /// Differences. The newest is right before `end`; entries from `end` on are old.
     past: Vec<S::f64s>,
     end: usize,
     kind: K,
 }
 
 const LENGTH: usize = WINDOW_MAX as usize;
-/// Differences that fit before the last ones are moved back to the beginning.
+/// Number of differences that fit before the last ones are copied back to the beginning.
 const ROOM: usize = 4 * LENGTH;
 
-/// What is made of a window.
+/// How an estimator computes a velocity from its window.
 pub trait Kind<S: SimdOps>: Sized {
     /// State with no estimator in any lane.
     fn none(simd: S) -> Self;
-    /// Takes an estimator into a lane.
+    /// Puts an estimator into a lane.
     fn set(&mut self, simd: S, lane: usize, estimator: &Estimator);
     /// The velocity, a whole number of LSB; `past` ends with the newest difference.
     fn velocity(&self, simd: S, past: &[S::f64s]) -> S::f64s;
@@ -81,12 +82,12 @@ impl<S: SimdOps, K: Kind<S>> VectorForm<S> for Window<S, K> {
     }
 }
 
-/// Differences that each lane looks at.
+/// Length of each lane's window, in differences.
 #[derive(Default)]
 struct Lengths(Vec<usize>);
 
 impl Lengths {
-    /// Those of a lane; the longest of all.
+    /// Sets the length of a lane. Returns the longest length of all lanes.
     fn set(&mut self, lane: usize, length: usize) -> usize {
         if self.0.len() <= lane {
             self.0.resize(lane + 1, 0);
@@ -96,7 +97,7 @@ impl Lengths {
     }
 }
 
-/// [`Fir`](zwidth::velocity::Fir): the weights of each lane, as many as the longest has.
+/// [`Fir`](zwidth::velocity::Fir). Each lane has as many weights as the longest window.
 pub struct Sum<S: SimdOps> {
     weights: Vec<S::f64s>,
     lengths: Lengths,
@@ -130,11 +131,11 @@ impl<S: SimdOps> Kind<S> for Sum<S> {
     }
 }
 
-/// [`Foaw`]: all lanes go through the windows together, until the last of them has found its longest one.
+/// [`Foaw`]. All lanes try the same window lengths together, until each lane has found its longest window.
 pub struct Adaptive<S: SimdOps, const BEST: bool> {
-    /// Steps of it, a lane each.
+    /// Noise bound of each lane.
     noise: S::f64s,
-    /// Samples, a lane each.
+    /// Longest window of each lane, samples.
     window: S::f64s,
     lengths: Lengths,
     longest: usize,
@@ -159,7 +160,7 @@ impl<S: SimdOps, const BEST: bool> Kind<S> for Adaptive<S, BEST> {
         let of = |value: f64| simd.splat_f64s(value);
         let zero = of(0.0);
         let noise = self.noise;
-        // Bounds of the slope in steps of the noise, fractions as in the core
+        // Bounds of the slope in units of the noise bound, as fractions, as in the core
         let free = f64::from(Foaw::FREE);
         let ([mut low, mut low_over], [mut high, mut high_over]) =
             ([of(-free), of(1.0)], [of(free), of(1.0)]);
@@ -205,7 +206,8 @@ impl<S: SimdOps, const BEST: bool> Kind<S> for Adaptive<S, BEST> {
             high = simd.choose(falls, upper, high);
             high_over = simd.choose(falls, of(i), high_over);
         }
-        // to nearest, halves away from zero; a quotient is at least 2^-13 away from the next whole number, or is one
+        // rounds to nearest, halves away from zero; a quotient is a whole number, or at least 2^-13 below the next
+        // one
         let scaled =
             simd.mul_f64s(simd.magnitude(number), of(f64::from(1u32 << Velocity::FRACTION_BITS)));
         let half = simd.floor(simd.mul_f64s(over, of(0.5)));

@@ -1,4 +1,4 @@
-//! The core's [`Word`] as a vector: what runs the core's own text of an estimator in lanes.
+//! The core's [`Word`] as a vector. With it, the core's own code of an estimator runs in lanes.
 
 use std::ops::{Add, Shl, Shr, Sub};
 
@@ -9,8 +9,8 @@ use zwidth::{
 
 use crate::engine::simd_ops::{SimdOps, lanes_mut};
 
-/// A vector of signed 64-bit numbers. Clamps do nothing: whoever runs a text in lanes has to notice numbers that come
-/// near the text's limits, and numbers of 2^[`FACTOR_BITS`] and more before they are multiplied.
+/// A vector of signed 64-bit numbers. Its clamps do nothing. The caller must detect numbers near the limits of the
+/// core, and numbers of 2^[`FACTOR_BITS`] and more before a multiplication.
 #[derive(Clone, Copy)]
 pub struct Vector<S: SimdOps> {
     pub simd: S,
@@ -31,12 +31,12 @@ impl<S: SimdOps> LaneGain<S> {
         Self { mantissa: zero, half: zero, shift: zero }
     }
 
-    /// Whether lanes can have that gain: it is below 2^13.
+    /// Whether the gain fits into lanes: it must be below 2^13.
     pub fn has(gain: Gain) -> bool {
         gain.mantissa() == 0 || i32::from(gain.shift()) + LEFT.cast_signed() > 32
     }
 
-    /// Puts a gain that they can have into a lane.
+    /// Puts a gain that fits into a lane.
     pub fn set(&mut self, place: usize, gain: Gain) {
         let shift = (i32::from(gain.shift()) + LEFT.cast_signed() - 32).max(1).unsigned_abs();
         lanes_mut(&mut self.mantissa)[place] = u64::from(gain.mantissa().unsigned_abs());
@@ -45,8 +45,8 @@ impl<S: SimdOps> LaneGain<S> {
     }
 }
 
-/// [`Factor`]s of a vector. Their mantissas have 32 bits, so the numbers are made positive: `PLUS` is added before the
-/// product, and what it makes of the product is taken off again.
+/// [`Factor`]s of a vector. Mantissas have 32 bits, so numbers must be positive. `PLUS` is added before the product,
+/// and mantissa times `PLUS` is subtracted after it.
 #[derive(Clone, Copy)]
 pub struct LaneFactor<S: SimdOps> {
     mantissa: S::u64s,
@@ -54,7 +54,7 @@ pub struct LaneFactor<S: SimdOps> {
     less: S::u64s,
 }
 
-/// Numbers below it in magnitude may be multiplied by a [`LaneFactor`].
+/// Bound of the magnitude of numbers that are multiplied by a [`LaneFactor`].
 const PLUS: u64 = 1 << 47;
 
 impl<S: SimdOps> LaneFactor<S> {
@@ -63,12 +63,12 @@ impl<S: SimdOps> LaneFactor<S> {
         Self { mantissa: zero, shift: zero, less: zero }
     }
 
-    /// Puts a factor into a lane, for products with `bits` more fractional bits; `false` if lanes cannot have it: then
-    /// `PLUS` does not make a whole number.
+    /// Puts a factor into a lane, for products with `bits` more fractional bits. Returns `false` if the factor does
+    /// not fit: its product with `PLUS` would not be a whole number.
     pub fn set(&mut self, place: usize, factor: Factor, bits: u8) -> bool {
-        // the product is mantissa * number * 2^LEFT / 2^32, to be shifted by as much
+        // the product is mantissa * number * 2^LEFT / 2^32; the shift makes up for LEFT and 32
         let shift = i32::from(factor.shift()) + LEFT.cast_signed() - i32::from(bits);
-        let left = 30 - shift; // of 2^47 / 2^17
+        let left = 30 - shift; // 2^47 shifted right by 17 is 2^30
         let has = (0..64).contains(&shift) && (0..32).contains(&left);
         lanes_mut(&mut self.mantissa)[place] = u64::from(factor.mantissa());
         lanes_mut(&mut self.shift)[place] = u64::from(shift.max(0).unsigned_abs().min(63));
@@ -78,9 +78,10 @@ impl<S: SimdOps> LaneFactor<S> {
     }
 }
 
-/// A product is taken of numbers so far to the left, so that of its 96 bits those below 2^32 only round.
+/// Numbers are shifted left by this before a product. Then the bits below 2^32 of the 96-bit product only affect
+/// rounding.
 const LEFT: u32 = 15;
-/// Numbers below 2^48 in magnitude may be multiplied.
+/// Bits of a factor: numbers below 2^48 in magnitude may be multiplied.
 pub const FACTOR_BITS: u32 = 63 - LEFT;
 
 impl<S: SimdOps> Vector<S> {

@@ -1,34 +1,34 @@
-//! Commands on their way, the same moment for all lanes.
+//! Commands that have not taken effect yet. They take effect at the same time in all lanes.
 
 use super::{Aligned, Row};
 use crate::engine::simd_ops::SimdOps;
 
-/// Where all lanes are between two outputs, and the commands on their way.
+/// Time since the last output, the same for all lanes, and the commands that have not taken effect yet.
 pub struct Actuation<S: SimdOps, const R: usize> {
     pub period: u32,
     /// Samples after an output at which a command takes effect.
     pub arrival: u32,
-    /// Samples since the last output was due; `period` is 0 again.
+    /// Samples since the last output was due. A phase of `period` is the same as 0.
     pub phase: u32,
-    /// A ring of commands on their way, N.
+    /// Ring of commands that have not taken effect yet, N.
     pub commands_n: Vec<Row<S, R>>,
     pub newest: usize,
 }
 
 impl<S: SimdOps, const R: usize> Actuation<S, R> {
-    /// Before the first sample.
+    /// State before the first sample.
     pub fn new(simd: S, period: u32, latency: u32) -> Self {
         let room = (latency / period + 1) as usize;
         let commands_n = vec![Aligned([simd.splat_f64s(0.0); R]); room];
         Self { period, arrival: latency % period, phase: 0, commands_n, newest: 0 }
     }
 
-    /// An output is due with the next sample.
+    /// Whether an output is due with the next sample.
     pub fn is_due(&self) -> bool {
         self.phase == 0 || self.phase == self.period
     }
 
-    /// Samples before the next one in which an output is due or a command arrives.
+    /// Samples before the next sample in which an output is due or a command arrives.
     #[inline(always)]
     pub fn samples_to_event(&self) -> u32 {
         match self.phase {
@@ -38,7 +38,7 @@ impl<S: SimdOps, const R: usize> Actuation<S, R> {
         }
     }
 
-    /// Samples before the next one in which an output is due.
+    /// Samples before the next sample in which an output is due.
     pub fn samples_to_output(&self) -> u32 {
         if self.is_due() { 0 } else { self.period - self.phase }
     }
@@ -56,7 +56,7 @@ impl<S: SimdOps, const R: usize> Actuation<S, R> {
         if self.newest + 1 < self.commands_n.len() { self.newest + 1 } else { 0 }
     }
 
-    /// The command that arrives when one does.
+    /// The command that arrives next.
     #[inline(always)]
     pub fn oldest(&self) -> [S::f64s; R] {
         self.commands_n[self.following()].0

@@ -1,5 +1,5 @@
-//! What lanes look at beside the counts: motion, outputs at the actuator's limit. The order of operations is that of
-//! [`Watch`](crate::simulation::window::Watch).
+//! Measurements of the lanes beside the counts: motion, and outputs at the actuator's limit. Operations have the same
+//! order as in [`Watch`](crate::simulation::window::Watch).
 
 use super::{Aligned, Chunk, Row, each_field};
 use crate::{
@@ -7,7 +7,7 @@ use crate::{
     simulation::window::Watch,
 };
 
-/// Sums over the window: those of [`Watch`], in its order.
+/// Sums over the window: the sums of [`Watch`], in the same order.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Watched<S: SimdOps>([S::f64s; 6]);
@@ -17,14 +17,14 @@ impl<S: SimdOps> Watched<S> {
         Self([simd.splat_f64s(0.0); 6])
     }
 
-    /// Nothing yet in one lane.
+    /// Sets the sums of one lane to zero.
     pub fn clear(&mut self, place: usize) {
         for sum in &mut self.0 {
             lanes_mut(sum)[place] = 0.0;
         }
     }
 
-    /// Takes an output, where the lane watches.
+    /// Adds an output to the sums of the lanes that are `watching`.
     #[inline(always)]
     pub fn output(&mut self, simd: S, output: S::f64s, watching: S::u64s) {
         let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
@@ -45,21 +45,21 @@ impl<S: SimdOps> Watched<S> {
     }
 }
 
-/// The last positions of all lanes, as many as a window has, m.
+/// The last positions of all lanes, m, as many as a window has.
 pub struct Motion<S: SimdOps, const R: usize> {
     rows: Vec<Row<S, R>>,
-    /// Where the next one goes: the oldest.
+    /// Row of the oldest positions. The next positions go there.
     next: usize,
 }
 
 impl<S: SimdOps, const R: usize> Motion<S, R> {
-    /// Before the first sample.
+    /// State before the first sample.
     pub fn new(simd: S, window: u32) -> Self {
         let row = Aligned([simd.splat_f64s(0.0); R]);
         Self { rows: vec![row; window as usize], next: 0 }
     }
 
-    /// The last window of a lane, from the oldest position on.
+    /// Positions of a lane in its last window, oldest first.
     pub fn lane(&self, vector: usize, place: usize) -> Vec<f64> {
         let (late, early) = self.rows.split_at(self.next);
         let get = |row: &Row<S, R>| lanes::<_, f64>(&row.0[vector])[place];
@@ -76,7 +76,7 @@ impl<S: SimdOps, const R: usize> Motion<S, R> {
 }
 
 impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
-    /// Takes the positions of a block.
+    /// Adds the positions of a block to the sums.
     #[inline(always)]
     pub(super) fn watch(&mut self, simd: S, block: &[Row<S, R>]) {
         let mut watched = each_field!(self.moving, watched);

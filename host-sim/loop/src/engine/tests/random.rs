@@ -41,7 +41,7 @@ fn scenes() -> impl Strategy<Value = Scene> {
             scene.device.mass_kg = 10f64.powf(mass);
             scene.device.damping_n_s_per_m = damping;
             scene.device.stiffness_n_per_m = stiffness;
-            scene.wall_hit.push_n = push * 5.9; // beyond 1 it saturates
+            scene.wall_hit.push_n = push * 5.9; // the force saturates beyond 1
             scene.wall_hit.push_n = scene.wall_hit.push_n.min(5.9);
             scene.wall_hit.push_by = if by_hand { PushBy::Hand } else { PushBy::Motor };
             scene.device.rest_position_m = 0.069;
@@ -68,14 +68,14 @@ fn scenes() -> impl Strategy<Value = Scene> {
 /// An accelerometer with or without each of its parts.
 #[derive(Clone, Copy, Debug)]
 struct Sensor {
-    /// From nearly nothing to the core's range.
+    /// 0 is nearly no range, 1 is the core's range.
     full_scale: f64,
-    /// Powers of ten, of full scale.
+    /// Resolution as a power of ten, relative to full scale.
     resolution: Option<f64>,
     noise: Option<f64>,
-    /// Reading at rest, as a part of full scale.
+    /// Reading at rest, relative to full scale.
     bias: f64,
-    /// The bias is half a step: a handle at rest reads a tie.
+    /// The bias is half a step, so a reading at rest lies exactly between two steps.
     tie: bool,
     bandwidth_hz: Option<f64>,
 }
@@ -97,7 +97,7 @@ fn sensors() -> impl Strategy<Value = Sensor> {
 }
 
 impl Sensor {
-    /// `unit`: a count per sample^2, m/s^2.
+    /// `unit`: one count per sample^2 in m/s^2.
     fn of(self, unit: f64) -> Accelerometer {
         let most = 127.0 * unit;
         let full_scale_m_per_s2 = 1e-3 * (most / 1e-3).powf(self.full_scale);
@@ -115,11 +115,11 @@ impl Sensor {
     }
 }
 
-/// An estimator with its tuning anywhere in its range.
+/// Settings of an estimator. `tuning`, 0 to 1, is a place in the tuning's range.
 pub(super) fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> VelocitySettings {
     let settings = name.defaults();
     let (rate_hz, noise_m) = (scene.control.rate_hz, scene.encoder.resolution_m / 12f64.sqrt());
-    // The Kalman filters' u, from 0.001 to 0.95
+    // The Kalman filters' u, from 0.001 to 0.94
     let u = 0.00101 * 930f64.powf(tuning);
     match settings {
         VelocitySettings::Kalman2 { .. } => {
@@ -178,7 +178,7 @@ pub(super) fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> Velocity
 fn walls() -> impl Strategy<Value = Vec<WallHit>> {
     let wall = (0.0..1.0f64, 0.0..6.5f64, -1.0..4.0f64, 0.0..1.0f64).prop_map(
         |(cutoff, stiffness, damping, start)| WallHit {
-            velocity: VelocitySettings::Butterworth { cutoff_hz: cutoff }, // of the range, see below
+            velocity: VelocitySettings::Butterworth { cutoff_hz: cutoff }, // 0 to 1, see `spread`
             stiffness_n_per_m: 10f64.powf(stiffness),
             damping_n_s_per_m: 10f64.powf(damping),
             start_offset_counts: start,
@@ -187,7 +187,7 @@ fn walls() -> impl Strategy<Value = Vec<WallHit>> {
     prop::collection::vec(wall, 1..20)
 }
 
-/// Cutoffs of 0 to 1 become the scene's from 4e-5 of the rate to that part of it.
+/// Maps cutoffs from 0 .. 1 to 4e-5 .. `highest` times the scene's rate.
 fn spread(hits: &mut [WallHit], scene: &Scene, highest: f64) {
     for hit in hits {
         let place = hit.velocity.cutoff_hz().unwrap();
@@ -196,7 +196,7 @@ fn spread(hits: &mut [WallHit], scene: &Scene, highest: f64) {
     }
 }
 
-/// A scene that has lanes, and its lanes.
+/// Checks that a scene has lanes, and compares the lanes with the scalar loop.
 fn hold_in_lanes(prepared: &PreparedScene, hits: &[WallHit]) {
     assert!(lanes_for(prepared, Numeric::Fixed));
     hold(prepared, hits);
@@ -208,7 +208,7 @@ proptest! {
     #[test]
     fn random_scenes_are_the_same_bit_for_bit(scene in scenes(), mut hits in walls()) {
         prop_assume!(scene.check().is_ok());
-        // from the lowest to the highest cutoff that is accepted with and without pre-warping
+        // cutoffs from the lowest to the highest that are accepted with and without pre-warping
         spread(&mut hits, &scene, 0.379);
         hold_in_lanes(&PreparedScene::new(&scene).unwrap(), &hits);
     }

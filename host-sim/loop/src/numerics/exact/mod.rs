@@ -5,28 +5,28 @@
 //! z(t + dt) = phi z(t) + gamma u,   phi = exp(A dt),   gamma = integral of exp(A s) b ds over 0..dt
 //! ```
 //!
-//! [`oscillator_step`] has closed forms for the mass-spring-damper, [`discretise`] the general case: an
-//! amplifier pole, an arm or a second mode beside it. Both are deterministic to the bit on every machine
-//! (`libm` and plain IEEE operations in a fixed order), and neither depends on units: a unit changed by a
-//! power of two scales the results exactly and leaves phi's other bits alone.
+//! [`oscillator_step`] has closed forms for the mass-spring-damper. [`discretise`] has the general case: also an
+//! amplifier pole, an arm or a second mode. Both give the same bits on every machine, with `libm` and plain IEEE
+//! operations in a fixed order. Neither depends on units: a unit changed by a power of two scales the results
+//! exactly.
 //!
 //! Source: Franklin, Powell, Workman, "Digital Control of Dynamic Systems", 3rd ed., section 4.3; checked
 //! against 50-digit values (`tests/golden/plant_step.csv`).
 
 use nalgebra::{SMatrix, SVector};
 
-/// Largest `|pole| dt` for which [`oscillator_step`] sums the power series: its terms then lose no more
-/// than a digit to each other, while the closed forms would cancel as `1 - phi11` does.
+/// Largest `|pole| dt` for which [`oscillator_step`] sums the power series. Up to this limit, cancellation between
+/// terms costs at most one digit. The closed forms would cancel as much as `1 - phi11` does.
 const SERIES_LIMIT: f64 = 1.0;
-/// Terms of the series. With both poles inside |z| <= 1, |h_n| <= n + 1: what is left out is below
-/// 22 / 22! = 2e-20.
+/// Terms of the series. With both poles inside |z| <= 1, |h_n| <= n + 1, and the remainder is below 22 / 22! = 2e-20.
 const SERIES_TERMS: u32 = 21;
-/// Slow pole times dt below which gamma1 is a divided difference and not `(1 - phi11) / w^2`. The fast pole
-/// is then above 0.75, so the difference keeps its digits; above it `1 - phi11` is at least 0.06.
+/// Slow pole times dt below which gamma1 is a divided difference, and from which on it is `(1 - phi11) / w^2`. Below
+/// the limit the fast pole is above 0.75, so the difference keeps its digits. Above the limit `1 - phi11` is at least
+/// 0.06.
 const SLOW_POLE_LIMIT: f64 = 0.25;
 
-/// What one step adds: `phi - 1` and `gamma`. Near a short step phi is 1 plus little, and it is the little
-/// that carries the dynamics; frequency responses near zero frequency need it with all its digits.
+/// Increment of one step: `phi - 1` and `gamma`. For a short step phi is near 1, and the small difference holds the
+/// dynamics. Frequency responses near zero frequency need all digits of this difference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Increment {
     /// `phi - 1`, rows (x, v).
@@ -38,9 +38,9 @@ pub struct Increment {
 /// One exact step of `x'' = u - stiffness_per_mass x - damping_per_mass x'` for the state (x, v): phi and the
 /// response gamma to a unit acceleration u that is constant over `dt`.
 ///
-/// Units: 1/s^2, 1/s and s in; gamma in s^2 and s. For a force F on a mass m, `u = F / m`. All arguments must
-/// be finite and not negative; dt may be 0. Every regime keeps its digits: undamped over hundreds of
-/// oscillations, overdamped with a time constant far below dt, critically damped, no spring.
+/// Units: the arguments are in 1/s^2, 1/s and s; gamma is in s^2 and s. For a force F on a mass m, `u = F / m`. All
+/// arguments must be finite and not negative; dt may be 0. The digits are kept in every regime: undamped over
+/// hundreds of oscillations, overdamped with a time constant far below dt, critically damped, without a spring.
 #[must_use]
 pub fn oscillator_step(
     stiffness_per_mass: f64,
@@ -64,7 +64,7 @@ fn solve(w2: f64, d: f64, dt: f64) -> ([[f64; 2]; 2], [f64; 2], [[f64; 2]; 2]) {
     if d * dt <= SERIES_LIMIT && w2 * dt * dt <= SERIES_LIMIT {
         return series(w2, d, dt);
     }
-    // One rounding: near the critical damping the difference keeps all digits that its inputs have.
+    // With a single rounding, the difference near critical damping keeps all digits that its inputs have.
     let discriminant = libm::fma(half, half, -w2);
     let (phi11, phi12, phi22, gamma1) = if discriminant < 0.0 {
         let w = libm::sqrt(-discriminant);
@@ -76,7 +76,7 @@ fn solve(w2: f64, d: f64, dt: f64) -> ([[f64; 2]; 2], [f64; 2], [[f64; 2]; 2]) {
     } else {
         let r = libm::sqrt(discriminant);
         let fast = half + r;
-        let slow = w2 / fast; // not half - r, which cancels
+        let slow = w2 / fast; // half - r would cancel
         let (z_slow, z_fast, gap) = (-slow * dt, -fast * dt, 2.0 * r * dt);
         let (e_slow, e_fast) = (libm::exp(z_slow), libm::exp(z_fast));
         let phi12 = dt * e_slow * mean_exp(-gap);
@@ -96,13 +96,13 @@ fn solve(w2: f64, d: f64, dt: f64) -> ([[f64; 2]; 2], [f64; 2], [[f64; 2]; 2]) {
     )
 }
 
-/// `(exp(z) - 1) / z`, the mean of exp over 0..z; 1 at z = 0.
+/// `(exp(z) - 1) / z`, the mean of exp over 0..z. The value is 1 at z = 0.
 fn mean_exp(z: f64) -> f64 {
     if z == 0.0 { 1.0 } else { libm::expm1(z) / z }
 }
 
-/// Short steps: `phi12 = dt sum h_n / (n+1)!`, `gamma1 = dt^2 sum h_n / (n+2)!`, where h_n is the complete
-/// symmetric polynomial of the two poles times dt, `h_n = -(d dt) h_(n-1) - (w^2 dt^2) h_(n-2)`.
+/// Series for short steps: `phi12 = dt sum h_n / (n+1)!`, `gamma1 = dt^2 sum h_n / (n+2)!`. Here h_n is the complete
+/// symmetric polynomial of the two poles times dt: `h_n = -(d dt) h_(n-1) - (w^2 dt^2) h_(n-2)`.
 fn series(w2: f64, d: f64, dt: f64) -> ([[f64; 2]; 2], [f64; 2], [[f64; 2]; 2]) {
     let (sum, product) = (-d * dt, w2 * dt * dt);
     let (mut before, mut h) = (0.0, 1.0);
@@ -128,18 +128,20 @@ fn series(w2: f64, d: f64, dt: f64) -> ([[f64; 2]; 2], [f64; 2], [[f64; 2]; 2]) 
 
 /// Norm of `A h` at which [`discretise`] stops halving dt.
 const TAYLOR_LIMIT: f64 = 0.5;
-/// Terms of its series: with |A h| <= 1/2 the remainder is below 0.5^19 / 20! = 8e-25. Chains of
-/// integrators, which the norm does not see, end by themselves after N terms.
+/// Terms of the series in [`discretise`]. With |A h| <= 1/2 the remainder is below 0.5^19 / 20! = 8e-25. The norm
+/// does not include chains of integrators, but their series is finite: it has N terms.
 const TAYLOR_TERMS: u32 = 19;
 
 /// One exact step of `z' = A z + b u` over `dt` seconds with u constant: (phi, gamma).
 ///
-/// A series for the short step `h = dt / 2^s`, then s doublings of `phi - 1` and of the mean of `exp(A s)`.
-/// Working on `phi - 1` keeps the digits of slow states. The error grows as `|A| dt` times the rounding
-/// of f64, |A| taken in the best units. The number of halvings follows from A's largest cycle (the
-/// largest geometric mean of entries around a loop of states), which no change of units alters; so results
-/// scale exactly when the unit of any state is changed by a power of two. For one mass prefer
-/// [`oscillator_step`]. A, b and dt must be finite, dt not negative.
+/// It sums a series for the short step `h = dt / 2^s`. Then it doubles `phi - 1` and the mean of `exp(A s)` s times.
+/// Using `phi - 1` keeps the digits of slow states.
+///
+/// The error grows as `|A| dt` times the rounding of f64, with |A| in the best units. The number of halvings follows
+/// from A's largest cycle: the largest geometric mean of entries around a loop of states. A change of units does not
+/// alter this mean, so results scale exactly when a state's unit is changed by a power of two.
+///
+/// For one mass prefer [`oscillator_step`]. A, b and dt must be finite, dt not negative.
 #[must_use]
 pub fn discretise<const N: usize>(
     a: &SMatrix<f64, N, N>,
@@ -159,7 +161,7 @@ pub fn discretise_increment<const N: usize>(
     let halvings = halvings(a, dt);
     let h = dt * libm::ldexp(1.0, -halvings);
     let ah = a * h;
-    // mean = sum (A h)^n / (n+1)!, by Horner.
+    // mean = sum (A h)^n / (n+1)!, by Horner's method
     let identity = SMatrix::<f64, N, N>::identity();
     let mut mean = identity;
     for n in (2..=TAYLOR_TERMS).rev() {
@@ -179,8 +181,9 @@ pub fn discretise_increment<const N: usize>(
     (less, gamma * dt)
 }
 
-/// Halvings of dt after which `|A h|` is at most [`TAYLOR_LIMIT`] in the units that balance A best. There the
-/// largest entry is the largest cycle mean (a theorem of max-plus algebra), and the norm at most N times it.
+/// Halvings of dt after which `|A h|` is at most [`TAYLOR_LIMIT`], in the units that balance A best. In these units
+/// the largest entry is the largest cycle mean (a theorem of max-plus algebra), and the norm is at most N times the
+/// largest entry.
 fn halvings<const N: usize>(a: &SMatrix<f64, N, N>, dt: f64) -> i32 {
     let mut walks = a.abs(); // heaviest walk of `length` steps between two states
     let mut cycle = walks.diagonal().max();
@@ -206,7 +209,7 @@ fn halvings<const N: usize>(a: &SMatrix<f64, N, N>, dt: f64) -> i32 {
     halvings
 }
 
-/// Matrix product in a fixed order: nalgebra may pick fused operations by processor, and bits would differ.
+/// Matrix product in a fixed order. nalgebra may use fused operations on some processors, and the bits would differ.
 fn product<const N: usize>(
     left: &SMatrix<f64, N, N>,
     right: &SMatrix<f64, N, N>,

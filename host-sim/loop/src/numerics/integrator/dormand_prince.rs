@@ -1,4 +1,4 @@
-//! Dormand and Prince's pair of orders 5 and 4: a step, its error, and the length of the next.
+//! Dormand and Prince's pair of orders 5 and 4: one step, its error, and the length of the next step.
 
 use super::{Field, rk4::along};
 
@@ -11,7 +11,7 @@ const STAGES: [&[f64]; 6] = [
     &[9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0],
     &[35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0],
 ];
-/// Fifth-order weights less fourth-order ones.
+/// Fifth-order weights minus fourth-order weights.
 const ERROR: [f64; 7] = [
     35.0 / 384.0 - 5179.0 / 57600.0,
     0.0,
@@ -21,9 +21,9 @@ const ERROR: [f64; 7] = [
     11.0 / 84.0 - 187.0 / 2100.0,
     -1.0 / 40.0,
 ];
-/// Share of the step length that the error would allow.
+/// Part of the allowed step length that is used.
 const SAFETY: f64 = 0.9;
-/// Bounds of the change of the step length.
+/// Smallest and largest factor between two step lengths.
 const CHANGE: (f64, f64) = (0.2, 5.0);
 
 /// One step of length h with the fifth-order weights, and its estimated error.
@@ -52,9 +52,9 @@ const fn powi5(x: f64) -> f64 {
     x * x * x * x * x
 }
 
-/// Factor for the length of the next step after an error of that share of the tolerance.
+/// Factor for the length of the next step; `error` is relative to the tolerance.
 pub fn change(error: f64) -> f64 {
-    /// So small that the bound is reached: the power takes longer than a stage.
+    /// Error below which the factor reaches its bound. The comparison is faster than the power.
     const SMALL: f64 = 1e-4;
     const { assert!(SMALL < powi5(SAFETY / CHANGE.1)) };
     if error < SMALL {

@@ -1,5 +1,5 @@
-//! Semi-implicit (symplectic) Euler: speeds and force with the rates at the step's start, then positions with
-//! the new speeds.
+//! Semi-implicit (symplectic) Euler. Speeds and force use the rates at the step's start, then positions use the new
+//! speeds.
 
 use super::Field;
 

@@ -1,4 +1,4 @@
-//! One-step integrators for plants that are not linear, and to compare with the exact step.
+//! One-step integrators, for plants that are not linear and for comparison with the exact step.
 //!
 //! | method | order | source |
 //! |--------|-------|--------|
@@ -6,8 +6,8 @@
 //! | [`rk4`] classical | 4 | Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 2nd ed., II.1 |
 //! | [`dormand_prince`] 5(4), adaptive | 5 | Dormand, Prince, J. Comp. Appl. Math. 6, 1980; step control: Hairer, Norsett, Wanner, II.4 |
 //!
-//! They know smooth fields only; where a field breaks (sticking, stops) the plant locates the instant and
-//! starts anew ([`crate::plant::IntegratedStep`]).
+//! The methods need smooth fields. Where a field is not smooth (sticking, stops), the plant locates the instant and
+//! starts a new step there ([`crate::plant::IntegratedStep`]).
 
 pub mod dormand_prince;
 pub mod euler;
@@ -21,8 +21,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::range::{refused, within};
 
-/// `z' = f(z)`, smooth. State as in [`crate::scene::element::Chain`]: positions at even places, their speeds after
-/// them, at the last place of an odd number a force.
+/// `z' = f(z)`, smooth. The state is ordered as in [`crate::scene::element::Chain`]: position and speed of each body.
+/// An odd number of states has a force at its last place.
 pub trait Field<const N: usize> {
     fn rate(&self, z: &[f64; N]) -> [f64; N];
 }
@@ -50,12 +50,12 @@ pub enum Integrator {
     },
 }
 
-/// Most steps of equal length in a sample.
+/// Largest number of equal steps in a sample.
 pub const STEPS_MAX: u32 = 10_000;
-/// Most steps in a sample that [`Integrator::DormandPrince`] may need to stay stable.
+/// Largest number of steps in a sample that [`Integrator::DormandPrince`] may need for stability.
 const ADAPTIVE_STEPS_MAX: f64 = 1000.0;
-/// `|eigenvalue| step` up to which a method is stable, for every eigenvalue in the left half plane: half-disks inside
-/// the methods' stability regions.
+/// Largest `|eigenvalue| step` for which a method is stable, for every eigenvalue in the left half plane. The
+/// half-disk of this radius lies inside the method's stability region.
 const RK4_STABLE: f64 = 2.5;
 const DORMAND_PRINCE_STABLE: f64 = 3.0;
 
@@ -79,10 +79,10 @@ impl Integrator {
         }
     }
 
-    /// Checks the values, and that the method stays stable on a plant that demands so much.
+    /// Checks the values, and whether the method is stable on a plant with this `demand`.
     ///
     /// # Errors
-    /// Key, value, allowed range; the reason if it is stability.
+    /// Key, value and allowed range; also the reason if the method would be unstable.
     pub fn check(&self, demand: &StepDemand, sample_s: f64) -> Result<(), String> {
         let fastest_per_s = demand.fastest_per_s();
         let (steps, least) = match *self {

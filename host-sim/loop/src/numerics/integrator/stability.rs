@@ -1,40 +1,41 @@
-//! How long the steps of an integrator may be: what a plant can do at its fastest, and what each method bears.
+//! Largest step of an integrator: the fastest motion of a plant, and the stability limit of each method.
 //!
-//! A chain without force is `M x'' + D x' + K x = 0` with symmetric matrices that have no negative eigenvalue, and a
-//! motion `q exp(s t)` of it obeys `m s^2 + d s + k = 0` with the numbers `m = q* M q`, `d = q* D q`, `k = q* K q`. So with
-//! `D1`, `K1` the largest eigenvalues of `D` and `K` relative to `M`
+//! A chain without force is `M x'' + D x' + K x = 0`, with symmetric matrices without negative eigenvalues. A motion
+//! `q exp(s t)` of the chain satisfies `m s^2 + d s + k = 0` with the numbers `m = q* M q`, `d = q* D q`,
+//! `k = q* K q`. So with `D1`, `K1` the largest eigenvalues of `D` and `K` relative to `M`
 //! ```text
 //! |s| <= max(D1, sqrt(K1))
 //! ```
-//! Stops, cogging and friction that add to K and D only raise the bound, sticking removes a body and only lowers it:
-//! taken where all of them are steepest it holds in every combination of contacts.
+//! Stops, cogging and friction add to K and D, and can only raise the bound. Sticking removes a body, and can only
+//! lower the bound. So the bound at the steepest slope of all elements holds in every combination of contacts.
 //!
-//! Semi-implicit Euler, `v1 = v - h M^-1 (K x + D v)`, `x1 = x + h v1`, is solved by `q g^n` with
-//! `m (g - 1)^2 + h d (g - 1) + h^2 k g = 0`, and both g lie inside the unit circle where `2 h d + h^2 k < 4 m`. So it is
-//! stable if
+//! Semi-implicit Euler, `v1 = v - h M^-1 (K x + D v)`, `x1 = x + h v1`, has solutions `q g^n` with
+//! `m (g - 1)^2 + h d (g - 1) + h^2 k g = 0`. Both roots g lie inside the unit circle if `2 h d + h^2 k < 4 m`. So
+//! the method is stable if
 //! ```text
 //! 4 M - 2 h D - h^2 K   is positive definite
 //! ```
-//! and not otherwise: that matrix is the equation's at g = -1, which for g towards minus infinity is positive definite; if it is not
-//! at -1, a real g at or beyond -1 lies between. Again more stiffness or damping only needs shorter steps. The amplifier, which
-//! nothing acts back on, needs `h pole < 2`.
+//! and unstable otherwise. This matrix is the matrix of the equation at g = -1. For g towards minus infinity the
+//! equation's matrix is positive definite. If it is not positive definite at g = -1, there is a real root g at or
+//! below -1. More stiffness or damping again only needs shorter steps. Nothing acts back on the amplifier, so the
+//! amplifier only needs `h pole < 2`.
 //!
-//! Source: Tisseur, Meerbergen, "The quadratic eigenvalue problem", SIAM Review 43(2), 2001, section 3 (the numbers of a
-//! motion); the rest is derived above.
+//! Source: Tisseur, Meerbergen, "The quadratic eigenvalue problem", SIAM Review 43(2), 2001, section 3 (the numbers
+//! m, d, k of a motion). The rest is derived above.
 
 use nalgebra::SMatrix;
 
 /// A symmetric matrix over the bodies of a plant.
 pub type Bodies = SMatrix<f64, 3, 3>;
 
-/// What an integrator has to follow.
+/// Properties of the plant that limit an integrator's step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepDemand {
-    /// `M^-1/2 K M^-1/2` where the elements are steepest, 1/s^2; rows of bodies that are not there are 0.
+    /// `M^-1/2 K M^-1/2` at the steepest slope of the elements, 1/s^2. Rows of absent bodies are 0.
     stiffness: Bodies,
-    /// The same of the damping, 1/s.
+    /// `M^-1/2 D M^-1/2` at the steepest slope of the elements, 1/s. Rows of absent bodies are 0.
     damping: Bodies,
-    /// The amplifier's pole, 1/s; 0 without one.
+    /// The amplifier's pole, 1/s; 0 without an amplifier.
     pole_per_s: f64,
 }
 
@@ -43,25 +44,25 @@ fn largest(matrix: Bodies) -> f64 {
 }
 
 impl StepDemand {
-    /// That of a plant with `M^-1/2 K M^-1/2` and `M^-1/2 D M^-1/2` where its elements are steepest, 1/s^2 and 1/s, and
-    /// an amplifier's pole, 1/s (0: none).
+    /// Demand of a plant with these `M^-1/2 K M^-1/2`, 1/s^2, and `M^-1/2 D M^-1/2`, 1/s, at the steepest slope of
+    /// its elements, and with this pole of an amplifier, 1/s (0: no amplifier).
     pub fn new(stiffness: Bodies, damping: Bodies, pole_per_s: f64) -> Self {
         Self { stiffness, damping, pole_per_s }
     }
 
-    /// No motion of the plant is faster, 1/s.
+    /// Upper bound of the rates of all motions, 1/s.
     pub fn fastest_per_s(&self) -> f64 {
         let stiffness = largest(self.stiffness).max(0.0).sqrt();
         largest(self.damping).max(stiffness).max(self.pole_per_s)
     }
 
-    /// Steps of length h, in s, of semi-implicit Euler are stable.
+    /// Whether semi-implicit Euler is stable with steps of `h` seconds.
     pub fn bears_euler(&self, h: f64) -> bool {
         self.pole_per_s * h < 2.0
             && largest(self.damping * (2.0 * h) + self.stiffness * (h * h)) < 4.0
     }
 
-    /// Fewest steps in `sample_s` with which semi-implicit Euler is stable.
+    /// Smallest number of steps in `sample_s` with which semi-implicit Euler is stable.
     pub fn euler_steps(&self, sample_s: f64) -> f64 {
         let bears = |steps: f64| self.bears_euler(sample_s / steps);
         let mut enough = 1.0;

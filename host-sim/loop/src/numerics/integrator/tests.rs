@@ -1,4 +1,4 @@
-//! Each method shows its order on the linear plant, against the exact step.
+//! Each method has its order on the linear plant, compared with the exact step.
 
 use super::*;
 use crate::{
@@ -25,14 +25,14 @@ const RK4: Integrator = Integrator::Rk4 { steps_per_sample: 1 };
 const DORMAND_PRINCE: Integrator =
     Integrator::DormandPrince { relative_tolerance: 1e-9, absolute_tolerance_m: 1e-12 };
 
-/// Exponent of the step length in the error after `time_s`.
+/// Order of the error in the step length, after `time_s`.
 fn order<const N: usize>(chain: &Chain, method: Integrator, time_s: f64, steps: u32) -> f64 {
     let (a, b) = chain.system::<N>();
     let field = Linear(a, b * 3.0);
     let start: [f64; N] = core::array::from_fn(|i| [0.02, -0.1, 0.015, 0.2, 0.03, 0.05, 1.0][i]);
     let (phi, gamma) = discretise(&a, &(b * 3.0), time_s);
     let exact = phi * SVector::from(start) + gamma;
-    // Speeds over time count as positions.
+    // The error of a speed is multiplied by the time, and so becomes a length.
     let error = |steps: u32| {
         let h = time_s / f64::from(steps);
         let mut z = start;
@@ -92,7 +92,7 @@ fn the_estimated_error_is_that_of_the_fourth_order() {
     let field = Linear(a * 40.0, b * 3.0);
     let error = |h: f64| dormand_prince::step(&field, &[0.02, 0.3], h).1[1].abs();
     let order = (error(2e-4) / error(1e-4)).log2();
-    assert!((order - 5.0).abs() < 0.1, "{order}"); // of one step: one more than of a run
+    assert!((order - 5.0).abs() < 0.1, "{order}"); // order of a single step: one more than the order of a run
 }
 
 #[test]
@@ -110,7 +110,7 @@ fn the_stable_half_disk_lies_inside_the_region_of_rk4() {
     }
 }
 
-/// A device that is slow itself, with an amplifier: what `check` has to allow for is the pole.
+/// A slow device with a fast amplifier. The amplifier's pole alone limits the step.
 fn demand(pole_per_s: f64) -> StepDemand {
     let amplifier = Some(Amplifier { bandwidth_hz: pole_per_s / core::f64::consts::TAU });
     let plain = NamedScene::load("paper-1um").unwrap().scene.chain();
@@ -139,8 +139,8 @@ fn refuses_what_would_blow_up() {
 
 const SAMPLE_S: f64 = 1e-4;
 
-/// Three bodies and an amplifier, anything between 1 g, 1 N/m, 1 N s/m and 100 kg, 1e9 N/m, 1e6 N s/m; and the spring
-/// and damper of its stops.
+/// Three bodies and an amplifier, with any values from 1 g, 1 N/m, 1 N s/m to 100 kg, 1e9 N/m, 1e6 N s/m. The pair
+/// has the spring and damper of the stops.
 fn any_chain() -> impl Strategy<Value = (Chain, (f64, f64))> {
     let log = |low: f64, high: f64| (low..high).prop_map(|x| 10f64.powf(x));
     let body = move || (log(-3.0, 2.0), log(0.0, 9.0), log(0.0, 6.0));
@@ -173,7 +173,7 @@ fn any_chain() -> impl Strategy<Value = (Chain, (f64, f64))> {
     )
 }
 
-/// The chain free, on a stop, and stuck.
+/// Matrices of the chain when it is free, on a stop, and stuck.
 fn regimes(chain: &Chain, stop: (f64, f64)) -> [SMatrix<f64, 7, 7>; 3] {
     let (free, _) = chain.system::<7>();
     let mut pushed = *chain;
@@ -198,7 +198,7 @@ fn on_springs(stop: (f64, f64)) -> Nonlinear {
     }
 }
 
-/// Spectral radius, from the growth of the powers 2, 4, .. 2^50: an iteration for eigenvalues need not end.
+/// Spectral radius from the growth of the powers 2, 4, .. 2^50. An iteration for eigenvalues may not converge.
 fn radius(mut matrix: SMatrix<f64, 7, 7>) -> f64 {
     let (mut log, mut share) = (0.0, 1.0);
     for _ in 0..50 {
@@ -227,7 +227,7 @@ proptest! {
     fn semi_implicit_euler_is_stable_from_the_least_number_of_steps_on((chain, stop) in any_chain()) {
         let demand = chain.step_demand(&on_springs(stop));
         let least = demand.euler_steps(SAMPLE_S);
-        // What one step makes of each state, by the very code that steps.
+        // Matrix of one step, from the code under test: one column for each state.
         let step = |regime: &SMatrix<f64, 7, 7>, steps: f64| {
             let field = Linear(*regime, SVector::zeros());
             SMatrix::<f64, 7, 7>::from_fn(|row, column| {

@@ -9,25 +9,26 @@ use crate::{
     },
 };
 
-/// The exact step of N states over one sample: positions from rest and speeds of the bodies, the handle first, and the
-/// amplifier's force if N is odd.
+/// The exact step of N states over one sample. The states are each body's position from rest and speed, the handle
+/// first. If N is odd, the last state is the amplifier's force.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExactStep<const N: usize> {
     pub(crate) phi: [[f64; N]; N],
-    /// Effect of a force that acts over the whole sample, until the split, and from it on.
+    /// Effect of a force over the whole sample (`gamma`), until the split (`before`), and from the split on
+    /// (`after`).
     pub(crate) gamma: [f64; N],
     pub(crate) before: [f64; N],
     pub(crate) after: [f64; N],
-    /// What a hand's constant force adds in a sample.
+    /// Change of the state in a sample by a hand's constant force.
     pub(crate) hand: [f64; N],
-    /// Where the bodies rest, m.
+    /// Rest positions of the bodies, m.
     pub(crate) rest_m: [f64; 3],
 }
 
 /// The exact step of a device alone.
 pub type PlantStep = ExactStep<2>;
 
-/// The state of bodies that all stand still at `position_m`, without a force.
+/// State of bodies at rest at `position_m`, without a force.
 pub(super) fn still<const N: usize>(rest_m: &[f64; 3], position_m: f64) -> [f64; N] {
     let mut state = [0.0; N];
     for (body, rest) in rest_m.iter().take(N / 2).enumerate() {
@@ -37,7 +38,7 @@ pub(super) fn still<const N: usize>(rest_m: &[f64; 3], position_m: f64) -> [f64;
 }
 
 impl ExactStep<2> {
-    /// The step over `sample_s`, split at `fraction` (0 to below 1) of it.
+    /// The step over `sample_s`, split at `fraction` (0 to below 1) of the sample.
     pub fn new(device: &Device, sample_s: f64, fraction: f64) -> Self {
         let stiffness = device.stiffness_n_per_m / device.mass_kg;
         let damping = device.damping_n_s_per_m / device.mass_kg;
@@ -58,11 +59,11 @@ impl ExactStep<2> {
 }
 
 impl<const N: usize> ExactStep<N> {
-    /// The step over `sample_s`, split at `fraction` (0 to below 1) of it. N must be the chain's
-    /// number of states.
+    /// The step over `sample_s`, split at `fraction` (0 to below 1) of the sample. N must be the chain's number of
+    /// states.
     ///
     /// # Panics
-    /// On another N.
+    /// If N is another number.
     pub fn of_chain(chain: &Chain, sample_s: f64, fraction: f64) -> Self {
         let (a, b) = chain.system::<N>();
         let (phi, whole) = discretise(&a, &b, sample_s);
@@ -82,7 +83,7 @@ impl<const N: usize> ExactStep<N> {
         }
     }
 
-    /// The same with more states, which stay 0 and add exactly nothing to the others.
+    /// The same step with more states. Added states stay 0 and do not change any bit of the others.
     pub(crate) fn padded<const M: usize>(&self) -> ExactStep<M> {
         fn longer<T: Copy, const N: usize, const M: usize>(short: [T; N], rest: T) -> [T; M] {
             core::array::from_fn(|place| short.get(place).copied().unwrap_or(rest))
@@ -104,7 +105,7 @@ impl<const N: usize> ExactStep<N> {
         for (next, row) in next.iter_mut().zip(&self.phi) {
             for (term, (entry, value)) in row.iter().zip(state).enumerate() {
                 let product = entry * value;
-                let first = N == 2 && term == 0; // 0 is added with more states only
+                let first = N == 2 && term == 0; // only with more states is 0 added first
                 *next = if first { product } else { *next + product };
             }
         }

@@ -1,4 +1,4 @@
-//! The augmented step against 50-digit values, in the energy norm.
+//! The exact step with linear elements, compared with 50-digit values in the energy norm.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -10,9 +10,9 @@ use crate::{
 
 const STEPS: &str = include_str!("../../../../../tests/golden/augmented_step.csv");
 const TRAJECTORIES: &str = include_str!("../../../../../tests/golden/augmented_trajectory.csv");
-/// Of max(1, |A| T), in the energy norm: what the issue asks.
+/// Largest error of a step in the energy norm, relative to max(1, |A| T).
 const STEP_ERROR_MAX: f64 = 1e-12;
-/// After 6 s: what the issue asks.
+/// Largest relative error after 6 s.
 const TRAJECTORY_ERROR_MAX: f64 = 1e-9;
 const START_M: f64 = 0.06;
 
@@ -51,8 +51,8 @@ fn parse(line: &str) -> (Chain, f64, Vec<Vec<f64>>) {
     (chain, value(12), lists.collect())
 }
 
-/// R with |R z|^2 twice the energy of z. Positions count at least as the speeds that they would be within `dt`,
-/// so that a chain without springs has a norm too; the amplifier's force as the speed that it gives within `dt`.
+/// Matrix R with |R z|^2 = twice the energy of z. A position counts at least as the speed `position / dt`, so that a
+/// chain without springs has a norm too. The amplifier's force counts as the speed that it causes within `dt`.
 fn energy_root(chain: &Chain, dt: f64) -> DMatrix<f64> {
     let a = chain.matrix();
     let states = a.nrows();
@@ -78,7 +78,7 @@ fn energy_root(chain: &Chain, dt: f64) -> DMatrix<f64> {
     energy.cholesky().expect("positive definite").l().transpose()
 }
 
-/// Largest error of a step in the energy norm, and |A| T there.
+/// Largest error of a step in the energy norm, and |A| T in this norm.
 fn error<const N: usize>(chain: &Chain, dt: f64, golden: &[Vec<f64>]) -> (f64, f64) {
     let step = ExactStep::<N>::of_chain(chain, dt, 0.0);
     let root = energy_root(chain, dt);
@@ -86,7 +86,7 @@ fn error<const N: usize>(chain: &Chain, dt: f64, golden: &[Vec<f64>]) -> (f64, f
     let phi = DMatrix::from_fn(N, N, |r, c| step.phi[r][c] - golden[0][r * N + c]);
     let gamma = DVector::from_fn(N, |r, _| step.gamma[r] - golden[1][r]);
     let norm = |matrix: DMatrix<f64>| matrix.singular_values().max();
-    // Against the speed that a newton gives within dt.
+    // Relative to the speed that a force of 1 N causes within dt.
     let newton = dt / chain.device.mass_kg.sqrt();
     let size = norm(&root * chain.matrix() * &back) * dt;
     (norm(&root * phi * &back).max((root * gamma).norm() / newton), size)
@@ -116,7 +116,7 @@ fn one_step_matches_fifty_digits() {
     figure("sim_loop/augmented/step_of_size", format!("{worst_of_size:.1e}"));
 }
 
-/// Largest error of a state after 6 s, as a share of the largest that this state was on the way.
+/// Largest error of a state after 6 s, relative to the largest value of this state during the run.
 fn trajectory<P: Plant>(plant: &P, golden: &[f64]) -> f64 {
     let mut state = plant.at_rest(START_M);
     let mut largest = vec![0f64; golden.len()];
@@ -169,7 +169,7 @@ fn a_split_step_is_two_steps() {
             once = split.advance_split(&once, before, after);
             twice = late.advance(&early.advance(&twice, before), after);
             let error = DVector::from_fn(7, |i, _| once[i] - twice[i]);
-            // A thousand roundings of a state whose norm is some 10.
+            // About a thousand roundings of a state whose norm is about 10.
             assert!((&root * error).norm() < 1e-11);
         }
     }

@@ -1,12 +1,13 @@
 //! A plant that is integrated step by step: the linear chain with friction, cogging and travel limits.
 //!
-//! Between the instants at which it changes its equation the plant is smooth. Its [`Regime`] says
-//! which equation holds; guards say how long it may. Where a step would violate some, the instant of the first is
-//! located on the step itself (its length is shortened until the guard is zero to the last digits), the
-//! state is put exactly on the boundary, and the next step starts in the new regime. So each
-//! method keeps its order, a device that sticks has speed 0 and does not creep, and a rigid stop is
-//! not passed. Two violations of the same guard within one step cancel and are not seen: a step must be
-//! short against the motion, which the error control sees to where there is one.
+//! The plant is smooth between the instants at which its equation changes. Its [`Regime`] selects the equation;
+//! guards limit the regime's duration. If a step violates guards, the first instant is located: the step is shortened
+//! until the guard is zero to the last digits. Then the state is put exactly on the boundary, and the next step
+//! starts in the new regime.
+//!
+//! So each method keeps its order. A device that sticks has speed 0 and does not creep, and it does not pass a rigid
+//! stop. Two violations of the same guard within one step cancel and are not detected. So a step must be short
+//! compared with the motion; a method with error control ensures it.
 //!
 //! Source: Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 2nd ed., II.6 (discontinuities).
 
@@ -23,12 +24,12 @@ use crate::{
     scene::element::{Chain, Cogging, Friction, Nonlinear, Travel},
 };
 
-/// Changes of regime in one piece of a sample after which the plant no longer looks for their instants: it only
-/// stops where it would go through rest or an end. Ends the infinitely many bounces of a rigid stop.
+/// Largest number of located regime changes in one piece of a sample. After them the plant only stops where it would
+/// pass rest or an end. This ends the infinitely many bounces of a rigid stop.
 const EVENTS_MAX: u32 = 200;
-/// Shortest adaptive step, as a share of the sample.
+/// Shortest adaptive step, relative to the sample.
 const SHORTEST: f64 = 1e-6;
-/// Time that is too short to matter, as a share of the sample.
+/// Negligible time, relative to the sample.
 const NO_TIME: f64 = 1e-13;
 
 /// The plant of N linear states with its non-linear elements and its integrator.
@@ -36,7 +37,7 @@ const NO_TIME: f64 = 1e-13;
 pub struct IntegratedStep<const N: usize> {
     a: [[f64; N]; N],
     b: [f64; N],
-    /// Acceleration that the hand's constant force gives.
+    /// Acceleration by the hand's constant force.
     hand: [f64; N],
     mass_kg: f64,
     rest_m: [f64; 3],
@@ -45,15 +46,15 @@ pub struct IntegratedStep<const N: usize> {
     travel: Option<Travel>,
     integrator: Integrator,
     sample_s: f64,
-    /// Where in the sample a command takes effect, s.
+    /// Time in the sample at which a command takes effect, s.
     split_s: f64,
-    /// Lengths of the steps of a whole sample in which no regime ends; none where the error controls them.
+    /// Lengths of the steps of a whole sample without regime changes. Empty with error control.
     even: Arc<[f64]>,
     /// Absolute tolerance of each state.
     tolerances: [f64; N],
 }
 
-/// States of the chain, the regime, the length of the next adaptive step, and how many steps were tried.
+/// States of the chain, the regime, the length of the next adaptive step, and the number of tried steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HybridState<const N: usize> {
     z: [f64; N],
@@ -62,10 +63,10 @@ pub struct HybridState<const N: usize> {
     steps: u64,
 }
 
-/// The plant without non-linear elements under one force.
+/// The linear plant under one force.
 struct Linear<'a, const N: usize> {
     a: &'a [[f64; N]; N],
-    /// What does not depend on the state.
+    /// The part of the rates that does not depend on the state.
     constant: [f64; N],
 }
 
@@ -82,7 +83,7 @@ impl<const N: usize> Field<N> for Linear<'_, N> {
     }
 }
 
-/// The plant in one regime under one force: smooth.
+/// The plant in one regime under one force. Its field is smooth.
 struct Smooth<'a, const N: usize> {
     plant: &'a IntegratedStep<N>,
     regime: Regime,
@@ -111,11 +112,11 @@ impl<const N: usize> Field<N> for Smooth<'_, N> {
 }
 
 impl<const N: usize> IntegratedStep<N> {
-    /// The plant, sampled every `sample_s`, with a command taking effect at `fraction` (0 to below 1) of
-    /// it. N must be the chain's number of states.
+    /// The plant, sampled every `sample_s`. A command takes effect at `fraction` (0 to below 1) of the sample. N must
+    /// be the chain's number of states.
     ///
     /// # Panics
-    /// On another N.
+    /// If N is another number.
     pub fn new(
         chain: &Chain,
         nonlinear: &Nonlinear,
@@ -155,14 +156,14 @@ impl<const N: usize> IntegratedStep<N> {
         }
     }
 
-    /// Its linear part under that force.
+    /// The linear part of the plant under this force.
     #[inline]
     fn linear(&self, force_n: f64) -> Linear<'_, N> {
         let constant = core::array::from_fn(|row| self.b[row] * force_n + self.hand[row]);
         Linear { a: &self.a, constant }
     }
 
-    /// There is nothing beside it.
+    /// Whether the plant has no non-linear element.
     fn is_linear(&self) -> bool {
         self.friction.is_none() && self.cogging.is_none() && self.travel.is_none()
     }
@@ -172,7 +173,7 @@ impl<const N: usize> IntegratedStep<N> {
         z[0] + self.rest_m[0]
     }
 
-    /// Cogging and stops, N.
+    /// Force of cogging and stops, N.
     #[inline]
     fn position_force_n(&self, z: &[f64; N], stop: Stop) -> f64 {
         let position_m = self.absolute_m(z);
@@ -183,7 +184,7 @@ impl<const N: usize> IntegratedStep<N> {
         force_n
     }
 
-    /// One step of at most `left_s`, or of that length: its length and where it ends.
+    /// One step of at most `left_s`, or of the given length. Returns its length and its end state.
     #[inline(always)]
     fn trial(
         &self,
@@ -223,7 +224,7 @@ impl<const N: usize> IntegratedStep<N> {
             }
             let wanted = h * dormand_prince::change(worst);
             if worst <= 1.0 || h <= shortest {
-                // A step cut short by the end of its piece says little about the next one.
+                // A step that the end of its piece cuts short says little about the length of the next step.
                 state.step_s = wanted.max(if h < state.step_s { state.step_s } else { 0.0 });
                 state.step_s = state.step_s.clamp(shortest, self.sample_s);
                 return (h, next);
@@ -232,8 +233,8 @@ impl<const N: usize> IntegratedStep<N> {
         }
     }
 
-    /// Shortens a step that violates guards to the first instant at which one of them is zero: length, end, what
-    /// happens there; `None` if it violates none.
+    /// Shortens a step that violates guards to the first instant at which a guard is zero. Returns length, end state
+    /// and event, or `None` if no guard is violated.
     fn first_event(
         &self,
         field: &Smooth<'_, N>,
@@ -258,7 +259,7 @@ impl<const N: usize> IntegratedStep<N> {
         first
     }
 
-    /// Shortens a step until that guard is zero: length and end.
+    /// Shortens a step until the given guard is zero. Returns length and end state.
     fn locate(
         &self,
         field: &Smooth<'_, N>,
@@ -274,7 +275,8 @@ impl<const N: usize> IntegratedStep<N> {
             (value_of(&end), end)
         };
         let (mut high, mut at_high) = (step_s, (value, end));
-        // A regime that has just begun may have its own guard at zero: look for where it holds.
+        // In a new regime the guard may start at zero: search for a point inside the step where the guard is
+        // positive.
         let (mut low, mut value_low) = (0.0, value_of(z));
         let mut inside = step_s;
         while value_low <= 0.0 && inside > step_s * 1e-6 {
@@ -300,7 +302,7 @@ impl<const N: usize> IntegratedStep<N> {
             let here = guard(middle);
             if here.0 < 0.0 {
                 (high, at_high, value_high) = (middle, here, here.0);
-                value_low *= 0.5; // Illinois: the end that stays must not hold the secant up
+                value_low *= 0.5; // Illinois method: halve the value at the end that stays
             } else {
                 (low, value_low) = (middle, here.0);
                 value_high *= 0.5;
@@ -313,14 +315,14 @@ impl<const N: usize> IntegratedStep<N> {
         (high, at_high.1)
     }
 
-    /// Lengths of the steps of a piece, as far as they are known before.
+    /// Lengths of the steps of a piece, if they are known in advance.
     #[inline]
     fn lengths_s(&self, duration_s: f64) -> impl Iterator<Item = f64> {
         let whole = if duration_s == self.sample_s { &self.even[..] } else { &[] };
         whole.iter().copied()
     }
 
-    /// [`piece`](Self::piece) of a linear plant: there are no regimes.
+    /// [`piece`](Self::piece) of a linear plant, which has no regimes.
     #[inline]
     fn linear_piece(&self, state: &mut HybridState<N>, force_n: f64, duration_s: f64) {
         let field = self.linear(force_n);
@@ -382,10 +384,11 @@ impl<const N: usize> IntegratedStep<N> {
         state
     }
 
-    /// Forces and how long each acts, in a sample in which a command takes effect.
+    /// Forces, and the duration of each, in a sample in which a command takes effect.
     ///
-    /// Semi-implicit Euler bears no steps that take turns in length: they can feed a motion that each of them by itself
-    /// bears. So its steps stay as they are, and the one that holds the split gets both forces' momentum as a mean.
+    /// Semi-implicit Euler can be unstable with alternating step lengths, even if it is stable with each length
+    /// alone. So the lengths of its steps do not change. The step that contains the split gets the mean of both
+    /// forces.
     fn split(&self, before_n: f64, after_n: f64) -> [(f64, f64); 3] {
         let (split_s, late_s) = (self.split_s, self.sample_s - self.split_s);
         let Integrator::SemiImplicitEuler { steps_per_sample } = self.integrator else {
@@ -402,13 +405,13 @@ impl<const N: usize> IntegratedStep<N> {
     }
 }
 
-/// Length of the next of so many even steps a sample, where that much is left of a piece.
+/// Length of the next of `steps_per_sample` equal steps, with `left_s` left of a piece.
 fn even_step(steps_per_sample: u32, sample_s: f64, left_s: f64) -> f64 {
     let steps = left_s * f64::from(steps_per_sample) / sample_s;
     left_s / libm::ceil(steps - 1e-9).max(1.0)
 }
 
-/// Lengths of all of a sample: worked out once, because a division takes longer than a step.
+/// Lengths of all steps of a sample. They are computed once, because a division takes longer than a step.
 fn even_steps(integrator: &Integrator, sample_s: f64) -> Arc<[f64]> {
     let (Integrator::SemiImplicitEuler { steps_per_sample } | Integrator::Rk4 { steps_per_sample }) =
         *integrator

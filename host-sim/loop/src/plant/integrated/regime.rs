@@ -1,4 +1,4 @@
-//! Which equation of a plant holds, for how long, and which one follows.
+//! Selects the plant's equation, its duration, and the next equation.
 
 use super::{HybridState, IntegratedStep};
 use crate::{
@@ -6,17 +6,17 @@ use crate::{
     scene::element::{End, REST_SPEED_M_PER_S, Travel},
 };
 
-/// Motion and stop: they say which equation holds.
+/// Motion and stop. Together they select the equation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Regime {
     pub(super) motion: Motion,
     pub(super) stop: Stop,
 }
 
-/// How the device moves.
+/// Motion of the device.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) enum Motion {
-    /// Free to move; with friction, in this direction.
+    /// Free to move. Friction acts against this direction.
     #[default]
     Up,
     Down,
@@ -24,19 +24,19 @@ pub(super) enum Motion {
     Held,
 }
 
-/// What the stops do.
+/// State of the stops.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) enum Stop {
-    /// Not beyond an end.
+    /// The device is not beyond an end.
     #[default]
     Clear,
     /// The stop's spring and damper push.
     Pushing(End),
-    /// Beyond the end, moving back faster than the stop follows.
+    /// The device is beyond the end, and moves back faster than the stop follows.
     Parting(End),
 }
 
-/// What ends a regime.
+/// Event that ends a regime.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Event {
     Rest,
@@ -47,24 +47,24 @@ pub(super) enum Event {
     MeetsAgain(End),
 }
 
-/// Most guards that a regime has.
+/// Largest number of guards of a regime.
 pub(super) const GUARDS: usize = 3;
 
 impl<const N: usize> IntegratedStep<N> {
-    /// All forces on the device but friction and rigid stops, N.
+    /// Sum of all forces on the device, except friction and rigid stops, N.
     fn pull_n(&self, state: &HybridState<N>, force_n: f64) -> f64 {
         let smooth = self.linear(force_n).rate(&state.z)[1] * self.mass_kg;
         smooth + self.position_force_n(&state.z, state.regime.stop)
     }
 
-    /// The rigid stop that the device is on.
+    /// The rigid stop that the device touches.
     fn rigid_stop(&self, z: &[f64; N]) -> Option<End> {
         let travel = self.travel.filter(|travel| matches!(travel, Travel::Rigid { .. }))?;
         let position_m = self.absolute_m(z);
         [End::Low, End::High].into_iter().find(|end| travel.depth_m(*end, position_m) >= 0.0)
     }
 
-    /// How far the device at rest is from moving, N: up and down. Infinite into a rigid stop.
+    /// Additional force that would move the device at rest, N: up and down. Infinite towards a rigid stop.
     fn holds_n(&self, state: &HybridState<N>, force_n: f64) -> (f64, f64) {
         let pull_n = self.pull_n(state, force_n);
         let hold_n = self.friction.map_or(0.0, |friction| friction.static_n);
@@ -77,10 +77,10 @@ impl<const N: usize> IntegratedStep<N> {
         (up, down)
     }
 
-    /// Decides on the motion of a device that stands still.
+    /// Sets the motion of a device with speed 0.
     pub(super) fn settle(&self, state: &mut HybridState<N>, force_n: f64) {
         if let Some(end) = self.rigid_stop(&state.z) {
-            // It may have come to rest a rounding of the event's time beyond.
+            // The device may have come to rest beyond the end, by a rounding of the event's time.
             self.put_on(&mut state.z, end);
         }
         let can_hold = self.friction.is_some() || self.rigid_stop(&state.z).is_some();
@@ -94,8 +94,8 @@ impl<const N: usize> IntegratedStep<N> {
         };
     }
 
-    /// The guards of a regime, each negative where it is violated; those that it has not are infinite. Their units
-    /// differ, so they are never compared with one another.
+    /// The guards of a regime. A negative guard is violated; an unused guard is infinite. Guards have different units
+    /// and are never compared with each other.
     pub(super) fn guards(
         &self,
         regime: Regime,
@@ -131,7 +131,7 @@ impl<const N: usize> IntegratedStep<N> {
         guards
     }
 
-    /// Changes the regime at its end.
+    /// Changes to the next regime after an event.
     pub(super) fn transit(&self, state: &mut HybridState<N>, event: Event, force_n: f64) {
         match event {
             Event::Rest => {
@@ -176,7 +176,7 @@ impl<const N: usize> IntegratedStep<N> {
         if let Some(travel) = self.travel {
             let end_m = travel.end_m(end);
             z[0] = end_m - self.rest_m[0];
-            // The difference rounds: a rigid stop is on the end or beyond it, never short of it.
+            // The difference is rounded. A device on a rigid stop must be on the end or beyond it, not before it.
             while travel.depth_m(end, self.absolute_m(z)) < 0.0 {
                 z[0] = if end == End::High { z[0].next_up() } else { z[0].next_down() };
             }

@@ -1,4 +1,4 @@
-//! Friction, stops and cogging against what is known.
+//! Friction, stops and cogging compared with known solutions.
 
 use super::*;
 use crate::{
@@ -46,7 +46,7 @@ fn thrown<const N: usize>(
 
 #[test]
 fn a_thrown_device_stops_in_the_known_distance_and_stays() {
-    // m v^2 / 2 = coulomb distance; semi-implicit Euler moves with the new speed: first order.
+    // m v^2 / 2 = coulomb distance. Semi-implicit Euler moves with the new speed, so its error is of first order.
     for (method, tolerance) in [(EULER, 1e-4), (RK4, 1e-12), (DORMAND_PRINCE, 1e-12)] {
         for speed in [0.2, -0.37, 1e-5] {
             let plant = plant(DEVICE, &with(COULOMB), method);
@@ -78,8 +78,8 @@ fn a_thrown_device_stops_in_the_known_distance_and_stays() {
 
 #[test]
 fn a_spring_pulls_the_device_into_rest_where_friction_says() {
-    // x'' = -w^2 x -+ g: each half swing loses 2 fc / k. From 9.5 fc/k: -7.5, 5.5, -3.5, 1.5, then
-    // 0.5 fc/k on the same side, where it sticks.
+    // x'' = -w^2 x -+ g: each half swing loses 2 fc / k. The turning points from 9.5 fc/k on are -7.5, 5.5, -3.5, 1.5
+    // fc/k. Then the device sticks at 0.5 fc/k on its last side.
     let stiffness_n_per_m = 300.0;
     let device = Device { stiffness_n_per_m, ..DEVICE };
     let unit = COULOMB.coulomb_n / stiffness_n_per_m;
@@ -96,7 +96,7 @@ fn a_spring_pulls_the_device_into_rest_where_friction_says() {
 
 #[test]
 fn stick_slip_breaks_away_at_the_static_force() {
-    // An amplifier's force rises as 1 - exp(-p t): the instant of breakaway is known, and so is the motion after it.
+    // An amplifier's force rises as 1 - exp(-p t). So the instant of breakaway and the motion after it are known.
     let bandwidth_hz = 1.0;
     let chain = Chain { amplifier: Some(Amplifier { bandwidth_hz }), ..Chain::alone(DEVICE) };
     for method in [RK4, DORMAND_PRINCE] {
@@ -111,7 +111,7 @@ fn stick_slip_breaks_away_at_the_static_force() {
         }
         let end_s = f64::from(n) * SAMPLE_S;
         assert!((end_s - SAMPLE_S..end_s).contains(&breaks_s), "{method:?}: {breaks_s} {end_s}");
-        // For so short a time the net force is rate t, and the speed rate t^2 / 2 / m.
+        // In such a short time the net force is rate t, and the speed rate t^2 / 2 / m.
         let rate = pole * (2.0 - STRIBECK.static_n);
         let expected = 0.5 * rate * (end_s - breaks_s).powi(2) / DEVICE.mass_kg;
         assert!(
@@ -156,14 +156,14 @@ fn energy_falls<const N: usize>(chain: &Chain, nonlinear: &Nonlinear, speed: f64
     for n in 0..30_000 {
         state = plant.advance(&state, 0.0);
         let now = energy(chain, nonlinear, &state.z, state.regime);
-        // What the error control allows per sample.
+        // The tolerance is the error that the error control allows per sample.
         assert!(now <= last + 1e-8 * (start - floor), "{nonlinear:?} at {n}: {last} to {now}");
         last = now;
     }
     assert!(last < start);
 }
 
-/// Least energy of cogging, J.
+/// Smallest energy of cogging, J.
 fn energy_floor(nonlinear: &Nonlinear) -> f64 {
     nonlinear.cogging.map_or(0.0, |c| -c.amplitude_n * c.pitch_m / core::f64::consts::TAU)
 }
@@ -227,7 +227,7 @@ fn a_spring_stop_is_no_deeper_than_its_energy_bound() {
             }
         }
     }
-    // What lacks is the deepest point's place between two samples.
+    // The rest is missing because the deepest point lies between two samples.
     assert!(least > 0.9999, "{least}");
     figure("sim_loop/stop/least", format!("{least:.6}"));
     figure("sim_loop/stop/most", format!("{most:.6}"));
@@ -244,7 +244,8 @@ fn a_rigid_stop_is_not_passed_and_gives_back_its_share() {
             assert!(plant.position_m(&state) <= 0.08f64.next_up());
         }
         assert!((state.z[1] + 0.6).abs() < 1e-12, "{method:?}: {}", state.z[1]);
-        // Pressed on, it bounces ever lower and comes to rest on the stop after v (1 + e) / (1 - e) m / F.
+        // A force presses the device on the stop: each bounce is lower, and the device rests after v (1 + e) / (1 -
+        // e) m / F.
         let mut state = thrown(&plant, 0.08, -0.3);
         let rests_s = 0.3 * 2.0 / (1.0 - 0.6) * DEVICE.mass_kg / 2.0;
         let mut rested = 0;
@@ -267,7 +268,7 @@ fn a_rigid_stop_is_not_passed_and_gives_back_its_share() {
 
 #[test]
 fn each_method_keeps_its_order_through_rest_and_stops() {
-    // The same run at halved steps: through sticking, breakaway, stops with damping.
+    // The same run with half the step length, through sticking, breakaway and damped stops.
     let device = Device { damping_n_s_per_m: 0.5, stiffness_n_per_m: 400.0, ..DEVICE };
     let friction = Some(Friction { stribeck_speed_m_per_s: 0.05, ..STRIBECK });
     let nonlinear = Nonlinear { friction, travel: Some(SPRING_STOPS), cogging: None };

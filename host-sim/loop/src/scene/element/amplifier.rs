@@ -3,10 +3,10 @@
 //! ```text
 //! F' = 2 pi f (command - F),   F(0) = 0
 //! ```
-//! Part of the exact step, whatever its bandwidth.
+//! The amplifier is part of the exact step at any bandwidth.
 //!
-//! A standard model: a current loop with a PI controller that cancels the winding's pole has one pole, at its
-//! bandwidth. As a part of haptic stability: Diolaiti, Niemeyer, Barbagli, Salisbury, IEEE T-RO 22(2), 2006.
+//! The model is standard: a current loop with a PI controller that cancels the winding's pole has one pole, at its
+//! bandwidth. In haptic stability: Diolaiti, Niemeyer, Barbagli, Salisbury, IEEE T-RO 22(2), 2006.
 
 use core::f64::consts::TAU;
 

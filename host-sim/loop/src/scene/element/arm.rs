@@ -1,14 +1,15 @@
-//! Human arm: a mass on its own spring and damper, holding the handle through the grip's.
+//! Human arm: a mass on its own spring and damper. It holds the handle through the spring and damper of the grip.
 //!
 //! With positions x (handle: the device, or the mass of [`super::Mode`] if there is one) and a (arm):
 //! ```text
-//! m a'' = -k (a - rest) - b a' - k_grip (a - x) - b_grip (a' - x')       and the grip's opposite force on the handle
+//! m a'' = -k (a - rest) - b a' - k_grip (a - x) - b_grip (a' - x')     and the opposite force of the grip on the
+//! handle
 //! ```
-//! The arm starts at rest where the handle starts, with the grip relaxed. Its own spring draws it to `rest_position_m`:
-//! a posture, chosen by the person. The person does not react: impedance is constant over a hit. Part of the exact
-//! step.
+//! The arm starts at rest at the handle's start position, with the grip relaxed. Its own spring pulls it to
+//! `rest_position_m`, the posture of the person. The person does not react: the impedance is constant over a hit. The
+//! arm is part of the exact step.
 //!
-//! A standard model of an arm: a passive impedance of second order, behind the compliance of the grip.
+//! The model is standard: a passive impedance of second order, behind the compliance of the grip.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -51,8 +52,9 @@ impl Arm {
         Ok(())
     }
 
-    /// Arms for studies of scenes that name none. Models of the order of published ones, not measured by us: a heavy
-    /// arm behind a soft grip and a light one behind a firm grip. They rest where the handle starts.
+    /// Arms for studies of scenes without arms. Their values have the size of published ones, but were not measured
+    /// by us: a heavy arm with a soft grip, and a light arm with a firm grip. Each rests at the handle's start
+    /// position.
     pub const BUILT_IN: &[(&str, Self)] =
         &[("heavy", Self::model(1.1, 900.0, 15.0)), ("light", Self::model(0.5, 3000.0, 25.0))];
 

@@ -1,13 +1,13 @@
-//! The device with its linear elements as one system `z' = A z + b u`, u the commanded force.
+//! The device with its linear elements as one system `z' = A z + b u`. u is the commanded force.
 //!
-//! The bodies stand in a row: device, [`Mode`], [`Arm`]. Each hangs on the one before it; the first and
-//! the last also on the ground. The state is position and speed of each body, then the amplifier's
-//! force if there is one:
+//! The bodies are in a row: device, [`Mode`], [`Arm`]. Each body is coupled to the body before it. The first and the
+//! last body are also coupled to the ground. The state is position and speed of each body, then the amplifier's force
+//! if there is an amplifier:
 //! ```text
 //! z = (x0, v0, x1, v1, .., F)
 //! ```
-//! Positions are taken from where the bodies rest without a force, so that the system has no
-//! constant term. An odd number of states means an amplifier.
+//! Positions are relative to the bodies' rest positions without a force, so the system has no constant term. With an
+//! amplifier the number of states is odd.
 
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
@@ -20,13 +20,13 @@ use crate::{
     scene::Device,
 };
 
-/// Most states that a chain has: three bodies and an amplifier.
+/// Largest number of states of a chain: three bodies and an amplifier.
 pub const STATES_MAX: usize = 7;
 
-/// Added to any number it changes no bit of it; 0 would change -0.
+/// Adding it changes no bit of any number; adding 0 would change -0.
 pub const NOTHING: f64 = -0.0;
 
-/// Calls a generic function of a number of states, 2 to [`STATES_MAX`], that is known only here.
+/// Calls a generic function with a number of states, 2 to [`STATES_MAX`], that is known only at run time.
 macro_rules! of_states {
     ($states:expr, $n:ident => $body:expr) => {
         of_states!($states, $n => $body, [2, 3, 4, 5, 6])
@@ -49,11 +49,11 @@ pub(crate) use of_states;
 /// A device and the linear elements on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chain {
-    /// Where motor and encoder are.
+    /// The body with motor and encoder.
     pub device: Device,
     /// A second mass behind the transmission.
     pub mode: Option<Mode>,
-    /// A person on the handle.
+    /// A person's arm on the handle.
     pub arm: Option<Arm>,
     pub amplifier: Option<Amplifier>,
     /// Constant force of a hand on the last body of the row, N.
@@ -62,7 +62,7 @@ pub struct Chain {
     pub offset_n: f64,
 }
 
-/// One body: its mass, what holds it to the ground, what holds it to the body before it.
+/// One body: mass, coupling to the ground, coupling to the body before it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Body {
     mass_kg: f64,
@@ -106,10 +106,10 @@ impl Chain {
         (bodies, count)
     }
 
-    /// A and b; N must be [`states`](Self::states).
+    /// A and b. N must be [`states`](Self::states).
     ///
     /// # Panics
-    /// On another N.
+    /// If N is another number.
     pub fn system<const N: usize>(&self) -> (SMatrix<f64, N, N>, SVector<f64, N>) {
         assert_eq!(N, self.states(), "states of the chain");
         let (mut a, mut b) = (SMatrix::<f64, N, N>::zeros(), SVector::<f64, N>::zeros());
@@ -117,7 +117,7 @@ impl Chain {
         for (i, body) in bodies[..count].iter().enumerate() {
             let (x, v) = (2 * i, 2 * i + 1);
             a[(x, v)] = 1.0;
-            // Stiffness and damping on this body from the ground and from both neighbours.
+            // Stiffness and damping between this body and the ground, and between this body and both neighbours.
             let next = if i + 1 < count { bodies[i + 1].joint } else { [0.0; 2] };
             for (part, column) in [(0, x), (1, v)] {
                 let own = body.ground[part] + body.joint[part] + next[part];
@@ -143,8 +143,8 @@ impl Chain {
         (a, b)
     }
 
-    /// Acceleration of the last body under the hand's force and of the device under its offset, by state, -0 elsewhere
-    /// and without: what is added to a sum then leaves all of its bits alone.
+    /// Acceleration of the last body by the hand's force and of the device by its offset, by state. All other values
+    /// are -0, so adding them to a sum changes no bit of it.
     pub fn hand(&self) -> [f64; STATES_MAX] {
         let mut rates = [NOTHING; STATES_MAX];
         if self.hand_n != 0.0 {
@@ -157,7 +157,7 @@ impl Chain {
         rates
     }
 
-    /// What these constant forces add to the state over `dt`, by state; -0 without.
+    /// Change of the state over `dt` by these constant forces, by state; -0 without forces.
     pub fn hand_moves(&self, dt: f64) -> [f64; STATES_MAX] {
         if self.hand_n == 0.0 && self.offset_n == 0.0 {
             return [NOTHING; STATES_MAX];
@@ -175,16 +175,16 @@ impl Chain {
         })
     }
 
-    /// Where each body rests without a force, m; unused places repeat the device's.
+    /// Rest position of each body without a force, m. Unused places repeat the device's position.
     ///
-    /// The springs stand in a row from the device's rest position to the arm's; all carry the same force.
-    /// Springs of stiffness 0 part the row: what is behind the last of them rests at the arm's end, the others at the
-    /// device's.
+    /// The springs are in a row from the device's rest position to the arm's. All springs carry the same force.
+    /// Springs of stiffness 0 divide the row: bodies behind the last of them rest at the arm's end, the other bodies
+    /// at the device's end.
     pub fn rest_m(&self) -> [f64; 3] {
         let origin = self.device.rest_position_m;
         let (bodies, count) = self.bodies();
         let Some(arm) = self.arm else { return [origin; 3] };
-        // Springs in their order: device's own, joints, arm's own.
+        // Springs in their order: the device's own, the joints, the arm's own.
         let mut springs = [self.device.stiffness_n_per_m; 4];
         for i in 1..count {
             springs[i] = bodies[i].joint[0];
@@ -209,7 +209,7 @@ impl Chain {
         rest
     }
 
-    /// A, for any number of states.
+    /// The matrix A, for any number of states.
     pub fn matrix(&self) -> DMatrix<f64> {
         of_states!(self.states(), N => {
             let (a, _) = self.system::<N>();
@@ -217,8 +217,8 @@ impl Chain {
         })
     }
 
-    /// `M^-1/2 X M^-1/2` of the bodies' stiffness, 1/s^2, and damping, 1/s, with that stiffness and damping more on the
-    /// device; rows of bodies that are not there are 0.
+    /// `M^-1/2 X M^-1/2` for the bodies' stiffness, 1/s^2, and damping, 1/s, with the given stiffness and damping
+    /// added to the device. Rows of absent bodies are 0.
     pub fn per_mass(
         &self,
         (stiffness_n_per_m, damping_n_s_per_m): (f64, f64),
@@ -242,7 +242,7 @@ impl Chain {
         })
     }
 
-    /// What an integrator has to follow, `nonlinear` elements where they are steepest.
+    /// Properties that limit an integrator's step, with the `nonlinear` elements at their steepest slope.
     pub fn step_demand(&self, nonlinear: &Nonlinear) -> StepDemand {
         let [stiffness, damping] = self.per_mass(nonlinear.steepest());
         let pole_per_s = self.amplifier.map_or(0.0, |amplifier| amplifier.pole_per_s());
@@ -291,7 +291,7 @@ mod tests {
     };
     const MODE: Mode = Mode { mass_kg: 0.2, stiffness_n_per_m: 4e4, damping_n_s_per_m: 3.0 };
 
-    /// Accelerations at a state, body by body from the forces: written without the row of bodies.
+    /// Accelerations at a state, from the forces on each body. It does not use the row of bodies.
     fn accelerations(chain: &Chain, at_m: [f64; 3], speeds: [f64; 3], force_n: f64) -> Vec<f64> {
         let device = chain.device;
         let mut forces = [

@@ -1,11 +1,12 @@
-//! Cogging: a force that depends on the position of the motor and repeats with it.
+//! Cogging: a force that is periodic in the motor's position.
 //!
 //! ```text
 //! F = amplitude sin(2 pi x / pitch + phase)
 //! ```
-//! Conservative: it derives from the energy `amplitude pitch / (2 pi) cos(2 pi x / pitch + phase)`.
+//! The force is conservative, with the energy `amplitude pitch / (2 pi) cos(2 pi x / pitch + phase)`.
 //!
-//! The first term of a Fourier series over the motor's angle. At the handle: pitch = 2 pi r / (N cogs), r and N as in docs/scenes.md.
+//! The force is the first term of a Fourier series over the motor's angle. At the handle, pitch = 2 pi r / (N cogs),
+//! with r and N as in docs/scenes.md.
 
 use core::f64::consts::TAU;
 
@@ -33,13 +34,13 @@ impl Cogging {
         self.amplitude_n * libm::sin(TAU * position_m / self.pitch_m + self.phase_rad)
     }
 
-    /// Energy stored at that position, J.
+    /// Energy stored at this position, J.
     pub fn energy_j(&self, position_m: f64) -> f64 {
         let cos = libm::cos(TAU * position_m / self.pitch_m + self.phase_rad);
         self.amplitude_n * self.pitch_m / TAU * cos
     }
 
-    /// Steepest rise of the force, N/m.
+    /// Steepest slope of the force, N/m.
     pub fn stiffness_n_per_m(&self) -> f64 {
         self.amplitude_n * TAU / self.pitch_m
     }

@@ -1,13 +1,13 @@
-//! Encoder phase error: what interpolation between the lines of a scale gets wrong, once and twice per cycle.
+//! Encoder phase error: the error of interpolation between the lines of a scale, once and twice per cycle.
 //!
 //! ```text
 //! reading = x + first sin(p) + second sin(2 p),   p = 2 pi x / cycle + phase
 //! ```
-//! An offset of the two signals makes an error once per cycle, unequal amplitudes or a phase between them other than
-//! 90 degrees one twice per cycle. Quantisation follows.
+//! An offset of the two signals gives an error once per cycle. Unequal amplitudes, or a phase between the signals
+//! other than 90 degrees, give an error twice per cycle. Quantisation follows.
 //!
-//! The first two terms of the error's Fourier series; to first order in small errors the arctangent of the two
-//! signals has no others.
+//! These are the first two terms of the error's Fourier series. To first order in small errors, the arctangent of the
+//! two signals has no other terms.
 
 use core::f64::consts::TAU;
 
@@ -38,7 +38,7 @@ impl EncoderError {
         self.first_m * libm::sin(phase) + self.second_m * libm::sin(2.0 * phase)
     }
 
-    /// What the error adds to a speed, as a part of it: its slope over the position.
+    /// Relative error of a speed: the slope of the error over the position.
     pub fn slope(&self, position_m: f64) -> f64 {
         let phase = TAU * position_m / self.cycle_m + self.phase_rad;
         let sum = self.first_m * libm::cos(phase) + 2.0 * self.second_m * libm::cos(2.0 * phase);

@@ -1,9 +1,9 @@
-//! Encoder noise: a Gaussian error of every reading, before quantisation. White.
+//! Encoder noise: a white Gaussian error of every reading, before quantisation.
 //!
-//! A function of seed, start of the hit and sample number: the same on any number of threads, the same for all
-//! walls that are compared, another one for each repeat of a sweep.
+//! The noise is a function of seed, start of the hit and sample number. So it does not depend on the number of
+//! threads. All compared walls get the same noise, each repeat of a sweep gets another.
 //!
-//! White measurement noise as Kalman filters suppose it, with the quantiser apart.
+//! The model is the white measurement noise of Kalman filters; quantisation is separate.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -22,7 +22,7 @@ pub struct EncoderNoise {
 }
 
 impl EncoderNoise {
-    /// Error of the reading at a sample, m; `hit` tells hits apart.
+    /// Error of the reading at a sample, m. `hit` distinguishes hits.
     #[inline]
     pub fn error_m(&self, hit: u64, sample: u64) -> f64 {
         self.rms_m * random::gaussian(hit ^ (u64::from(self.seed) << 32), sample)

@@ -4,18 +4,18 @@
 //! sliding:  F = -sign(v) (coulomb + (static - coulomb) exp(-(v / stribeck_speed)^2))
 //! sticking: v = 0 exactly, for as long as the other forces stay within +-static
 //! ```
-//! Viscous friction is the device's damping. The instants at which the device comes to rest and
-//! breaks away are located, so there is no band of speeds around zero that counts as rest.
+//! Viscous friction is the device's damping. The instants at which the device comes to rest and breaks away are
+//! located. So rest means speed 0 exactly, not a band of speeds around 0.
 //!
-//! The standard Stribeck curve in its Gaussian form; sticking as a state of its own, as in Karnopp's model, but
-//! without his band of speeds.
+//! The curve is the standard Stribeck curve in its Gaussian form. Sticking is a separate state, as in Karnopp's
+//! model, but without Karnopp's band of speeds.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Checker;
 
-/// Largest friction of a scene, N.
+/// Largest friction force that a scene may have, N.
 const FORCE_N: f64 = 1e5;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -30,7 +30,7 @@ pub struct Friction {
 }
 
 impl Friction {
-    /// Magnitude while sliding at that speed, N.
+    /// Magnitude of the force while sliding at this speed, N.
     #[inline]
     pub fn sliding_n(&self, speed_m_per_s: f64) -> f64 {
         let beyond = self.static_n - self.coulomb_n;
@@ -41,7 +41,7 @@ impl Friction {
         self.coulomb_n + beyond * libm::exp(-ratio * ratio)
     }
 
-    /// Steepest fall of friction with speed, N s/m: the curve's at 1/sqrt(2) of the Stribeck speed.
+    /// Steepest decrease of friction with speed, N s/m. It is at 1/sqrt(2) of the Stribeck speed.
     pub fn steepest_n_s_per_m(&self) -> f64 {
         let steepest = core::f64::consts::SQRT_2 * libm::exp(-0.5);
         (self.static_n - self.coulomb_n) / self.stribeck_speed_m_per_s * steepest

@@ -1,11 +1,11 @@
-//! Sample jitter: the encoder is read late, by a time that varies from sample to sample.
+//! Sample jitter: the encoder is read late. The delay varies from sample to sample.
 //!
-//! Sample n is read at `n T + d`, d evenly spread over 0, peak/256, .., peak, while the controller takes it for one at
-//! n T. Commands are not delayed by it: a timer paces the output. So the peak may not exceed the latency, and it
-//! is shorter than a sample. The 256 steps stand for the timer's ticks; they let the position be
-//! computed exactly, from a table.
+//! Sample n is read at `n T + d`, with d uniform over 0, peak/256, .., peak. The controller assumes a reading at n T.
+//! Commands are not delayed, because a timer sets the time of the output. So the peak must not exceed the latency,
+//! and must be shorter than a sample. The 256 steps represent the timer's ticks. With them the position is computed
+//! exactly, from a table.
 //!
-//! Evenly spread because nothing else is known of it.
+//! The distribution is uniform because nothing more is known of it.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -13,9 +13,9 @@ use serde::{Deserialize, Serialize};
 use super::{Chain, Checker, STATES_MAX};
 use crate::numerics::random;
 
-/// Levels of the delay beside 0.
+/// Number of delay levels above 0.
 const LEVELS: u64 = 256;
-/// Tells this stream of random numbers from the noise's.
+/// Makes these random numbers different from the noise's.
 const STREAM: u64 = 0x6a69_7474_6572;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -27,14 +27,14 @@ pub struct Jitter {
     pub seed: u32,
 }
 
-/// Position a while into a sample, as a sum over the state at its beginning and the forces before and after the
-/// sample's split.
+/// Position at a delay in a sample. It is a sum over the state at the sample's beginning and the forces before and
+/// after the sample's split.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Glimpse {
     state: [f64; STATES_MAX],
     before: f64,
     after: f64,
-    /// What the hand's constant force moves it, m.
+    /// Displacement by the hand's constant force, m.
     hand_m: f64,
 }
 
@@ -50,7 +50,7 @@ impl Glimpse {
         Self { state, before: gamma[0] - after, after, hand_m }
     }
 
-    /// Distance from where the device rests, m.
+    /// Distance from the device's rest position, m.
     #[inline]
     pub fn offset_m(&self, z: &[f64; STATES_MAX], before_n: f64, after_n: f64) -> f64 {
         let free: f64 = self.state.iter().zip(z).map(|(weight, value)| weight * value).sum();
@@ -59,7 +59,7 @@ impl Glimpse {
 }
 
 impl Jitter {
-    /// Level of the delay at a sample, 0 to 256; `hit` tells hits apart.
+    /// Level of the delay at a sample, 0 to 256. `hit` distinguishes hits.
     #[inline]
     pub fn level(&self, hit: u64, sample: u64) -> usize {
         let seed = hit ^ (u64::from(self.seed) << 32) ^ STREAM;
@@ -72,7 +72,7 @@ impl Jitter {
         self.peak_s * (level as f64 / LEVELS as f64)
     }
 
-    /// What the encoder sees at each level, with a command taking effect at `split_s` of the sample.
+    /// Position that the encoder reads at each level, with a command that takes effect at `split_s` of the sample.
     pub fn glimpses(&self, chain: &Chain, split_s: f64) -> Vec<Glimpse> {
         let levels = usize::try_from(LEVELS).unwrap_or(0);
         (0..=levels).map(|level| Glimpse::new(chain, self.delay_s(level), split_s)).collect()

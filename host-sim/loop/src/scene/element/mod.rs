@@ -1,5 +1,5 @@
-//! The optional elements of a scene, one file each: the table as it stands in the scene file, its
-//! equation, its source, its tests. What is absent is not modelled and costs nothing.
+//! The optional elements of a scene, one file each: table of the scene file, equation, source, tests. An absent
+//! element is not modelled and costs no time.
 //!
 //! | element | table | advanced |
 //! |---------|-------|----------|
@@ -14,9 +14,8 @@
 //! | [`EncoderNoise`] | `[encoder_noise]` | not part of the motion |
 //! | [`Jitter`] | `[jitter]` | exactly, or by the scene's `[integrator]` |
 //!
-//! The linear ones join the device in a [`Chain`], whose step over a sample is exact
-//! ([`crate::plant::ExactStep`]).
-//! With a non-linear one the whole plant is integrated ([`crate::plant::IntegratedStep`]).
+//! Linear elements join the device in a [`Chain`], whose step over a sample is exact ([`crate::plant::ExactStep`]).
+//! With a non-linear element the whole plant is integrated ([`crate::plant::IntegratedStep`]).
 
 use std::ops::RangeInclusive;
 
@@ -56,7 +55,7 @@ pub struct Nonlinear {
 }
 
 impl Nonlinear {
-    /// Stiffness and damping that they add to the device where they are steepest, N/m and N s/m.
+    /// Stiffness and damping that these elements add to the device at their steepest slope, N/m and N s/m.
     pub fn steepest(&self) -> (f64, f64) {
         let mut sum = (0.0, 0.0);
         if let Some(friction) = self.friction {
@@ -72,7 +71,7 @@ impl Nonlinear {
     }
 }
 
-/// Refuses values of one table.
+/// Checks values of one table.
 #[derive(Clone, Copy, Debug)]
 struct Checker(&'static str);
 

@@ -1,14 +1,14 @@
-//! Second vibration mode: a mass behind the device's own, on a spring and a damper.
+//! Second vibration mode: a mass coupled to the device by a spring and a damper.
 //!
-//! The device's mass carries motor and encoder; this one is what the transmission moves, and what
-//! the hand holds. With positions x (device) and y (this mass):
+//! The device's mass carries motor and encoder. The second mass is behind the transmission, and the hand holds it.
+//! With positions x (device) and y (second mass):
 //! ```text
 //! m y'' = -k (y - x) - b (y' - x')        and the opposite force on the device
 //! ```
-//! Motor and encoder stay collocated. Part of the exact step.
+//! Motor and encoder stay collocated. The mode is part of the exact step.
 //!
-//! The standard two-mass model of motor, cable transmission and body; vibration modes in haptic stability: Diaz,
-//! Gil, IEEE T-RO 26(1), 2010.
+//! The model is the standard two-mass model of motor, cable transmission and body. Vibration modes in haptic stability:
+//! Diaz, Gil, IEEE T-RO 26(1), 2010.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

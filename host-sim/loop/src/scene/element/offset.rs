@@ -1,9 +1,10 @@
-//! A constant force on the device: gravity on a handle that is not balanced, an amplifier whose zero is not zero.
+//! A constant force on the device: gravity on a handle that is not balanced, or an amplifier with an offset.
 //!
 //! ```text
 //! F = force
 //! ```
-//! On a device with a spring it is the same as a rest position that is `force / stiffness` farther. Part of the exact step.
+//! On a device with a spring the force has the same effect as a rest position moved by `force / stiffness`. It is
+//! part of the exact step.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,17 +1,17 @@
-//! Travel limits: what stops the device at both ends of its way.
+//! Travel limits: stops at both ends of the device's travel.
 //!
 //! `stop = "spring"`, with d the depth beyond the end:
 //! ```text
 //! F = max(0, stiffness d + damping d')   against the motion, while d > 0; a stop never pulls
 //! ```
-//! The depth of a device alone that arrives with speed v while at most F presses it on, mass m:
-//! `d <= F/k + sqrt((F/k)^2 + m v^2 / k)`, from the energy.
+//! Let a device of mass m, without other bodies, arrive with speed v while a force of at most F presses it on the
+//! stop. From the energy, its depth is `d <= F/k + sqrt((F/k)^2 + m v^2 / k)`.
 //!
-//! `stop = "rigid"`: the device turns back with `restitution` times its speed and never passes the end. Below
-//! [`REST_SPEED_M_PER_S`] it stays and rests on the stop until a force takes it away.
+//! `stop = "rigid"`: the device turns back with `restitution` times its speed and never passes the end. After a
+//! bounce slower than [`REST_SPEED_M_PER_S`] it rests on the stop until a force moves it away.
 //!
-//! The standard coefficient of restitution, and a Kelvin-Voigt contact whose force is clamped, because its damper
-//! would pull as the device leaves.
+//! Sources: the standard coefficient of restitution, and a Kelvin-Voigt contact. The force of the contact is clamped,
+//! because the damper would pull when the device leaves.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -56,7 +56,7 @@ pub enum End {
 }
 
 impl End {
-    /// Which way leads out of the travel.
+    /// Sign of the direction out of the travel.
     #[inline]
     pub fn outward(self) -> f64 {
         match self {
@@ -77,13 +77,13 @@ impl Travel {
         }
     }
 
-    /// How far a position lies beyond an end, m; negative inside.
+    /// Distance of a position beyond an end, m; negative inside.
     #[inline]
     pub fn depth_m(&self, end: End, position_m: f64) -> f64 {
         (position_m - self.end_m(end)) * end.outward()
     }
 
-    /// What the spring and damper of a stop would push inward with, N; 0 for rigid stops.
+    /// Inward force of a stop's spring and damper, N; 0 for rigid stops.
     #[inline]
     pub fn push_n(&self, end: End, position_m: f64, speed_m_per_s: f64) -> f64 {
         match *self {

@@ -1,4 +1,4 @@
-//! A scene made ready to run wall hits: everything that does not change from hit to hit.
+//! A scene prepared for wall hits: all values that are the same for every hit.
 
 mod run;
 mod varied;
@@ -31,27 +31,27 @@ use crate::{
 
 pub use super::hit::{HitError, HitReport, Numeric, WallHit};
 
-/// A scene made ready.
+/// A scene prepared for wall hits.
 #[derive(Clone, Debug)]
 pub struct PreparedScene {
     scene: Scene,
     design: Design,
     plan: HitPlan,
     parts: Parts<AnyPlant>,
-    /// Where a hit begins, m.
+    /// Start position of a hit, m.
     start_m: f64,
     judge: Judge,
-    /// The wall's passivity controller, if it has one.
+    /// The wall's passivity controller, if the scene has one.
     passivity: Option<Passivity>,
-    /// The wall uses the true velocity.
+    /// Whether the wall uses the true velocity.
     is_told: bool,
-    /// The accelerometer's readings of a hit, once lanes ask for them.
+    /// The accelerometer's readings of a hit, computed when lanes first need them.
     readings: Arc<OnceLock<Option<Readings>>>,
-    /// The scene at each of its pushes, if its criterion asks for more than one.
+    /// The scene at each of its pushes, if its criterion needs several pushes.
     pushes: Vec<PreparedScene>,
 }
 
-/// No handle comes to its wall faster, m/s.
+/// Upper bound of a handle's speed at the wall, m/s.
 const ANY_SPEED_M_PER_S: f64 = 10.0;
 
 impl PreparedScene {
@@ -115,7 +115,7 @@ impl PreparedScene {
         AnyPlant::of(scene, 1.0 / scene.control.rate_hz, scene.actuator.latency.fract())
     }
 
-    /// The same scene at each push that a wall is judged at.
+    /// The scene at each push of a wall's test.
     pub(crate) fn pushes(&self) -> &[Self] {
         if self.pushes.is_empty() { std::slice::from_ref(self) } else { &self.pushes }
     }
@@ -126,18 +126,18 @@ impl PreparedScene {
         Self { pushes: pushes.into_iter().map(&change).collect(), ..change(self) }
     }
 
-    /// The same with the sensation level of every whole hit, where the window allows one.
+    /// Adds the sensation level of every whole hit, if the window has a suitable length.
     pub fn with_felt(self) -> Self {
         self.each(|of| Self { judge: of.judge.clone().with_felt(&of.scene), ..of })
     }
 
-    /// The same with the measures of the window, whatever the verdict is by.
+    /// Adds the measures of the window, for any criterion.
     pub fn with_measures(self) -> Self {
         self.each(|of| Self { judge: of.judge.clone().with_measures(), ..of })
     }
 
-    /// The scene with the true velocity in place of an estimate, always by the core itself: a sensor without noise,
-    /// quantisation or delay beside the same counts.
+    /// The scene with the true velocity instead of an estimate, always run by the core itself. It corresponds to a
+    /// velocity sensor without noise, quantisation or delay; the counts stay the same.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -152,15 +152,15 @@ impl PreparedScene {
         self.is_told
     }
 
-    /// How windows are judged.
+    /// The judge of the windows.
     pub(crate) fn judge(&self) -> &Judge {
         &self.judge
     }
 
-    /// Refuses a handle that comes to the wall faster than the core's velocity can say.
+    /// Checks that the handle does not reach the wall faster than the core's velocity can represent.
     ///
     /// # Errors
-    /// [`Error::Input`] says how fast it may come.
+    /// [`Error::Input`] names the largest speed.
     pub fn check_approach(&self) -> Result<(), Error> {
         let Design { rate_hz, resolution_m, .. } = self.design;
         let most_m_per_s = f64::from(Velocity::LIMIT) * resolution_m * rate_hz;
@@ -196,12 +196,12 @@ impl PreparedScene {
         &self.design
     }
 
-    /// The loop around the controller.
+    /// The loop without the controller.
     pub fn parts(&self) -> &Parts<AnyPlant> {
         &self.parts
     }
 
-    /// The hit in samples.
+    /// Times of the hit in samples.
     pub fn plan(&self) -> &HitPlan {
         &self.plan
     }
@@ -232,13 +232,13 @@ impl PreparedScene {
         Full::new(&self.scene, hit.velocity.name().sense())
     }
 
-    /// The scene's accelerometer for lanes, made once.
+    /// The scene's accelerometer for lanes, computed once.
     pub(crate) fn readings(&self) -> Option<&Readings> {
         let readings = || Full::new(&self.scene, None).readings(self.samples());
         self.readings.get_or_init(readings).as_ref()
     }
 
-    /// The core at rest where the hit starts.
+    /// The core at rest at the start of the hit.
     pub fn core(&self, hit: &WallHit) -> Result<Fixed, SettingsError> {
         let count = self.first_count(hit);
         Fixed::new(&self.settings(hit), &self.design, self.plan.push, count)
@@ -254,7 +254,7 @@ impl PreparedScene {
         Twin::new(&self.settings(hit), &self.design, rounding, push, count)
     }
 
-    /// What the encoder reads for sample 0: the controller starts at rest there.
+    /// Count at sample 0. The controller starts at rest at this count.
     pub(crate) fn first_count(&self, hit: &WallHit) -> i32 {
         let plant = &self.parts.plant;
         let (index, before_n, after_n) = (0, 0.0, 0.0);
@@ -262,14 +262,14 @@ impl PreparedScene {
         self.parts.encoder.count(plant.reading_m(&state, &Moment { index, before_n, after_n }))
     }
 
-    /// The account of the port, before sample 0 of a hit.
+    /// Energy at the port, before sample 0 of a hit.
     pub(in crate::simulation) fn port_watch(&self, hit: &WallHit, surface: i32) -> PortWatch {
         let design = &self.design;
         let latency = self.scene.actuator.latency_samples();
         PortWatch::new(design, latency, surface, self.first_count(hit))
     }
 
-    /// Samples of a whole hit.
+    /// Number of samples of a whole hit.
     fn samples(&self) -> u32 {
         self.plan.settle + self.plan.window
     }

@@ -1,4 +1,4 @@
-//! How the hits of a prepared scene run: to their end, or until the verdict is certain.
+//! Runs hits of a prepared scene, to their end or until the verdict is certain.
 
 use std::ops::ControlFlow;
 
@@ -20,14 +20,14 @@ use crate::{
     },
 };
 
-/// Sees every sample of a hit.
+/// Gets every sample of a hit.
 pub(super) type Observer<'a> = dyn FnMut(&Sample) + 'a;
 
-/// How many samples pass between two looks for an early verdict.
+/// Samples between two checks for an early verdict.
 const EARLY_CHECK_SAMPLES: u32 = 256;
 
 impl PreparedScene {
-    /// Runs a whole hit; `observe` sees every sample, with several pushes those of the scene's own.
+    /// Runs a whole hit. `observe` gets every sample; with several pushes, only the samples of the scene's own push.
     ///
     /// # Errors
     /// A setting is out of range, or the handle leaves the core's range.
@@ -43,22 +43,22 @@ impl PreparedScene {
             of.by(numeric, hit, observe, false)
         }))?;
         if observe.is_some() {
-            self.observed_hit(numeric, hit, observe)?; // one push before it was not held
+            self.observed_hit(numeric, hit, observe)?; // a smaller push was unstable before this push was run
         }
-        report.ok_or(HitError::OutOfRange(0)) // never: each was run to its end
+        report.ok_or(HitError::OutOfRange(0)) // never an error: each hit was run to its end
     }
 
-    /// [`hit`](Self::hit) that nobody needs to look at.
+    /// [`hit`](Self::hit) without an observer.
     ///
     /// # Errors
     /// As [`hit`](Self::hit).
     pub fn report(&self, numeric: Numeric, hit: &WallHit) -> Result<HitReport, HitError> {
         let report = self.at_pushes(numeric, hit, false)?;
-        report.ok_or(HitError::OutOfRange(0)) // never: each was run to its end
+        report.ok_or(HitError::OutOfRange(0)) // never an error: each hit was run to its end
     }
 
-    /// Each push that the wall is judged at, N, and what a whole hit with it showed; `observe` sees every sample of that
-    /// with the scene's own.
+    /// Runs a whole hit at each push of the wall's test. Returns each push, N, and its report. `observe` gets every
+    /// sample of the hit with the scene's own push.
     ///
     /// # Errors
     /// As [`hit`](Self::hit).
@@ -80,12 +80,12 @@ impl PreparedScene {
         self.scene.wall_hit.push_n.to_bits() == other.scene.wall_hit.push_n.to_bits()
     }
 
-    /// Whether the handle comes to the wall at all, within the window or before it.
+    /// Whether the handle touches the wall, in the window or before.
     pub fn touches(&self, numeric: Numeric, hit: &WallHit) -> bool {
         self.report(numeric, hit).is_ok_and(|report| report.peak_penetration_m > 0.0)
     }
 
-    /// Through a pointer, so that the loops are compiled once and not for each caller.
+    /// Takes `observe` as a pointer, so that the loops are compiled once and not for each caller.
     fn observed_hit(
         &self,
         numeric: Numeric,
@@ -93,10 +93,10 @@ impl PreparedScene {
         observe: Option<&mut Observer<'_>>,
     ) -> Result<HitReport, HitError> {
         let whole = self.by(numeric, hit, observe, false)?;
-        whole.ok_or(HitError::OutOfRange(0)) // never: it was run to its end
+        whole.ok_or(HitError::OutOfRange(0)) // never an error: it was run to its end
     }
 
-    /// What a hit showed; `None` as soon as it is certain to be unstable.
+    /// Report of a hit, or `None` as soon as the hit is certain to be unstable.
     ///
     /// # Errors
     /// As [`verdict`](Self::verdict).
@@ -113,7 +113,7 @@ impl PreparedScene {
         deciding(self.pushes().iter().map(|of| of.by(numeric, hit, None, bounded)))
     }
 
-    /// A hit by the controller of that arithmetic.
+    /// Runs a hit with the controller for this arithmetic.
     fn by(
         &self,
         numeric: Numeric,
@@ -136,12 +136,12 @@ impl PreparedScene {
         }
     }
 
-    /// Few scenes are such.
+    /// Whether the scene has a passivity controller or a varying push. Few scenes have them.
     fn is_rare(&self) -> bool {
         self.passivity.is_some() || self.scene.wall_hit.protocol.varies()
     }
 
-    /// A hit whose controller few scenes have, with the passivity controller where the scene has one.
+    /// Runs a hit of a rare scene, with the passivity controller if the scene has one.
     fn rare_hit<C: Controller + Copy>(
         &self,
         hit: &WallHit,
@@ -158,7 +158,7 @@ impl PreparedScene {
         }
     }
 
-    /// The verdict of a hit, found as early as it is certain.
+    /// The verdict of a hit, as soon as it is certain.
     ///
     /// # Errors
     /// A setting is out of range, or the handle leaves the core's range.
@@ -170,8 +170,8 @@ impl PreparedScene {
         }
     }
 
-    /// The plant is told apart here, once per run, and not in its loop; with senses, which few scenes need, it is
-    /// not.
+    /// Selects the plant's type here, once per run and outside the loop. With senses, which few scenes need, one loop
+    /// runs all plants.
     fn whole_hit<C: Controller + Copy>(
         &self,
         hit: &WallHit,
@@ -193,7 +193,7 @@ impl PreparedScene {
         })
     }
 
-    /// The same compiled once for all plants and senses: for what is asked rarely.
+    /// The same for any plant and any senses, compiled once. It is for rare cases.
     fn any_hit<C: Controller>(
         &self,
         hit: &WallHit,
@@ -209,7 +209,7 @@ impl PreparedScene {
         self.run_whole(hit, simulation, observe, bounded)
     }
 
-    /// The verdict with any controller that is at rest where the hit starts.
+    /// The verdict with any controller that is at rest at the hit's start.
     pub fn early_verdict<C: Controller + Copy>(
         &self,
         hit: &WallHit,
@@ -221,8 +221,8 @@ impl PreparedScene {
         self.counted(hit, controller, true).map(|(verdict, _)| verdict)
     }
 
-    /// Verdict of a whole hit and the RMS of its counts, m, where the judge looks at nothing else: half the cost of a
-    /// [`report`](Self::report). `None` where it does.
+    /// Verdict of a whole hit and the RMS of its counts, m, at half the time of a [`report`](Self::report). `None` if
+    /// the verdict needs more than counts.
     ///
     /// # Errors
     /// As [`verdict`](Self::verdict).
@@ -237,7 +237,7 @@ impl PreparedScene {
         Ok(Some((verdict, whole.scatter().rms_counts() * self.design.resolution_m)))
     }
 
-    /// A hit of which nothing but the counts is looked at.
+    /// Runs a hit and evaluates only its counts.
     fn counted<C: Controller>(
         &self,
         hit: &WallHit,
@@ -318,7 +318,7 @@ impl PreparedScene {
         Ok((!bounded || verdict != Verdict::Unstable).then_some(report))
     }
 
-    /// To its end, or until the verdict is certain.
+    /// Runs to the hit's end, or until the verdict is certain.
     fn run_counted<C: Controller, S: Sensing, P: Plant>(
         &self,
         mut simulation: Simulation<C, S, P>,
@@ -343,8 +343,8 @@ impl PreparedScene {
     }
 }
 
-/// Of hits at one push after the other: the first that was not held, after which none is run, or the one whose force is
-/// the least quiet.
+/// Runs hits at one push after another. Returns the first hit that is not stable, without running the rest, or else
+/// the hit with the largest force RMS.
 fn deciding(
     hits: impl Iterator<Item = Result<Option<HitReport>, HitError>>,
 ) -> Result<Option<HitReport>, HitError> {
@@ -360,7 +360,7 @@ fn deciding(
     Ok(worst)
 }
 
-/// The verdict of a hit that was run until it was certain.
+/// The verdict of a hit that was run until its verdict was certain.
 fn judged(bounded: Option<HitReport>) -> Verdict {
     bounded.map_or(Verdict::Unstable, |report| report.verdict)
 }

@@ -1,11 +1,12 @@
-//! Walls under a push that is not constant: taps, and a hand that is not steady.
+//! Walls under a varying push: taps, and an unsteady hand.
 //!
 //! | protocol | push, share of the scene's | window |
 //! |----------|----------------------------|--------|
-//! | `taps` | 1 for half of [`TAP_S`], then what draws the handle back to where it was, at most -1: a critically damped spring that has the push at the wall. From there the push takes 50 ms to the wall | of each tap but the first the last half from its contact to its end; the worst decides. Motion and force are about the polynomial of degree 5 that fits them best: a wall that still gives way is not one that bounces |
-//! | `hand` | `1 + 0.3 (sin + sin + sin) / 3` at 0.7, 1.9 and 4.3 Hz | the scene's, above 20 Hz: the RMS of motion and force are those of a spectrum with Hann's window |
+//! | `taps` | 1 for the first half of [`TAP_S`]. Then a force that pulls the handle back to its start, at most 1 in magnitude: a critically damped spring whose force at the wall is the push. From the start the push takes 50 ms to the wall. | The second half of the time from contact to the push's end, for each tap but the first. The worst tap decides. Motion and force are measured about the polynomial of degree 5 that fits them best, so that slow creep of the wall does not count as bouncing. |
+//! | `hand` | `1 + 0.3 (sin + sin + sin) / 3` at 0.7, 1.9 and 4.3 Hz | The scene's window. The RMS of motion and force count only frequencies above 20 Hz, from a spectrum with Hann's window. |
 //!
-//! Who pushes is the scene's. The push is held from output to output, and the force is looked at as it is held.
+//! The scene selects who pushes. The push is constant between two outputs. The force is evaluated as the output holds
+//! it.
 
 use std::f64::consts::TAU;
 
@@ -28,19 +29,20 @@ use crate::{
     },
 };
 
-/// From where a tap begins to the wall, s.
+/// Time of a tap from its start to the wall, s.
 const TO_WALL_S: f64 = 0.05;
 /// Frequencies at which a hand's push sways, Hz.
 const SWAY_HZ: [f64; 3] = [0.7, 1.9, 4.3];
-/// Above this a hand's wall has to rest, Hz.
+/// A hand's wall must be quiet above this frequency, Hz.
 const REST_HZ: f64 = 20.0;
-/// Of the polynomial that a tapped wall may follow; in a window of a tenth of a second that is some 25 Hz.
+/// Degree of the polynomial that a tapped wall may follow. In a window of a tenth of a second it follows up to about
+/// 25 Hz.
 const DEGREE: usize = 5;
 
-/// Where a tap begins, m: so far before the wall that the push takes [`TO_WALL_S`] from rest; the scene's start if that is
-/// nearer.
+/// Start position of a tap, m. From rest there, the push takes [`TO_WALL_S`] to the wall. It is the scene's start
+/// position if that is nearer.
 pub(super) fn tap_start_m(scene: &Scene, plant: &AnyPlant) -> f64 {
-    let push_n = scene.push_n(PushBy::Motor); // a hand's is the plant's
+    let push_n = scene.push_n(PushBy::Motor); // a hand's push is part of the plant
     let (wall_m, start_m) = (scene.wall.position_m, scene.device.start_position_m);
     let mut state = plant.at_rest(wall_m);
     let mut time_s = 0.0;
@@ -70,7 +72,7 @@ impl Push {
         }
     }
 
-    /// Share of the scene's push.
+    /// Push relative to the scene's push.
     fn share(&self, time_s: f64, position_m: f64, speed_m_per_s: f64) -> f64 {
         match self {
             Self::Taps { .. } if is_pressed(time_s) => 1.0,
@@ -85,17 +87,17 @@ impl Push {
     }
 }
 
-/// The first half of a tap.
+/// Whether the time is in the first half of a tap.
 fn is_pressed(time_s: f64) -> bool {
     (time_s / TAP_S).fract() < 0.5
 }
 
-/// What a window has seen, sample by sample.
+/// Samples of a window.
 #[derive(Clone, Debug, Default)]
 struct Seen {
     counts: Vec<i32>,
     positions_m: Vec<f64>,
-    /// Place, output and push, fractions of full scale.
+    /// Index of the sample; output and push, fractions of full scale.
     outputs: Vec<(usize, f64, f64)>,
 }
 
@@ -108,7 +110,7 @@ impl Seen {
         self.positions_m.push(sample.position_m);
     }
 
-    /// The last half of the samples.
+    /// The second half of the samples.
     fn half(mut self) -> Self {
         let half = self.counts.len() / 2;
         self.counts.drain(..half);
@@ -122,7 +124,7 @@ impl Seen {
 }
 
 impl PreparedScene {
-    /// A hit whose push varies; `None` as soon as it is certain to be unstable if it is `bounded`.
+    /// Runs a hit whose push varies. With `bounded`, returns `None` as soon as the hit is certain to be unstable.
     pub(super) fn varied_hit<C: Controller>(
         &self,
         of: &WallHit,
@@ -164,7 +166,7 @@ impl PreparedScene {
             }
             let begun = index >= self.plan.settle;
             if taps {
-                // once in contact, up to the end of the push, whether the wall keeps it or not
+                // from the first contact to the end of the push, also if contact is lost in between
                 let contact = !seen.counts.is_empty() || sample.count > surface;
                 if begun && is_pressed(time_s) && contact {
                     seen.push(&sample);
@@ -173,7 +175,7 @@ impl PreparedScene {
                 if ends && !seen.counts.is_empty() {
                     let mut report = self.judged(of, surface, std::mem::take(&mut seen).half());
                     if report.verdict == Verdict::NoContact {
-                        report.verdict = Verdict::Unstable; // it was thrown back
+                        report.verdict = Verdict::Unstable; // the handle bounced back
                     }
                     if bounded && !report.is_stable() {
                         return Ok(None);
@@ -196,7 +198,7 @@ impl PreparedScene {
         Ok((!bounded || report.verdict != Verdict::Unstable).then_some(report))
     }
 
-    /// Pushes with that share of the scene's push from now on.
+    /// Sets the push to `share` times the scene's push.
     fn push_with<C: Controller>(&self, simulation: &mut Simulation<C>, share: f64) {
         let push_n = share * self.scene.wall_hit.push_n;
         match self.scene.wall_hit.push_by {
@@ -211,7 +213,7 @@ impl PreparedScene {
         }
     }
 
-    /// The worse of two taps: one that is not stable, else the one with the larger RMS of the criterion.
+    /// The worse of two taps: the unstable one, else the one with the larger RMS of the criterion.
     fn worse(&self, kept: Option<HitReport>, next: HitReport) -> HitReport {
         let loud = |report: &HitReport| match self.scene.wall_hit.criterion {
             Criterion::Quiet => report.force_rms_n,
@@ -224,7 +226,7 @@ impl PreparedScene {
         }
     }
 
-    /// A window of it.
+    /// Judges one window of the hit.
     fn judged(&self, of: &WallHit, surface: i32, seen: Seen) -> HitReport {
         let Seen { counts, positions_m, outputs } = seen;
         let mut watch =
@@ -270,7 +272,7 @@ impl PreparedScene {
     }
 }
 
-/// The outputs of so many samples as they are held, from the first one on.
+/// The outputs over `samples` samples, each held until the next one.
 fn held(outputs: &[(usize, f64, f64)], samples: usize) -> Vec<f64> {
     let ends = outputs.iter().skip(1).map(|(place, ..)| *place).chain([samples]);
     outputs
@@ -280,10 +282,10 @@ fn held(outputs: &[(usize, f64, f64)], samples: usize) -> Vec<f64> {
         .collect()
 }
 
-/// RMS of values about the polynomial of [`DEGREE`] that fits them best, by orthogonal polynomials.
+/// RMS of values about the polynomial of [`DEGREE`] that fits them best, computed with orthogonal polynomials.
 fn about_polynomial(mut values: Vec<f64>) -> f64 {
     let length = values.len();
-    let degree = DEGREE.min(length / 4); // of few values only the mean
+    let degree = DEGREE.min(length / 4); // for few values a lower degree
     let at = |n: usize| 2.0 * (n as f64 + 0.5) / length as f64 - 1.0;
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let mut basis: Vec<Vec<f64>> = vec![];
@@ -312,7 +314,7 @@ fn about_polynomial(mut values: Vec<f64>) -> f64 {
 mod tests {
     use super::*;
 
-    /// A tenth of a second at 10 kHz.
+    /// RMS of a signal over a tenth of a second at 10 kHz.
     fn window(of: impl Fn(f64) -> f64) -> f64 {
         about_polynomial((0..1000).map(|n| of(f64::from(n) / 1e4)).collect())
     }

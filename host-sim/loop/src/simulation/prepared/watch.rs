@@ -1,4 +1,4 @@
-//! What is summed up over the blocks of a hit, for its verdict and for its report.
+//! Sums over the blocks of a hit, for its verdict and its report.
 
 use std::ops::ControlFlow;
 
@@ -9,7 +9,7 @@ use zwidth::{
 
 use crate::simulation::{Block, Output, hit::HitError, window::Watch};
 
-/// The core's judgement of a hit.
+/// Sums for the core's verdict of a hit.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Judged {
     plan: HitPlan,
@@ -20,10 +20,11 @@ pub(super) struct Judged {
     scatter: RunningVariance,
 }
 
-/// Counts below it, either way, and the squares of a block of their differences add up within 64 bits.
+/// Bound of counts. If all counts are below it in magnitude, the squares of their differences in a block sum up
+/// within 64 bits.
 const NEAR: u32 = 1 << 26;
 
-/// A number of samples of a block.
+/// Number of samples of a block as `u32`.
 #[inline]
 fn few(samples: usize) -> u32 {
     #[expect(clippy::cast_possible_truncation, reason = "a block is short")]
@@ -31,7 +32,7 @@ fn few(samples: usize) -> u32 {
     few
 }
 
-/// All the bits of the numbers' magnitudes: no magnitude is above it.
+/// Bitwise OR of the magnitudes. No magnitude is larger.
 #[inline]
 fn magnitudes(numbers: impl Iterator<Item = i32>) -> u32 {
     numbers.fold(0, |bits, number| bits | (number ^ (number >> 31))).cast_unsigned()
@@ -48,13 +49,13 @@ impl Judged {
         self.plan.settle.into()
     }
 
-    /// The hit, as if its window had begun with it.
+    /// The hit, as if it had started with its window.
     pub fn hit(&self) -> Hit {
         Hit::in_window(self.plan, self.contact_samples, self.scatter)
     }
 
-    /// Takes a block; breaks where the handle leaves the core's range.
-    #[inline(never)] // one for all loops
+    /// Adds a block. Breaks if the handle leaves the core's range.
+    #[inline(never)] // compiled once for all loops
     pub fn block(&mut self, block: &Block) -> ControlFlow<HitError> {
         let counts = block.counts();
         let far = magnitudes(counts.iter().copied());
@@ -92,32 +93,32 @@ impl Judged {
     }
 }
 
-/// What a whole hit shows beside its counts.
+/// Sums for the report of a whole hit, beside its counts.
 #[derive(Clone, Debug)]
 pub(super) struct Shown {
     pub watch: Watch,
-    /// Positions of the window, m, if somebody listens.
+    /// Positions of the window, m, if `listens`.
     pub motion: Vec<f64>,
     listens: bool,
     pub outputs: u32,
     pub saturated: u32,
     pub deepest_m: f64,
-    /// Samples with more counts since the last one than the core's velocity can say.
+    /// Samples at which the count changed by more than the core's velocity can represent.
     pub clipped: u32,
-    /// Its last count so far.
+    /// Last count so far.
     pub last: i32,
 }
 
 impl Shown {
-    /// Of a handle at rest at that count.
+    /// Starts with a handle at rest at the count `last`.
     pub fn new(listens: bool, last: i32) -> Self {
         let (outputs, saturated, clipped, deepest_m) = (0, 0, 0, f64::NEG_INFINITY);
         let (watch, motion) = (Watch::default(), vec![]);
         Self { watch, motion, listens, outputs, saturated, deepest_m, clipped, last }
     }
 
-    /// Takes a block of a hit whose window begins with sample `settle`.
-    #[inline(never)] // one for all loops
+    /// Adds a block of a hit whose window begins with sample `settle`.
+    #[inline(never)] // compiled once for all loops
     pub fn block(&mut self, block: &Block, settle: u64) {
         self.outputs += few(block.outputs().len());
         let saturated = |output: &Output| u32::from(output.rendered.saturated);

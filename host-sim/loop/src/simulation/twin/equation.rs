@@ -1,4 +1,4 @@
-//! What every estimator computes, stated once: the twin runs these equations, linear theory takes their response.
+//! The equation of every estimator. The twin runs these equations, and linear theory uses their frequency response.
 
 use zwidth::{
     Design, SettingsError, VelocitySettings,
@@ -10,7 +10,7 @@ use zwidth::{
 
 use super::{foaw::Foaw, levant::Levant};
 
-/// From the differences of counts to a velocity. What an estimator remembers stands beside it.
+/// An estimator's equation, from differences of counts to a velocity. Its state is stored elsewhere.
 #[derive(Clone, Copy, Debug)]
 #[expect(clippy::large_enum_variant, reason = "copied once per run")]
 pub enum Equation {
@@ -18,31 +18,31 @@ pub enum Equation {
     Cascade([LowPass; 2]),
     /// Weighted sum of the last differences.
     Sum(FirDesign),
-    /// What the handle moved in so many samples, over their number.
+    /// Change of the count over this number of samples, divided by the number.
     Ends(u32),
     Tracking(TrackingLoop),
     Kalman(KalmanDesign),
-    /// Told a force.
+    /// Observer that gets the force.
     Observer(ObserverDesign),
-    /// Told an acceleration.
+    /// Observer that gets the acceleration.
     Fusion(ObserverDesign),
-    /// Shortest span, in samples.
+    /// Shortest time between the two edges, in samples.
     TimeStamps(u32),
     Foaw(Foaw),
     Levant(Levant),
 }
 
-/// `y = b[0] x + b[1] x1 + b[2] x2 - a[0] y1 - a[1] y2`, the form of all usual estimators.
+/// `y = b[0] x + b[1] x1 + b[2] x2 - a[0] y1 - a[1] y2`, the form of all common estimators.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LowPass {
     pub b: [f64; 3],
     pub a: [f64; 2],
-    /// Samples that it looks back; coefficients of older ones are 0.
+    /// Number of past samples in the equation. Coefficients of older samples are 0.
     pub order: usize,
 }
 
 impl LowPass {
-    /// The difference itself.
+    /// Passes the difference without filtering.
     const NOTHING: Self = Self { b: [1.0, 0.0, 0.0], a: [0.0; 2], order: 0 };
 }
 
@@ -65,13 +65,13 @@ impl From<BiquadDesign> for LowPass {
 }
 
 impl Equation {
-    /// That of those settings.
+    /// The equation of these settings.
     ///
     /// # Errors
     /// A parameter is out of range.
     pub fn of(settings: &VelocitySettings, design: &Design) -> Result<Self, SettingsError> {
         use VelocitySettings as V;
-        settings.build(design)?; // the ranges
+        settings.build(design)?; // checks the ranges
         let rate_hz = design.rate_hz;
         let butterworth = |cutoff_hz, prewarp| {
             Ok(Self::LowPass(ButterworthDesign::new(cutoff_hz, rate_hz, prewarp)?.into()))

@@ -1,4 +1,4 @@
-//! The estimators in `f64`: their [equations](Equation), run.
+//! The estimators in `f64`: runs their [equations](Equation).
 
 use zwidth::{
     Design, SettingsError, VelocitySettings,
@@ -15,10 +15,10 @@ use super::{
     stamps::Stamps,
 };
 
-/// An estimator in `f64`; velocities in counts per sample.
+/// An estimator in `f64`. Velocities are in counts per sample.
 #[derive(Clone, Copy, Debug)]
 pub struct TwinEstimator {
-    /// The usual estimators in one form, so that their few numbers can live in registers.
+    /// The common estimators in one form, so small that it fits into registers.
     low_pass: Option<Section>,
     equation: Equation,
     memory: Memory,
@@ -32,7 +32,7 @@ struct Memory {
     outputs: [f64; 2],
 }
 
-/// What the other estimators remember.
+/// State of the other estimators.
 #[derive(Clone, Copy, Debug)]
 struct Rest {
     /// Last differences, newest first.
@@ -42,12 +42,12 @@ struct Rest {
     loops: Loop,
     stamps: Stamps,
     sections: [Memory; 2],
-    /// Counts at the last samples, and the place of the newest.
+    /// Counts at the last samples, and the index of the newest.
     counts: [i32; 256],
     newest: u8,
 }
 
-/// A [`LowPass`] as it is run: `y = b0 (x + past[0] x1 + past[1] x2) - a[0] y1 - a[1] y2`.
+/// A [`LowPass`] in the form that is computed: `y = b0 (x + past[0] x1 + past[1] x2) - a[0] y1 - a[1] y2`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Section {
     pub past: [f64; 2],
@@ -75,12 +75,12 @@ impl Section {
 }
 
 impl TwinEstimator {
-    /// The usual estimators in one form; `None` for the others.
+    /// The common estimators in one form; `None` for other estimators.
     pub(crate) fn low_pass(&self) -> Option<Section> {
         self.low_pass
     }
 
-    /// The estimator of those settings at rest.
+    /// The estimator of these settings, at rest.
     ///
     /// # Errors
     /// A parameter is out of range.
@@ -103,7 +103,7 @@ impl TwinEstimator {
         Ok(Self { low_pass, equation, memory: Memory::default(), rest })
     }
 
-    /// The velocity after a move by `difference` counts.
+    /// The velocity after the count changed by `difference`.
     #[inline]
     pub fn update(&mut self, difference: i32, senses: &Senses) -> f64 {
         match &self.low_pass {
@@ -130,7 +130,7 @@ impl Rest {
                 let count = self.counts[usize::from(self.newest)].wrapping_add(difference);
                 self.newest = self.newest.wrapping_add(1);
                 self.counts[usize::from(self.newest)] = count;
-                let [.., samples] = window.to_be_bytes(); // at most 255
+                let [.., samples] = window.to_be_bytes(); // the window is at most 255 samples
                 let before = self.counts[usize::from(self.newest.wrapping_sub(samples))];
                 f64::from(count.wrapping_sub(before)) / f64::from(*window)
             }

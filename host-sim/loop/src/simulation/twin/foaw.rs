@@ -1,29 +1,29 @@
-//! First-order adaptive windowing as published: every window against every sample in it.
+//! First-order adaptive windowing as published: each window length is checked against every sample in the window.
 
 use super::LENGTH;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Foaw {
-    /// The line through all samples of the window, not through its ends.
+    /// Whether the line is a fit to all samples of the window, or else goes through the window's ends.
     pub best: bool,
     /// Longest window, samples.
     pub window: u32,
-    /// Half the width of what counts as still, counts.
+    /// Noise bound: largest allowed distance from the line, counts.
     pub noise: f64,
 }
 
 impl Foaw {
-    /// With the noise to 1/16, as the setting is documented.
+    /// The noise is rounded to 1/16 count, as the setting's documentation says.
     pub(super) fn new(best: bool, window: u32, noise_counts: f64) -> Self {
         Self { best, window, noise: (16.0 * noise_counts).round() / 16.0 }
     }
 
-    /// The velocity after a move by `input` counts; `past` holds the differences, newest first.
+    /// The velocity after the count changed by `input`. `past` holds the differences, newest first.
     #[inline(never)] // so that the other estimators' state stays in registers
     pub(super) fn update(&self, past: &mut [f64; LENGTH], input: f64) -> f64 {
         past.rotate_right(1);
         past[0] = input;
-        // s[j]: counts since j samples ago
+        // s[j]: change of the count over the last j samples
         let mut s = [0.0; LENGTH];
         for j in 1..LENGTH {
             s[j] = s[j - 1] + past[j - 1];
@@ -31,7 +31,7 @@ impl Foaw {
         let mut velocity = past[0];
         for i in 2..=self.window {
             let (number, over) = self.slope(&s, i);
-            // whole numbers, so that a sample exactly on the edge of the noise is inside
+            // whole numbers, so that a sample exactly at the noise bound is inside
             let within = (0..i)
                 .zip(&s)
                 .all(|(j, s)| (s * over - f64::from(j) * number).abs() <= self.noise * over);
@@ -43,7 +43,7 @@ impl Foaw {
         velocity
     }
 
-    /// Slope over `i` samples, as a fraction.
+    /// Slope over `i` samples as a fraction: numerator and denominator.
     fn slope(&self, s: &[f64; LENGTH], i: u32) -> (f64, f64) {
         let n = f64::from(i);
         if self.best {

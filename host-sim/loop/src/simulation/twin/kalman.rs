@@ -1,8 +1,8 @@
-//! The steady-state Kalman filter; the equations stand in the core's `velocity/kalman.rs`.
+//! The steady-state Kalman filter. The equations are in the core's `velocity/kalman.rs`.
 
 use zwidth::velocity::KalmanDesign;
 
-/// Position less the count, velocity and acceleration, in counts and samples.
+/// Estimated position minus count, velocity and acceleration, in counts and samples.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct KalmanState {
     distance: f64,
@@ -11,7 +11,7 @@ pub(super) struct KalmanState {
 }
 
 impl KalmanState {
-    /// The velocity after a move by `input` counts.
+    /// The velocity after the count changed by `input`.
     #[inline(never)] // so that the other estimators' state stays in registers
     pub(super) fn update(&mut self, gains: &KalmanDesign, input: f64) -> f64 {
         let predicted = self.distance + self.velocity + self.acceleration / 2.0 - input;

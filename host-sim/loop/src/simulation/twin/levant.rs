@@ -1,15 +1,15 @@
-//! Levant's differentiator; the equations stand in the core's `velocity/levant.rs`.
+//! Levant's differentiator. The equations are in the core's `velocity/levant.rs`.
 
 use zwidth::velocity::LevantDesign;
 
-/// Its sizes, and what it remembers, in counts and samples.
+/// Parameters, in counts and samples.
 #[derive(Clone, Copy, Debug)]
 pub struct Levant {
     pub implicit: bool,
     pub sizes: LevantDesign,
 }
 
-/// Where the position will be at the next sample less the count, and u1.
+/// Predicted position at the next sample minus the count, and u1.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct LevantState {
     ahead: f64,
@@ -17,7 +17,7 @@ pub(super) struct LevantState {
 }
 
 impl Levant {
-    /// The velocity after a move by `input` counts.
+    /// The velocity after the count changed by `input`.
     #[inline(never)] // so that the other estimators' state stays in registers
     pub(super) fn update(&self, state: &mut LevantState, input: f64) -> f64 {
         let LevantDesign { alpha, lambda } = self.sizes;

@@ -1,5 +1,5 @@
-//! The controller's twin in `f64`: the same maths without quantised coefficients, velocities,
-//! gains or forces. What differs between it and the core is what fixed point costs.
+//! The controller's twin in `f64`: the same equations without quantised coefficients, velocities, gains or forces. A
+//! difference between twin and core is the effect of fixed point.
 
 mod equation;
 mod estimator;
@@ -21,20 +21,19 @@ use zwidth::{
 
 use crate::simulation::controller::{Controller, ControllerOutput};
 
-/// Below this a filter state is zero: subnormal numbers would slow the loop down seven times.
+/// A filter state below this is set to zero. Subnormal numbers would make the loop seven times slower.
 pub(crate) const FLUSH_BELOW: f64 = 1e-30;
 
-/// Differences that the estimators remember at most.
+/// Largest number of differences in an estimator's state.
 const LENGTH: usize = WINDOW_MAX as usize;
 
 /// Whether the twin rounds its velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rounding {
-    /// Not rounded: exact to `f64`.
+    /// No rounding other than that of `f64`.
     Exact,
-    /// The velocity that leaves the filter is rounded to the fixed-point LSB, 2^-16 counts per
-    /// sample; the filter's own state is not. The least that any fixed-point form of that format
-    /// changes.
+    /// The filter's output is rounded to the fixed-point LSB, 2^-16 counts per sample. The filter's state is not
+    /// rounded. This rounding is the smallest change that any fixed-point filter with this output format makes.
     VelocityLsb,
 }
 
@@ -57,12 +56,11 @@ pub struct Twin {
     until_due: u32,
 }
 
-/// Adding and subtracting this rounds to a multiple of 2^-16 (to even in ties).
+/// Adding and subtracting this number rounds to a multiple of 2^-16 (ties to even).
 pub(crate) const ROUND_TO_LSB: f64 = 1.5 * (1u64 << 36) as f64;
 
 impl Twin {
-    /// The twin of the core with those settings, at rest at `count`; `push` is a fraction of full
-    /// scale.
+    /// The twin of the core with these settings, at rest at `count`. `push` is a fraction of full scale.
     ///
     /// # Errors
     /// A setting is out of range.
@@ -73,7 +71,7 @@ impl Twin {
         push: f64,
         count: i32,
     ) -> Result<Self, SettingsError> {
-        let control = settings.build(design)?; // the ranges, and the surface in counts
+        let control = settings.build(design)?; // checks the ranges, and gives the surface in counts
         let wall = &settings.wall;
         let per_count = design.resolution_m / design.full_scale_n;
         Ok(Self {
@@ -99,7 +97,7 @@ impl Twin {
 }
 
 impl Twin {
-    /// The usual estimators in one form; `None` for the others.
+    /// The common estimators in one form; `None` for other estimators.
     pub(crate) fn low_pass(&self) -> Option<Section> {
         self.estimator.low_pass()
     }
@@ -111,7 +109,7 @@ impl Twin {
 }
 
 impl Controller for Twin {
-    #[inline(always)] // called, it would keep the state of the loop in memory
+    #[inline(always)] // a call would move the state of the loop from registers to memory
     fn sample(&mut self, count: i32, senses: &Senses) -> bool {
         let difference = count.wrapping_sub(self.count);
         self.count = count;
@@ -125,7 +123,7 @@ impl Controller for Twin {
         due
     }
 
-    #[inline(always)] // called, it would keep the state of the loop in memory
+    #[inline(always)] // a call would move the state of the loop from registers to memory
     fn render(&mut self) -> ControllerOutput {
         let penetration = i64::from(self.count) - i64::from(self.surface);
         let mut wall = 0.0;

@@ -1,15 +1,15 @@
-//! Time stamping in `f64`: times and places in plain numbers.
+//! Time stamping in `f64`.
 
 use zwidth::velocity::{Edge, SPAN_MAX};
 
-/// Edges that are kept: the newest of each sample of the longest span, and one older.
+/// Number of stored edges: the newest of each sample of the longest span, and an older one.
 const LENGTH: usize = SPAN_MAX as usize + 2;
-/// After so many samples without an edge the handle stands still.
+/// The handle is at rest after this number of samples without an edge.
 const STANDSTILL: f64 = 32_768.0;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Stamps {
-    /// Time in samples, place in counts; newest first.
+    /// Time in samples and position in counts of each edge, newest first.
     edges: [[f64; 2]; LENGTH],
     known: usize,
     now: f64,
@@ -29,7 +29,7 @@ impl Stamps {
             Some(edge) if difference != 0 || edge.age < Edge::SAMPLE => {
                 Some((f64::from(edge.age.min(Edge::SAMPLE - 1)) / sample, edge.up))
             }
-            // how old it is is not known: half the time of one count
+            // the edge's age is unknown: assume half the time of one count
             None if difference != 0 => {
                 let age = 0.5 / f64::from(difference).abs();
                 Some(((age * sample).floor() / sample, difference > 0))
@@ -54,8 +54,8 @@ impl Stamps {
         self.measured.clamp(-bound, bound).clamp(-32_767.0, 32_767.0)
     }
 
-    /// From the newest edge that is older than the latest by a span less half a sample; else from
-    /// the oldest.
+    /// Velocity from the newest edge that is older than the latest by at least a span less half a sample. If there is
+    /// none, from the oldest edge.
     fn measure(&self, span: f64) -> f64 {
         let span = span - 0.5;
         let edges = &self.edges[..self.known];

@@ -1,4 +1,4 @@
-//! The cutoff axes of the area figure: ticks, and the numbers that have room.
+//! The cutoff axes of the area figure: ticks, and the numbers that fit.
 
 use crate::notation::number;
 use std::ops::Range;
@@ -21,19 +21,19 @@ use super::{
 };
 
 const CUTOFF_SIZE: f64 = 11.0;
-/// From the frame to the middle of the first row of numbers, and from row to row.
+/// Distance from the frame to the middle of the first row of numbers, and between rows.
 pub(super) const ROW_DROP: f64 = 12.5;
 pub(super) const ROW_PITCH: f64 = 13.0;
-/// A cutoff whose number finds room in neither row has a tick only.
+/// Number of rows. A cutoff whose number fits in no row has only a tick.
 const MOST_ROWS: usize = 2;
-/// Least space between two numbers in a row.
+/// Smallest space between two numbers in a row.
 const LABEL_SPACE: f64 = 4.0;
 
 const TICK_WIDTH: f64 = 1.0;
-/// From a tick to its number in the second row: light, since it passes close to others.
+/// Line from a tick to its number in the second row. It is light, because it passes close to other numbers.
 const LEADER: RGBColor = RGBColor(190, 190, 190);
 
-/// Room left and right of the outermost cutoffs, as a part of the whole axis and at least a factor.
+/// Space left and right of the outermost cutoffs, as a part of the whole axis, and at least as a factor.
 const PAD_SHARE: f64 = 0.04;
 const LEAST_PAD: f64 = 1.06;
 const LONE_PAD: f64 = 2.0;
@@ -56,7 +56,7 @@ pub(super) struct Label {
     cutoff_hz: f64,
     nominal: String,
     true_hz: String,
-    /// `None` where there is no room in any row.
+    /// `None` if the number fits in no row.
     row: Option<usize>,
 }
 
@@ -84,8 +84,8 @@ impl Label {
     }
 }
 
-/// Labels in rows so that those of a row keep apart: the ideal one is placed first, then the ends of
-/// the axis and of the ideal range, then the roundest numbers.
+/// Assigns labels to rows without overlap. The ideal cutoff comes first, then the ends of the axis and of the ideal
+/// range, then the roundest numbers.
 pub(super) fn labels(plot: &AreaPlot) -> Vec<Label> {
     let ends = [plot.points.first(), plot.points.last()];
     let rank = |label: &Label| {
@@ -120,7 +120,7 @@ pub(super) fn rows(labels: &[Label]) -> usize {
     filled.max().map_or(0, |row| row + 1)
 }
 
-/// Ticks at every cutoff, up to its numbers.
+/// Draws ticks at all cutoffs, up to their numbers.
 pub(super) fn draw_labels(
     page: &Page,
     panel: &Panel,

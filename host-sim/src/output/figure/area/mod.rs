@@ -27,19 +27,19 @@ use super::{
 };
 
 const LEFT: f64 = 56.0;
-/// With one row of numbers above the plot.
+/// Top of the plot with one row of numbers above it.
 const TOP: f64 = 112.0;
 const RIGHT: f64 = WIDTH - MARGIN - 8.0;
 const PLOT_HEIGHT: f64 = 220.0;
 const MOST_TICKS: usize = 7;
-/// Keeps the mark of the largest area off the frame.
+/// Space between the mark of the largest area and the frame.
 const HEADROOM: f64 = 1.03;
 
 const KEY_MIDDLE: f64 = 60.0;
 const KEY_SWATCH: f64 = 20.0;
 const KEY_GAP: f64 = 6.0;
 const KEY_SPACE: f64 = 16.0;
-/// Up from the uppermost row of numbers above the plot.
+/// Distance up from the uppermost row of numbers above the plot.
 const TOP_TITLE_RISE: f64 = 16.0;
 const CAPTION_DROP: f64 = 52.0;
 const CAPTION_PITCH: f64 = 16.0;
@@ -48,38 +48,38 @@ const LINE_WIDTH: f64 = 1.6;
 const BAR_WIDTH: f64 = 1.1;
 const CAP_HALF: f64 = 3.5;
 const DOT_RADIUS: f64 = 2.8;
-/// The ring around the ideal mean, open so that its error bar shows.
+/// The ring around the ideal mean. It is open, so that its error bar is visible.
 const IDEAL_RADIUS: f64 = 6.0;
 const IDEAL_HOLE: f64 = 4.2;
 const BAND_OPACITY: f64 = 0.18;
 const RANGE_OPACITY: f64 = 0.13;
-/// The shade reaches this far beyond the cutoffs at its ends, so that their points lie inside.
+/// Distance of the shade beyond the cutoffs at its ends, so that their points lie inside.
 const RANGE_MARGIN: f64 = 6.0;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct AreaPlot {
     /// First line above the plot.
     pub title: String,
-    /// Second line: scene, resolution, and what else identifies the run.
+    /// Second line: scene, resolution, and other facts that identify the run.
     pub subtitle: String,
-    /// What its axis speaks.
+    /// Units of the axis.
     pub units: Units,
     /// One point per cutoff, in ascending order of the cutoff.
     pub points: Vec<AreaPoint>,
-    /// Nominal cutoff that is marked.
+    /// Nominal cutoff that gets a mark.
     pub ideal_cutoff_hz: Option<f64>,
-    /// First and last nominal cutoff of the range that is shaded.
+    /// First and last nominal cutoff of the shaded range.
     pub ideal_range_hz: Option<[f64; 2]>,
-    /// What that range and that cutoff are called.
+    /// Names of the range and of the cutoff.
     pub names: [&'static str; 2],
-    /// What the cutoff means, printed below the axis.
+    /// Meaning of the cutoff, printed below the axis.
     pub convention: String,
 }
 
 impl AreaPlot {
-    /// By the scene's own criterion.
+    /// Names for the scene's own criterion.
     pub const IDEAL: [&str; 2] = ["ideal range", "ideal"];
-    /// By quiet walls.
+    /// Names for quiet walls.
     pub const DIAL_IN: [&str; 2] = ["as good", "dial in"];
 }
 
@@ -88,7 +88,7 @@ impl AreaPlot {
 pub struct AreaPoint {
     /// Nominal cutoff of the filter, Hz.
     pub cutoff_hz: f64,
-    /// Frequency at which the discrete filter is down by 3 dB.
+    /// Frequency at which the discrete filter's gain is -3 dB.
     pub true_cutoff_hz: f64,
     /// Mean area [N² s/m²].
     #[serde(rename = "area_n2_s_per_m2")]
@@ -105,7 +105,7 @@ pub struct AreaPoint {
     pub damping_max_n_s_per_m: f64,
 }
 
-/// Draws the area from 0 over the logarithm of the cutoff; the upper axis gives true frequencies.
+/// Draws the area from 0 over the logarithm of the cutoff. The upper axis has the true frequencies.
 ///
 /// # Errors
 /// [`FigureError`] if an area is NaN, infinite or negative, or a cutoff is not greater than 0.
@@ -149,7 +149,7 @@ fn draw(plot: &AreaPlot, page: &Page) -> Result<(), FigureError> {
         Ticks::nothing()
     };
     let cutoffs = cutoff_range(&plot.points).log_scale();
-    let cutoffs = cutoffs.with_key_points(vec![]); // they get ticks of their own
+    let cutoffs = cutoffs.with_key_points(vec![]); // the cutoffs have their own ticks
     let mut chart = panel.chart(page, cutoffs, y, x_title_drop(rows))?;
     shade_range(page, &panel, plot)?;
     let titles = ["Cutoff, nominal [Hz]", &format!("Z-width area [{unit}]")];
@@ -244,7 +244,7 @@ fn ring(page: &Page, at: (i32, i32)) -> Result<(), FigureError> {
     Ok(page.draw(&Circle::new(at, grid(IDEAL_HOLE), WHITE.filled()))?)
 }
 
-/// One line above the plot that says what is what, so that nothing stands on the data.
+/// One line above the plot with the legend, so that no text is on the data.
 fn key(page: &Page, plot: &AreaPlot) -> Result<(), FigureError> {
     let y = KEY_MIDDLE;
     let mut x = LEFT;
@@ -285,7 +285,7 @@ mod tests {
     use super::*;
     use crate::output::figure::testing::{check as look, text_boxes};
 
-    /// Areas of an existing run at 1 µm.
+    /// Areas of a run at 1 µm.
     const AREAS: [(f64, f64, f64); 6] = [
         (50.0, 50.0, 6.8e5),
         (500.0, 496.0, 2.65e7),
