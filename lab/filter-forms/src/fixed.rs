@@ -37,8 +37,8 @@ pub(crate) fn round(value: f64) -> f64 {
 }
 
 impl<W: Word> Coefficients<W> {
-    /// Coefficients by the core's rule: `b0` and `a2` are rounded. The DC sum is `4 b0`, rounded by itself. `a1` and `b1`
-    /// follow from these values.
+    /// Coefficients by the core's rule: `b0` and `a2` are rounded. The DC sum is `4 b0`, rounded by itself. `a1` and
+    /// `b1` follow from these values.
     ///
     /// # Errors
     /// The DC sum rounds to 0, so the output could not move.

@@ -8,7 +8,8 @@ use super::{Bench, LSB_PER_COUNT, larger, reference::Reference};
 /// 0.7 periods.
 const BEFORE: f64 = 2.0;
 const AFTER: f64 = 1.2;
-/// Speeds that are tried: the lowest as a share of Q15's full scale, the highest in counts per sample, and the ratio of neighbouring speeds.
+/// Speeds that are tried: the lowest as a share of Q15's full scale, the highest in counts per sample,
+/// and the ratio of neighbouring speeds.
 const SLOWEST: f64 = 1.0 / 16.0;
 const FASTEST_COUNTS: f64 = 32_767.0;
 const STEP: f64 = 1.25;
