@@ -8,7 +8,6 @@
 //! mass. So the residual wanders and follows the command. In a closed loop the command also follows the residual. Then
 //! least squares is biased. So the residual is converted to the force that makes it. With the device's own step over
 //! `stride` rows, `z(n + stride) = P z(n)`,
-//! `stride` rows, `z(n + stride) = P z(n)`,
 //! ```text
 //! e(n) - trace(P) e(n - stride) + det(P) e(n - 2 stride)
 //! ```

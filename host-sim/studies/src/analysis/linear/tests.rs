@@ -1,8 +1,8 @@
-//! Values worked out once more in double precision by another program, and the corners of the accepted range.
+//! Compares with values that another program computed in double precision, and tests the ends of the accepted range.
 
 use super::*;
 
-/// The printed values carry four to eight digits.
+/// Tolerance for the printed values, which have four to eight digits.
 const PRINTED: f64 = 1e-3;
 
 fn paper(cutoff: Option<f64>) -> TransferFunction {
@@ -127,7 +127,7 @@ fn latency_as_printed() {
     }
 }
 
-/// Pairs of damping and printed limit.
+/// Pairs of a damping and a printed limit.
 type Row = [(f64, f64); 4];
 
 #[test]
@@ -182,7 +182,7 @@ fn passivity_as_printed() {
         21.0,
         "10 kHz, unfiltered",
     );
-    // First-order filter by the backward mapping, tau in samples.
+    // First-order filter by the backward mapping; tau is in samples.
     for (tau, positive, negative) in [(1.0, 2.1667, 5.5), (5.0, 0.9545, 5.5)] {
         let gain = 1e3 / (1.0 + tau);
         let filtered =
@@ -194,7 +194,7 @@ fn passivity_as_printed() {
             "backward mapping, negative damping",
         );
     }
-    // K_passive at B = 0 is 2 b / T.
+    // The largest passive K at B = 0 is 2 b / T.
     let b = Device::PAPER.damping_n_s_per_m;
     for (rate, printed) in [(1e3, 11_039.0), (1e4, 110_390.0)] {
         assert_printed(at(printed, 0.0, rate, &plain), b, "2 b / T");
@@ -230,7 +230,7 @@ fn extremes_give_numbers() {
                         assert!(
                             limit.phase_crossings.iter().all(|c| c.stiffness_n_per_m.is_finite())
                         );
-                        // Filtered far below the spring's own frequency even this much damping can be stable.
+                        // If the filter is far below the frequency of the spring, even this damping can be stable.
                         if damping == 1e12 && cutoff.is_none() {
                             assert_eq!(limit.stiffness_max, 0.0, "{of:?}");
                         }
@@ -250,7 +250,7 @@ fn undamped_device_needs_virtual_damping() {
         let boundary = Boundary::new(&of).unwrap();
         let without = boundary.at(0.0).unwrap();
         assert!(without.stiffness_max == 0.0 && without.unstable_at_zero, "{without:?}");
-        // Damping carries B / (T/2) and then some of it away.
+        // With damping B, the limit is about B / (T/2).
         let with = boundary.at(10.0).unwrap().stiffness_max;
         assert!((with / 2e5 - 1.0).abs() < 0.02, "k {stiffness_n_per_m}: {with}");
         assert_eq!(boundary.at(-1.0).unwrap().stiffness_max, 0.0);
