@@ -1,6 +1,6 @@
 //! Throughput of the lanes on one core, for each backend of this machine, beside a plain scalar `f64` loop with the
 //! same equations. `cargo bench -p host-sim-bench --bench batch -- --figure STEM` writes STEM.csv and STEM.png instead:
-//! time and memory against the number of hits and of samples. The rounds of all backends are interleaved, and the best
+//! time and memory against the number of hits and of samples. The rounds of all backends are interleaved. The best
 //! round of each counts, because other work on the machine can only slow a round down.
 #![allow(
     clippy::unwrap_used,

@@ -1,6 +1,6 @@
 //! Throughput of every estimator with lanes, on one core and for each backend of this machine, beside a plain scalar
 //! `f64` loop with the same equations. The result is docs/data/batch-estimators.csv. The rounds of all backends are
-//! interleaved, and the best round of each counts, because other work on the machine can only slow a round down. `--
+//! interleaved. The best round of each counts, because other work on the machine can only slow a round down. `--
 //! --core` measures only the scalar loop, for all estimators.
 #![allow(
     clippy::unwrap_used,

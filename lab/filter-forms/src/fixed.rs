@@ -3,8 +3,8 @@
 //!
 //! A coefficient has two bits before the point, because `|a1|` reaches 1.98. The other bits are after the point: 30
 //! bits in a 32-bit word, 14 bits in Q15. The core's rule makes a DC gain of exactly one, the best that these words
-//! allow. If each coefficient were rounded alone, Q15 at 20 Hz and 10 kHz would have `b0 = 1` and `1 + a1 + a2 = 2`
-//! LSB, and so a DC gain of 2.
+//! allow. Without this rule each coefficient would be rounded alone. Then Q15 at 20 Hz and 10 kHz would have `b0 = 1`
+//! and `1 + a1 + a2 = 2` LSB, a DC gain of 2.
 //!
 //! A sum of products fits the wide word with the same margin as in the core: `|b0| + .. + |a2| < 4`.
 

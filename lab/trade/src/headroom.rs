@@ -61,7 +61,7 @@ impl Reversal {
     }
 
     fn fits(&self, filter: &Filter, speed: f64) -> bool {
-        const TOLERANCE: f64 = 0.004; // of the speed; the overshoot is 0.086
+        const TOLERANCE: f64 = 0.004; // share of the speed; the overshoot is 0.086
         let [low, high] = self.extremes(filter, speed);
         let [half_low, half_high] = self.extremes(filter, speed / 2.0);
         let exact = self

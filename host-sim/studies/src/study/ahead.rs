@@ -1,7 +1,7 @@
 //! Selects walls that a walk may need next, so that a free lane can run them.
 //!
 //! A walk continues from verdict to verdict. A future verdict is guessed from the boundary so far, and from the
-//! boundary of a neighbour (another start, another tuning) if there is one. Of all possible walls, the most likely one
+//! boundary of a neighbour. A neighbour has another start or another tuning. Of all possible walls, the most likely one
 //! is taken. A wrong guess costs a hit in a lane that would be idle. It changes no boundary and no count of hits.
 
 use std::{

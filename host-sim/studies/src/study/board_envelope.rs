@@ -35,7 +35,7 @@ pub struct Part {
 }
 
 impl Part {
-    /// All parts of a scene, at the cutoffs of its sweep and at the cutoff of `first`, the settings after a reset.
+    /// All parts of a scene, at the cutoffs of its sweep and at the cutoff of `first`, the initial settings.
     ///
     /// # Errors
     /// [`Error::Input`]: a value of the scene is not allowed with one of the parts.
@@ -139,7 +139,7 @@ pub fn fitting(
     named.prepared(board, first)
 }
 
-/// The scene with the estimator after a reset. The recommended cutoff is for this estimator.
+/// The scene with the initial estimator. The recommended cutoff is for this estimator.
 ///
 /// # Errors
 /// [`Error::Input`]: the scene names no estimator of the board.
@@ -159,7 +159,7 @@ fn take(scene: &mut Scene, estimator: EstimatorName) {
     }
 }
 
-/// Whether a scene states the settings after a reset.
+/// Whether a scene states the initial settings.
 pub fn says_first(scene: &Scene) -> bool {
     let said = |board: &BoardTable| board.cutoff_hz.is_some() || board.design.is_some();
     scene.board.as_ref().is_some_and(said) || scene.velocity.cutoff_hz().is_some()

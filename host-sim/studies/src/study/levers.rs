@@ -3,8 +3,8 @@
 //!
 //! The same device is walked in other loops: the scene's own loop, and loops with the latency and output stage of each
 //! board. A board's output comes every ten samples or more often. Each loop also has a version with an amplifier of
-//! [`AMPLIFIER_HZ`], and a version with a handle on a transmission. So the result does not promise to a belt what only
-//! the loop could do. Each loop gives the areas by limit, push and cutoff, and the area with the true velocity.
+//! [`AMPLIFIER_HZ`], and a version with a handle on a transmission. The last version shows the limits of a device with
+//! a belt. Each loop gives the areas by limit, push and cutoff, and the area with the true velocity.
 //!
 //! **Steps.** Areas differ by five powers of ten, so one grid would be too coarse for some and too slow for others. The
 //! steps are divided by [`FINER`] until the boundary is at least [`RESOLVED`] steps of K high and of B wide.
@@ -170,7 +170,7 @@ pub fn levers(scene: &NamedScene) -> Result<Vec<Lever>, Error> {
                 changed.mode = Some(transmission(changed.device.mass_kg));
             }
             let is_there = levers.iter().any(|lever: &Lever| lever.scene == changed);
-            // If the scene's own elements leave no room for the added elements, its loops are left out with them.
+            // A version is left out if the scene does not allow the added elements beside its own.
             if !is_there && changed.check().is_ok() {
                 levers.push(Lever { of_loop: of_loop.clone(), between, scene: changed });
             }

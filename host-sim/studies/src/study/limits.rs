@@ -1,5 +1,5 @@
-//! The limit as an axis: areas and ideal cutoffs for several limits of the RMS and of the sensation level, by push and
-//! hand, and the areas with the true velocity.
+//! The limit as an axis: areas and ideal cutoffs for several limits of the RMS and of the sensation level. They are
+//! computed for each push and hand, and also with the true velocity.
 //!
 //! All walks of a scene at one cutoff and start share their hits: the result of a hit serves every limit. A hit ends
 //! early if it is certainly beyond the largest limit.
@@ -365,7 +365,8 @@ impl<D: FnMut(&Job, Result<Boundary, Error>)> Walks<'_, D> {
         shared.lock().unwrap_or_else(PoisonError::into_inner).get(&place).copied()
     }
 
-    /// Stores the result of a hit. The level is always known. A hit without measurements is beyond the largest RMS.
+    /// Stores the result of a hit. A hit without measurements ended early: it is beyond the largest RMS, and its level is
+    /// not known. A hit with an error is beyond all limits.
     fn learn(&self, job: &Job, place: (i32, i32), outcome: &Result<Outcome, HitError>) {
         let beyond = Known {
             no_contact: false,

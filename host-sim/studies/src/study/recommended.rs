@@ -67,10 +67,10 @@ pub struct QuietStudy {
 /// Quiet walls by another protocol.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Held {
-    /// How it was tried.
+    /// Protocol of the tried hits.
     pub protocol: Protocol,
-    /// The stiffest wall that is, with the B of the one that was asked about, N/m: the first that is of ever softer ones,
-    /// if any; or why none can be tried.
+    /// K of the stiffest quiet wall with the B of the given wall, N/m: softer and softer walls are tried until one is
+    /// quiet. `Ok(None)` if no wall is quiet; the reason if no wall can be tried.
     pub stiffest: Result<Option<f64>, String>,
 }
 

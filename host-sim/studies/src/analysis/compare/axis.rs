@@ -94,8 +94,8 @@ impl Axes {
         self.second.map_or(0.0, |[low, high]| (before / low).ln() / (high / low).ln())
     }
 
-    /// The settings with a bandwidth that is wrong by a factor, and the factor that is reached, because a whole number
-    /// cannot reach every factor. `None` if the core refuses the tuning.
+    /// The settings with a bandwidth that is wrong by a factor, and the reached factor. A whole number cannot reach
+    /// every factor. `None` if the core refuses the tuning.
     pub fn off_by(
         &self,
         settings: &VelocitySettings,

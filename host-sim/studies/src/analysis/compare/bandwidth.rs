@@ -11,8 +11,8 @@
 //! | Levant's differentiator | the same for the equivalent linear loop at an error of one count, see below |
 //!
 //! **Levant's differentiator** is nonlinear, so its bandwidth depends on the size of the error. For `e = sin(w t)`
-//! counts the describing functions of its terms are `4 / pi` for the sign and 1.1128 for the root (`2 / pi` times the
-//! integral of `sin^(3/2)` from 0 to pi), so that
+//! counts, the describing function of the sign term is `4 / pi`. That of the root term is 1.1128 (`2 / pi` times the
+//! integral of `sin^(3/2)` from 0 to pi). So
 //!
 //! ```text
 //! V / (s X) = (p s + i) / (s^2 + p s + i),   p = 1.1128 lambda,   i = 4 alpha / pi     explicit

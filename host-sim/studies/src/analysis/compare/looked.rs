@@ -1,9 +1,9 @@
 //! Results of a search by tuning. Each tuning is walked from the first start, and from the second start only if it can
 //! still win.
 //!
-//! If the first area of a tuning is below [`CAN_WIN`] of the best, the second area would have to be above 105 % of the
-//! best. In the searches of paper-1um, such second areas reached at most 95 %. So these tunings cannot win, and one
-//! walk is enough.
+//! Suppose that the first area of a tuning is below [`CAN_WIN`] of the best. Then the second area would have to be
+//! above 105 % of the best. In the searches of paper-1um, such second areas reached at most 95 %. So these tunings
+//! cannot win, and one walk is enough.
 
 use zwidth::VelocitySettings;
 

@@ -114,7 +114,7 @@ pub struct Asked {
     pub fit_latency: bool,
     /// The device has a spring.
     pub spring: bool,
-    /// Terms beside mass, damping and spring.
+    /// Terms in addition to mass, damping and spring.
     pub terms: Terms,
     /// Rest position of the spring without any other force, m or in the units of the options. The next two lengths have
     /// the same units.

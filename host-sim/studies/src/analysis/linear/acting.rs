@@ -2,8 +2,8 @@
 //!
 //! If no spring holds a body, neither to the ground nor to the handle, nothing depends on its position. Its position is
 //! an eigenvalue of 1 at every K and B, and rounding would decide about stability. A body behind a joint without spring
-//! and damper does not act on the handle at all. Both are left out. If several bodies float together, their positions
-//! relative to the first of them stay.
+//! and damper does not act on the handle at all. Both are left out. If several bodies float together, only their
+//! positions relative to the first body are kept.
 
 use nalgebra::{DMatrix, DVector};
 

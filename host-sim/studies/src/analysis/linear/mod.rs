@@ -10,9 +10,9 @@
 //! With `period = 1` and without latency, this is the paper's section 2.1, eq. (3) to (5). The force changes only once
 //! per output period. So at the output instants the loop is time-invariant for any period and latency. Its
 //! characteristic equation is affine in K and in B: `1 + K Hx(z) + B Hv(z) = 0`. A root lies on the unit circle exactly
-//! if `K(w) = -(1 + B Hv) / Hx` is real at z = exp(j w), which gives every crossing in closed form ([`Boundary`]). The
-//! monodromy matrix over one period ([`Monodromy`]) is built independently, by stepping the loop. Its eigenvalues show
-//! which side of a crossing is stable.
+//! if `K(w) = -(1 + B Hv) / Hx` is real at z = exp(j w). This condition gives every crossing in closed form
+//! ([`Boundary`]). The monodromy matrix over one period ([`Monodromy`]) is built independently, by stepping the loop.
+//! Its eigenvalues show which side of a crossing is stable.
 //!
 //! Passivity ([`passivity`]) is a stricter criterion (after Colgate and Schenkel): no motion may take energy out of the
 //! port. It ranks cutoffs in the opposite order.

@@ -22,7 +22,7 @@ fn assert_printed(ours: f64, printed: f64, what: &str) {
 
 #[test]
 fn single_rate_boundary_as_printed() {
-    // C3: the paper's section 2.1 at 10 kHz.
+    // The paper's section 2.1 at 10 kHz.
     let dampings = [0.0, 10.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0];
     let table: [(Option<f64>, [f64; 8]); 10] = [
         (Some(20.0), [110_414., 97_717., 3_883., 0., 0., 0., 0., 0.]),
@@ -94,7 +94,7 @@ fn single_rate_boundary_as_printed() {
 
 #[test]
 fn latency_as_printed() {
-    // C2: 1 kHz, plain difference, whole samples of latency.
+    // 1 kHz, plain difference, whole samples of latency.
     let table: [(f64, &[(f64, f64)]); 5] = [
         (
             0.0,
@@ -132,7 +132,7 @@ type Row = [(f64, f64); 4];
 
 #[test]
 fn multirate_boundary_as_printed() {
-    // C4: estimate at 10 kHz, force at 1 kHz.
+    // Estimate at 10 kHz, force at 1 kHz.
     let table: [(Option<f64>, Row); 6] = [
         (Some(50.0), [(0., 11_064.), (20., 19_684.), (50., 18_661.), (100., 11_183.)]),
         (Some(100.0), [(0., 11_064.), (20., 35_174.), (50., 47_614.), (100., 46_923.)]),
@@ -153,7 +153,6 @@ fn multirate_boundary_as_printed() {
 
 #[test]
 fn passivity_as_printed() {
-    // C1.
     let at = |stiffness: f64, damping: f64, rate: f64, estimator: &TransferFunction| {
         passivity::tests::demand(stiffness, damping, rate, estimator).unwrap().damping_n_s_per_m
     };

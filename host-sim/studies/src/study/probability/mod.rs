@@ -257,8 +257,8 @@ impl Map {
     }
 }
 
-/// Places in the sorted draws between which a quantile lies with a probability of 95 %, for any distribution (Conover,
-/// *Practical Nonparametric Statistics*, 1999, section 3.2). `None` if no draw is a bound.
+/// The 95 % interval of a quantile, as places in the sorted draws, for any distribution (Conover, *Practical
+/// Nonparametric Statistics*, 1999, section 3.2). `None` if no draw is a bound.
 pub fn ranks(draws: u32, share: f64) -> [Option<f64>; 2] {
     let Ok(below) = Binomial::new(share, draws.into()) else { return [None; 2] };
     // Rank r of 1 to n has the place (r - 1) / (n - 1).

@@ -1,9 +1,9 @@
 //! Default velocity estimates of other systems, untuned, in the core's arithmetic at the scene's rate.
 //!
 //! Poles and zeros are those of the source in the z-plane. Each tracking loop has two rows: one reads the state before
-//! the step, the other uses the order of the source. A delay of one sample matters if other delays are small. Not
-//! included are their changes of a count before the estimate (ODrive floors its estimate and sets small speeds to
-//! zero), and their own rates, 1 to 30 kHz.
+//! the step, the other uses the order of the source. A delay of one sample matters if other delays are small. The
+//! changes that these systems make to a count before the estimate are not included (ODrive floors its estimate and sets
+//! small speeds to zero). Their own rates, 1 to 30 kHz, are not included either.
 
 mod table;
 

@@ -1,9 +1,9 @@
 //! Fidelity as a limit: the area of the walls that are stable *and* rendered as commanded.
 //!
-//! A wall is usable within a limit if the relative error of its rendered impedance's magnitude is at most the limit,
-//! from 1 to 30 Hz ([`Rendered`]). The usable area is the part of a boundary's area with usable walls. Its walks are
-//! those of the plain area, so it costs no further hit. Each estimator is tuned again for each limit, with the search
-//! of [`search`](super::search) and from the same starts.
+//! A wall is usable within a limit if the magnitude of its rendered impedance is correct within the limit, from 1 to 30
+//! Hz ([`Rendered`]). The usable area is the part of a boundary's area with usable walls. Its walks are those of the
+//! plain area, so it costs no further hit. Each estimator is tuned again for each limit, with the search of
+//! [`search`](super::search) and from the same starts.
 
 mod table;
 

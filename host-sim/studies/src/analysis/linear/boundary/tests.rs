@@ -174,7 +174,8 @@ fn agree_at_crossings(mut dice: Dice, roll: fn(&mut Dice) -> Loop) -> u32 {
 
 #[test]
 fn a_body_that_no_spring_holds_does_not_make_the_loop_unstable() {
-    // A spring of almost 0 gives the same loop as a spring of 0, but with 0 the body's position is an eigenvalue of 1.
+    // A spring of almost 0 gives the same loop as a spring of 0. With exactly 0, the body's position is an eigenvalue
+    // of 1.
     let arm = Arm {
         mass_kg: 1.2,
         damping_n_s_per_m: 12.0,

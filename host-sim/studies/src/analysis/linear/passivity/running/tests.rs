@@ -206,8 +206,8 @@ impl Difference {
     }
 }
 
-/// Steps the loop with this motion. Returns the energy that leaves the wall and the damper over the second half of the
-/// periods, divided by the energy that the damper takes.
+/// Steps the loop with this motion. Returns the energy that leaves the wall and the damper, divided by the energy that
+/// the damper takes. Both are sums over the second half of the periods.
 fn energy_out(of: &Loop, k: f64, b: f64, motion: &Motion) -> f64 {
     let (period, sample_s) = (of.period as usize, of.sample_s());
     let mut estimator = Difference::new(&of.estimator);
