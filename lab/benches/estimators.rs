@@ -1,7 +1,7 @@
 //! Throughput of every estimator with lanes, on one core and for each backend of this machine, beside a plain scalar
 //! `f64` loop with the same equations. The result is docs/data/batch-estimators.csv. The rounds of all backends are
-//! interleaved. The best round of each counts, because other work on the machine can only slow a round down. `--
-//! --core` measures only the scalar loop, for all estimators.
+//! interleaved. The best round of each counts, because other work on the machine can only slow a round down.
+//! `-- --core` measures only the scalar loop, for all estimators.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,

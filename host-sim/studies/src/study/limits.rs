@@ -365,8 +365,8 @@ impl<D: FnMut(&Job, Result<Boundary, Error>)> Walks<'_, D> {
         shared.lock().unwrap_or_else(PoisonError::into_inner).get(&place).copied()
     }
 
-    /// Stores the result of a hit. A hit without measurements ended early: it is beyond the largest RMS, and its level is
-    /// not known. A hit with an error is beyond all limits.
+    /// Stores the result of a hit. A hit without measurements ended early. It is beyond the largest RMS, and its level
+    /// is not known. A hit with an error is beyond all limits.
     fn learn(&self, job: &Job, place: (i32, i32), outcome: &Result<Outcome, HitError>) {
         let beyond = Known {
             no_contact: false,

@@ -128,7 +128,7 @@ struct Walks<'a, D> {
     running: BTreeMap<usize, Running>,
     /// The walk and the cell of each lane.
     lanes: Vec<Option<(usize, Cell)>>,
-    /// The last complete boundary.
+    /// The boundary of the walk that ended last.
     last: Guide,
     done: D,
 }

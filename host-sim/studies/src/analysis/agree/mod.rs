@@ -11,9 +11,9 @@
 //! probability of one in twenty. So 5 % of agreeing walks are reported as different.
 //!
 //! **Which number?** Each [`Suspect`] is changed alone. First it gets values around the scene's value, then values
-//! between the best three. Last, the ends of the range that explains as much are refined. Each value takes four walks.
-//! A value explains the difference if the remaining distance is no larger than that among the scene's own walks.
-//! Several suspects may explain the difference.
+//! between the best three. Last, the search refines the ends of the range whose values explain as much as the best one.
+//! Each value takes four walks. A value explains the difference if the remaining distance is no larger than that among
+//! the scene's own walks. Several suspects may explain the difference.
 
 mod measured;
 mod suspects;

@@ -1,7 +1,7 @@
 //! Compares all velocity estimators. The same search tunes each on the same boundary, and the cost of each is reported.
 //!
 //! * [`search`]: the tuning with the largest Z-width area, by the same rule for each estimator, over the same range of
-//! [`bandwidth`]; [`tuned`] is its result;
+//!   [`bandwidth`]; [`tuned`] is its result;
 //! * [`signal`]: delay and noise of the estimator alone, on prescribed motions;
 //! * [`roughness`](mod@roughness): how rough the force is in contact;
 //! * [`fidelity`]: how far the rendered impedance is from the commanded one;

@@ -56,7 +56,7 @@ pub const OF_TWO: u32 = 4;
 const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (3, 8)];
 /// Lines of the first look across the second axis. Each is in the middle of one of as many equal parts.
 const LINES: u32 = 3;
-/// A neighbour is better if its area is larger by at least this share.
+/// A neighbour is better if its area is larger by more than this share.
 pub const GAIN: f64 = 0.002;
 /// Smallest step, as a ratio of bandwidths. It does not apply to whole numbers, whose steps end by themselves.
 pub const LAST_STEP: f64 = 1.03;

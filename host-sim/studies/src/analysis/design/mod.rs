@@ -3,15 +3,15 @@
 //! which hand, below which limit).
 //!
 //! * The quality of a filter is its area divided by the area of finite difference and Butterworth at its best cutoff of
-//! `[sweep]`, in the worst condition. With one condition this is the area itself.
+//!   `[sweep]`, in the worst condition. With one condition this is the area itself.
 //! * [`evolution`]: a global search over poles, lead and second zero ([`shape`]), for several caps on the gain peak at
-//! once. The grid of the walk is so coarse that Butterworth's boundary has about 28 columns.
+//!   once. The grid of the walk is so coarse that Butterworth's boundary has about 28 columns.
 //! * The best filters of the first cap are refined on a grid with twice as many columns.
 //! * The best filters of each cap are walked again on the scene's grid, from other starts. The best of these are walked
-//! from the starts of a sweep. So an area in the result is not the luckiest of many. A question with one repeat is
-//! different: all walks have one start, so its areas are the luckiest of many.
+//!   from the starts of a sweep. So an area in the result is not the luckiest of many. A question with one repeat is
+//!   different: all walks have one start, so its areas are the luckiest of many.
 //! * Roughness is measured as in [`compare`](super::compare), at the same wall, except that Butterworth's cutoff here
-//! is one of `[sweep]`. The remaining area is measured with a frequency or damping that is wrong by [`MISTUNED_BY`].
+//!   is one of `[sweep]`. The remaining area is measured with a frequency or damping that is wrong by [`MISTUNED_BY`].
 
 pub mod evolution;
 mod references;

@@ -4,12 +4,12 @@
 //! `(J' J)^-1 J'`. The variance of this sum is computed in two ways. The larger variance is used:
 //!
 //! 1. From a model of the error: white noise plus the quantiser's sawtooth (see `residual`). The white noise has the
-//! residual's variance minus that of the sawtooth. Over a random start within a count, two samples of the sawtooth at x
-//! and y have the covariance `sum over h of cos(2 pi h (x - y)) / (2 pi^2 h^2)`, so that `variance = s^2 sum q^2 + sum
-//! over h of a^(2 h^2) |sum q(n) exp(2 pi i h x(n))|^2 / (2 pi^2 h^2)`. At rest the sawtooth acts like a constant error
-//! of 1/sqrt(12) count, in motion like white noise.
+//!    residual's variance minus that of the sawtooth. Over a random start within a count, two samples of the sawtooth
+//!    at x and y have the covariance `sum over h of cos(2 pi h (x - y)) / (2 pi^2 h^2)`, so that
+//!    `variance = s^2 sum q^2 + sum over h of a^(2 h^2) |sum q(n) exp(2 pi i h x(n))|^2 / (2 pi^2 h^2)`. At rest the
+//!    sawtooth acts like a constant error of 1/sqrt(12) count, in motion like white noise.
 //! 2. From the residual itself, with any correlation: Newey and West, Econometrica 55 (1987) 703, with the bandwidth of
-//! Andrews, Econometrica 59 (1991) 817, for a first-order autoregression.
+//!    Andrews, Econometrica 59 (1991) 817, for a first-order autoregression.
 
 use std::{
     f64::consts::TAU,

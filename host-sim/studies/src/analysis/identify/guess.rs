@@ -3,8 +3,8 @@
 //! ```text
 //! x = x1 + (v1 + d x1) t - d I(x) - w I(I(x)) + g I(I(u)) + o t^2 / 2       I = integral from the first row
 //! ```
-//! Integrals smooth noise, so no filter and no differentiation is necessary. The same regression without a mass, `x =
-//! x1 - (w/d) I(x) + (g/d) I(u) + (o/d) t`, detects a device whose damping hides its mass.
+//! Integrals smooth noise, so no filter and no differentiation is necessary. The same regression without a mass,
+//! `x = x1 - (w/d) I(x) + (g/d) I(u) + (o/d) t`, detects a device whose damping hides its mass.
 
 use nalgebra::{DMatrix, DVector};
 

@@ -5,8 +5,8 @@
 //! ```
 //! The condition is necessary and sufficient without latency, if the force is held over the sample. J. E. Colgate, G.
 //! G. Schenkel, "Passivity of a class of sampled-data systems", J. Robotic Systems 14(1), 1997. The quotient is 0/0 at
-//! w = 0. The split `V(z) = V(1) + (1 - z^-1) W(z)` removes this for every estimator, because `(1 - z^-1)^2 = -2 (1 -
-//! cos w) z^-1`:
+//! w = 0. The split `V(z) = V(1) + (1 - z^-1) W(z)` removes this for every estimator, because
+//! `(1 - z^-1)^2 = -2 (1 - cos w) z^-1`:
 //! ```text
 //! b > T (K + B V(1)) / 2 + T max over w of -B Re{z^-1 W(z)}
 //! ```

@@ -16,10 +16,10 @@
 //! ```
 //! The eigenvector of the largest eigenvalue is the worst motion. With a force for every sample and without latency, C
 //! is the same at all relevant aliases and r = |c|. Then the condition is that of Colgate and Schenkel. For a
-//! time-invariant hand the condition is weaker: its aliases respond independently, and r is only the sum of `|C| /
-//! w_n^2` (not larger, by Cauchy and Schwarz). For V = 0 and a latency of whole periods, the result is `K < b / (T/2 +
-//! t_d)`, the line of Gil, Sanchez, Hulin, Preusche and Hirzinger (JCISE 9(1) 011005, 2009). Sampled-data passivity of
-//! this kind: Fardad and Bamieh, IEEE TAC 54(10), 2009.
+//! time-invariant hand the condition is weaker: its aliases respond independently, and r is only the sum of
+//! `|C| / w_n^2` (not larger, by Cauchy and Schwarz). For V = 0 and a latency of whole periods, the result is
+//! `K < b / (T/2 + t_d)`, the line of Gil, Sanchez, Hulin, Preusche and Hirzinger (JCISE 9(1) 011005, 2009).
+//! Sampled-data passivity of this kind: Fardad and Bamieh, IEEE TAC 54(10), 2009.
 //!
 //! C is periodic with the sample rate. So the sum has `period` terms. Each term is a sum in closed form over the
 //! frequencies that the sampler cannot distinguish. With `t = w_n T_s` and a latency of d + f samples, 0 <= f < 1:
