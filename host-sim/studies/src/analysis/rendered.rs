@@ -16,7 +16,7 @@
 //! where A is the amplifier. The error of a wall is the maximum of `| |Z| / |K + jwB| - 1 |` over these frequencies.
 //! Hold and latency turn the phase and are equal for all estimators. So the error comes from the estimator, except for
 //! less than 0.15 % from the hold at 1 kHz. Without a model the error depends only on K / B: in the plane of K and B
-//! the walls with a larger error form a sector from the origin.
+//! the walls whose error is above a limit form a sector from the origin.
 
 use std::f64::consts::PI;
 

@@ -165,7 +165,7 @@ pub fn says_first(scene: &Scene) -> bool {
     scene.board.as_ref().is_some_and(said) || scene.velocity.cutoff_hz().is_some()
 }
 
-/// The settings after a reset: the design or the cutoff of the scene. Without one, the recommended cutoff. Without a
+/// The initial settings: the design or the cutoff of the scene. Without one, the recommended cutoff. Without a
 /// recommendation, the middle of the scene's list.
 ///
 /// # Errors

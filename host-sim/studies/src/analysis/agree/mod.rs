@@ -349,7 +349,8 @@ fn search(
     }))
 }
 
-/// First and last place around the best value with an equal explanation, or with a distance within the scatter.
+/// First and last index of the values around the best one that explain as much. Their remaining distance is no larger
+/// than that of the best one, or within the scatter.
 fn explaining(tried: &[Value], best: usize, scatter: f64) -> [usize; 2] {
     let least = tried[best].left.max(scatter);
     let good = |place: &usize| tried[*place].left <= least;

@@ -12,7 +12,7 @@
 //!
 //! **Levant's differentiator** is nonlinear, so its bandwidth depends on the size of the error. For `e = sin(w t)`
 //! counts, the describing function of the sign term is `4 / pi`. That of the root term is 1.1128 (`2 / pi` times the
-//! integral of `sin^(3/2)` from 0 to pi). So
+//! integral of `sin^(3/2)` from 0 to pi). The equivalent linear loop is then:
 //!
 //! ```text
 //! V / (s X) = (p s + i) / (s^2 + p s + i),   p = 1.1128 lambda,   i = 4 alpha / pi     explicit

@@ -3,7 +3,7 @@
 //! which hand, below which limit).
 //!
 //! * The quality of a filter is its area divided by the area of finite difference and Butterworth at its best cutoff of
-//!   `[sweep]`, in the worst condition. With one condition this is the area itself.
+//!   `[sweep]`, in the worst condition. With one condition, the best filter has the largest area.
 //! * [`evolution`]: a global search over poles, lead and second zero ([`shape`]), for several caps on the gain peak at
 //!   once. The grid of the walk is so coarse that Butterworth's boundary has about 28 columns.
 //! * The best filters of the first cap are refined on a grid with twice as many columns.

@@ -15,7 +15,8 @@ use nalgebra::{SMatrix, SVector};
 use super::{model::Held, record::Record};
 use crate::numerics::exact::discretise;
 
-/// Largest number of events within one step of the voltage. After it, the rest of the step is computed without events.
+/// Largest number of events within one step of the voltage. After this number, the rest of the step is computed without
+/// events.
 const EVENTS_MAX: usize = 8;
 /// Iterations to find the instant of an event.
 const SEARCH: usize = 60;

@@ -43,7 +43,7 @@ impl Study {
     /// Makes points for some seconds.
     ///
     /// # Errors
-    /// An error of a unit.
+    /// An error of [`run`](Self::run).
     pub fn trial(&self, how: How<'_>) -> Result<Trial, Error> {
         let of_variant = self.blocks.iter().map(|block| block.points / self.file.variants());
         let length = of_variant.max().unwrap_or(1).clamp(1, RUN_MAX);

@@ -145,7 +145,7 @@ struct Motion {
     speeds: Vec<Complex<f64>>,
 }
 
-/// The motion that takes most energy out of a wall and a damper, and the necessary damping. The result comes from the
+/// The necessary damping, and the motion that takes most energy out of a wall and a damper. The result comes from the
 /// loop's own kernels over a period, without any sum over aliases.
 fn worst(of: &Loop, k: f64, b: f64, omega: f64) -> (f64, Motion) {
     let period = of.period as usize;
