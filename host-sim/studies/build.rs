@@ -1,4 +1,4 @@
-//! Hashes the sources of core and simulator: a study goes on only by the program text that began it.
+//! Hashes the sources of core and simulator. A study can only be continued by a program with the same sources.
 
 use std::{
     env, fs, io,
@@ -7,7 +7,8 @@ use std::{
 
 use sha2::{Digest as _, Sha256};
 
-/// From this crate: the core, the loop, the studies, and the versions of the libraries that make bits.
+/// Paths from this crate: the core, the loop, the studies, and the versions of the libraries that influence result
+/// bits.
 const SOURCES: [&str; 4] = ["../../src", "../loop/src", "src", "../../Cargo.toml"];
 
 fn main() -> io::Result<()> {

@@ -1,7 +1,7 @@
-//! Throughput of the lanes on one core, for each backend that this machine has, beside a plain scalar `f64`
-//! loop of the same maths; `cargo bench -p host-sim-bench --bench batch -- --figure STEM` instead writes STEM.csv and
-//! STEM.png: time and memory against the number of hits and of samples. Rounds of all of them are interleaved, and the best round of each counts: other
-//! work on the machine only ever slows a round down.
+//! Throughput of the lanes on one core, for each backend of this machine, beside a plain scalar `f64` loop with the
+//! same equations. `cargo bench -p host-sim-bench --bench batch -- --figure STEM` writes STEM.csv and STEM.png instead:
+//! time and memory against the number of hits and of samples. The rounds of all backends are interleaved. The best
+//! round of each counts, because other work on the machine can only slow a round down.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -27,11 +27,11 @@ use plain::{Butterworth, SAMPLES, plain};
 use zwidth::VelocitySettings;
 
 const ROUNDS: usize = 25;
-/// Hits of a round; a multiple of every number of lanes.
+/// Hits of a round, a multiple of every number of lanes.
 const HITS: u32 = 16;
 const FILTER: VelocitySettings = VelocitySettings::Butterworth { cutoff_hz: 1500.0 };
 
-/// Hits around the boundary, all whole: limit cycles, so no state ever gets subnormal.
+/// Hits near the boundary. None ends early. Their limit cycles keep the states away from subnormal numbers.
 struct Hits {
     left: u32,
     unstable: u32,
@@ -55,7 +55,7 @@ impl Work for Hits {
 
 /// Samples per second of one run.
 fn throughput(prepared: &PreparedScene, engine: Engine, numeric: Numeric) -> f64 {
-    // the scalar loop is slow, and needs fewer hits for the same precision
+    // The scalar loop is slow, and needs fewer hits for the same precision.
     let hits = if engine == Engine::Core { HITS / 4 } else { HITS };
     let mut work = Hits { left: hits, unstable: 0 };
     let began = Instant::now();
@@ -76,14 +76,14 @@ fn plain_throughput() -> f64 {
     8.0 * SAMPLES as f64 / began.elapsed().as_secs_f64()
 }
 
-/// The undisturbed one: other work on the machine only ever slows a round down.
+/// The largest value, from the round with the least disturbance by other work on the machine.
 fn best(values: &[f64]) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
 }
 
 fn main() {
     if std::env::args().any(|argument| argument == "--test") {
-        return; // `cargo test --benches` only wants to know that it starts
+        return; // `cargo test --benches` only checks that the benchmark starts
     }
     let arguments: Vec<String> = std::env::args().collect();
     if let Some(place) = arguments.iter().position(|argument| argument == "--figure") {
@@ -123,7 +123,7 @@ fn main() {
     }
 }
 
-/// The paper's device with a hit of so many samples, the last half of them its window.
+/// The paper's device with a hit of `samples` samples. The second half of the hit is its window.
 fn prepared_of(samples: u64) -> PreparedScene {
     let mut scene = NamedScene::load("paper-1um").unwrap().scene;
     scene.device.start_position_m = 0.0695;
@@ -132,7 +132,7 @@ fn prepared_of(samples: u64) -> PreparedScene {
     PreparedScene::new(&scene).unwrap()
 }
 
-/// Processor time of one thread for so many hits, s.
+/// Processor time of one thread for `hits` hits, s.
 fn cost_of(prepared: &PreparedScene, numeric: Numeric, hits: u64) -> f64 {
     let hit = |number: u64| WallHit {
         velocity: FILTER,
@@ -168,23 +168,23 @@ fn cost_of(prepared: &PreparedScene, numeric: Numeric, hits: u64) -> f64 {
     }
 }
 
-/// The system counts a thread's time in ticks of some milliseconds.
+/// Shortest time of a measurement, s. The system counts a thread's time in ticks of some milliseconds.
 const ENOUGH_S: f64 = 0.3;
 
-/// Time that this thread has run, s: other work on the machine does not count.
+/// Processor time of this thread so far, s. Other work on the machine does not count.
 fn processor_s() -> f64 {
     let text = fs::read_to_string("/proc/thread-self/schedstat").unwrap();
     text.split(' ').next().unwrap().parse::<f64>().unwrap() * 1e-9
 }
 
-/// Most memory that this process has had so far, MB.
+/// Peak memory of this process so far, MB.
 fn peak_mb() -> f64 {
     let text = fs::read_to_string("/proc/self/status").unwrap();
     let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
     line.trim().trim_end_matches(" kB").parse::<f64>().unwrap() / 1024.0
 }
 
-/// Exponent of a power law through the points, least squares.
+/// Exponent of a power law through the points, by least squares.
 fn slope(line: &[[f64; 2]]) -> f64 {
     let logs = line.iter().map(|point| point.map(f64::log10));
     let n = line.len() as f64;

@@ -1,5 +1,5 @@
-//! What each optional element costs: the same wall hit with one of them, beside the plain scene. The
-//! throughput is in samples.
+//! Cost of each optional element: the same wall hit with one element, beside the plain scene. The throughput is in
+//! samples.
 #![allow(clippy::unwrap_used, reason = "a benchmark fails loudly")]
 
 use std::hint::black_box;

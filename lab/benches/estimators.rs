@@ -1,6 +1,7 @@
-//! Throughput of every estimator that has lanes, on one core and for each backend that this machine has, beside a plain
-//! scalar `f64` loop of the same maths; written as docs/data/batch-estimators.csv. Rounds of all of them are interleaved, and the best round of each counts: other
-//! work on the machine only ever slows a round down. `-- --core` measures the scalar loop alone, and of all estimators.
+//! Throughput of every estimator with lanes, on one core and for each backend of this machine, beside a plain scalar
+//! `f64` loop with the same equations. The result is docs/data/batch-estimators.csv. The rounds of all backends are
+//! interleaved. The best round of each counts, because other work on the machine can only slow a round down.
+//! `-- --core` measures only the scalar loop, for all estimators.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -28,10 +29,10 @@ use zwidth::{
 };
 
 const ROUNDS: usize = 15;
-/// Hits of a round; a multiple of every number of lanes.
+/// Hits of a round, a multiple of every number of lanes.
 const HITS: u32 = 16;
 
-/// Hits beyond the boundary, all whole: limit cycles, so no state ever gets subnormal.
+/// Hits beyond the boundary. None ends early. Their limit cycles keep the states away from subnormal numbers.
 struct Hits(u32, VelocitySettings);
 
 impl Work for Hits {
@@ -50,7 +51,7 @@ impl Work for Hits {
     }
 }
 
-/// Million samples per second of one run.
+/// Million samples per second in one run.
 fn throughput(
     settings: VelocitySettings,
     prepared: &PreparedScene,
@@ -77,14 +78,14 @@ fn plain_throughput(settings: &VelocitySettings, prepared: &PreparedScene) -> f6
     f64::from(runs) * SAMPLES as f64 / began.elapsed().as_secs_f64() / 1e6
 }
 
-/// The largest rate: the run that nothing disturbed.
+/// The largest rate, from the run with the least disturbance.
 fn best(values: &[f64]) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
 }
 
 fn main() {
     if std::env::args().any(|argument| argument == "--test") {
-        return; // `cargo test --benches` only wants to know that it starts
+        return; // `cargo test --benches` only checks that the benchmark starts
     }
     let scalar = std::env::args().any(|argument| argument == "--core");
     let only: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
@@ -107,7 +108,7 @@ fn main() {
         let sensor = (name.sense() == Some(Sense::Acceleration)).then_some(ACCELEROMETER);
         let scene = Scene { velocity: settings.into(), accelerometer: sensor, ..scene.clone() };
         let Ok(prepared) = PreparedScene::new(&scene) else {
-            continue; // a sense that the scene has not
+            continue; // the scene does not have the necessary sense
         };
         if !scalar && !host_sim::engine::lanes_for(&prepared, Numeric::Fixed) {
             continue;
@@ -118,7 +119,7 @@ fn main() {
         for _ in 0..ROUNDS {
             yardstick.push(plain_throughput(&settings, &prepared));
             for (engine, speeds) in engines.iter().zip(&mut speeds) {
-                // the scalar loop is slow, and needs fewer hits for the same precision
+                // The scalar loop is slow, and needs fewer hits for the same precision.
                 let hits = if *engine == Engine::Core { HITS / 8 } else { HITS };
                 speeds.push(throughput(filter, &prepared, *engine, hits));
             }

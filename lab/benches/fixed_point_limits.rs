@@ -1,7 +1,6 @@
-//! Where fixed point stops being good enough: how many verdicts of the core differ from those of its exact
-//! `f64` twin, over encoder resolution and cutoff. Beside it the same for the twin with nothing but its
-//! velocity rounded to the core's LSB: what no arithmetic of that format can avoid, because walls at the
-//! boundary are chaotic.
+//! Limits of fixed point: the number of verdicts of the core that differ from its exact `f64` twin, over encoder
+//! resolution and cutoff. Beside it is the same number for a twin with only its velocity rounded to the core's LSB. No
+//! arithmetic in this velocity format can have fewer differences, because walls at the boundary are chaotic.
 //!
 //! `cargo run --release -p host-sim-bench --bin fixed_point_limits` writes
 //! `docs/figures/fixed-point-limits.{csv,png}`.
@@ -20,7 +19,7 @@ use zwidth::{VelocitySettings, experiment::Verdict};
 const RESOLUTIONS_M: [f64; 6] = [1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3];
 const CUTOFFS_HZ: [f64; 13] =
     [0.36, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 4900.0];
-/// Walls: K from 100 to 1e6 N/m, B from 0.1 to 1000 N s/m, both in equal ratios, from two starts.
+/// Steps of K (100 to 1e6 N/m) and of B (0.1 to 1000 N s/m), both in equal ratios, and the number of starts.
 const STEPS: u64 = 12;
 const STARTS: u64 = 2;
 
@@ -34,7 +33,7 @@ fn hit(cutoff_hz: f64, number: u64) -> WallHit {
     }
 }
 
-/// Verdicts of all walls; none for a handle that leaves the core's range.
+/// Verdicts of all walls. Empty if the handle leaves the core's range.
 fn verdicts(
     prepared: &PreparedScene,
     numeric: Numeric,
@@ -67,7 +66,7 @@ fn run() -> Result<(), Error> {
     for (colour, resolution_m) in RESOLUTIONS_M.into_iter().enumerate() {
         let mut scene = NamedScene::load("paper-1um")?.scene;
         scene.encoder.resolution_m = resolution_m;
-        // 15 um, or 15 counts where a count is more than one.
+        // The limit is 15 um, or 15 counts if a count is longer than 1 um.
         scene.wall_hit.rms_limit_m = 15.0 * resolution_m.max(1e-6);
         let prepared = PreparedScene::new(&scene)?;
         let mut points = vec![vec![], vec![]];

@@ -1,10 +1,10 @@
-//! Throughput of the linear analysis: the paper's figure 2, 10 cutoffs by 200 dampings. Budget: 0.2 s.
+//! Throughput of the linear analysis: figure 2 of the paper, 10 cutoffs by 200 dampings. Budget: 0.2 s.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use host_sim::analysis::linear::{Boundary, Device, Loop, TransferFunction};
 use std::hint::black_box;
 
-/// Stiffness limits of every cutoff and damping, added up.
+/// Sum of the stiffness limits of all cutoffs and dampings.
 fn figure(period: u32) -> f64 {
     let cutoffs = [20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 1500.0, 2000.0, 3000.0, 4000.0];
     let mut sum = 0.0;

@@ -1,4 +1,4 @@
-//! The maths of every estimator that has lanes, for the plain loop.
+//! The equations of every estimator with lanes, for the plain loop.
 
 use std::{f64::consts::PI, sync::LazyLock};
 
@@ -32,7 +32,7 @@ impl Filter for Kalman {
     }
 }
 
-/// A weighted sum of the last differences, newest first.
+/// A weighted sum of the last differences, the newest first.
 struct Sum {
     weights: Vec<f64>,
     past: [f64; 64],
@@ -49,7 +49,7 @@ impl Filter for Sum {
     }
 }
 
-/// The tracking loop, and smoothing, which is one.
+/// The tracking loop. Smoothing is also a tracking loop.
 struct Tracking {
     gains: TrackingLoop,
     error: f64,
@@ -99,7 +99,7 @@ impl Filter for Levant {
     }
 }
 
-/// First-order adaptive windowing in one pass: the bounds of the slope as they narrow.
+/// First-order adaptive windowing in one pass, with narrowing bounds of the slope.
 struct Adaptive {
     best: bool,
     window: usize,
@@ -161,7 +161,7 @@ impl Filter for Section {
     }
 }
 
-/// The observer that is told the force.
+/// The observer that gets the motor's force.
 struct Observer {
     design: ObserverDesign,
     known: f64,
@@ -188,7 +188,7 @@ impl Filter for Observer {
     }
 }
 
-/// What fusion has beside the count: that of docs/data/paper-1um-accelerometer.toml.
+/// The accelerometer of docs/data/paper-1um-accelerometer.toml, for fusion.
 pub const ACCELEROMETER: Accelerometer = Accelerometer {
     full_scale_m_per_s2: 157.0,
     resolution_m_per_s2: 0.04,
@@ -197,11 +197,11 @@ pub const ACCELEROMETER: Accelerometer = Accelerometer {
     bandwidth_hz: Some(1600.0),
 };
 
-/// Its noise over a hit, RMS 1; made once, as it is for the lanes.
+/// Noise of the accelerometer over a hit, RMS 1. It is computed only once, as for the lanes.
 static NOISE: LazyLock<Vec<f64>> =
     LazyLock::new(|| (0..SAMPLES).map(|n| 2f64.sqrt() * (n as f64 * n as f64).sin()).collect());
 
-/// The observer that is told the acceleration, in counts and samples.
+/// The observer that gets the acceleration, in counts and samples.
 struct Fusion {
     observer: Observer,
     per_speed: f64,
@@ -260,7 +260,7 @@ impl Filter for Fusion {
     }
 }
 
-/// The counts of a window over its length.
+/// The counts of a window divided by its length.
 struct Window {
     past: [f64; 256],
     newest: usize,
@@ -278,7 +278,7 @@ impl Filter for Window {
     }
 }
 
-/// The maths of a wall hit with that estimator.
+/// A wall hit with the estimator of `settings`.
 pub fn plain_hit(settings: &VelocitySettings, design: &Design, [k, b]: [f64; 2]) -> f64 {
     type V = VelocitySettings;
     let observer = |design| {

@@ -1,7 +1,8 @@
-//! Processor time of `cargo sim sweep --repeat 1 --plain` of both paper scenes, with its figures and envelope, beside that
-//! of a C program that does the same walks hit by hit (`rival/rival.c`). First both must find the same boundaries, in
-//! `f64`. Without `--plain` the sweep also walks to a limit of 1 um, by motor and by hand: it stands beside them. Needs a
-//! C compiler as `cc`. Rounds of all are interleaved, and the best of each counts. Written as docs/data/batch-rival.csv.
+//! Processor time of `cargo sim sweep --repeat 1 --plain` of both paper scenes, with figures and envelope. It is
+//! compared with a C program that walks the same boundaries hit by hit (`rival/rival.c`). First the benchmark checks
+//! that both find the same boundaries in `f64`. The sweep without `--plain` also walks to a limit of 1 um, by motor and
+//! by hand. Its time is measured too. The benchmark needs a C compiler named `cc`. The rounds of all programs are
+//! interleaved, and the best round of each counts. The result is docs/data/batch-rival.csv.
 #![allow(clippy::unwrap_used, reason = "a benchmark fails loudly")]
 
 use std::{
@@ -25,7 +26,7 @@ use zwidth::{units::Force, velocity::ButterworthDesign};
 const SCENES: [&str; 2] = ["paper-1um", "paper-2um"];
 const ROUNDS: usize = 5;
 
-/// Walk of a scene at a cutoff, as the C program reads it.
+/// One walk of a scene at a cutoff, in the input format of the C program.
 fn line(prepared: &PreparedScene, cutoff_hz: f64) -> String {
     let (scene, design, plan) = (prepared.scene(), prepared.design(), prepared.plan());
     let device = &scene.device;
@@ -66,7 +67,7 @@ fn line(prepared: &PreparedScene, cutoff_hz: f64) -> String {
     numbers.map(|number| format!("{number:e}")).join(" ")
 }
 
-/// The C program, compiled.
+/// Compiles the C program, and returns its path.
 fn compiled(folder: &Path, options: &[&str]) -> PathBuf {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("rival/rival.c");
     let program = folder.join(format!("rival{}", options.len()));
@@ -85,7 +86,7 @@ fn run(program: &Path, walks: &str) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// The simulator, built as `cargo sim` builds it.
+/// Builds the simulator as `cargo sim` does, and returns its path.
 fn simulator() -> PathBuf {
     let build = ["build", "--quiet", "--release", "--package", "host-sim"];
     assert!(Command::new(env!("CARGO")).args(build).status().unwrap().success());
@@ -93,15 +94,15 @@ fn simulator() -> PathBuf {
     here.ancestors().nth(2).unwrap().join("host-sim")
 }
 
-/// Processor time that ended children of this process have used, s.
+/// Processor time of all ended children of this process, s.
 fn children_s() -> f64 {
-    const TICKS_PER_S: f64 = 100.0; // what Linux counts in, on every machine
+    const TICKS_PER_S: f64 = 100.0; // Linux uses this unit on every machine
     let text = fs::read_to_string("/proc/self/stat").unwrap();
     let fields = text.rsplit(") ").next().unwrap().split(' ');
     fields.skip(13).take(2).map(|ticks| ticks.parse::<f64>().unwrap()).sum::<f64>() / TICKS_PER_S
 }
 
-/// Processor time of something that runs as a child, s.
+/// Processor time of `child`, s.
 fn timed(child: impl FnOnce()) -> f64 {
     let before_s = children_s();
     child();
@@ -110,7 +111,7 @@ fn timed(child: impl FnOnce()) -> f64 {
 
 fn main() {
     if std::env::args().any(|argument| argument == "--test") {
-        return; // `cargo test --benches` only wants to know that it starts
+        return; // `cargo test --benches` only checks that the benchmark starts
     }
     let folder = std::env::temp_dir().join(format!("rival-{}", std::process::id()));
     fs::create_dir_all(&folder).unwrap();
@@ -138,7 +139,7 @@ fn main() {
     let simulator = simulator();
     let mut sweeps = 0;
     let mut sweep = |more: &[&str]| {
-        sweeps += 1; // a folder of its own for each: the command overwrites none
+        sweeps += 1; // each sweep gets its own folder, because the command overwrites none
         let mut sweep = Command::new(&simulator);
         sweep.args(["sweep", "--repeat", "1"]).args(more);
         sweep.arg("--out").arg(folder.join(format!("sweep{sweeps}")));

@@ -1,6 +1,6 @@
-//! What one sample of the loop costs: the fixed-point core and its `f64` twin in the simulator,
-//! beside a plain scalar `f64` loop of the same maths, written here without any of the
-//! simulator's parts. Each runs whole wall hits; the throughput is in samples.
+//! Cost of one sample of the loop: the fixed-point core and its `f64` twin in the simulator, beside a plain scalar
+//! `f64` loop with the same equations. The plain loop uses no part of the simulator. Each runs whole wall hits. The
+//! throughput is in samples.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -24,7 +24,7 @@ use zwidth::VelocitySettings;
 const HIT: WallHit = WallHit {
     velocity: VelocitySettings::Butterworth { cutoff_hz: 1500.0 },
     stiffness_n_per_m: 60_000.0,
-    damping_n_s_per_m: 300.0, // on the boundary: a limit cycle, so no state ever gets subnormal
+    damping_n_s_per_m: 300.0, // on the boundary: a limit cycle, so no state becomes subnormal
     start_offset_counts: 0.0,
 };
 

@@ -1,5 +1,5 @@
-//! The checksum of the firmware's image, put into the ELF that the linker has made: `zwidth::image` says what it covers
-//! and who looks at it.
+//! Puts the checksum of the firmware's image into the ELF of the linker. `zwidth::image` says which bytes the checksum
+//! covers and which code checks it.
 #![forbid(unsafe_code)]
 
 use object::{
@@ -8,23 +8,24 @@ use object::{
 };
 use zwidth::image::{Image, UNSEALED};
 
-/// What the linker calls the seal, and the ends of what it covers (memory.x, cortex-m-rt's link.x).
+/// Symbols of the linker for the seal, and for the ends of the parts that the seal covers (memory.x, cortex-m-rt's
+/// link.x).
 pub const SEAL: &str = "_seal";
 const PARTS: [[&str; 2]; 3] =
     [["__vector_table", SEAL], ["__stext", "__etext"], ["__srodata", "__erodata"]];
-/// Where the variables' image is, and where the variables begin and end.
+/// Symbols of the initial values of the variables in flash, and of the begin and end of the variables in RAM.
 const VARIABLES: [&str; 3] = ["__sidata", "__sdata", "__edata"];
 
-/// What an image is made of.
+/// Access to the symbols and bytes of an image.
 pub trait Linked {
     /// The address of a symbol.
     fn address_of(&self, symbol: &str) -> Option<u32>;
 
-    /// What goes into flash: address, bytes.
+    /// Address and bytes of each piece that goes into flash.
     fn pieces(&self) -> impl Iterator<Item = (u32, &[u8])>;
 }
 
-/// A word of flash.
+/// A word in flash.
 fn word_at(image: &impl Linked, address: u32) -> Option<u32> {
     image.pieces().find_map(|(from, bytes)| {
         let word = bytes.get(address.checked_sub(from)? as usize..)?.first_chunk()?;
@@ -32,10 +33,10 @@ fn word_at(image: &impl Linked, address: u32) -> Option<u32> {
     })
 }
 
-/// Where each part of an image begins and ends, bytes: vectors, code, constants, what is copied to RAM.
+/// Begin and end address of each part of an image: vectors, code, constants, initial values of the variables.
 ///
 /// # Errors
-/// Names what it lacks.
+/// The error names the missing symbol.
 pub fn parts(image: &impl Linked) -> Result<[[u32; 2]; 4], String> {
     let at = |name: &str| image.address_of(name).ok_or_else(|| format!("it has no symbol {name}"));
     let [from, begin, end] = VARIABLES;
@@ -45,10 +46,10 @@ pub fn parts(image: &impl Linked) -> Result<[[u32; 2]; 4], String> {
     Ok([part(vectors)?, part(code)?, part(constants)?, [from, from.wrapping_add(length)]])
 }
 
-/// Where the seal is, and what it has to be.
+/// Address of the seal, and its correct value.
 ///
 /// # Errors
-/// It is no image of this firmware.
+/// The file is no image of this firmware.
 pub fn seal_of(image: &impl Linked) -> Result<(u32, u32), String> {
     let at = image.address_of(SEAL).ok_or_else(|| format!("it has no symbol {SEAL}"))?;
     let words = |[from, to]: [u32; 2]| {
@@ -66,11 +67,11 @@ pub fn seal_of(image: &impl Linked) -> Result<(u32, u32), String> {
     }
 }
 
-/// A file taken apart.
+/// The parsed ELF file.
 struct File<'a> {
     /// Symbols: name, address.
     symbols: Vec<(&'a str, u64)>,
-    /// What goes into flash: address, where it is in the file, bytes.
+    /// Pieces that go into flash: address, offset in the file, bytes.
     pieces: Vec<(u32, u32, &'a [u8])>,
 }
 
@@ -85,10 +86,10 @@ impl Linked for File<'_> {
     }
 }
 
-/// Seals the bytes of an ELF. The place of the four that have changed; none if it was sealed so before.
+/// Seals the bytes of an ELF. Returns the offset of the four changed bytes. `None` if the seal was already correct.
 ///
 /// # Errors
-/// It is no ELF of this firmware.
+/// The file is no ELF of this firmware.
 pub fn seal(elf: &mut [u8]) -> Result<Option<usize>, String> {
     let (place, sum) = {
         let file: ElfFile32 = ElfFile32::parse(&*elf).map_err(|error| error.to_string())?;

@@ -1,4 +1,4 @@
-//! `cargo seal ELF ..`, and the runner behind `cargo flash`.
+//! `cargo seal ELF ..`, and the runner of `cargo flash`.
 
 use std::{
     env,
@@ -15,7 +15,7 @@ made of the ELF, HEX or BIN, has to be made after it.
        cargo seal --run ELF ARGUMENT ..
 Does the same, then runs `probe-rs run ELF ARGUMENT ..`: what `cargo flash` does.";
 
-/// Writes the four bytes of the seal only, so that a full disk leaves no cut file.
+/// Writes only the four bytes of the seal, so a full disk cannot cut the file.
 fn seal(path: &OsStr) -> Result<(), String> {
     let named = |error: String| format!("{}: {error}", path.display());
     let mut elf = fs::read(path).map_err(|error| named(error.to_string()))?;
@@ -28,7 +28,7 @@ fn seal(path: &OsStr) -> Result<(), String> {
     write().map_err(|error: std::io::Error| named(error.to_string()))
 }
 
-/// Becomes `probe-rs`, where a program can.
+/// Runs `probe-rs`. On Unix, `probe-rs` replaces this process.
 fn probe_rs(arguments: &[OsString]) -> Result<ExitCode, String> {
     let mut command = Command::new("probe-rs");
     command.arg("run").args(arguments);

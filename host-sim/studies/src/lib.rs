@@ -1,4 +1,4 @@
-//! What is asked of the sampled loop of [`sim_loop`].
+//! Studies and analyses of the sampled loop of [`sim_loop`].
 //!
 //! | layer | holds |
 //! |-------|-------|

@@ -1,10 +1,10 @@
-//! A result as a table with one kind of value a column: what is written as CSV, and what Python has as arrays.
+//! A result as a table with one kind of value per column. The table is written as CSV, and Python gets it as arrays.
 
 use std::{borrow::Cow, fmt::Write as _};
 
 use serde::{Serialize, Serializer};
 
-/// What a column holds.
+/// Kind of a column's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Number,
@@ -13,14 +13,14 @@ pub enum Kind {
     Flag,
 }
 
-/// One value; a cell of any column may be empty.
+/// One value. A cell of any column may be empty.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cell {
     Empty,
     Number(f64),
     Whole(u64),
     Text(Cow<'static, str>),
-    /// A text that is always quoted, such as a sentence, which may have commas.
+    /// A text that is always quoted, such as a sentence with commas.
     Quoted(Cow<'static, str>),
     Flag(bool),
 }
@@ -54,18 +54,18 @@ impl Cell {
         Self::Whole(value as u64)
     }
 
-    /// A text that may be missing.
+    /// A text, or an empty cell.
     pub fn text(value: Option<&'static str>) -> Self {
         value.map_or(Self::Empty, Self::from)
     }
 
-    /// A number that may be missing.
+    /// A number, or an empty cell.
     pub fn number(value: Option<f64>) -> Self {
         value.map_or(Self::Empty, Self::Number)
     }
 }
 
-/// As JSON has it.
+/// JSON form of a cell.
 impl Serialize for Cell {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self {
@@ -78,13 +78,13 @@ impl Serialize for Cell {
     }
 }
 
-/// What is told of an `R`: the name of a column, what it holds, and the cell of a row.
+/// A column for rows of type `R`: its name, its kind, and the function from a row to its cell.
 pub type Told<R> = (&'static str, Kind, fn(&R) -> Cell);
 
 /// A column's name and kind.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Column {
-    /// Its name, with the unit at its end.
+    /// Name, with the unit at its end.
     pub name: String,
     pub kind: Kind,
 }
@@ -97,7 +97,7 @@ pub struct Table {
     pub rows: Vec<Vec<Cell>>,
 }
 
-/// Cells as a line of CSV, with its end; a text that has a comma, a quote or a line's end stands in quotes.
+/// Cells as a line of CSV with its line end. A text with a comma, a quote or a line end is quoted.
 pub fn csv_line(cells: &[Cell]) -> String {
     let mut text = String::new();
     for (n, cell) in cells.iter().enumerate() {
@@ -122,13 +122,13 @@ pub fn csv_line(cells: &[Cell]) -> String {
 }
 
 impl Table {
-    /// A table of those columns, still without rows.
+    /// A table with these columns, without rows.
     pub fn new<N: Into<String>>(columns: impl IntoIterator<Item = (N, Kind)>) -> Self {
         let column = |(name, kind): (N, Kind)| Column { name: name.into(), kind };
         Self { columns: columns.into_iter().map(column).collect(), rows: vec![] }
     }
 
-    /// What is told of each of those.
+    /// A table of `rows` with these columns.
     pub fn of<R>(columns: &[Told<R>], rows: &[R]) -> Self {
         let mut table = Self::new(columns.iter().map(|(name, kind, _)| (*name, *kind)));
         let cells = |row: &R| columns.iter().map(|(.., cell)| cell(row)).collect();

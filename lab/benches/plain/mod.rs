@@ -1,7 +1,5 @@
-//! A plain scalar `f64` loop of the same maths as a wall hit, written without any of the simulator's
-//! parts but the
-//! coefficients of its filter: the yardstick of the benchmarks. On the boundary it is in a limit cycle, so no state ever gets
-//! subnormal.
+//! A plain scalar `f64` loop with the equations of a wall hit, the reference of the benchmarks. The simulator gives
+//! only the coefficients of its filter. At the boundary the loop is in a limit cycle, so no state becomes subnormal.
 
 use host_sim::simulation::twin::LowPass;
 use zwidth::velocity::ButterworthDesign;
@@ -9,13 +7,14 @@ use zwidth::velocity::ButterworthDesign;
 /// Samples of a hit.
 pub const SAMPLES: usize = 60_000;
 
-/// Counts moved since the last sample to a velocity, counts per sample: the maths of an estimator, and what it remembers.
+/// Equations and state of an estimator. The input is the counts since the last sample, the output a velocity in counts
+/// per sample.
 pub trait Filter {
     fn update(&mut self, moved: f64) -> f64;
-    /// The handle's speed at the next sample, m/s.
+    /// Tells the filter the speed of the handle at the next sample, m/s.
     #[inline(always)]
     fn look(&mut self, _speed: f64) {}
-    /// What the actuator gives from the last sample on, fraction of full scale.
+    /// Tells the filter the actuator's force from the last sample on, as a fraction of full scale.
     #[inline(always)]
     fn granted(&mut self, _force: f64) {}
 }
@@ -55,12 +54,12 @@ impl Filter for Butterworth {
 
 const T: f64 = 1e-4;
 
-/// Mass, quantiser, difference, estimator, wall, saturation, latency: straight from the formulas.
+/// Mass, quantiser, difference, estimator, wall, saturation and latency, directly from the equations.
 #[inline(never)]
 pub fn plain(mut filter: impl Filter, stiffness: f64, damping: f64) -> f64 {
     let (mass, b, k, rest) = (0.4160, 5.5195, 11.0626, 0.0517);
     let (t, resolution, full_scale, push) = (T, 1e-6, 5.906, 2.835);
-    // four terms of the matrix exponential: enough for the same work per step
+    // Four terms of the matrix exponential cost as much per step as the exact one.
     let (kk, bb) = (k / mass, b / mass);
     let xx = 1.0 - kk * t * t / 2.0;
     let xv = t - bb * t * t / 2.0;

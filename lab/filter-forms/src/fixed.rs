@@ -1,11 +1,12 @@
-//! Direct forms in fixed point, each word half as wide for Q15: the core's own recipe, with or without what
-//! makes it quiet.
+//! Direct forms in fixed point, with the core's rules. For Q15 each word is half as wide. Error feedback can be left
+//! out.
 //!
-//! Coefficients have two bits before the point (`|a1|` reaches 1.98) and all others after it: 30 for
-//! words of 32 bits, 14 for Q15. They are made by the core's rule, a DC gain of exactly one, which is the best that
-//! these words can do: rounded one by one, Q15 at 20 Hz and 10 kHz has `b0 = 1`, `1 + a1 + a2 = 2` LSB and so a DC gain of 2.
+//! A coefficient has two bits before the point, because `|a1|` reaches 1.98. The other bits are after the point: 30
+//! bits in a 32-bit word, 14 bits in Q15. The core's rule makes a DC gain of exactly one, the best that these words
+//! allow. Without this rule each coefficient would be rounded alone. Then Q15 at 20 Hz and 10 kHz would have `b0 = 1`
+//! and `1 + a1 + a2 = 2` LSB, a DC gain of 2.
 //!
-//! A product of two words fits the wide word with the same room as in the core: `|b0| + .. + |a2| < 4`.
+//! A sum of products fits the wide word with the same margin as in the core: `|b0| + .. + |a2| < 4`.
 
 use zwidth::velocity::Shaping;
 
@@ -23,12 +24,12 @@ pub struct Coefficients<W> {
     pub a: [W; 2],
 }
 
-/// Fractional bits of a coefficient in a word of that size.
+/// Fractional bits of a coefficient in a word of `word_bits` bits.
 pub const fn fraction(word_bits: u32) -> u32 {
     word_bits - 2
 }
 
-/// To the nearest, ties away from zero, without `std`.
+/// Rounds to the nearest integer, ties away from zero, without `std`.
 pub(crate) fn round(value: f64) -> f64 {
     #[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "below 2^53")]
     let whole = (value + if value < 0.0 { -0.5 } else { 0.5 }) as i64 as f64;
@@ -36,10 +37,11 @@ pub(crate) fn round(value: f64) -> f64 {
 }
 
 impl<W: Word> Coefficients<W> {
-    /// By the core's rule: `a2` is rounded, the DC sum is rounded from `4 b0`, `a1` and `b1` are what then remains.
+    /// Coefficients by the core's rule: `b0` and `a2` are rounded. The DC sum is `4 b0`, rounded by itself. `a1` and
+    /// `b1` follow from these values.
     ///
     /// # Errors
-    /// The DC sum rounds to 0: the filter would stand still.
+    /// The DC sum rounds to 0, so the output could not move.
     pub fn exact_at_dc(p: &Prototype) -> Result<Self, Refused> {
         #[expect(clippy::cast_precision_loss, reason = "a power of two")]
         let one = (1u64 << fraction(W::BITS)) as f64;
@@ -61,7 +63,7 @@ fn sum<W: Word>(c: &Coefficients<W>, x: [W; 3], y: [W; 2]) -> W::Wide {
         - c.a[1].times(y[1])
 }
 
-/// Direct form 1; what the rounding of the output drops is lost. Saturates as the core does.
+/// Direct form 1 without error feedback: the rounding error of the output is lost. The form saturates as the core does.
 #[derive(Clone, Copy, Debug)]
 pub struct Direct1<W: Word> {
     c: Coefficients<W>,
@@ -126,8 +128,8 @@ impl<W: Word + Signal> Step for Direct1Feedback<W> {
     }
 }
 
-/// Transposed direct form 2; its two sums are wide words, so that only the output is rounded. The sums are
-/// those of direct form 1 in another order: the outputs are the same to the bit while nothing saturates.
+/// Transposed direct form 2. Its two sums are wide words, so only the output is rounded. The sums are those of direct
+/// form 1 in another order. The outputs are equal to the bit if nothing saturates.
 #[derive(Clone, Copy, Debug)]
 pub struct Direct2Transposed<W: Word> {
     c: Coefficients<W>,
@@ -163,7 +165,7 @@ mod tests {
         velocity::{BiquadState, ButterworthDesign},
     };
 
-    /// Speeds of a hand, in LSB: fast, slow, back, still.
+    /// Speeds of a hand, LSB: fast, slow, backwards, zero.
     fn speeds(n: i32) -> i32 {
         let seed = n.wrapping_mul(1_103_515_245).wrapping_add(12_345);
         match n / 500 % 4 {

@@ -1,4 +1,4 @@
-//! The forms in floating point, single or double.
+//! The forms in floating point, `f32` or `f64`.
 //!
 //! | form | equations | source |
 //! |------|-----------|--------|
@@ -11,10 +11,10 @@ use core::ops::{Add, Mul, Sub};
 
 use crate::{Prototype, Signal, Step};
 
-/// A float: `f32` or `f64`.
+/// A floating-point number: `f32` or `f64`.
 pub trait Float: Copy + Add<Output = Self> + Mul<Output = Self> + Sub<Output = Self> {
     const ZERO: Self;
-    /// The float nearest to `value`.
+    /// The number nearest to `value`.
     fn nearest(value: f64) -> Self;
 }
 
@@ -125,7 +125,7 @@ impl<T: Float + Signal> Step for StateVariable<T> {
 pub struct Delta<T> {
     b0: T,
     alpha1: T,
-    /// Coefficient alpha2, which is also `4 b0`.
+    /// Coefficient alpha2, which is equal to `4 b0`.
     alpha2: T,
     s: [T; 2],
 }

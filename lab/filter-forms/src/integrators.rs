@@ -1,9 +1,9 @@
-//! State-variable and delta form in fixed point: their states are integrators, held in wide words, so
-//! a low cutoff costs no accuracy of the coefficients that matter.
+//! State-variable and delta form in fixed point. Their states are integrators in wide words. So the important
+//! coefficients stay accurate at a low cutoff.
 //!
-//! Equations as in [`crate::float`]. What the delta form rounds is its output, which goes back through both
-//! integrators: that is the error feedback of the second order, by structure. The state-variable form
-//! goes on with what it has not rounded, so the rounding of its output is neither fed back nor shaped.
+//! The equations are in [`crate::float`]. The delta form feeds its rounded output back through both integrators, which
+//! gives second-order error feedback by structure. The state-variable form continues with the unrounded value. So its
+//! rounding error is neither fed back nor shaped.
 
 use crate::{
     Prototype, Refused, Signal, Step,
@@ -25,10 +25,10 @@ pub struct StateVariable<W: Word> {
 }
 
 impl<W: Word> StateVariable<W> {
-    /// Bits of a state below the signal's LSB; three are left above for its overshoot.
+    /// Bits of a state below the signal's LSB. Three bits are left above the signal for overshoot.
     const BELOW: u32 = W::BITS - 4;
 
-    /// At rest.
+    /// A filter at rest.
     ///
     /// # Errors
     /// `g` rounds to 0.
@@ -64,22 +64,22 @@ pub struct Delta<W: Word> {
     /// Integer form: `alpha1 2^alpha1_bits`.
     alpha1: W,
     alpha1_bits: u32,
-    /// `alpha2 2^alpha2_bits`; also the numerator's middle coefficient.
+    /// Integer form: `alpha2 2^alpha2_bits`. This is also the middle coefficient of the numerator.
     alpha2: W,
     alpha2_bits: u32,
     /// Bits of the first state below the signal's LSB, at most `alpha2_bits`.
     below: u32,
-    /// In units of `2^-below` and `2^-alpha2_bits` LSB.
+    /// First state in units of `2^-below` LSB, second state in units of `2^-alpha2_bits` LSB.
     s: [W::Wide; 2],
 }
 
 impl<W: Word> Delta<W> {
-    /// At rest.
+    /// A filter at rest.
     ///
     /// # Errors
     /// `alpha2` rounds to 0.
     pub fn new(p: &Prototype) -> Result<Self, Refused> {
-        // As many bits as alpha1 fills a word with.
+        // The number of fractional bits with which alpha1 fills a word.
         let mut alpha1_bits = W::BITS - 3;
         while p.alpha1() * power(alpha1_bits + 1) < power(W::BITS - 2) && alpha1_bits < 62 {
             alpha1_bits += 1;
@@ -106,7 +106,7 @@ impl<W: Word> Delta<W> {
 impl<W: Word + Signal> Step for Delta<W> {
     type Signal = W;
 
-    /// The states stay at their ends, so that an overload ends with its input.
+    /// The states saturate, so an overload ends when its input ends.
     #[inline]
     fn step(&mut self, x: W) -> W {
         let half = W::Wide::ONE << (self.below - 1);
@@ -126,14 +126,14 @@ mod tests {
     use super::*;
     use crate::float;
 
-    /// Fractional bits of a signal: 16, or 15 for Q15 as it is asked for here.
+    /// Fractional bits of a signal: 15 for Q15, else 16.
     fn lsb_bits<W: Word>() -> u32 {
         if W::BITS == 16 { 15 } else { 16 }
     }
 
     const CUTOFFS_HZ: [f64; 6] = [0.1, 1.0, 20.0, 500.0, 2000.0, 4500.0];
 
-    /// A hand's motion up to `full` LSB: fast, slow, back, still.
+    /// Motion of a hand up to `full` LSB: fast, slow, backwards, zero.
     fn speed(n: i32, full: f64) -> f64 {
         let seed = n.wrapping_mul(1_103_515_245).wrapping_add(12_345);
         let random = f64::from(seed >> 8) / f64::from(1 << 23);
@@ -145,7 +145,7 @@ mod tests {
         })
     }
 
-    /// Largest distance of two forms on that motion, LSB.
+    /// Largest distance of the outputs of two forms on this motion, LSB.
     fn distance<W: Word + Signal>(
         form: &mut impl Step<Signal = W>,
         exact: &mut impl Step<Signal = f64>,
@@ -160,7 +160,7 @@ mod tests {
         worst
     }
 
-    /// The rounding of the output, and what the words of the coefficients leave of a speed.
+    /// The allowed distance is the rounding of the output plus the effect of rounded coefficients.
     #[test]
     fn in_fixed_point_they_are_what_they_are_in_f64() {
         for cutoff_hz in CUTOFFS_HZ {

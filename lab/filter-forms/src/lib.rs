@@ -1,20 +1,20 @@
-//! The velocity filter, a second-order Butterworth, in every number format and form that could do its work: one source
-//! for the host, where `cargo sim trade` measures what each gets wrong, and for the board's core, where a test counts its
-//! cycles.
+//! The velocity filter, a second-order Butterworth, in every number format and form that could be used. The same source
+//! runs on the host and on the board's core. On the host `cargo sim trade` measures the errors. On the board's core a
+//! test counts the cycles.
 //!
 //! ```text
 //! velocity bits -> signal of the format -> form -> velocity bits
 //! ```
 //!
-//! The core's own filter is called from the core. Left out, because they would show nothing:
+//! The core's own filter is called from the core. These combinations are left out, because they would show nothing new:
 //!
-//! * error feedback in the transposed form: its sums are those of direct form 1, the outputs would be the core's to
-//!   the bit ([`fixed::Direct2Transposed`] shows it without feedback);
-//! * error feedback in the state-variable form: its rounded output does not go back, there is nothing to carry;
-//! * error feedback in the delta form: it has it by structure, see [`integrators`];
-//! * the state-variable form of Chamberlin (1980): another transfer function, unstable from about a sixth
-//!   of the rate on; the one here has the bilinear transform of all others;
-//! * 32-bit sums under 32-bit words, 16-bit ones under 16: the first product would overflow.
+//! * error feedback in the transposed form: its sums are those of direct form 1, so the outputs would be equal to the
+//!   core's, bit for bit ([`fixed::Direct2Transposed`] shows this without feedback);
+//! * error feedback in the state-variable form: its rounded output is not fed back, so there is no error to carry;
+//! * error feedback in the delta form: the form has error feedback by structure, see [`integrators`];
+//! * the state-variable form of Chamberlin (1980): it has another transfer function, and is unstable from about a sixth
+//!   of the rate on. The state-variable form here has the same bilinear transform as all other forms;
+//! * 32-bit sums with 32-bit words, and 16-bit sums with 16-bit words: the first product would overflow.
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
@@ -44,12 +44,12 @@ use word::Word;
 /// Why a format cannot have a cutoff.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Refused {
-    /// The core refuses it.
+    /// The core refuses the cutoff.
     Core(SettingsError),
-    /// A coefficient without which nothing moves rounds to 0.
+    /// A necessary coefficient rounds to 0.
     Zero {
         coefficient: &'static str,
-        /// Fractional bits that it has.
+        /// Fractional bits of the coefficient.
         fraction: u32,
     },
 }
@@ -160,35 +160,35 @@ impl Step for Core {
 
 /// A form with its state.
 pub trait Step: Copy {
-    /// The number it works on.
+    /// Number type of the input and output.
     type Signal: Signal;
 
     fn step(&mut self, x: Self::Signal) -> Self::Signal;
 
-    /// One sample, velocity in and out in LSB of the core's; `fraction` is for Q15.
+    /// Updates the filter by one sample. Input and output are velocities in LSB of the core. Only Q15 uses `fraction`.
     #[inline]
     fn velocity(&mut self, input: i32, fraction: u32) -> i32 {
         self.step(Signal::of_velocity(input, fraction)).to_velocity(fraction)
     }
 
-    /// The same with all digits of the output that the format has, counts per sample.
+    /// Updates the filter by one sample. The output is in counts per sample, with all digits of the format.
     #[inline]
     fn counts(&mut self, input: i32, fraction: u32) -> f64 {
         self.step(Signal::of_velocity(input, fraction)).to_counts(fraction)
     }
 }
 
-/// What is done with a form, compiled for each.
+/// An operation on a form. The compiler makes a version for each form.
 pub trait Visit {
-    /// What comes of it.
+    /// Result of the operation.
     type Output;
 
     fn visit<F: Step>(self, form: &mut F, fraction: u32) -> Self::Output;
 }
 
 impl Filter {
-    /// At rest. `q15_fraction`: fractional bits that Q15 gives to a signal, up to 15; its full scale is
-    /// `2^(15 - q15_fraction)` counts per sample.
+    /// A filter at rest. `q15_fraction` is the number of fractional bits of a signal in Q15, up to 15. The full scale
+    /// of Q15 is `2^(15 - q15_fraction)` counts per sample.
     ///
     /// # Errors
     /// The format cannot have this cutoff.
@@ -208,9 +208,10 @@ impl Filter {
             Format::I32 => Kind::I32(Fixed::fixed(variant.form, &p)?),
             Format::Q15 => Kind::Q15(Fixed::fixed(variant.form, &p)?),
             Format::Q15Feedback => {
-                // the order that the core takes; where it refuses, the cutoff is low
+                // The core chooses the order of the feedback. If the core refuses the cutoff, the cutoff is low, and
+                // the order is 2.
                 let shaping = design.map_or(Shaping::Second, |design| design.quantise().shaping());
-                let c = Coefficients::exact_at_dc(&p)?; // of 16 bits
+                let c = Coefficients::exact_at_dc(&p)?; // 16-bit coefficients
                 Kind::Q15Feedback(fixed::Direct1Feedback::new(c, shaping))
             }
             Format::F32 => Kind::F32(Floating::floating(variant.form, &p)),
@@ -223,7 +224,7 @@ impl Filter {
         Ok(Self { kind, fraction: q15_fraction })
     }
 
-    /// Does something with the form that this is, told apart once.
+    /// Applies an operation to the form of this filter. The form is matched only once.
     #[inline]
     pub fn visit<V: Visit>(&mut self, visit: V) -> V::Output {
         let fraction = self.fraction;
@@ -241,19 +242,19 @@ impl Filter {
         }
     }
 
-    /// One sample, velocity in and out in LSB of the core's.
+    /// Updates the filter by one sample. Input and output are velocities in LSB of the core.
     #[inline]
     pub fn update(&mut self, input: i32) -> i32 {
         self.visit(Update(input))
     }
 
-    /// The same for one sample after the other: inputs become outputs.
+    /// Updates the filter by all samples in their order. Each output replaces its input.
     pub fn update_all(&mut self, samples: &mut [i32]) {
         self.visit(UpdateAll(samples));
     }
 
-    /// `samples` samples: `input` gives LSB of the core's velocity, `each` sees counts per sample with all digits that
-    /// the format has.
+    /// Runs the filter over `samples` samples. `input` returns the velocity in LSB of the core. `each` gets the output
+    /// in counts per sample, with all digits of the format.
     pub fn run(&mut self, samples: u32, input: impl FnMut(u32) -> i32, each: impl FnMut(u32, f64)) {
         self.visit(Run { samples, input, each });
     }
@@ -276,7 +277,7 @@ impl Visit for UpdateAll<'_> {
     type Output = ();
 
     fn visit<F: Step>(self, form: &mut F, fraction: u32) {
-        let mut copy = *form; // so that it can live in registers
+        let mut copy = *form; // a local copy can live in registers
         for sample in self.0 {
             *sample = copy.velocity(*sample, fraction);
         }

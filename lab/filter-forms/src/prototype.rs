@@ -1,4 +1,4 @@
-//! The filter that all of them are to be: the core's Butterworth, in the coefficients of each form.
+//! The prototype of all variants: the core's Butterworth filter, with the coefficients of each form.
 //!
 //! ```text
 //! w = 2 pi fc T,  k = sqrt(2),  a0 = 4 + 2 k w + w^2
@@ -6,12 +6,12 @@
 //! delta          alpha1 = 2 + a1 = (4 k w + 4 w^2) / a0,  alpha2 = 1 + a1 + a2 = 4 b0
 //! state-variable g = w / 2,  d = 1 / (1 + g (g + k))
 //! ```
-//! Nothing is pre-warped, so `g` is `w / 2` and not `tan(w / 2)`. Written so, no coefficient cancels at low
-//! cutoffs but `a1` and `a2` of the direct forms, which is those forms' own trouble.
+//! Nothing is pre-warped, so `g` is `w / 2` and not `tan(w / 2)`. In these equations only `a1` and `a2` of the direct
+//! forms lose digits by cancellation at low cutoffs. This loss belongs to the direct forms themselves.
 
 use core::f64::consts::{PI, SQRT_2};
 
-/// The analog prototype, sampled.
+/// The analog prototype at a sample rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prototype {
     /// `2 pi fc T`.
@@ -19,7 +19,7 @@ pub struct Prototype {
 }
 
 impl Prototype {
-    /// For that cutoff and sample rate, Hz.
+    /// The prototype for a cutoff and a sample rate, Hz.
     pub fn new(cutoff_hz: f64, rate_hz: f64) -> Self {
         Self { w: 2.0 * PI * cutoff_hz / rate_hz }
     }
@@ -28,7 +28,7 @@ impl Prototype {
         4.0 + 2.0 * SQRT_2 * self.w + self.w * self.w
     }
 
-    /// `b0`; `b1` is twice that, `b2` the same.
+    /// `b0`, which is equal to `b2`. `b1` is twice `b0`.
     pub fn b0(&self) -> f64 {
         self.w * self.w / self.a0()
     }
@@ -38,17 +38,17 @@ impl Prototype {
         (2.0 * self.w * self.w - 8.0) / self.a0()
     }
 
-    /// `a2` of the same.
+    /// `a2` of `1 + a1 z^-1 + a2 z^-2`.
     pub fn a2(&self) -> f64 {
         (4.0 - 2.0 * SQRT_2 * self.w + self.w * self.w) / self.a0()
     }
 
-    /// `2 + a1`, without the cancellation.
+    /// `2 + a1`, computed without cancellation.
     pub fn alpha1(&self) -> f64 {
         4.0 * (SQRT_2 * self.w + self.w * self.w) / self.a0()
     }
 
-    /// `1 + a1 + a2 = 4 b0`, without the cancellation.
+    /// `1 + a1 + a2 = 4 b0`, computed without cancellation.
     pub fn alpha2(&self) -> f64 {
         4.0 * self.b0()
     }
@@ -65,7 +65,7 @@ impl Prototype {
 
     /// Frequency of -3 dB, in units of the rate.
     pub fn true_cutoff(&self) -> f64 {
-        // zwidth's formula with a rate of 1
+        // The formula of `zwidth` with a rate of 1.
         zwidth::velocity::true_cutoff_hz(self.w / (2.0 * PI), 1.0, false)
     }
 }

@@ -1,18 +1,18 @@
-//! The core's velocity as a signal of each format, and back.
+//! Conversion of the core's velocity to a signal of each format, and back.
 
 use zwidth::units::Velocity;
 
-/// A number that a form works on.
+/// Number type of a filter's input and output.
 pub trait Signal: Copy {
-    /// The nearest signal to that many LSB of the core's velocity, saturating; `fraction` is for Q15.
+    /// The signal nearest to `bits` LSB of the core's velocity, saturated. Only Q15 uses `fraction`.
     fn of_velocity(bits: i32, fraction: u32) -> Self;
-    /// The nearest velocity that the format can tell, in LSB, saturating at the ends of `i32`.
+    /// The velocity nearest to the signal, LSB, saturated to `i32`.
     fn to_velocity(self, fraction: u32) -> i32;
-    /// Counts per sample, all digits of it.
+    /// The signal in counts per sample, with all its digits.
     fn to_counts(self, fraction: u32) -> f64;
 }
 
-/// LSB of the core's velocity per count per sample.
+/// LSB of the core's velocity in one count per sample.
 const PER_COUNT: f64 = 65_536.0;
 
 impl Signal for i32 {

@@ -1,15 +1,15 @@
-//! Names of all combinations.
+//! Names of all combinations of format and form.
 
-/// Number format, or whose filter it is.
+/// Number format, or library of the filter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Format {
-    /// The core: 32-bit coefficients, 64-bit sums, the residue carried.
+    /// The core: 32-bit coefficients, 64-bit sums, with error feedback.
     I32Feedback,
-    /// The same words without the residue.
+    /// 32-bit coefficients, 64-bit sums, without error feedback.
     I32,
-    /// Words of 16 bits, sums of 32, the residue carried.
+    /// 16-bit words, 32-bit sums, with error feedback.
     Q15Feedback,
-    /// Words of 16 bits, sums of 32.
+    /// 16-bit words, 32-bit sums, without error feedback.
     Q15,
     F32,
     F64,
@@ -23,7 +23,7 @@ pub enum Format {
     Cmsis32x64,
 }
 
-/// How the filter is written down.
+/// Form of the filter's equations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Form {
     Direct1,
@@ -34,7 +34,7 @@ pub enum Form {
     Delta,
 }
 
-/// A format in a form.
+/// A format with a form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Variant {
     pub format: Format,
@@ -70,7 +70,7 @@ impl Form {
 }
 
 impl Variant {
-    /// All of them, the core first; a number is a place in here.
+    /// All variants; the core is the first. The number of a variant is its index here.
     pub const ALL: [Self; 22] = {
         use Form::{Delta, Direct1, Direct2Transposed, StateVariable};
         use Format::{
@@ -106,7 +106,7 @@ impl Variant {
         ]
     };
 
-    /// The variant of that number.
+    /// The variant with this number.
     pub fn of_number(number: u32) -> Option<Self> {
         Self::ALL.get(number as usize).copied()
     }

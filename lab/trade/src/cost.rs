@@ -1,4 +1,4 @@
-//! What a filter costs: cycles on the board's core, measured once and kept; nanoseconds here, measured now.
+//! Cost of one filter update: stored cycles on the board's core, and nanoseconds measured on this machine.
 
 use std::time::Instant;
 
@@ -6,7 +6,8 @@ use filter_forms::{Filter, Step, Variant, Visit};
 
 use crate::analysis::compare::Cost;
 
-/// The cost of one update of that variant, velocity bits in and out; a test holds the table against the measurement.
+/// Cost of one update of `variant`, with conversion from and to velocity bits. A test compares the table with a
+/// measurement.
 pub fn of(variant: Variant) -> Option<Cost> {
     Cost::find(include_str!("../../../host-sim/data/filter_cost.csv"), &variant.to_string())
 }
@@ -14,7 +15,7 @@ pub fn of(variant: Variant) -> Option<Cost> {
 const SAMPLES: u32 = 50_000;
 const RUNS: u32 = 5;
 
-/// Time of one update on this machine, ns: the least of a few runs. It differs from run to run.
+/// Time of one update on this machine, ns: the minimum of several runs. The time differs from run to run.
 pub fn host_ns(filter: &Filter) -> f64 {
     struct Time;
     impl Visit for Time {
@@ -24,7 +25,8 @@ pub fn host_ns(filter: &Filter) -> f64 {
             let start = Instant::now();
             let mut input = 0i32;
             for n in 0..SAMPLES {
-                // a hand's speed, and the output goes back so that no update can be left out
+                // The input is in the range of a hand's speed. It contains the last output, so the compiler cannot
+                // remove an update.
                 input = (input >> 8) + if n % 3 == 0 { 1 << 20 } else { 0 };
                 input = form.velocity(input, fraction);
             }

@@ -1,8 +1,8 @@
-//! When a filter would do: what it adds is less than what the encoder leaves in the exact filter's output anyway.
+//! Criteria for a filter. The filter is good enough if its error is less than the encoder's error in the exact output.
 
 use super::{LSB_PER_COUNT, drift, larger, noise::Noise, response::Response};
 
-/// What was measured of a filter.
+/// Measured values of one filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
     pub response: Response,
@@ -12,37 +12,37 @@ pub struct Measured {
     pub noise: Noise,
     /// Largest output after a stop, counts per sample.
     pub rest_counts: f64,
-    /// Largest speed without overflow, counts per sample; `None` if the filter is too wrong to tell.
+    /// Largest speed without overflow, counts per sample. `None` if other errors of the filter hide the overflow.
     pub headroom_counts: Option<f64>,
     /// Mean area, N^2 s/m^2.
     pub area: Option<f64>,
-    /// Against the exact filter's, relative; `None` where that has none.
+    /// Relative change of the area from that with the exact filter. `None` if the exact filter has no area.
     pub area_change: Option<f64>,
 }
 
 impl Measured {
-    /// Mean error of a constant speed, counts per sample; 10^-6 of it is the ripple of the counts.
+    /// Mean error at a constant speed, counts per sample. The ripple of the counts adds 10^-6 to this error.
     pub fn bias_counts(&self) -> f64 {
         self.drift_counts / f64::from(drift::SAMPLES)
     }
 }
 
-/// What all filters of one cutoff are held against.
+/// Reference values of all filters at one cutoff.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exact {
     /// Nominal cutoff of the filters, Hz.
     pub cutoff_hz: f64,
-    /// The -3 dB frequency is in the band that is measured.
+    /// The measured band contains the -3 dB frequency.
     pub has_cutoff: bool,
-    /// What the encoder leaves in the exact filter's output, counts per sample.
+    /// Noise of the encoder in the output of the exact filter, counts per sample.
     pub encoder: Noise,
     /// Mean area with the filter in `f64`, N^2 s/m^2.
     pub area: f64,
-    /// Its spread over the starts, relative.
+    /// Relative spread of the area over the starts.
     pub area_spread: f64,
 }
 
-/// What a filter can miss.
+/// Limits that a filter can exceed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Criterion {
     /// Error of the response.
@@ -59,17 +59,17 @@ pub enum Criterion {
 
 /// Largest `abs(H - H_exact)`: 1 %.
 pub const RESPONSE: f64 = 0.01;
-/// Largest relative error of the -3 dB frequency: 1 %, what the core accepts of itself.
+/// Largest relative error of the -3 dB frequency: 1 %. The core has the same limit for its own filter.
 pub const CUTOFF: f64 = 0.01;
-/// Largest bias, noise or limit cycle, as a share of the RMS that the encoder leaves: noise then adds 0.5 % to it. One LSB
-/// of the core's velocity is always allowed, since the wall gets no more digits.
+/// Largest bias, noise or limit cycle, as a share of the encoder's RMS. Noise of this size adds 0.5 % to the RMS. One
+/// LSB of the core's velocity is always allowed, because the wall gets no more digits.
 pub const NOISE: f64 = 0.1;
-/// Largest change of the area, beyond the spread of the exact filter's own area over the starts.
+/// Largest change of the area. The spread of the area with the exact filter is allowed in addition.
 pub const AREA: f64 = 0.02;
 
 const LSB: f64 = 1.0 / LSB_PER_COUNT;
 
-/// What is allowed where the encoder leaves an RMS of `encoder`, both in counts per sample.
+/// Allowed error if the encoder leaves an RMS of `encoder`, both in counts per sample.
 pub fn allowed_noise(encoder: f64) -> f64 {
     (NOISE * encoder).max(LSB)
 }
@@ -89,16 +89,17 @@ impl Criterion {
         }
     }
 
-    /// The error over what is allowed: missed above 1, infinite if the filter has blown up. `None` where the criterion does not
-    /// apply: the -3 dB frequency is above the band that is measured, or the exact filter has no area.
+    /// The error divided by the allowed error. The filter exceeds the criterion if the quotient is above 1. The
+    /// quotient is infinite if the filter diverges. `None` if the -3 dB frequency is above the measured band, or if the
+    /// exact filter has no area.
     pub fn share(self, measured: &Measured, exact: &Exact) -> Option<f64> {
-        // no number is as bad as it gets
+        // NaN counts as an infinite error.
         let of = |error: f64, allowed: f64| larger(0.0, error.abs() / allowed);
         let at_rest = allowed_noise(exact.encoder.at_rest);
         let in_motion = allowed_noise(exact.encoder.in_motion);
         match self {
             Self::Response => Some(of(measured.response.error, RESPONSE)),
-            // above 0.45 of the rate no sine is measured, and the response says it
+            // Sines are measured up to 0.45 of the rate. Above that, only the error of the response is known.
             Self::Cutoff => exact
                 .has_cutoff
                 .then(|| of(measured.response.cutoff_error.unwrap_or(f64::INFINITY), CUTOFF)),
@@ -112,7 +113,7 @@ impl Criterion {
         }
     }
 
-    /// Whether it is missed.
+    /// Whether the filter exceeds this criterion.
     pub fn missed(self, measured: &Measured, exact: &Exact) -> bool {
         self.share(measured, exact).is_some_and(|share| share > 1.0)
     }

@@ -1,4 +1,4 @@
-//! What a constant speed loses or gains for ever.
+//! Drift of the position at a constant speed.
 
 use std::cell::Cell;
 
@@ -6,10 +6,10 @@ use filter_forms::Filter;
 
 use super::{Bench, larger, response::SETTLE_PERIODS};
 
-/// Samples over which the drift is watched.
+/// Number of samples over which the drift is measured.
 pub const SAMPLES: u32 = 1_000_000;
-/// Counts in so many samples: slow, where a dead zone holds most. What a gain that is not 1 does at high speed is an
-/// error of the response.
+/// Counts per number of samples. Both speeds are low, because a dead zone has the most effect there. A gain error at
+/// high speed belongs to the error of the response.
 const SPEEDS: [(i64, i64); 2] = [(3, 10), (-1, 1000)];
 
 /// Largest span of `sum(out - in)` over [`SAMPLES`] samples at constant speeds, counts.
@@ -17,7 +17,7 @@ pub fn measure(bench: &Bench, filter: &Filter, cutoff_hz: f64) -> f64 {
     let transient = bench.samples(SETTLE_PERIODS, cutoff_hz) + 200;
     let mut worst = 0f64;
     for (counts, samples) in SPEEDS {
-        // whole counts up to the next sample; what is left over is below one
+        // Adds whole counts up to the next sample. The remainder is below one count.
         let (mut left, moved) = (0, Cell::new(0));
         let next = |_| {
             left += counts;
@@ -26,7 +26,7 @@ pub fn measure(bench: &Bench, filter: &Filter, cutoff_hz: f64) -> f64 {
             moved.set(whole);
             whole << 16
         };
-        // The sum of the inputs is an integer; that of what the outputs lack is small, and keeps its digits.
+        // The sum of the inputs is an integer. The sum of the differences is small, so `f64` keeps its digits.
         let (mut sum, mut low, mut high) = (0.0, f64::INFINITY, f64::NEG_INFINITY);
         let mut filter = *filter;
         filter.run(transient + SAMPLES, next, |n, out| {

@@ -1,4 +1,4 @@
-//! All filters at all cutoffs.
+//! Measurement of all filters at all cutoffs.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -24,9 +24,9 @@ pub struct FilterRow {
     pub variant: Variant,
     /// Index of the cutoff.
     pub cutoff: usize,
-    /// What was measured, or why there is nothing to measure.
+    /// Measured values, or the reason why the format cannot have the cutoff.
     pub measured: Result<Measured, Refused>,
-    /// What it misses; empty if it would do, or if it is refused.
+    /// Criteria that the filter exceeds. Empty if the filter is good enough or refused.
     pub missed: Vec<Criterion>,
 }
 
@@ -39,7 +39,7 @@ impl FilterRow {
 /// The filter part of a trade.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Filters {
-    /// What all are held against, one per cutoff.
+    /// Reference values, one entry per cutoff.
     pub exact: Vec<Exact>,
     /// Variants in the order of [`Variant::ALL`], cutoffs ascending in each.
     pub rows: Vec<FilterRow>,
@@ -50,10 +50,10 @@ pub struct Filters {
 /// The reference of the areas: the filter that is nearest to the exact one.
 pub const REFERENCE: Variant = Variant { format: Format::F64, form: Form::StateVariable };
 
-/// Cutoff at which the time on this machine is taken, as a share of the rate: every format can have it.
+/// Cutoff for the time on this machine, as a share of the rate. Every format can have this cutoff.
 const TIMED_AT: f64 = 0.15;
 
-/// Measures all. `done` is called after each walk and each filter.
+/// Measures all filters. `done` is called after each walk and each filter.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -114,7 +114,7 @@ pub fn measure(
     Ok(Filters { exact, rows, host_ns: host_ns.collect() })
 }
 
-/// What the encoder leaves in the exact output, and what each variant makes of it.
+/// Noise of the encoder in the exact output, and measured values of each variant.
 type Signals = (Noise, Vec<Result<Measured, Refused>>);
 
 /// `None` if `stop` was set.

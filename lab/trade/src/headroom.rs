@@ -1,19 +1,21 @@
-//! The largest speed that is filtered as a smaller one would be.
+//! The largest speed without wrap or clip in the filter.
 
 use filter_forms::Filter;
 
 use super::{Bench, LSB_PER_COUNT, larger, reference::Reference};
 
-/// The speed turns over after so many periods of the cutoff, and is watched for as many: the overshoot comes at 0.7.
+/// Periods of the cutoff before the reversal of the speed, and periods measured after the reversal. The overshoot is at
+/// 0.7 periods.
 const BEFORE: f64 = 2.0;
 const AFTER: f64 = 1.2;
-/// Speeds that are tried: from this share of Q15's full scale to that of the core's velocity, and how finely.
+/// Speeds that are tried: the lowest as a share of Q15's full scale, the highest in counts per sample,
+/// and the ratio of neighbouring speeds.
 const SLOWEST: f64 = 1.0 / 16.0;
 const FASTEST_COUNTS: f64 = 32_767.0;
 const STEP: f64 = 1.25;
 const HALVINGS: u32 = 8;
 
-/// The reversal of a handle that moves at a speed of 1, as the exact filter sees it; shared by all variants.
+/// Output of the exact filter for the reversal of a handle with a speed of 1. All variants use the same reversal.
 #[derive(Clone, Debug)]
 pub struct Reversal {
     before: u32,
@@ -31,9 +33,10 @@ impl Reversal {
         Self { before, slowest: SLOWEST * bench.q15_full_scale_counts(), exact }
     }
 
-    /// Largest speed, counts per sample, at which the reversal is neither wrapped nor clipped: the output's
-    /// extremes are the exact ones to within a twentieth of the overshoot, or what half that speed has (a filter may be
-    /// wrong without lacking room). `None` if its other errors hide it at every speed.
+    /// Largest speed, counts per sample, at which the filter neither wraps nor clips during the reversal. The extremes
+    /// of its output must be within a twentieth of the overshoot of the exact extremes. They may instead agree with the
+    /// extremes at half the speed, because a filter may have other errors. `None` if these errors hide the overflow at
+    /// every speed.
     pub fn measure(&self, filter: &Filter) -> Option<f64> {
         let mut low = FASTEST_COUNTS;
         let mut high = None;
@@ -58,14 +61,14 @@ impl Reversal {
     }
 
     fn fits(&self, filter: &Filter, speed: f64) -> bool {
-        const TOLERANCE: f64 = 0.004; // of the speed; the overshoot is 0.086
+        const TOLERANCE: f64 = 0.004; // share of the speed; the overshoot is 0.086
         let [low, high] = self.extremes(filter, speed);
         let [half_low, half_high] = self.extremes(filter, speed / 2.0);
         let exact = self
             .exact
             .iter()
             .fold([0.0, 0.0], |[low, high]: [f64; 2], &v| [low.min(v), high.max(v)]);
-        // an output that hardly moves says nothing about room
+        // An output that hardly moves gives no information about overflow.
         let near = |a: f64, b: f64| b.abs() > 0.5 && (a - b).abs() <= TOLERANCE * b.abs();
         (near(low, exact[0]) || near(low, half_low))
             && (near(high, exact[1]) || near(high, half_high))
@@ -93,7 +96,7 @@ mod tests {
     use crate::{Variant, scene::NamedScene};
     use filter_forms::{Form, Format};
 
-    /// The overshoot of 8.6 % of a reversal is what is missing of full scale.
+    /// The reversal has an overshoot of 8.6 %, which full scale must also contain.
     #[test]
     fn it_is_full_scale_less_the_overshoot() {
         let bench = Bench::of(&NamedScene::load("paper-1um").unwrap().scene);
@@ -108,7 +111,7 @@ mod tests {
             assert!((half / (128.0 / 1.086) - 1.0).abs() < 0.02, "{format:?}: {half}");
         }
         assert_eq!(of(Format::F32, Form::Delta), Some(FASTEST_COUNTS));
-        // one that wraps has no less room than one that clips
+        // A filter that wraps has as much headroom as a filter that clips.
         let wraps = of(Format::CmsisQ31, Form::Direct1).unwrap();
         assert!((wraps / core - 1.0).abs() < 0.01, "{wraps}");
     }

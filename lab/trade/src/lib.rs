@@ -1,36 +1,37 @@
-//! Speed against accuracy, measured: number formats and forms of the velocity filter, and ways to advance the plant.
+//! Measures speed against accuracy: number formats and forms of the velocity filter, and methods to advance the plant.
 //!
 //! # The filter
 //!
-//! Every [`Variant`] (number format and form, `idsp`'s and CMSIS-DSP's filters among them; crate `filter-forms`) is run, not
-//! computed from its coefficients, at every cutoff, on the same inputs:
+//! A [`Variant`] is a number format with a form (crate `filter-forms`). The filters of `idsp` and CMSIS-DSP are also
+//! variants. Each variant runs on the same inputs at every cutoff; nothing is computed from its coefficients:
 //!
 //! | what | how | module |
 //! |------|-----|--------|
-//! | error of the response | sines of half the full scale of Q15 at 1/4 to 2 times the -3 dB frequency (up to 0.45 of the rate), in whole periods after the transient: the largest `abs(H - H_exact)` of a DC gain of 1 | [`response`] |
+//! | error of the response | largest `abs(H - H_exact)` for a DC gain of 1, from sines of half the full scale of Q15. Their frequencies are 1/4 to 2 times the -3 dB frequency, up to 0.45 of the rate. Whole periods after the transient are measured | [`response`] |
 //! | error of the -3 dB frequency | the frequency at which the measured gain is 0.707 | [`response`] |
-//! | DC drift and bias | span of `sum(out - in)` over 10^6 samples at constant speeds (the counts' own ripple is about 1 count); the same per sample | [`drift`] |
-//! | noise | RMS distance from the exact filter on a flickering count and on a quantised ramp, from the first sample on | [`noise`] |
-//! | limit cycle | largest output from 20 / fc after the input has stopped | [`rest`] |
-//! | headroom | largest speed whose sudden reversal is filtered without wrap or clip | [`headroom`] |
-//! | cycles | worst case on the Cortex-M4 core of the virtual board, velocity bits in and out | [`cost`] |
-//! | area | the scene's boundary walks with this filter in the controller's place of the velocity filter | [`area`] |
+//! | DC drift and bias | span of `sum(out - in)` over 10^6 samples at constant speeds, of which the counts' ripple is about 1 count; bias is the drift per sample | [`drift`] |
+//! | noise | RMS distance from the exact filter on a flickering count and on a quantised ramp, including the first sample | [`noise`] |
+//! | limit cycle | largest output later than 20 / fc after the stop of the input | [`rest`] |
+//! | headroom | largest speed at which a sudden reversal neither wraps nor clips | [`headroom`] |
+//! | cycles | worst case on the virtual board's Cortex-M4, with conversion from and to velocity bits | [`cost`] |
+//! | area | area of the scene's boundary walks with this velocity filter in the controller | [`area`] |
 //!
-//! *Exact* is the bilinear transform in closed form, and for signals a state-variable filter in
-//! double-double arithmetic ([`mod@reference`]): `f64` has an error too.
+//! *Exact* means the bilinear transform in closed form. For signals, *exact* means a state-variable filter in
+//! double-double arithmetic ([`mod@reference`]), because `f64` also has a rounding error.
 //!
-//! A variant *would do* at a cutoff if no [`Criterion`] is missed: what it does wrong is then below what the encoder
-//! does anyway.
+//! A variant *would do* at a cutoff if it exceeds no [`Criterion`]. The error of the variant is then below the error of
+//! the encoder.
 //!
 //! # The plant
 //!
-//! Every way to advance the plant replays the commands of one wall hit, repeats hits on both sides of the boundary, and
-//! follows the boundary ([`plant`]). Cost is counted: evaluations of the plant's equation times their operations.
+//! Every method to advance the plant replays the commands of one wall hit, repeats hits on both sides of the boundary,
+//! and walks along the boundary ([`plant`]). Cost is counted: evaluations of the plant's equation times the operations
+//! of one evaluation.
 //!
 //! # Reproducible
 //!
-//! All but the columns named `*_ns` is the same in every run, to the last digit, on any number of threads. Figures
-//! show counted cost, never wall time.
+//! All columns except `*_ns` are the same in every run, to the last digit, with any number of threads. Figures show
+//! counted cost, never time.
 
 pub mod area;
 pub mod cost;
@@ -52,20 +53,21 @@ pub use filter_forms::{Filter, Form, Format, Refused, Variant};
 use sim_loop::{engine, error, numerics, plant as sim_plant, scene, scene::Scene, simulation};
 use sim_studies::{analysis, study};
 
-/// What the filters of a scene have in common.
+/// Settings that all filters of a scene share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bench {
     /// Samples per second, Hz.
     pub rate_hz: f64,
-    /// Length of a count, m per count.
+    /// Length of a count, m.
     pub resolution_m: f64,
     /// Fractional bits of a signal in Q15.
     pub q15_fraction: u32,
 }
 
 impl Bench {
-    /// Q15 is scaled to the scene: its full scale is the smallest power of two, in counts per sample, above the speed at which
-    /// the handle can hit the wall, which is that of the push and the device's spring without its friction.
+    /// Q15 is scaled to the scene. Its full scale is a power of two in counts per sample: the smallest one above the
+    /// highest speed at which the handle can hit the wall. This speed follows from the push and the device's spring,
+    /// without friction.
     pub fn of(scene: &Scene) -> Self {
         let (device, hit) = (&scene.device, &scene.wall_hit);
         let spring = |x: f64| 0.5 * device.stiffness_n_per_m * (x - device.rest_position_m).powi(2);
@@ -86,17 +88,17 @@ impl Bench {
         full_scale_counts(self.q15_fraction)
     }
 
-    /// m/s per count per sample.
+    /// Speed of one count per sample, m/s.
     pub fn m_per_s(&self) -> f64 {
         self.resolution_m * self.rate_hz
     }
 
-    /// The filter at rest.
+    /// A new filter at rest.
     pub fn filter(&self, variant: Variant, cutoff_hz: f64) -> Result<Filter, Refused> {
         Filter::new(variant, cutoff_hz, self.rate_hz, self.q15_fraction)
     }
 
-    /// `periods` of the cutoff, in samples.
+    /// Number of samples in `periods` periods of the cutoff.
     fn samples(&self, periods: f64, cutoff_hz: f64) -> u32 {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
         let samples = (periods * self.rate_hz / cutoff_hz).ceil() as u32;
@@ -108,15 +110,15 @@ fn full_scale_counts(q15_fraction: u32) -> f64 {
     f64::from(1u32 << (15 - q15_fraction))
 }
 
-/// The larger; infinity where something is no number, because a filter has blown up.
+/// The larger value. Infinity if one value is NaN, because the filter has diverged.
 fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::INFINITY } else { a.max(b) }
 }
 
-/// LSB of the core's velocity per count per sample.
+/// LSB of the core's velocity in one count per sample.
 const LSB_PER_COUNT: f64 = 65_536.0;
 
-/// Cutoffs that are tried unless others are asked for: from 0.1 Hz in steps of 1, 2, 5, and 0.45 of the rate.
+/// Default cutoffs: from 0.1 Hz in steps of 1, 2, 5, and 0.45 of the rate.
 pub fn default_cutoffs_hz(rate_hz: f64) -> Vec<f64> {
     let highest = 0.45 * rate_hz;
     let decades = (-1..6).map(|exponent| 10f64.powi(exponent));
@@ -134,7 +136,8 @@ mod tests {
     #[test]
     fn q15_is_scaled_to_the_speed_of_impact() {
         let bench = Bench::of(&NamedScene::load("paper-1um").unwrap().scene);
-        // 0.98 m/s without friction, 98 counts per sample; with it the handle hits at 0.49 m/s
+        // Without friction the speed is 0.98 m/s, or 98 counts per sample. With friction the handle hits the wall at
+        // 0.49 m/s.
         assert_eq!(bench.q15_full_scale_counts(), 128.0);
         let bench = Bench::of(&NamedScene::load("paper-2um").unwrap().scene);
         assert_eq!(bench.q15_full_scale_counts(), 64.0);

@@ -1,31 +1,32 @@
-//! How far the output is from the exact filter's on the same counts: wrong coefficients, rounding, dead zones, all together.
+//! Distance between the outputs of a filter and of the exact filter on the same counts. Wrong coefficients, rounding
+//! and dead zones all contribute.
 
 use filter_forms::Filter;
 
 use super::{Bench, larger, reference::Reference};
 
-/// Speed of the ramp, counts per sample: incommensurable with the counts, as a hand's is.
+/// Speed of the ramp, counts per sample. No simple fraction, like the speed of a hand.
 pub const RAMP_COUNTS: f64 = 0.123_606_797_749_978_97;
-/// Fewest samples, and periods of the cutoff.
+/// Fewest samples, and fewest periods of the cutoff.
 const SAMPLES_MIN: u32 = 100_000;
 const PERIODS: f64 = 8.0;
 
-/// The motions of one cutoff and what the exact filter makes of them; shared by all variants.
+/// Motions for one cutoff, and the output of the exact filter for each. All variants use the same motions.
 #[derive(Clone, Debug)]
 pub struct Motions {
-    /// Count differences, and exact outputs in counts per sample.
+    /// Count differences, and exact outputs, counts per sample.
     rest: (Vec<i8>, Vec<f64>),
     ramp: (Vec<i8>, Vec<f64>),
-    /// RMS of what the encoder's flicker and steps leave in the exact output, counts per sample.
+    /// RMS of the encoder's flicker and steps in the exact output, counts per sample.
     pub encoder: Noise,
 }
 
-/// At rest and in motion, RMS, counts per sample.
+/// RMS at rest and in motion, counts per sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// On a count that flickers.
+    /// RMS on a count that flickers.
     pub at_rest: f64,
-    /// On a ramp of counts.
+    /// RMS on a ramp of counts.
     pub in_motion: f64,
 }
 
@@ -57,7 +58,7 @@ impl Motions {
             moved.iter().map(|&x| reference.step(x.into())).collect()
         };
         let (rest_out, ramp_out) = (exactly(&rest), exactly(&ramp));
-        let settled = ramp_out.len() / 2; // four periods of the cutoff at least
+        let settled = ramp_out.len() / 2; // at least four periods of the cutoff
         let encoder = Noise {
             at_rest: rms(rest_out[settled..].iter().copied()),
             in_motion: rms(ramp_out[settled..].iter().map(|v| v - RAMP_COUNTS)),
@@ -65,7 +66,7 @@ impl Motions {
         Self { rest: (rest, rest_out), ramp: (ramp, ramp_out), encoder }
     }
 
-    /// Measures a filter at rest.
+    /// Measures a filter that is at rest at the beginning.
     pub fn measure(&self, filter: &Filter) -> Noise {
         let distance = |(moved, exact): &(Vec<i8>, Vec<f64>)| {
             let mut filter = *filter;

@@ -4,12 +4,12 @@ use filter_forms::Prototype;
 
 use crate::numerics::double::Double;
 
-/// A value near `start` at which `error` is 0, by Newton's method: `next` makes one step.
+/// A value near `start` at which an error is 0, by Newton's method. `next` makes one step.
 fn improved(start: f64, next: impl Fn(Double) -> Double) -> Double {
     (0..3).fold(start.into(), |value, _| next(value))
 }
 
-/// The reference with its state.
+/// The reference filter with its state.
 #[derive(Clone, Copy, Debug)]
 pub struct Reference {
     g: Double,
@@ -19,7 +19,7 @@ pub struct Reference {
 
 impl Reference {
     pub fn new(cutoff_hz: f64, rate_hz: f64) -> Self {
-        // w is a number of 53 bits for all variants; from there on it is exact
+        // w is a number of 53 bits for all variants. All later results are exact.
         let g = Double::from(Prototype::new(cutoff_hz, rate_hz).g());
         let [one, two, half] = [1.0, 2.0, 0.5].map(Double::from);
         // 1/sqrt(2) and 1/(1 + g (g + sqrt(2))): y (3 - 2 y^2) / 2 and y (2 - q y)
@@ -44,7 +44,7 @@ impl Reference {
 mod tests {
     use super::*;
 
-    /// b0 = w^2 / a0 comes first; the sum of the impulse response is 1.
+    /// The first output for an impulse is b0 = w^2 / a0. The sum of the impulse response is 1.
     #[test]
     fn its_impulse_response_begins_with_b0_and_has_the_sum_1() {
         let mut reference = Reference::new(1e4 / (2.0 * std::f64::consts::PI), 1e4);
@@ -55,7 +55,7 @@ mod tests {
         assert!((sum - 1.0).abs() < 1e-15, "{sum}");
     }
 
-    /// Far below the cutoff `f64` loses digits that this keeps: after a step the output ends at 1.
+    /// Far below the cutoff `f64` loses digits, but the reference does not: after a step its output ends at 1.
     #[test]
     fn at_the_lowest_cutoff_a_step_ends_at_1() {
         let mut reference = Reference::new(0.1, 1e4);

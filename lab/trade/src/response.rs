@@ -1,4 +1,4 @@
-//! The frequency response as it comes out of the running filter.
+//! The measured frequency response of a running filter.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI, SQRT_2};
 
@@ -7,13 +7,14 @@ use nalgebra::Complex;
 
 use super::{Bench, LSB_PER_COUNT, larger, tone::Tone};
 
-/// Where the response is measured, in units of the -3 dB frequency.
+/// Frequencies of the measurement, in units of the -3 dB frequency.
 pub const PLACES: [f64; 6] = [0.25, 0.5, 0.7, 1.0, 1.4, 2.0];
-/// Highest frequency, of the rate.
+/// Highest frequency, as a share of the rate.
 pub const HIGHEST: f64 = 0.45;
 /// Periods of the cutoff after which the transient of the exact filter is below 10^-15.
 pub const SETTLE_PERIODS: f64 = 8.0;
-/// Share by which the gain at the frequency that was found may miss 0.707: else there is none.
+/// Largest relative error of the gain 0.707 at the frequency that was found. With a larger error, the search has no
+/// result.
 const FOUND: f64 = 1e-3;
 
 /// The exact response at a frequency in cycles per sample.
@@ -35,7 +36,7 @@ pub struct Tones {
 pub struct Response {
     /// Largest `abs(H - H_exact)`.
     pub error: f64,
-    /// Relative error of the -3 dB frequency; `None` if the gain is nowhere near it.
+    /// Relative error of the -3 dB frequency. `None` if no gain is near 0.707.
     pub cutoff_error: Option<f64>,
 }
 
@@ -50,7 +51,7 @@ impl Tones {
         Self { prototype, settle, amplitude, tones }
     }
 
-    /// The response to one tone of a filter at rest.
+    /// The response of `filter`, which is at rest at the beginning, to one tone.
     pub fn response(&self, filter: &Filter, tone: &Tone) -> Complex<f64> {
         let mut filter = *filter;
         let mut sum = Complex::ZERO;
@@ -66,7 +67,7 @@ impl Tones {
         tone.response(sum * LSB_PER_COUNT)
     }
 
-    /// Measures a filter at rest.
+    /// Measures a filter that is at rest at the beginning.
     pub fn measure(&self, filter: &Filter) -> Response {
         let errors = self.tones.iter().map(|tone| {
             (self.response(filter, tone) - exact(&self.prototype, tone.frequency)).norm()
@@ -74,8 +75,7 @@ impl Tones {
         Response { error: errors.fold(0.0, larger), cutoff_error: self.cutoff_error(filter) }
     }
 
-    /// Looks for the frequency at which the gain is 0.707, as if the response between two looks were a Butterworth
-    /// filter's.
+    /// Searches the frequency at which the gain is 0.707. Each step assumes the response of a Butterworth filter.
     fn cutoff_error(&self, filter: &Filter) -> Option<f64> {
         let wanted = self.prototype.true_cutoff();
         let mut estimate = wanted;

@@ -1,15 +1,15 @@
-//! What is left after the handle has stopped: a limit cycle, or an output that is stuck.
+//! Largest output after the handle has stopped: a limit cycle, or an output that does not return to 0.
 
 use filter_forms::Filter;
 
 use super::{Bench, LSB_PER_COUNT, larger};
 
-/// Periods of the cutoff after which the exact output is below 10^-38 of what it was.
+/// Periods of the cutoff until the exact output is below 10^-38 of its value at the stop.
 const PERIODS: f64 = 20.0;
-/// Samples that are watched then, at least; and periods of the cutoff.
+/// The output is then measured for at least this number of samples, and of periods of the cutoff.
 const WATCHED: u32 = 5000;
 const WATCHED_PERIODS: f64 = 1.0;
-/// The handle moves at random for so many samples at least.
+/// Smallest number of samples during which the handle moves at random.
 const MOVING: u32 = 1000;
 
 /// Largest output after the stop, counts per sample.

@@ -1,4 +1,4 @@
-//! The trade as tables: CSV, and what each format is good for.
+//! The trade as CSV tables, and the cutoffs at which each format is good enough.
 
 use std::fmt::Write as _;
 
@@ -8,7 +8,8 @@ use super::{
     plant::Plants,
 };
 
-/// Whether no other point is at most as large in both and smaller in one.
+/// For each point, whether it is on the Pareto front: no other point is at most as large in both values and smaller in
+/// one.
 pub fn pareto(points: &[Option<[f64; 2]>]) -> Vec<bool> {
     let beaten = |[x, y]: [f64; 2]| {
         points.iter().flatten().any(|&[u, v]| u <= x && v <= y && (u < x || v < y))
@@ -16,8 +17,8 @@ pub fn pareto(points: &[Option<[f64; 2]>]) -> Vec<bool> {
     points.iter().map(|point| point.is_some_and(|point| !beaten(point))).collect()
 }
 
-/// Cost and error of the filters at one cutoff: cycles, and RMS error of the velocity in motion in m/s. `None` for what
-/// is refused.
+/// Cost and error of the filters at one cutoff: cycles, and RMS error of the velocity in motion, m/s. `None` for a
+/// refused filter.
 pub fn filter_points(filters: &Filters, cutoff: usize, bench: &Bench) -> Vec<Option<[f64; 2]>> {
     let rows = filters.rows.iter().filter(|row| row.cutoff == cutoff);
     let point = |row: &FilterRow| {
@@ -27,7 +28,7 @@ pub fn filter_points(filters: &Filters, cutoff: usize, bench: &Bench) -> Vec<Opt
     rows.map(point).collect()
 }
 
-/// Cost and error of the methods: operations per simulated second, and error of the trajectory in m.
+/// Cost and error of the methods: operations per simulated second, and error of the trajectory, m.
 pub fn plant_points(plants: &Plants) -> Vec<Option<[f64; 2]>> {
     let point = |row: &super::plant::PlantRow| {
         row.measured.as_ref().ok().map(|m| [m.operations_per_s, m.trajectory_m])
@@ -122,20 +123,21 @@ pub fn plant_csv(plants: &Plants) -> String {
     text
 }
 
-/// What a variant is good for.
+/// The cutoffs at which a variant is good enough.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GoodFor {
     pub variant: Variant,
-    /// First and last of the longest run of cutoffs that were tried at which it would do, Hz.
+    /// First and last cutoff of the longest run of tried cutoffs at which the variant would do, Hz.
     pub cutoffs_hz: Option<[f64; 2]>,
-    /// What it misses at the next cutoff below, and above; empty where there is none or it is refused there.
+    /// Criteria that the variant exceeds at the next cutoff below and above. Empty if there is no such cutoff, or if
+    /// the variant is refused there.
     pub below: Vec<Criterion>,
     pub above: Vec<Criterion>,
-    /// It is refused at the next cutoff below.
+    /// The variant is refused at the next cutoff below.
     pub refused_below: bool,
 }
 
-/// What each variant is good for, in the order of [`Variant::ALL`].
+/// Results of all variants, in the order of [`Variant::ALL`].
 pub fn good_for(filters: &Filters) -> Vec<GoodFor> {
     let cutoffs = filters.exact.len().max(1);
     filters
@@ -149,7 +151,7 @@ pub fn good_for(filters: &Filters) -> Vec<GoodFor> {
                 match (does, start) {
                     (true, None) => start = Some(n),
                     (false, Some(first)) => {
-                        // of runs of the same length, the one at the higher cutoffs
+                        // If runs have the same length, the run at the higher cutoffs is taken.
                         if n - first >= best.len() {
                             best = first..n;
                         }

@@ -1,20 +1,21 @@
-//! Sines whose period is a whole number of samples: their response is a sum over whole periods, and nothing leaks.
+//! Sines with a whole number of periods in a whole number of samples. The response is a sum over this window, without
+//! spectral leakage.
 
 use std::f64::consts::PI;
 
 use nalgebra::Complex;
 
-/// A sine and its window.
+/// A sine and its measuring window.
 #[derive(Clone, Debug)]
 pub struct Tone {
     /// Frequency in cycles per sample.
     pub frequency: f64,
     window: u32,
-    /// LSB of the core's velocity.
+    /// Input at each sample of the window, LSB of the core's velocity.
     input: Vec<i32>,
-    /// Cosine and sine at each place of the window.
+    /// Cosine and sine at each sample of the window.
     phasor: Vec<Complex<f64>>,
-    /// What the rounded input itself holds.
+    /// Weighted sum of the rounded input over the window.
     spectrum: Complex<f64>,
 }
 
@@ -22,7 +23,7 @@ pub struct Tone {
 const WINDOW_MIN: f64 = 4096.0;
 
 impl Tone {
-    /// The one nearest to `frequency`, cycles per sample, with that amplitude in LSB.
+    /// The tone nearest to `frequency`, in cycles per sample. `amplitude` is in LSB.
     pub fn near(frequency: f64, amplitude: f64) -> Self {
         let cycles = (WINDOW_MIN * frequency).ceil().max(1.0);
         let length = (cycles / frequency).round();
@@ -41,7 +42,7 @@ impl Tone {
         Self { frequency: cycles / length, window, input, phasor, spectrum }
     }
 
-    /// Samples of the window.
+    /// Length of the window, samples.
     pub fn window(&self) -> u32 {
         self.window
     }
@@ -52,13 +53,13 @@ impl Tone {
         self.input[(n % self.window) as usize]
     }
 
-    /// The phasor that a sample of the output is weighed with.
+    /// The weight of an output sample.
     #[inline]
     pub fn phasor(&self, n: u32) -> Complex<f64> {
         self.phasor[(n % self.window) as usize]
     }
 
-    /// The response, of the outputs' weighed sum over a window, in LSB.
+    /// The response. `sum` is the weighted sum of the outputs over a window, LSB.
     pub fn response(&self, sum: Complex<f64>) -> Complex<f64> {
         sum / self.spectrum
     }

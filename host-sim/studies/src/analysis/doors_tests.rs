@@ -1,4 +1,4 @@
-//! Every table that a user names, at its own door: the same files are taken everywhere, and the same are refused.
+//! Tests each place that reads a user's table: all accept the same files, and all refuse the same files.
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -15,9 +15,9 @@ use crate::{
     scene::{FeltCurve, NamedScene},
 };
 
-/// Cells of a table, its header first.
+/// Cells of a table, with the header first.
 type Cells = Vec<Vec<String>>;
-/// What a door makes of a file.
+/// Result of reading a file.
 type Found = Result<String, Error>;
 
 /// A place that reads tables.
@@ -25,7 +25,7 @@ struct Door {
     name: &'static str,
     good: Cells,
     read: Box<dyn Fn(&Path) -> Found>,
-    /// Takes columns that it does not know.
+    /// Accepts unknown columns.
     others: bool,
 }
 
@@ -106,7 +106,7 @@ fn each(cells: &Cells, change: impl Fn(&str) -> String) -> Cells {
     cells.iter().map(|row| row.iter().map(|cell| change(cell)).collect()).collect()
 }
 
-/// What every door takes as it takes the good table.
+/// Forms of the good table that every place must read as the good table.
 fn taken(good: &Cells, others: bool) -> BTreeMap<&'static str, String> {
     let commas = each(good, |cell| cell.replace('.', ","));
     let noted = plain(good).replace('\n', "\n\t # a, \"b;\n\n  \t \n#\n");
@@ -150,7 +150,7 @@ fn taken(good: &Cells, others: bool) -> BTreeMap<&'static str, String> {
     taken
 }
 
-/// What no door takes, and what each says.
+/// Tables that every place must refuse, each with its message.
 fn refused(good: &Cells) -> Vec<(Vec<u8>, String)> {
     let header = &good[0];
     let (first, last) = (&header[0], &header[header.len() - 1]);
@@ -221,7 +221,7 @@ fn refused(good: &Cells) -> Vec<(Vec<u8>, String)> {
             let shown = format!("line 2: {name} is `{cell}`, allowed ");
             text(joined(&with(2, &|row| row[column] = cell.into()), ";", "\n"), shown);
         }
-        // Telemetry without its counts is a log without its time.
+        // Telemetry without its counts would be a log without time.
         if name != "position_counts" {
             text(
                 plain(&with(1, &|row| row[column] = "other".into())),
@@ -232,12 +232,12 @@ fn refused(good: &Cells) -> Vec<(Vec<u8>, String)> {
     refused
 }
 
-/// In memory where there is such a place.
+/// A temporary folder, in memory if possible.
 fn folder() -> TempDir {
     tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
 }
 
-/// The door's answer to a file of that content.
+/// The answer to a file with this content.
 fn answer(door: &Door, folder: &Path, content: &[u8]) -> Found {
     let path = folder.join("table.csv");
     fs::write(&path, content).unwrap();
@@ -272,7 +272,7 @@ fn every_door_refuses_the_same_tables_by_line_and_column() {
     }
 }
 
-/// A table with bytes flipped, inserted and deleted, rows doubled and cells swapped.
+/// A table with flipped, inserted and deleted bytes, doubled rows and swapped cells.
 fn spoiled(good: &Cells, random: &mut Xoshiro256PlusPlus) -> Vec<u8> {
     const INSERTED: &[u8] = b",;\t\"#\r\n\0 -.e9\xff\xef\xbb\xbf";
     let mut cells = good.clone();

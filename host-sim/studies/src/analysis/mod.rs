@@ -1,5 +1,5 @@
-//! What is worked out about a scene beside its walks: linear stability and passivity, identification,
-//! comparison of estimators, and what number formats and integrators cost.
+//! Analyses of a scene in addition to its walks: linear stability and passivity, identification, comparison of
+//! estimators, and cost of number formats and integrators.
 
 pub mod agree;
 pub mod compare;

@@ -1,11 +1,10 @@
-//! Three boundaries of one estimator side by side: the linear envelope, the walls that are passive in
-//! any hand, and the simulated boundary with an account of what each of its points is.
+//! Three boundaries of one estimator side by side: the linear envelope, the walls that are passive with any hand, and
+//! the simulated boundary. Each point of the simulated boundary is explained.
 //!
-//! The simulated boundary may lie above the linear envelope. The linear loop is unstable there, so the
-//! handle does not come to rest; quantisation, saturation and the one-sided wall turn the growing
-//! oscillation into a limit cycle, and the wall counts as stable as long as that cycle's RMS is below
-//! the limit of the wall hit. It may also lie below: the hit starts far from rest, and saturation
-//! delays the force.
+//! The simulated boundary may be above the linear envelope. There the linear loop is unstable, so the handle does not
+//! come to rest. Quantisation, saturation and the one-sided wall turn the growing oscillation into a limit cycle. The
+//! wall counts as stable if the RMS of this limit cycle is below the limit of the wall hit. The simulated boundary may
+//! also be below the linear envelope, because the hit starts far from rest and saturation delays the force.
 
 use std::sync::atomic::AtomicBool;
 
@@ -20,21 +19,21 @@ use crate::{
     study::{boundary::BoundaryPoint, walk::walk},
 };
 
-/// A point of the simulated boundary and what the hit there showed.
+/// A point of the simulated boundary, and the result of its hit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Explained {
     pub point: BoundaryPoint,
-    /// Largest K of the linear envelope at this B, N/m: stable from 0 up to it; infinite if no K is
+    /// Largest K of the linear envelope at this B, N/m: every K from 0 to this value is stable. Infinite if no K is
     /// unstable.
     pub linear_n_per_m: f64,
-    /// Stretches of K, from and to, that are linearly stable beyond it.
+    /// Further linearly stable intervals of K above the envelope, N/m.
     pub further_stable_n_per_m: Vec<(f64, f64)>,
-    /// The hit at this very wall.
+    /// The hit at this wall.
     pub report: HitReport,
 }
 
 impl Explained {
-    /// The linear loop is unstable at this wall: above the envelope and in no further stable stretch.
+    /// Whether the linear loop is unstable at this wall: above the envelope and in no further stable interval.
     pub fn is_unstable(&self) -> bool {
         let k = self.point.stiffness_n_per_m;
         let further = |&(from, to): &(f64, f64)| (from..=to).contains(&k);
@@ -42,8 +41,7 @@ impl Explained {
     }
 }
 
-/// Follows the simulated boundary from the scene's own start and holds every point against the
-/// linear envelope.
+/// Walks along the simulated boundary from the scene's own start, and compares every point with the linear envelope.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
@@ -73,10 +71,10 @@ pub fn explain(
         .collect()
 }
 
-/// Points of the edge of the passive region, from B = 0 to where not even K = 0 is passive.
+/// Number of points on the edge of the passive region, from B = 0 to the B at which even K = 0 is not passive.
 const REGION_POINTS: u32 = 64;
 
-/// The edge of the walls that are passive in any hand, from B = 0 on.
+/// The edge of the walls that are passive with any hand, from B = 0 on.
 ///
 /// # Errors
 /// The device's damping is not finite.
@@ -134,7 +132,7 @@ mod tests {
         .unwrap();
         let above: Vec<&Explained> = explained.iter().filter(|e| e.is_unstable()).collect();
         assert!(above.len() >= 20 && explained.len() > above.len() + 10, "{}", above.len());
-        // At rest between two counts the RMS is below half a count.
+        // If the handle rests between two counts, the RMS is below half a count.
         let at_rest_m = 0.5 * scene.encoder.resolution_m;
         assert!(above.iter().all(|e| e.report.is_stable() && e.report.rms_m > at_rest_m));
         scene.wall_hit.rms_limit_m = at_rest_m;
@@ -150,10 +148,10 @@ mod tests {
         }
     }
 
-    /// Where the loop is unstable already at K = 0 and stable further up, a point there is no limit cycle.
+    /// The loop is unstable at K = 0 and stable at higher K. A point in this higher interval is no limit cycle.
     #[test]
     fn a_point_in_a_further_stable_stretch_is_stable() {
-        // a filter far slower than a sprung device, as in the linear analysis' own test
+        // The filter is far slower than the device with its spring, as in a test of the linear analysis.
         let device = Device { mass_kg: 0.4, damping_n_s_per_m: 5.0, stiffness_n_per_m: 1e4 };
         let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0).unwrap());
         let envelope = linear::Boundary::new(&of).unwrap();
@@ -196,7 +194,7 @@ mod tests {
     fn the_passive_region_ends_where_the_demand_is_the_device_damping() {
         let mut of =
             Loop::single_rate(Device::PAPER, 1e3, TransferFunction::finite_difference(1e3));
-        // b > K T/2 + |B|: a triangle.
+        // b > K T/2 + |B| is a triangle.
         let passivity = Passivity::new(&of).unwrap();
         let region = passive_region(5.5, &passivity).unwrap();
         let (first, last) = (region[0], region[region.len() - 1]);
@@ -207,7 +205,7 @@ mod tests {
             assert!((point.stiffness_n_per_m - k).abs() < 0.1, "{point:?}");
         }
         assert_eq!(passivity.stiffness_max(5.5, 6.0).unwrap(), None);
-        // The loop as it runs: inside its own envelope, which begins at 3693 N/m.
+        // The real loop lies inside its own envelope, which begins at 3693 N/m.
         of = Loop::single_rate(Device::PAPER, 1e4, TransferFunction::paper(1e4, 1500.0).unwrap());
         (of.period, of.latency_samples) = (10, 10.0);
         let b = of.device.damping_n_s_per_m;

@@ -1,5 +1,5 @@
-//! What the passivity controller ([`zwidth::passivity`]) does to a scene's walls: the areas with it and without, and what
-//! hits at the boundary's walls show.
+//! Effect of the passivity controller ([`zwidth::passivity`]) on a scene's walls: areas with and without the
+//! controller, and results of hits at the boundary's walls.
 
 use std::sync::atomic::AtomicBool;
 
@@ -26,12 +26,12 @@ use crate::{
     table::{Cell, Kind, Table, Told},
 };
 
-/// Walls of a boundary that are hit, at most: as many of its B, evenly.
+/// Largest number of walls of a boundary that are hit, evenly spaced in B.
 const WALLS: usize = 24;
 
 #[derive(Clone, Debug)]
 pub struct PassiveQuestion {
-    /// Limits of what counts as stable, of the motion.
+    /// Limits of a stable wall's motion.
     pub limits: Vec<Limit>,
     pub filters: Vec<VelocitySettings>,
     /// Walks of each boundary.
@@ -40,58 +40,59 @@ pub struct PassiveQuestion {
     pub walk: Walk,
     /// Settings of the passivity controller.
     pub table: PassivityTable,
-    /// Lengths of the hits before their window, s: a hum is fed for as long as it lasts.
+    /// Durations of the hits before their window, s. During the whole hit, a hum gets energy.
     pub settles_s: Vec<f64>,
 }
 
 impl PassiveQuestion {
-    /// Walks that it takes.
+    /// Number of walks of the question.
     pub fn walks(&self) -> u64 {
         (2 * self.limits.len() * self.filters.len()) as u64 * u64::from(self.repeats)
     }
 }
 
-/// Hits of one length at the walls of a boundary: means over the walls, except where it says "most".
+/// Hits of one duration at the walls of a boundary. All values are means over the walls, except the largest ones.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Length {
-    /// Nominal cutoff, Hz; nothing without one.
+    /// Nominal cutoff, Hz; `None` without a cutoff.
     pub cutoff_hz: Option<f64>,
     /// The limit of the boundary.
     #[serde(skip)]
     pub limit: Limit,
     /// The passivity controller is on.
     pub controller: bool,
-    /// Before the window, s.
+    /// Duration before the window, s.
     pub settle_s: f64,
     pub walls: usize,
-    /// Most energy that a wall has given in a contact, by force and counts, J.
+    /// Largest energy that a wall has given in a contact, from force and counts, J.
     pub given_j: f64,
-    /// Most energy that a wall has given in a contact, by force and true motion, J.
+    /// Largest energy that a wall has given in a contact, from force and true motion, J.
     pub given_by_motion_j: f64,
-    /// Power that the device's damping takes from the hum in the window, b <v^2>, W; the hum's source gives as much.
+    /// Power that the device's damping takes from the hum in the window, b <v^2>, W. The source of the hum supplies the
+    /// same power.
     pub fed_w: f64,
-    /// What the controller has withheld, as a fraction of the wall's force.
+    /// Withheld force of the controller, as a fraction of the wall's force.
     pub withheld_fraction: f64,
-    /// The same fraction at the wall where it is largest.
+    /// The largest such fraction of any wall.
     pub withheld_most_fraction: f64,
-    /// Mean penetration in the window over push / K: above 1 the wall sags.
+    /// Mean penetration in the window divided by push / K. A value above 1 means that the wall sags.
     pub sag: f64,
 }
 
-/// Hits at walls of a boundary, each mean over the walls.
+/// Hits at walls of a boundary. Means are over the walls.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Hits {
     pub walls: usize,
-    /// The most that one has given in a contact, J.
+    /// Largest energy that a wall has given in a contact, J.
     pub given_j: f64,
-    /// Walls that have given more than the reserve.
+    /// Number of walls that have given more than the reserve.
     #[serde(rename = "walls_beyond_reserve")]
     pub beyond: usize,
-    /// Outputs in contact that the controller has changed, as a fraction.
+    /// Fraction of the outputs in contact that the controller has changed.
     pub limited_fraction: f64,
-    /// What it has withheld, as a fraction of the wall's force.
+    /// Withheld force of the controller, as a fraction of the wall's force.
     pub withheld_fraction: f64,
-    /// Outputs that saturated, as a fraction.
+    /// Fraction of the outputs that saturated.
     pub saturated_fraction: f64,
     /// RMS of the motion in the window, m.
     pub rms_motion_m: f64,
@@ -99,31 +100,32 @@ pub struct Hits {
     pub roughness_n: f64,
 }
 
-/// One cutoff at one limit, without the controller or with it.
+/// Results of one cutoff at one limit, with or without the controller.
 #[derive(Clone, Debug)]
 pub struct PassiveRow {
-    /// Nominal cutoff, Hz; 0 without one.
+    /// Nominal cutoff, Hz; `None` without a cutoff.
     pub cutoff_hz: Option<f64>,
     pub limit: Limit,
     /// The passivity controller is on.
     pub controller: bool,
     pub boundaries: Boundaries,
-    /// Hits in this loop at the boundary found without the controller, and, with it on, at the one found with it.
+    /// Hits in this loop at the boundary that was found without the controller. With the controller on, also at the
+    /// boundary that was found with it.
     pub hits: [Hits; 2],
 }
 
 #[derive(Clone, Debug)]
 pub struct PassiveStudy {
     pub question: PassiveQuestion,
-    /// The most that a contact may give with the controller, J.
+    /// Largest energy that a contact may give with the controller, J.
     pub reserve_j: f64,
-    /// By limit and cutoff, without the controller first.
+    /// Rows by limit and cutoff, first without the controller.
     pub rows: Vec<PassiveRow>,
-    /// By limit, cutoff and length, without the controller first; of the boundaries without it.
+    /// Hits by limit, cutoff and duration, first without the controller. All are at the boundaries found without it.
     pub lengths: Vec<Length>,
 }
 
-/// Walks every cutoff without the controller and with it, and hits the walls of their boundaries. `done` is called after
+/// Walks every cutoff with and without the controller, and hits the walls of the boundaries. `done` is called after
 /// each walk.
 ///
 /// # Errors
@@ -181,25 +183,25 @@ pub fn passive(
     Ok(PassiveStudy { question, reserve_j, rows, lengths: by_length })
 }
 
-/// Walls of the first boundary.
+/// Walls of the first boundary of the repeats.
 fn walls(boundaries: &Boundaries, velocity: VelocitySettings) -> Vec<WallHit> {
     let Some(first) = boundaries.first() else { return vec![] };
     let step = first.points.len().div_ceil(WALLS).max(1);
     first.points.iter().step_by(step).map(|wall| wall.hit(velocity)).collect()
 }
 
-/// What a wall's force does along the true motion, anew for each contact.
+/// Energy of a wall's force along the true motion, from zero for each contact.
 struct MotionAccount {
-    /// Samples from a count to its force, at most.
+    /// Largest delay from a count to its force, samples.
     until_it_acts: u64,
-    /// Counts and with them contact begin here, m.
+    /// Position of the first count in contact, m.
     contact_m: f64,
-    /// Samples since the handle was in contact.
+    /// Samples since the last contact.
     free: u64,
-    /// The output without the wall: the push as its code has it.
+    /// The output without the wall: the push, rounded to its code.
     rest_n: f64,
     energy_j: f64,
-    /// Largest surplus so far.
+    /// Largest energy given so far.
     given_j: f64,
 }
 
@@ -215,7 +217,7 @@ impl MotionAccount {
         }
     }
 
-    /// From `sample` on the handle moved by so much.
+    /// Adds a sample. The handle then moved by `moved_m`.
     fn take(&mut self, sample: &Sample, moved_m: f64) {
         self.free = if sample.position_m > self.contact_m { 0 } else { self.free + 1 };
         if self.free > self.until_it_acts {
@@ -227,10 +229,10 @@ impl MotionAccount {
     }
 }
 
-/// Of a hit: its port, the most that was given by the motion, what the damping takes, and the sag.
+/// Results of a hit: its port, the largest energy given by the true motion, the power of the damping, and the sag.
 type Shown = (PortReport, f64, f64, f64);
 
-/// The walls, hit for as long as the scene says.
+/// Hits the walls for the duration in the scene.
 fn length(
     prepared: &PreparedScene,
     walls: &[WallHit],
@@ -313,7 +315,7 @@ fn hits(
     Ok(sum)
 }
 
-/// A row of the table: a boundary whose walls were hit, and of which boundary they are.
+/// A row of the table: the study, a boundary, the name of the boundary whose walls were hit, and the hits.
 type Hit<'a> = (&'a PassiveStudy, &'a PassiveRow, &'static str, Hits);
 
 use Kind::{Flag, Number, Text, Whole};
@@ -334,12 +336,12 @@ impl PassiveStudy {
         ("sag", Number, |row| row.sag.into()),
     ];
 
-    /// A row for each limit, cutoff and length of the hits, without the controller and with it.
+    /// A row for each limit, cutoff and duration of the hits, with and without the controller.
     pub fn length_table(&self) -> Table {
         Table::of(&Self::LENGTHS, &self.lengths)
     }
 
-    /// A row for each limit, cutoff, and boundary whose walls were hit.
+    /// A row for each limit, each cutoff, and each boundary whose walls were hit.
     pub fn table(&self) -> Table {
         let columns: [Told<Hit<'_>>; 20] = [
             ("cutoff_hz", Number, |(_, row, ..)| Cell::number(row.cutoff_hz)),

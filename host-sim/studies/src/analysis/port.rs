@@ -1,4 +1,5 @@
-//! The energy at the port, computed once more from the outputs of a capture, and compared with what its keys tell.
+//! Computes the energy at the port again from the outputs of a capture, and compares it with the energy in the
+//! capture's keys.
 
 use zwidth::{
     port::PortEnergy,
@@ -8,28 +9,29 @@ use zwidth::{
 
 use super::telemetry::Chunk;
 
-/// A push is whole after so many outputs of a millisecond: it comes in by at most 5 % of full scale each.
+/// Time until a push has its full force, ms: there is an output per millisecond, and each adds at most 5 % of full
+/// scale.
 const PUSH_MS: u64 = 41;
-/// Samples of a millisecond at the boards' rate.
+/// Samples per millisecond at the boards' rate.
 const SAMPLES_PER_MS: u64 = 10;
 
-/// The account up to the last output that was seen.
+/// The energy account up to the last output.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Account {
     port: Option<PortEnergy>,
-    /// The last output, and how far the one before it was.
+    /// Sample of the last output, and its distance from the output before.
     last: Option<(u64, u64)>,
     push: Force,
-    /// Sample at which the push became another.
+    /// Sample of the last change of the push.
     pushed: u64,
     zeros: Option<u16>,
 }
 
-/// An account that is another one: sample, the board's, the core's.
+/// A difference in energy: sample, energy of the board, energy of the core.
 pub type Other = (u64, i64, i64);
 
 impl Account {
-    /// Takes a frame: how many keys were compared, and what differs.
+    /// Adds a frame. Returns the number of compared keys, and a difference if there is one.
     pub fn take(&mut self, chunk: &Chunk) -> (u64, Option<Other>) {
         for (record, push) in chunk.outputs.iter().zip(&chunk.pushes) {
             self.output(record, *push);
@@ -67,8 +69,8 @@ impl Account {
         }
     }
 
-    /// What the wall gives from that output on, and whether it is in contact; none where that cannot be told: sign test and
-    /// ramp, a push that is still coming in.
+    /// Force of the wall from this output on, and whether the handle is in contact. `None` if the force is not known:
+    /// during the sign test and the ramp, and while a push rises.
     fn wall(&self, record: &Record) -> Option<(i64, bool)> {
         let has = |flag| record.flags.contains(flag);
         if !has(Flags::ON) {

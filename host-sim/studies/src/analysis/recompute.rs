@@ -1,8 +1,8 @@
-//! Every sample of a capture once more, by the core: from the keys and the counts that the board has told.
+//! Computes every sample of a capture again with the core, from the keys and the counts of the board.
 //!
-//! Between two keys every velocity follows from the counts, and every force from the settings. What the board says of
-//! its outputs, and the state in its next key, must be the same to the last bit. Where they are not, the first sample
-//! that differs is named, and nothing is said of those behind it up to the next key.
+//! Between two keys, every velocity follows from the counts, and every force from the settings. The board's outputs,
+//! and the state in its next key, must be equal to the last bit. If they differ, the first sample with a difference is
+//! reported. The samples after it, up to the next key, are not compared.
 
 use std::{
     collections::HashMap,
@@ -23,16 +23,16 @@ use super::{
     telemetry::{Capture, Chunk},
 };
 
-/// Largest move of the sample with which the count was zeroed, which nobody tells: counts.
+/// Largest move during the sample in which the count was zeroed, counts. The capture does not contain this move.
 const ZEROED_MOVE: i32 = 500;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
     pub sample: u64,
     pub position: Position,
-    /// Velocity, where it could be computed.
+    /// Velocity, if it could be computed.
     pub velocity: Option<Velocity>,
-    /// Force that acts from the last output on; none before the first one.
+    /// Force that acts from the last output on; `None` before the first output.
     pub force: Option<Force>,
     /// Velocity that the board reports with an output.
     pub told: Option<Velocity>,
@@ -40,11 +40,11 @@ pub struct Row {
 
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Difference {
-    /// First sample that differs.
+    /// First sample with a difference.
     pub sample: u64,
-    /// Name of the quantity that differs.
+    /// Name of the quantity with a difference.
     pub what: &'static str,
-    /// Value of the board, then of the core, as bits.
+    /// Value of the board, as bits; then the value of the core.
     pub board: i64,
     pub core: i64,
 }
@@ -56,32 +56,32 @@ impl fmt::Display for Difference {
     }
 }
 
-/// A capture, computed again.
+/// A capture that was computed again.
 #[derive(Clone, Debug, Default)]
 pub struct Recomputed {
     /// Every sample whose count is in the capture, in order.
     pub rows: Vec<Row>,
-    /// Stretches in which no sample is missing, as places in `rows`.
+    /// Stretches without a missing sample, as ranges of `rows`.
     pub stretches: Vec<Range<usize>>,
-    /// Samples whose velocity was computed.
+    /// Number of samples whose velocity was computed.
     pub computed: u64,
-    /// Outputs whose velocity was compared.
+    /// Number of outputs whose velocity was compared.
     pub velocities: u64,
-    /// Outputs whose force was compared.
+    /// Number of outputs whose force was compared.
     pub forces: u64,
     /// Number of keys whose state was compared with the computed state.
     pub states: u64,
-    /// Keys whose energy at the port was compared with the one that was computed up to there.
+    /// Number of keys whose energy at the port was compared with the computed energy.
     pub energies: u64,
-    /// Changes of the estimator or its tuning that were followed, and how often the count was zeroed.
+    /// Number of changes of the estimator, its tuning or the zero of the count that were followed.
     pub changes: u64,
-    /// What differs, in order.
+    /// Differences, in order.
     pub differences: Vec<Difference>,
-    /// Stretches between two keys of which nothing can be said, and why: first and last sample.
+    /// Stretches between two keys that could not be computed: first sample, last sample, and reason.
     pub unknown: Vec<(u64, u64, &'static str)>,
 }
 
-/// A sample of a stretch, with its output.
+/// A sample in the capture, with its output.
 #[derive(Clone, Copy)]
 struct Told {
     sample: u64,
@@ -89,7 +89,7 @@ struct Told {
     output: Option<(Record, Force)>,
 }
 
-/// Data of a capture between two resets of the board.
+/// Data between two resets of the board.
 #[derive(Default)]
 struct Run {
     told: Vec<Told>,
@@ -102,7 +102,7 @@ impl Recomputed {
         Self::until(capture, &AtomicBool::new(false))
     }
 
-    /// The same, of a part of it once `stop` is set.
+    /// Computes a capture again. Ends with a part of the capture once `stop` is set.
     pub fn until(capture: &Capture, stop: &AtomicBool) -> Self {
         let mut all = Self::default();
         let mut run = Run::default();
@@ -128,7 +128,7 @@ impl Recomputed {
         all
     }
 
-    /// Samples that are missing between those that were told: first and last of each gap.
+    /// Missing samples between the samples of the capture: first and last sample of each gap.
     pub fn gaps(&self) -> Vec<(u64, u64)> {
         let ends = self.stretches.windows(2).filter_map(|pair| {
             let [before, after] = [self.rows.get(pair[0].end - 1)?, self.rows.get(pair[1].start)?];
@@ -137,8 +137,8 @@ impl Recomputed {
         ends.collect()
     }
 
-    /// One row per sample, in the integers of the control: velocity in 2^-16 counts per sample, empty where it could not
-    /// be computed; the force that acts from the last output on, in 2^-30 of full scale.
+    /// One row per sample, in the integers of the control. The velocity is in 2^-16 counts per sample, empty if it
+    /// could not be computed. The force of the last output is in 2^-30 of full scale.
     pub fn csv(&self) -> String {
         let mut text = String::from("sample,position_counts,velocity_q16,force_q30,output\n");
         for Row { sample, position, velocity, force, told } in &self.rows {
@@ -151,12 +151,12 @@ impl Recomputed {
         text
     }
 
-    /// The first sample that differs.
+    /// The first difference.
     pub fn first_difference(&self) -> Option<&Difference> {
         self.differences.first()
     }
 
-    /// The samples of a chunk; false if a count is another one than it was.
+    /// Adds the samples of a chunk. False if a count differs from an earlier report of the same sample.
     fn add(&mut self, run: &mut Run, chunk: &Chunk) -> bool {
         for settings in &chunk.settings {
             run.settings.insert(settings.number, settings.settings.build(&settings.design).ok());
@@ -199,7 +199,7 @@ impl Recomputed {
         self.differences.push(Difference { sample, what, board: board.into(), core: core.into() });
     }
 
-    /// Whether a count is what it was told to be.
+    /// Whether two reports of a sample's count agree.
     fn count(&mut self, sample: u64, told: Position, before: Position) -> bool {
         if told != before {
             self.differ(sample, "count", told.counts(), before.counts());
@@ -207,7 +207,7 @@ impl Recomputed {
         told == before
     }
 
-    /// Everything up to a reset, or to the end.
+    /// Computes all samples of a run between two resets.
     fn take(&mut self, run: &Run, stop: &AtomicBool) {
         for stretch in run.told.chunk_by(|a, b| b.sample == a.sample + 1) {
             let begin = self.rows.len();
@@ -225,7 +225,7 @@ impl Recomputed {
         }
     }
 
-    /// From key to key.
+    /// Computes a stretch from key to key.
     fn stretch(&mut self, run: &Run, stretch: &[Told], begin: usize, stop: &AtomicBool) {
         let (Some(first), Some(last)) = (stretch.first(), stretch.last()) else { return };
         let place = |key: &Key| usize::try_from(key.sample - first.sample).unwrap_or(usize::MAX);
@@ -282,7 +282,7 @@ impl Recomputed {
         self.changes += changes;
     }
 
-    /// Keeps what was computed, up to the first output that says something else.
+    /// Keeps the computed velocities up to the first output that differs.
     fn compare(&mut self, run: &Run, samples: &[Told], velocities: &[Velocity], begin: usize) {
         for (n, (told, &velocity)) in samples.iter().zip(velocities).enumerate() {
             if let Some((record, push)) = told.output {
@@ -303,7 +303,8 @@ impl Recomputed {
         }
     }
 
-    /// Whether the force of an output is the core's, where nothing but wall and push decides it.
+    /// Whether the force of an output agrees with the core. True if something other than wall and push decides the
+    /// force.
     fn force(&mut self, run: &Run, record: &Record, motion: Motion, push: Force) -> bool {
         let Some(Some(parameters)) = run.settings.get(&record.settings) else { return true };
         let (flags, drive) = (record.flags, parameters.render(motion, push));
@@ -314,7 +315,7 @@ impl Recomputed {
         } else if !flags.contains(Flags::ON) {
             ("force while off", told.into(), 0)
         } else if !flags.contains(Flags::ARMED) || flags.contains(Flags::CHANGING) {
-            return true; // the supervisor's fade and ramp
+            return true; // the supervisor's fade or ramp
         } else if told != core {
             ("force", told.into(), core.into())
         } else {
@@ -337,7 +338,7 @@ struct Path {
     estimator: Tuned,
 }
 
-/// Whether the state at its end is that of the key.
+/// Whether the last state of the path is the state of the key.
 fn is(path: &Path, key: &Key) -> bool {
     let mut memory = [0; zwidth::telemetry::STATE_MAX];
     let length = path.state.put(&path.estimator, &mut memory);
@@ -345,8 +346,8 @@ fn is(path: &Path, key: &Key) -> bool {
         && length.is_some_and(|length| memory.get(..length) == Some(key.memory()))
 }
 
-/// The path from the state after the first of those samples. The estimator changes with the sample at `change`'s place,
-/// the count is zeroed with that at `zero`'s, which moved by so much.
+/// The path from the state after the first of the samples. The estimator changes at the index of `change`. The count is
+/// zeroed at the index of `zero`, in a sample that moved by the given counts.
 fn follow(
     samples: &[Told],
     mut state: velocity::State,
@@ -376,9 +377,10 @@ fn follow(
     Path { velocities, state, estimator }
 }
 
-/// The path to a key with another tuning, or before which the count was zeroed: a change is in force with the sample
-/// after an output, unless only a later one ends in the key's state; which move a zero has swallowed that state tells
-/// too. None if nothing ends in it, or several later ones that differ.
+/// The path to a key after a change of the tuning or of the count's zero. A change normally acts from the sample after
+/// an output on. A later sample is used only if no other path ends in the key's state. The key's state also shows the
+/// unknown move of the sample in which the count was zeroed. `None` if no path ends in this state, or if several later
+/// ones with different velocities do.
 fn followed(
     samples: &[Told],
     state: velocity::State,
@@ -396,7 +398,7 @@ fn followed(
     };
     let changes: Vec<Option<(usize, Tuned)>> = match change {
         None => vec![None],
-        // In force from the sample after an output on; the next output has the new number of the settings.
+        // The change acts from the sample after an output on. The next output has the new number of the settings.
         Some(after) => {
             let new = samples.iter().position(|told| {
                 told.output.is_some_and(|(record, _)| record.settings == next.settings)
@@ -411,7 +413,7 @@ fn followed(
     } else {
         let zeroed = places.filter(|&n| samples[n].position == Position::default());
         let moves: Vec<i32> = (0..=ZEROED_MOVE).flat_map(|d| [d, -d]).collect();
-        // The first sample at zero that was not there before, else any.
+        // The first samples at zero, up to twenty.
         let first: Vec<usize> = zeroed.take(20).collect();
         moves.iter().flat_map(|&moved| first.iter().map(move |&at| Some((at, moved)))).collect()
     };
@@ -422,7 +424,8 @@ fn followed(
             if !fits(&path) {
                 continue;
             }
-            // By the board's timing it is the sample after the output; what forgets at once cannot tell.
+            // By the board's timing, the change acts from the sample after the output. An estimator without memory
+            // cannot show this sample.
             if zero.is_some() || change == &changes[0] {
                 return Some(path);
             }

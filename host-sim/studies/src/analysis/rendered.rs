@@ -1,20 +1,22 @@
-//! What the sampled loop renders: the handle is moved by a sine inside the wall, and the loop answers with a force.
+//! The rendered impedance of the sampled loop: a sine moves the handle inside the wall, and the loop responds with a
+//! force.
 //!
-//! The very loop of the scene (encoder, estimator in the core's integers, wall, output period, latency) runs under a
-//! prescribed motion of [`AMPLITUDE_COUNTS`]; the ratio of the Fourier coefficients of force and motion is the
-//! impedance. Of an estimator that is not linear this is its describing function at that amplitude; of a linear one it is its
-//! frequency response, but for the rounding of the counts. A prescribed motion has no arm: whatever the hand, it feels
-//! the force that answers to the motion. The arm decides which walls are stable.
+//! The loop of the scene (encoder, estimator in the core's integers, wall, output period, latency) runs with a
+//! prescribed motion of [`AMPLITUDE_COUNTS`]. The ratio of the Fourier coefficients of force and motion is the
+//! impedance. For a non-linear estimator this is its describing function at this amplitude. For a linear one it is the
+//! frequency response, except for the rounding of the counts. A prescribed motion needs no arm: any hand feels the
+//! force that belongs to the motion. The arm decides which walls are stable.
 //!
-//! **Magnitude.** [`Rendered`] keeps the estimator's answer at [`HZ`], 1 to 30 Hz: `V = a X + c F`, velocity by motion
-//! and by the force that a model is told (`c` is 0 for all but observers). So every wall follows without another run:
+//! **Magnitude.** [`Rendered`] stores the estimator's response at [`HZ`], 1 to 30 Hz: `V = a X + c F`, the velocity
+//! from the motion and from the force that a model gets (`c` is 0 except for observers). So each wall follows without
+//! another run:
 //! ```text
 //! F = -(K X + B V) at the outputs  =>  V = (a - c K) / (1 + c B),   Z = (K + B V) sinc(w T/2) A(w),   T the output period
 //! ```
-//! with A the amplifier. The error of a wall is the largest of `| |Z| / |K + jwB| - 1 |` over these frequencies. Hold and
-//! latency turn the phase and are alike for all estimators, so the error is the estimator's, less than 0.15 % of hold at
-//! 1 kHz apart. Without a model it depends on K / B alone: in the plane of K and B the walls that are not faithful
-//! are a sector from the origin.
+//! where A is the amplifier. The error of a wall is the maximum of `| |Z| / |K + jwB| - 1 |` over these frequencies.
+//! Hold and latency turn the phase and are equal for all estimators. So the error comes from the estimator, except for
+//! less than 0.15 % from the hold at 1 kHz. Without a model the error depends only on K / B: in the plane of K and B
+//! the walls whose error is above a limit form a sector from the origin.
 
 use std::f64::consts::PI;
 
@@ -34,36 +36,37 @@ use crate::{
     },
 };
 
-/// Amplitude of the motion, counts: small, as in a contact, but many counts.
+/// Amplitude of the motion, counts: as small as in a contact, but with many counts.
 pub const AMPLITUDE_COUNTS: f64 = 100.0;
 /// Length of the record, s: two periods of 1 Hz.
 const RECORD_S: f64 = 2.0;
-/// Time before anything is looked at, s.
+/// Time before the record, s.
 const SETTLE_S: f64 = 1.0;
 
-/// Frequencies at which the magnitude is compared, about, Hz: what a hand does.
+/// Approximate frequencies at which the magnitude is compared, Hz: the range of a hand's motion.
 pub const HZ: [f64; 12] = [1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 7.5, 10.0, 13.0, 17.0, 23.0, 30.0];
-/// Spring of the run that shows what an observer makes of the force, N/m: hard enough that the force's LSB is nothing.
+/// Stiffness of the run that measures an observer's response to the force, N/m. It is so high that the LSB of the force
+/// has no effect.
 const PROBE_N_PER_M: f64 = 2000.0;
 
-/// The scene with an actuator that nothing here saturates, up to that frequency.
+/// The scene with an actuator that does not saturate here, up to `highest_hz`.
 pub(super) fn unlimited(scene: &Scene, wall: &WallHit, highest_hz: f64) -> Scene {
     let mut scene = scene.clone();
     let depth_m = 4.0 * AMPLITUDE_COUNTS * scene.encoder.resolution_m;
     let fastest = 2.0 * PI * highest_hz * AMPLITUDE_COUNTS * scene.encoder.resolution_m;
-    // noise may add a count per sample to the velocity, several times over
+    // Noise may add one count per sample to the velocity; the factor is a margin.
     let noise = 10.0 * scene.encoder.resolution_m * scene.control.rate_hz;
     let most_n = wall.stiffness_n_per_m * depth_m + wall.damping_n_s_per_m * (fastest + noise);
     scene.actuator.limit_v *= (2.0 * most_n / scene.full_scale_n()).max(1.0);
     scene.output = None;
-    scene.wall.push_only = false; // it would clip at high B, where velocity outweighs depth
+    scene.wall.push_only = false; // a wall that only pushes would clip at high B
     scene
 }
 
-/// The encoder under a prescribed motion.
+/// The encoder with a prescribed motion.
 struct Encoder<'a> {
     scene: &'a Scene,
-    /// Tells this motion's noise from that of others.
+    /// Number that makes this motion's noise differ from that of other motions.
     hit: u64,
 }
 
@@ -79,33 +82,34 @@ impl Encoder<'_> {
     }
 }
 
-/// The loop under a sine.
+/// The loop with a sine as its motion.
 pub(super) struct Sine<'a> {
     scene: &'a Scene,
     pub(super) wall: &'a WallHit,
-    /// Outputs of the record.
+    /// Number of outputs in the record.
     outputs: f64,
     /// Exact frequency of the sine, Hz.
     pub(super) frequency_hz: f64,
 }
 
-/// An output of the record.
+/// One output of the record.
 pub(super) struct Output {
-    /// Turns its force into the fundamental's share; a held step of force acts as if it came at the middle of its hold.
+    /// Factor from the force to its share of the fundamental. A held force acts as if it came in the middle of its
+    /// hold.
     pub(super) acts: Complex<f64>,
-    /// Behind the surface, by the counts, m.
+    /// Depth behind the surface from the counts, m.
     pub(super) depth_m: f64,
-    /// The motion's own, m/s.
+    /// Speed of the motion, m/s.
     pub(super) speed_m_per_s: f64,
-    /// Velocity by the estimator, m/s.
+    /// Velocity of the estimator, m/s.
     pub(super) velocity_m_per_s: f64,
-    /// Asked of the actuator, N.
+    /// Requested force, N.
     pub(super) force_n: f64,
 }
 
 impl<'a> Sine<'a> {
-    /// Of about that frequency: whole periods in a number of outputs that has no factor in common with theirs, so that
-    /// no pattern of counts repeats.
+    /// A sine near this frequency. Its number of periods and its number of outputs have no common factor, so no pattern
+    /// of counts repeats.
     pub(super) fn new(scene: &'a Scene, wall: &'a WallHit, about_hz: f64) -> Self {
         let output_hz = scene.control.rate_hz / f64::from(scene.actuator.period);
         let periods = (RECORD_S * about_hz).round();
@@ -122,12 +126,12 @@ impl<'a> Sine<'a> {
         Self { scene, wall, outputs, frequency_hz: periods * output_hz / outputs }
     }
 
-    /// Runs the loop; `each` sees every output of the record.
+    /// Runs the loop; `each` gets every output of the record.
     pub(super) fn run(&self, each: impl FnMut(&Output)) -> Result<(), Error> {
         self.run_at(false, each)
     }
 
-    /// The same; with `samples`, `each` sees every sample, with the force of the last output.
+    /// Runs the loop. With `samples`, `each` gets every sample, with the force of the last output.
     fn run_at(&self, samples: bool, mut each: impl FnMut(&Output)) -> Result<(), Error> {
         let Self { scene, wall, .. } = self;
         let design = scene.design();
@@ -184,13 +188,13 @@ impl<'a> Sine<'a> {
         2.0 * PI * self.frequency_hz / self.scene.control.rate_hz
     }
 
-    /// Coefficient of the force of a sum over the record.
+    /// Coefficient of the force, from a sum over the record.
     pub(super) fn force_n(&self, sum: Complex<f64>) -> Complex<f64> {
         let [hold, lag] = self.held();
         sum / self.outputs * hold * lag
     }
 
-    /// Gain of the hold, and the amplifier.
+    /// Gain of the hold, and response of the amplifier.
     fn held(&self) -> [Complex<f64>; 2] {
         let half = self.omega() * f64::from(self.scene.actuator.period) / 2.0;
         let lag = self.scene.amplifier.map_or(Complex::new(1.0, 0.0), |amplifier| {
@@ -205,15 +209,15 @@ impl<'a> Sine<'a> {
     }
 }
 
-/// The estimator's answer at one frequency.
+/// The estimator's response at one frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Answer {
     omega_per_s: f64,
-    /// Counts by motion: 1 but for rounding, error and noise of the encoder.
+    /// Counts per motion: 1 except for rounding, error and noise of the encoder.
     position: Complex<f64>,
-    /// Velocity by motion, 1/s.
+    /// Velocity per motion, 1/s.
     by_motion: Complex<f64>,
-    /// Velocity by the force that the estimator gets, m/s per N.
+    /// Velocity per force that the estimator gets, m/s per N.
     by_force: Complex<f64>,
     /// Response of hold and amplifier, with the latency.
     held: Complex<f64>,
@@ -226,7 +230,7 @@ pub struct Rendered {
 }
 
 impl Rendered {
-    /// Of that filter in that scene.
+    /// The response of a filter in a scene.
     ///
     /// # Errors
     /// A setting is out of range.
@@ -251,7 +255,7 @@ impl Rendered {
                     (velocity - by_motion) / force
                 }
             };
-            // the coefficients have the delay of hold and latency in them already
+            // The coefficients already contain the delay of hold and latency.
             let [hold, lag] = sine.held();
             let held = hold * lag;
             let omega_per_s = 2.0 * PI * sine.frequency_hz;
@@ -284,8 +288,9 @@ impl Answer {
 }
 
 impl Sine<'_> {
-    /// Of position, velocity and the force that is granted, over that of the motion. What is not told of a force has
-    /// no period of outputs in it: the mean of all samples is that of the outputs, with less of the counts' ripple.
+    /// Coefficients of position, velocity and granted force, divided by that of the motion. An estimator without a
+    /// force input does not depend on the output period. So all samples are used instead of the outputs only, which
+    /// reduces the ripple of the counts.
     fn coefficients(&self, is_told: bool) -> Result<[Complex<f64>; 3], Error> {
         let (mut sums, mut count) = ([Complex::new(0.0, 0.0); 3], 0.0);
         self.run_at(!is_told, |output| {
@@ -309,11 +314,11 @@ mod tests {
         NamedScene::load("paper-1um").unwrap().scene
     }
 
-    /// Walls on both sides of K = w B, and of the sector's middle.
+    /// Walls on both sides of K = w B, and in the middle of the sector.
     const WALLS: [[f64; 2]; 5] =
         [[20_000.0, 10.0], [20_000.0, 100.0], [20_000.0, 300.0], [5000.0, 300.0], [0.0, 50.0]];
 
-    /// The same by the estimator's transfer function, at its frequencies.
+    /// The error from the estimator's transfer function, at the same frequencies.
     fn linear(scene: &Scene, filter: VelocitySettings, [k, b]: [f64; 2]) -> Option<f64> {
         let design = scene.design();
         let of = transfer_function(&filter, &design).unwrap()?;
@@ -328,9 +333,10 @@ mod tests {
         Some(rendered.answers.iter().map(error).fold(0.0, f64::max))
     }
 
-    /// Quantisation of 100 counts leaves so much.
+    /// Error by quantisation at an amplitude of 100 counts.
     const ROUNDING: f64 = 1.5e-3;
-    /// And of one wall alone, by its outputs only, where a damper is most of it; more of what chatters.
+    /// Error by quantisation of a single wall from its outputs only, if most of its force comes from the damper. Larger
+    /// for estimators that chatter.
     const ROUNDING_OF_OUTPUTS: f64 = 0.015;
     const CHATTER: f64 = 0.1;
 
@@ -358,7 +364,7 @@ mod tests {
         assert!(tried >= 50 && largest > 0.1, "{tried} {largest}");
     }
 
-    /// One run of the loop at that very wall, for estimators that are told a force and for those that are not linear.
+    /// Compares with one run of the loop at each wall, for estimators with a force input and for non-linear ones.
     #[test]
     fn the_walls_follow_from_one_run_as_each_of_them_alone() {
         let observer = |bandwidth_hz| VelocitySettings::Observer { bandwidth_hz, mass_kg: 0.416 };
@@ -434,7 +440,7 @@ mod tests {
         let rendered = Rendered::of(&paper(), filter).unwrap();
         let one = rendered.error(20_000.0, 100.0);
         assert!((one / rendered.error(2000.0, 10.0) - 1.0).abs() < 1e-12);
-        // a delay of 2.3 ms: at K = w B half of w times that, at 30 Hz
+        // A delay of 2.3 ms: at K = w B and 30 Hz the error is half of w times the delay.
         let middle = rendered.error(2.0 * PI * 30.0 * 100.0, 100.0);
         assert!((middle / (0.5 * 2.0 * PI * 30.0 * 2.3e-3) - 1.0).abs() < 0.15, "{middle}");
         assert!(rendered.error(1e6, 100.0) < 0.02 && one > 0.1, "{one}");

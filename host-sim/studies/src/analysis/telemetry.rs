@@ -1,4 +1,4 @@
-//! A board's binary telemetry, captured into a file, as rows.
+//! Rows from a board's binary telemetry in a file.
 
 use std::{
     collections::BTreeSet,
@@ -12,34 +12,34 @@ use zwidth::{
     units::{Force, Position},
 };
 
-/// A frame as a whole.
+/// The contents of one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chunk {
-    /// Its place in the stream.
+    /// Sequence number in the stream.
     pub sequence: u32,
-    /// Its outputs, oldest first.
+    /// Outputs of the frame, oldest first.
     pub outputs: Vec<Record>,
-    /// What an experiment pushed with at each.
+    /// Push of an experiment at each output.
     pub pushes: Vec<Force>,
-    /// Positions of the samples up to its newest output, and of the one before them, oldest first; none of a frame whose
-    /// outputs are all samples, or of layout 1.
+    /// Positions of the samples up to the newest output, starting with the sample before them, oldest first. Empty if
+    /// all samples of the frame are outputs, or for layout 1.
     pub positions: Vec<Position>,
-    /// Settings that it tells, of estimators that this build has.
+    /// Settings in the frame, of estimators that this build has.
     pub settings: Vec<InForce>,
-    /// The sampler's state, of a key frame.
+    /// State of the sampler; only in a key frame.
     pub key: Option<Key>,
-    /// What wall and hand have exchanged up to its newest output, of a key frame.
+    /// Energy exchanged between wall and hand up to the newest output; only in a key frame.
     pub port: Option<Exchanged>,
 }
 
-/// All frames of a capture, and what was between them.
+/// All frames of a capture, and the gaps between them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Capture {
-    /// The frames, in the order in which they came; one for each output of a frame that has several.
+    /// The frames in their order of arrival. A frame with several outputs appears once for each output.
     pub frames: Vec<Frame>,
-    /// The same frame by frame, with the counts of all samples.
+    /// The same data by frame, with the counts of all samples.
     pub chunks: Vec<Chunk>,
-    /// Frames that are missing between them, as their sequence tells.
+    /// Number of missing frames, from the sequence numbers.
     pub dropped: u64,
     /// Bytes that belong to no frame.
     pub garbage_bytes: u64,
@@ -64,12 +64,12 @@ impl Chunk {
 }
 
 impl Capture {
-    /// Decodes a capture that may begin and end anywhere and hold anything.
+    /// Decodes a capture. It may begin and end anywhere, and contain any bytes.
     pub fn decode(bytes: &[u8]) -> Self {
         Self::decode_until(bytes, &AtomicBool::new(false))
     }
 
-    /// The same, of a part of it once `stop` is set.
+    /// Decodes a capture. Ends with a part of the capture once `stop` is set.
     pub fn decode_until(bytes: &[u8], stop: &AtomicBool) -> Self {
         let mut decoder = Decoder::new();
         let (mut frames, mut chunks) = (Vec::new(), Vec::new());
@@ -92,20 +92,20 @@ impl Capture {
         Self { frames, chunks, dropped: decoder.dropped, garbage_bytes: decoder.garbage }
     }
 
-    /// Codes of the faults that were latched during the capture, rising.
+    /// Codes of the faults that were latched during the capture, ascending.
     pub fn faults(&self) -> Vec<u8> {
         let codes = self.frames.iter().map(|frame| frame.record.fault);
         codes.filter(|code| *code != 0).collect::<BTreeSet<_>>().into_iter().collect()
     }
 
-    /// The records of the longest stretch without a reset of the board, in the order of their
-    /// samples: what came twice, because the black box was read out, is in it once.
+    /// The records of the longest stretch without a reset of the board, in the order of their samples. A record that
+    /// came twice, because the black box was read, appears once.
     pub fn longest_run(&self) -> Vec<Record> {
         let live = |frame: &&Frame| !frame.record.flags.contains(Flags::REPLAY);
         let mut runs = vec![Vec::new()];
         let mut last = 0;
         for frame in &self.frames {
-            // A replayed record belongs to the run that it was asked for in.
+            // A replayed record belongs to the run in which it was requested.
             if live(&frame) {
                 if frame.record.sample < last {
                     runs.push(Vec::new());
@@ -122,8 +122,8 @@ impl Capture {
         longest
     }
 
-    /// One row per frame, in the integers of the control, so that nothing is rounded: velocity in
-    /// 2^-16 counts per sample, force in 2^-30 of full scale.
+    /// One row per frame, in the integers of the control, so nothing is rounded: velocity in 2^-16 counts per sample,
+    /// force in 2^-30 of full scale.
     pub fn csv(&self) -> String {
         let mut text = String::from(
             "sequence,sample,position_counts,velocity_q16,force_q30,command,flags,settings,fault\n",

@@ -1,8 +1,8 @@
-//! Which walls a walk may ask for next, so that lanes which no walk needs run those.
+//! Selects walls that a walk may need next, so that a free lane can run them.
 //!
-//! A walk goes from verdict to verdict. What a verdict will be is guessed from the boundary so far, and from that of a
-//! neighbour if there is one (another start, another tuning); of all walls that may come the likeliest is taken. A wrong
-//! guess costs a hit in a lane that had nothing to do. It changes no boundary and no count of hits.
+//! A walk continues from verdict to verdict. A future verdict is guessed from the boundary so far, and from the
+//! boundary of a neighbour. A neighbour has another start or another tuning. Of all possible walls, the most likely one
+//! is taken. A wrong guess costs a hit in a lane that would be idle. It changes no boundary and no count of hits.
 
 use std::{
     cmp::Reverse,
@@ -14,19 +14,20 @@ use zwidth::experiment::{Cell, Verdict, Walk};
 use super::boundary::Progress;
 use crate::simulation::prepared::HitError;
 
-/// How far a guess of the boundary's K may be off, steps.
+/// Expected error of a guess of the boundary's K, steps.
 const OFF_STEPS: f64 = 1.2;
-/// Before the boundary is reached most walls are stable.
+/// Probability that a wall is stable before the boundary is reached: most are.
 const STABLE_BEFORE: f64 = 0.9;
-/// Bounds the search where walks meet in the same cells again.
+/// Limit of the search, because walks may reach the same cells again.
 const LOOKED_AT_MAX: usize = 400;
 
-/// The K at each B of a boundary, steps.
+/// K of a boundary at each B, steps.
 #[derive(Clone, Debug, Default)]
 pub struct Guide(Vec<i32>);
 
 impl Guide {
-    /// Takes the last point of a boundary and how many it has, B ascending from the first, if it is new.
+    /// Adds the last point of a boundary, if new. `last` is the K of this point and the number of points. B ascends
+    /// from the first.
     pub fn follow(&mut self, last: Option<(i32, usize)>) {
         if let Some((stiffness, _)) = last.filter(|(_, points)| *points > self.0.len()) {
             self.0.push(stiffness);
@@ -37,7 +38,8 @@ impl Guide {
         self.0.get(usize::try_from(damping).ok()?).map(|k| f64::from(*k))
     }
 
-    /// A guess of its K at a B beyond, along its own trend or that of a neighbour.
+    /// A guess of K at a B beyond the boundary so far. It follows the trend of a neighbour, or the boundary's own
+    /// trend.
     fn guess(&self, neighbour: &Self, damping: i32) -> Option<f64> {
         let last = i32::try_from(self.0.len()).ok()?.checked_sub(1)?;
         let here = self.at(last)?;
@@ -52,18 +54,18 @@ impl Guide {
     }
 }
 
-/// B over which a trend is taken, steps.
+/// Range of B for a trend, steps.
 const TREND: i32 = 4;
 
-/// A walk that has begun, and looks ahead.
+/// A walk that has begun, with walls for later.
 pub struct Running {
     pub progress: Progress,
-    /// Its boundary so far, and that of a neighbour.
+    /// The boundary so far, and that of a neighbour.
     pub guide: Guide,
     pub neighbour: Guide,
-    /// Verdicts of cells that it has not come to yet.
+    /// Verdicts of cells that the walk has not reached yet.
     pub known: BTreeMap<(i32, i32), Result<Verdict, HitError>>,
-    /// Cells that lanes have.
+    /// Cells that are running in lanes.
     pub running: Vec<Cell>,
 }
 
@@ -78,10 +80,10 @@ pub fn place(cell: Cell) -> (i32, i32) {
     (cell.stiffness, cell.damping)
 }
 
-/// The walk and the cell that is most likely to be needed, of those that are neither known nor running.
+/// The walk and the cell that are most likely needed. The cell is neither known nor running.
 pub fn likeliest(running: &BTreeMap<usize, Running>) -> Option<(usize, Cell)> {
-    // Walks that may come to be; the likeliest is looked at first, of two alike that of the first walk. A chance is not
-    // below 0, so its bits are in its order.
+    // Possible walks; the most likely one is examined first. If two are equally likely, that of the first walk comes
+    // first. A probability is not negative, so its bits have the same order.
     let mut walks: Vec<Walk> = running.values().map(|of| of.progress.walk()).collect();
     let start = |(place, of)| (1f64.to_bits(), Reverse(of), Reverse(place));
     let mut heap: BinaryHeap<_> = running.keys().copied().enumerate().map(start).collect();
@@ -109,7 +111,7 @@ pub fn likeliest(running: &BTreeMap<usize, Running>) -> Option<(usize, Cell)> {
     None
 }
 
-/// How likely a wall is to be stable.
+/// Probability that a wall is stable.
 fn stable([own, neighbour]: [&Guide; 2], cell: Cell) -> f64 {
     let guess = own.guess(neighbour, cell.damping).or_else(|| neighbour.at(cell.damping));
     guess.map_or(STABLE_BEFORE, |k| {

@@ -1,4 +1,4 @@
-//! What a person asks of a scene, checked before the first hit; the command line and Python ask the same.
+//! Options for a scene, checked before the first hit. Command line and Python share them.
 
 use std::sync::atomic::AtomicBool;
 
@@ -17,7 +17,7 @@ use crate::{
     simulation::prepared::{Numeric, PreparedScene, WallHit},
 };
 
-/// What messages call what was asked: a command's options, or a function's arguments.
+/// Names of the options in messages: a command's options, or a function's arguments.
 #[derive(Clone, Copy, Debug)]
 pub struct Names {
     /// Nominal cutoff of the filter, Hz.
@@ -26,24 +26,25 @@ pub struct Names {
     pub stiffness: &'static str,
     /// Damping of the wall, N s/m.
     pub damping: &'static str,
-    /// Counts beyond the scene's start.
+    /// Distance from the scene's start, counts.
     pub start_offset: &'static str,
 }
 
-/// Prepares a person's scene: no hit of it may come to the wall faster than the core's velocity can say.
+/// Prepares a user's scene. No hit may reach the wall faster than the range of the core's velocity.
 ///
 /// # Errors
-/// It would, or the scene cannot be prepared.
+/// A hit is too fast, or the scene cannot be prepared.
 pub fn prepare(scene: &NamedScene) -> Result<PreparedScene, Error> {
     let prepared = PreparedScene::new(&scene.scene)?;
     prepared.check_approach()?;
     Ok(prepared)
 }
 
-/// The scene's filter at the cutoff that was asked for, else at that of `[velocity]`, else at the only one of `[sweep]`.
+/// The scene's filter at the requested cutoff; without one, at the cutoff of `[velocity]`; without one there, at the
+/// only cutoff of `[sweep]`.
 ///
 /// # Errors
-/// There is none of them, or the estimator has no cutoff to be set.
+/// There is no such cutoff, or the estimator has no cutoff that could be set.
 pub fn filter(scene: &NamedScene, asked_hz: Option<f64>) -> Result<VelocitySettings, Error> {
     let velocity = &scene.scene.velocity;
     if asked_hz.is_some() && !velocity.has_cutoff() {
@@ -56,7 +57,7 @@ pub fn filter(scene: &NamedScene, asked_hz: Option<f64>) -> Result<VelocitySetti
     })
 }
 
-/// The filter of a scene that has its cutoff in `[sweep]`, as the only one.
+/// The filter of a scene whose only cutoff is in `[sweep]`.
 pub fn only_of_sweep(scene: &scene::Scene) -> Option<VelocitySettings> {
     match (scene.velocity.settings(), scene.sweep.cutoffs_hz.as_slice()) {
         (None, [only]) => Some(scene.velocity.at(*only)),
@@ -64,15 +65,15 @@ pub fn only_of_sweep(scene: &scene::Scene) -> Option<VelocitySettings> {
     }
 }
 
-/// The scene's filters at those cutoffs; none where it has no cutoff.
+/// The scene's filters at these cutoffs. Empty if there are no cutoffs.
 ///
 /// # Errors
-/// There are cutoffs, and the estimator has none.
+/// Cutoffs are given, but the estimator has none.
 pub fn filters(scene: &NamedScene, cutoffs_hz: &[f64]) -> Result<Vec<VelocitySettings>, Error> {
     cutoffs_hz.iter().map(|&cutoff_hz| filter(scene, Some(cutoff_hz))).collect()
 }
 
-/// Why a cutoff is refused.
+/// The error that refuses a cutoff.
 pub fn no_cutoff(scene: &NamedScene) -> Error {
     Error::Input(format!(
         "{}: the estimator {} has no cutoff; its parameters are keys of [velocity]",
@@ -81,10 +82,10 @@ pub fn no_cutoff(scene: &NamedScene) -> Error {
     ))
 }
 
-/// Refuses a start that is inside the wall, or too far away to be meant.
+/// Refuses a start inside the wall, or an unrealistic distance.
 ///
 /// # Errors
-/// It is.
+/// The start is inside the wall or too far away.
 pub fn check_start(scene: &NamedScene, offset_counts: f64, names: Names) -> Result<(), Error> {
     within(names.start_offset, offset_counts, -1e6..=1e6).map_err(Error::Input)?;
     let (device, wall) = (&scene.scene.device, &scene.scene.wall);
@@ -95,10 +96,10 @@ pub fn check_start(scene: &NamedScene, offset_counts: f64, names: Names) -> Resu
     Err(Error::Input(refused(names.start_offset, offset_counts, &(-1e6..=counts.min(1e6)))))
 }
 
-/// Checks cutoff, K and B by building the core's settings.
+/// Checks cutoff, K and B: the core must accept the settings.
 ///
 /// # Errors
-/// One is out of range.
+/// A value is out of range.
 pub fn check_wall(scene: &NamedScene, wall: &WallHit, names: Names) -> Result<(), Error> {
     scene
         .scene
@@ -117,10 +118,10 @@ pub fn check_wall(scene: &NamedScene, wall: &WallHit, names: Names) -> Result<()
         })
 }
 
-/// Refuses a B at which K is to be read off where the scene's walk does not come. `option` is what messages call it.
+/// Refuses a B that the scene's walk does not reach. K is to be read at this B. Messages call the B `option`.
 ///
 /// # Errors
-/// It does not.
+/// The walk does not reach the B.
 pub fn check_read_off(
     scene: &NamedScene,
     damping_n_s_per_m: f64,
@@ -132,10 +133,10 @@ pub fn check_read_off(
         .map_err(|error| Error::Input(scene.scene.units.text(&error)))
 }
 
-/// The hit that is asked for, checked: on the wall `[K, B]`, or on the first one of the scene's walk.
+/// The requested hit, checked: on the wall `[K, B]`, or on the first wall of the scene's walk.
 ///
 /// # Errors
-/// Something of it is out of range.
+/// A value is out of range.
 pub fn hit(
     scene: &NamedScene,
     asked_cutoff: Option<f64>,
@@ -153,10 +154,10 @@ pub fn hit(
     Ok(hit)
 }
 
-/// The boundary of the walk whose first hit is `first`.
+/// The boundary of the walk that begins with the hit `first`.
 ///
 /// # Errors
-/// The first wall is unstable, which says what to change; the handle does not reach it; `stop` was set.
+/// The first wall is unstable (the error says what to change), the handle does not reach it, or `stop` was set.
 pub fn boundary(
     scene: &NamedScene,
     engine: Engine,
@@ -186,11 +187,11 @@ pub fn boundary(
     ))))
 }
 
-/// The linear loop of a scene with its linear elements: with a force at every sample and at once, as in the paper's
-/// equations (3) to (5), or as it runs (`multirate`).
+/// The linear loop of a scene with its linear elements. Without `multirate` there is a force for every sample without
+/// latency, as in the paper's equations (3) to (5). With `multirate` the loop has its real period and latency.
 ///
 /// # Errors
-/// The estimator is no linear function of the position alone, or its tuning is out of range.
+/// The estimator is not linear, has other inputs than the position, or its tuning is out of range.
 pub fn linear_loop(
     scene: &scene::Scene,
     filter: &VelocitySettings,
@@ -214,7 +215,7 @@ pub fn linear_loop(
     Ok(of)
 }
 
-/// Walls of a grid, numbered: K runs fastest, then B, then the filter.
+/// Numbered walls of a grid. K changes fastest, then B, then the filter.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Walls {
     pub filters: Vec<VelocitySettings>,
@@ -222,7 +223,7 @@ pub struct Walls {
     pub dampings: Vec<f64>,
     /// Stiffnesses K of the walls, N/m.
     pub stiffnesses: Vec<f64>,
-    /// Counts beyond the scene's start.
+    /// Distance from the scene's start, counts.
     pub start_offset_counts: f64,
 }
 
@@ -232,7 +233,7 @@ impl Walls {
         lengths.map(|length| length as u64).iter().product()
     }
 
-    /// The wall of that number, below [`count`](Self::count).
+    /// The wall with this number, which is below [`count`](Self::count).
     #[expect(clippy::cast_possible_truncation, reason = "remainders by lengths")]
     pub fn wall(&self, number: u64) -> WallHit {
         let (per_filter, per_damping) =
@@ -248,7 +249,7 @@ impl Walls {
     /// Checks every value of every list, and the start, before the first hit.
     ///
     /// # Errors
-    /// One is out of range.
+    /// A value is out of range.
     pub fn check(&self, scene: &NamedScene, names: Names) -> Result<(), Error> {
         let first = self.wall(0);
         let walls = (self.filters.iter().map(|&velocity| WallHit { velocity, ..first }))

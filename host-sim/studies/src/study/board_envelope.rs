@@ -1,4 +1,4 @@
-//! The envelope of a board's device record: a sweep for every estimator, design and output period that the scene lists.
+//! The envelope in a board's device record: a sweep for every estimator, design and output period of the scene.
 
 use zwidth::{
     VelocitySettings,
@@ -18,27 +18,27 @@ use crate::{
     },
 };
 
-/// Walks per cutoff, as a sweep makes them.
+/// Walks per cutoff, as in a sweep.
 pub const REPEATS: u32 = 4;
 
-/// An estimator or a design at an output period.
+/// An estimator or a design with an output period.
 #[derive(Clone, Debug)]
 pub struct Part {
     pub estimator: EstimatorName,
-    /// Name and number of the design that it is.
+    /// Name and number of the design, if it is one.
     pub design: Option<(String, u8)>,
     /// Samples from output to output.
     pub period: u32,
-    /// The scene with both.
+    /// The scene with this estimator or design, and this period.
     scene: Scene,
     filters: Vec<VelocitySettings>,
 }
 
 impl Part {
-    /// All that a scene lists, at the cutoffs of its sweep and at that of `first`, what is in force at first.
+    /// All parts of a scene, at the cutoffs of its sweep and at the cutoff of `first`, the initial settings.
     ///
     /// # Errors
-    /// [`Error::Input`]: a value of the scene cannot go with one of them.
+    /// [`Error::Input`]: a value of the scene is not allowed with one of the parts.
     pub fn all(scene: &Scene, first: &VelocitySettings) -> Result<Vec<Self>, Error> {
         let mut parts = vec![];
         let part = |scene: Scene, design: Option<(String, u8)>, period: u32| {
@@ -69,13 +69,13 @@ impl Part {
         Ok(parts)
     }
 
-    /// Walks that its sweep makes.
+    /// Number of walks of the sweep.
     pub fn walks(&self) -> u64 {
         self.filters.len() as u64 * u64::from(REPEATS)
     }
 }
 
-/// What a part's sweep found.
+/// Result of a part's sweep.
 #[derive(Clone, Debug)]
 pub struct Found {
     pub part: Part,
@@ -84,31 +84,31 @@ pub struct Found {
 }
 
 impl Found {
-    /// Its boundaries as the core takes them.
+    /// The boundaries in the core's form.
     pub fn boundaries(&self) -> impl Iterator<Item = Boundary<'_>> {
         self.boundaries.iter().map(|(key, points)| Boundary { key: *key, points })
     }
 
-    /// Rows of its table.
+    /// Number of rows of the table.
     pub fn rows(&self) -> usize {
         self.boundaries.iter().map(|(_, points)| points.len()).sum()
     }
 }
 
-/// The device record of a scene, as `cargo sim prepare` makes it.
+/// The device record of a scene, as in `cargo sim prepare`.
 pub struct DeviceRecord {
     pub prepared: Prepared,
-    /// What its envelope is made of.
+    /// The sweeps that give the envelope.
     pub found: Vec<Found>,
     pub bytes: Vec<u8>,
 }
 
 impl DeviceRecord {
-    /// Of a scene on that board, with the envelope of those parts of it; without parts it is that of a device that nobody
-    /// has measured. `done` with each walk.
+    /// The record of a scene on a board, with the envelope of these parts. Without parts, the record is that of a
+    /// device without measurements. `done` is called after each walk.
     ///
     /// # Errors
-    /// The scene does not go with the board, or `stop` was set. What can be refused is refused before the first walk.
+    /// The scene does not fit the board, or `stop` was set. All refusals come before the first walk.
     pub fn of(
         named: &NamedScene,
         board: &BoardFacts,
@@ -124,10 +124,10 @@ impl DeviceRecord {
     }
 }
 
-/// The device on that board, if it fits, with an envelope or without.
+/// The device on a board, if it fits, with or without an envelope.
 ///
 /// # Errors
-/// [`Error::Input`]: it does not.
+/// [`Error::Input`]: the device does not fit the board.
 pub fn fitting(
     named: &NamedScene,
     board: &BoardFacts,
@@ -139,7 +139,7 @@ pub fn fitting(
     named.prepared(board, first)
 }
 
-/// The scene with the estimator that is in force at first: the one for which a cutoff is recommended.
+/// The scene with the initial estimator. The recommended cutoff is for this estimator.
 ///
 /// # Errors
 /// [`Error::Input`]: the scene names no estimator of the board.
@@ -152,21 +152,21 @@ pub fn with_first_estimator(named: &NamedScene) -> Result<NamedScene, Error> {
     Ok(named)
 }
 
-/// The scene with that estimator: its own, or the defaults of another one.
+/// Sets the estimator of the scene: the scene's own settings, or the defaults of another estimator.
 fn take(scene: &mut Scene, estimator: EstimatorName) {
     if scene.velocity.estimator() != estimator {
         scene.velocity = VelocityTable::from(estimator.defaults()).with_cutoff(None);
     }
 }
 
-/// Whether a scene says what is in force at first.
+/// Whether a scene states the initial settings.
 pub fn says_first(scene: &Scene) -> bool {
     let said = |board: &BoardTable| board.cutoff_hz.is_some() || board.design.is_some();
     scene.board.as_ref().is_some_and(said) || scene.velocity.cutoff_hz().is_some()
 }
 
-/// What is in force at first: the design or the cutoff that the scene says, else the cutoff that is recommended, else the
-/// middle of its list.
+/// The initial settings: the design or the cutoff of the scene. Without one, the recommended cutoff. Without a
+/// recommendation, the middle of the scene's list.
 ///
 /// # Errors
 /// [`Error::Input`]: the scene names no estimator of the board.
@@ -191,7 +191,7 @@ pub fn first_settings(
     Ok(first.map_or(scene.velocity, |first| first.defaults().into()).at(cutoff_hz))
 }
 
-/// The sweeps of all parts; `done` with each walk.
+/// Makes the sweeps of all parts. `done` is called after each walk.
 ///
 /// # Errors
 /// A setting is out of range, or `stop` was set.
@@ -210,7 +210,7 @@ pub fn board_envelope(
         let mut boundaries = vec![];
         for envelope in envelopes(how, &prepared, &swept)? {
             let velocity = envelope.velocity;
-            // Without a design the firmware's key has no further parameter: it knows walls for the defaults only.
+            // Without a design, the firmware's key has no further parameter: its walls are for the defaults only.
             if part.design.is_none() && !velocity.differs_by_tuning_only() {
                 continue;
             }

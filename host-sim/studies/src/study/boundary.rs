@@ -1,4 +1,4 @@
-//! The boundary of the stable walls at one cutoff, as the core's walk finds it hit by hit.
+//! The boundary of the stable walls at one cutoff, as the core's walk finds it, hit by hit.
 
 use std::borrow::Cow;
 
@@ -15,7 +15,7 @@ use crate::{
     table::{self, Kind, Table},
 };
 
-/// A wall on the boundary: the largest K that was stable at this B.
+/// A wall on the boundary: the largest stable K at this B.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct BoundaryPoint {
     pub stiffness_n_per_m: f64,
@@ -23,7 +23,7 @@ pub struct BoundaryPoint {
 }
 
 impl BoundaryPoint {
-    /// A hit of that wall, from the scene's own start.
+    /// A hit of this wall from the scene's own start.
     pub fn hit(&self, velocity: VelocitySettings) -> WallHit {
         let Self { stiffness_n_per_m, damping_n_s_per_m } = *self;
         WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
@@ -32,13 +32,13 @@ impl BoundaryPoint {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Boundary {
-    /// Its points, B ascending.
+    /// The points, B ascending.
     pub points: Vec<BoundaryPoint>,
-    /// Area under it: the sum of K dB over its points, N^2 s/m^2.
+    /// Area below the boundary: the sum of K dB over the points, N^2 s/m^2.
     pub area: f64,
-    /// Hits that it took.
+    /// Number of hits of the walk.
     pub hits: u64,
-    /// Why it ends where it ends; `None` if its first point is unstable.
+    /// The reason for the end of the walk; `None` if the first point is unstable.
     pub ended: Option<Ended>,
 }
 
@@ -82,7 +82,7 @@ impl std::ops::Deref for Boundaries {
 }
 
 impl Boundaries {
-    /// Area of each, N^2 s/m^2.
+    /// Area of each boundary, N^2 s/m^2.
     pub fn areas(&self) -> Vec<f64> {
         self.iter().map(|boundary| boundary.area).collect()
     }
@@ -97,7 +97,7 @@ impl Boundaries {
         self.repeats().mean
     }
 
-    /// Hits that all of them took.
+    /// Number of hits of all walks.
     pub fn hits(&self) -> u64 {
         self.iter().map(|boundary| boundary.hits).sum()
     }
@@ -107,27 +107,27 @@ impl Boundaries {
         [f64::min, f64::max].map(|of| self.areas().into_iter().reduce(of).unwrap_or(0.0))
     }
 
-    /// Largest K of any, N/m.
+    /// Largest K of all boundaries, N/m.
     pub fn stiffness_peak_n_per_m(&self) -> f64 {
         self.stiffness_peaks_n_per_m().into_iter().fold(0.0, f64::max)
     }
 
-    /// Largest B of any, N s/m.
+    /// Largest B of all boundaries, N s/m.
     pub fn damping_max_n_s_per_m(&self) -> f64 {
         self.dampings_max_n_s_per_m().into_iter().fold(0.0, f64::max)
     }
 
-    /// Largest K of each, N/m.
+    /// Largest K of each boundary, N/m.
     pub fn stiffness_peaks_n_per_m(&self) -> Vec<f64> {
         self.iter().map(Boundary::stiffness_peak_n_per_m).collect()
     }
 
-    /// Largest B of each, N s/m.
+    /// Largest B of each boundary, N s/m.
     pub fn dampings_max_n_s_per_m(&self) -> Vec<f64> {
         self.iter().map(Boundary::damping_max_n_s_per_m).collect()
     }
 
-    /// K of each at the grid's B nearest to this one, N/m; 0 where a boundary ends before.
+    /// K of each boundary at the nearest B of the grid, N/m; 0 if a boundary ends before this B.
     pub fn stiffnesses_at(&self, damping_n_s_per_m: f64) -> Vec<f64> {
         let of = |boundary: &Boundary| {
             let distance = |b: f64| (b - damping_n_s_per_m).abs();
@@ -140,7 +140,7 @@ impl Boundaries {
         self.iter().map(of).collect()
     }
 
-    /// Every point of the boundaries of several, which the column `of` names.
+    /// Every point of several boundaries. The column `of` has their names.
     pub fn table<'a>(
         of: &str,
         named: impl IntoIterator<Item = (Cow<'static, str>, &'a Self)>,
@@ -166,13 +166,13 @@ impl Boundaries {
         table
     }
 
-    /// How many ended at a cap, or passed one.
+    /// Number of boundaries that ended at a cap or passed a cap.
     pub fn capped(&self) -> usize {
         self.iter().filter(|boundary| !matches!(boundary.ended, None | Some(Ended::Closed))).count()
     }
 }
 
-/// A walk in progress, with what it has found.
+/// A walk in progress, and its boundary so far.
 #[derive(Clone, Debug)]
 pub struct Progress {
     walk: Walk,
@@ -183,7 +183,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// The walk of that scene with that filter, its first hit still to come.
+    /// A walk of the scene with this filter, before its first hit.
     pub fn new(
         prepared: &PreparedScene,
         velocity: VelocitySettings,
@@ -198,7 +198,7 @@ impl Progress {
         self.hit_at(self.walk.cell())
     }
 
-    /// The cell of the next hit: steps of K and of B.
+    /// The cell of the next hit, in steps of K and of B.
     pub fn place(&self) -> (i32, i32) {
         let Cell { stiffness, damping } = self.walk.cell();
         (stiffness, damping)
@@ -208,7 +208,7 @@ impl Progress {
         self.walk
     }
 
-    /// The last point of its boundary, steps of K, and how many there are.
+    /// K of the boundary's last point, steps, and the number of points.
     pub(super) fn last_point(&self) -> Option<(i32, usize)> {
         self.last_stiffness.map(|stiffness| (stiffness, self.boundary.points.len()))
     }
@@ -223,9 +223,9 @@ impl Progress {
         }
     }
 
-    /// Takes the verdict of [`hit`](Self::hit). `Some` once the walk is over: its boundary, or why there is none.
-    /// A first point that is unstable gives an empty boundary; a hit that leaves the core's range counts as unstable.
-    /// `touches` tells whether the handle comes to the wall at all in a hit.
+    /// Takes the verdict of [`hit`](Self::hit). At the end of the walk, returns the boundary or the reason why there is
+    /// none. An unstable first point gives an empty boundary. A hit that leaves the core's range counts as unstable.
+    /// `touches` returns whether the handle reaches the wall in a hit.
     pub fn report(
         &mut self,
         verdict: Result<Verdict, HitError>,
@@ -234,7 +234,7 @@ impl Progress {
         let hit = self.hit();
         self.boundary.hits += 1;
         let verdict = match verdict {
-            // an early verdict may end the hit before the handle leaves; both are unstable
+            // An early verdict may end the hit before the handle leaves the range. Both cases are unstable.
             Err(HitError::OutOfRange(_)) => Verdict::Unstable,
             Err(error) => return Some(Err(error.into())),
             Ok(verdict) => verdict,

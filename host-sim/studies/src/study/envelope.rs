@@ -1,12 +1,12 @@
-//! The walls that the firmware may render without being unlocked.
+//! The walls that the firmware may render without unlocking.
 //!
-//! The boundary walk records the largest stable K at each B, as the paper does. Below it not every
-//! wall is stable: at large B a soft wall chatters where a stiffer one holds (the walk comes down
-//! from above and never sees it). So the envelope has an interval of K at each B, the longest one in
-//! which every hit is stable, up to the smallest boundary of all repeats.
+//! The boundary walk records the largest stable K at each B, as the paper does. Not every wall below it is stable: at
+//! large B a soft wall chatters where a stiffer wall is stable. The walk comes from above and misses this wall. So the
+//! envelope has an interval of K at each B: the longest interval in which every hit is stable, up to the smallest
+//! boundary of all repeats.
 //!
-//! Hits are made on every [`STRIDE`]-th line of the walk's grid in both directions, which bounds
-//! their number; between two B the firmware takes what both of them allow.
+//! Hits are made on every [`STRIDE`]-th line of the walk's grid in both directions, which limits their number. Between
+//! two B the firmware allows a K that is allowed at both.
 
 use std::fmt::Write as _;
 
@@ -26,18 +26,18 @@ use crate::{
     },
 };
 
-/// Steps of the walk's grid between two lines that are hit.
+/// Steps of the walk's grid between two lines with hits.
 pub const STRIDE: i32 = 5;
 
-/// The walls that are stable at one B: from K = 0 where the softest wall of the grid is stable; no hit was stable where
-/// the highest K is 0.
+/// The stable interval of K at one B. It begins at K = 0 if the softest wall of the grid is stable. If no hit was
+/// stable, its highest K is 0.
 pub use zwidth::safety::envelope::Point as Interval;
 
 /// The envelope at one cutoff.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Envelope {
     pub velocity: VelocitySettings,
-    /// Its intervals, B ascending.
+    /// The intervals, B ascending.
     pub intervals: Vec<Interval>,
 }
 
@@ -48,7 +48,7 @@ pub fn rows(scene: &NamedScene, envelopes: &[Envelope]) -> String {
     let (latency, period) = (actuator.latency, actuator.period);
     let mut text = String::new();
     for Envelope { velocity, intervals } in envelopes {
-        // The firmware's key has no further parameter: it knows walls for the defaults only.
+        // The firmware's key has no further parameter: its walls are for the defaults only.
         if !velocity.differs_by_tuning_only() {
             continue;
         }
@@ -85,7 +85,7 @@ pub fn envelopes(
         let shortest = result.boundaries.iter().map(|boundary| boundary.points.len()).min();
         let velocity = result.velocity;
         let lows = (0..shortest.unwrap_or(0)).step_by(STRIDE.unsigned_abs() as usize).map(|n| {
-            // Every walk has one point per B, from the same first B on.
+            // Every walk has one point per B, from the same first B.
             let points = result.boundaries.iter().filter_map(|boundary| boundary.points.get(n));
             points.map(|point| point.stiffness_n_per_m).fold(f64::INFINITY, f64::min)
         });
@@ -127,7 +127,7 @@ pub fn envelopes(
     Ok(envelopes)
 }
 
-/// Hits at rising K at one B, the last at the boundary itself.
+/// Hits with rising K at one B. The last hit is at the boundary.
 struct Column {
     damping_n_s_per_m: f64,
     stiffnesses_n_per_m: Vec<f64>,
@@ -148,12 +148,12 @@ impl Column {
         Self { damping_n_s_per_m, stiffnesses_n_per_m }
     }
 
-    /// The longest run of stable hits; takes as many verdicts as there are hits.
+    /// The longest run of stable hits. Uses one verdict per hit.
     fn longest(&self, verdicts: impl Iterator<Item = bool>) -> Interval {
         let damping_n_s_per_m = self.damping_n_s_per_m;
         let mut longest =
             Interval { damping_n_s_per_m, stiffness_low_n_per_m: 0.0, stiffness_high_n_per_m: 0.0 };
-        // Lowest K of the run that goes on; below the first line of the grid there is none.
+        // Lowest K of the current run. The first run begins at K = 0, below the first line of the grid.
         let mut run_n_per_m = Some(0.0);
         for (&next, stable) in self.stiffnesses_n_per_m.iter().zip(verdicts) {
             if !stable {
@@ -179,7 +179,7 @@ mod tests {
 
     #[test]
     fn a_soft_wall_that_chatters_below_a_stiff_one_that_holds_is_outside() {
-        // 4000 Hz, 2 um, B = 390 N s/m: K = 52,000 N/m is stable, 2000 to 40,000 are not.
+        // At 4000 Hz, 2 um and B = 390 N s/m, K = 52,000 N/m is stable, but 2000 to 40,000 N/m are not.
         let scene = NamedScene::load("paper-2um").unwrap();
         let prepared = PreparedScene::new(&scene.scene).unwrap();
         let column = Column::new(&prepared, 38, 52_000.0);

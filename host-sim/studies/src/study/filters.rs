@@ -1,4 +1,4 @@
-//! Walks of several velocity filters side by side, in several scenes.
+//! Walks several velocity filters in parallel, in several scenes.
 
 use zwidth::VelocitySettings;
 
@@ -9,9 +9,9 @@ use super::{
 };
 use crate::{error::Error, simulation::prepared::PreparedScene};
 
-/// Boundaries by scene, then by filter, from each of `starts` (counts beyond the scene's start). The result depends neither
-/// on the number of threads nor on `engine`; `done` is called after each walk. Filters of a form that is not that of the
-/// scene's own have no lanes.
+/// Boundaries by scene, then by filter, from each of `starts` (counts from the scene's start). The result does not
+/// depend on the number of threads or on `engine`. `done` is called after each walk. A filter has no lanes if its form
+/// differs from the scene's own filter.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.

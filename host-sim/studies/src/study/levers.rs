@@ -1,12 +1,13 @@
-//! What limits the walls first: when the loop acts, how often, what is between it and the handle, or the velocity.
+//! Finds what limits the walls first: the latency of the loop, its output rate, the mechanics between loop and handle,
+//! or the velocity.
 //!
-//! The same device in other loops: the scene's own, and with the latency and the output stage of each board, whose output
-//! comes every ten samples or more often; each also with an amplifier of [`AMPLIFIER_HZ`], and with a handle on a
-//! transmission beside it, so that what a loop could hold is not promised to a belt. In each the areas by limit, push and
-//! cutoff, and what the true velocity would reach.
+//! The same device is walked in other loops: the scene's own loop, and loops with the latency and output stage of each
+//! board. A board's output comes every ten samples or more often. Each loop also has a version with an amplifier of
+//! [`AMPLIFIER_HZ`], and a version with a handle on a transmission. The last version shows the limits of a device with
+//! a belt. Each loop gives the areas by limit, push and cutoff, and the area with the true velocity.
 //!
-//! **Steps.** Areas differ by five powers of ten, so a grid of one size would be too coarse or endless. Each boundary is
-//! walked with steps that get smaller by [`FINER`] until it is at least [`RESOLVED`] steps of K high and of B wide.
+//! **Steps.** Areas differ by five powers of ten, so one grid would be too coarse for some and too slow for others. The
+//! steps are divided by [`FINER`] until the boundary is at least [`RESOLVED`] steps of K high and of B wide.
 
 use rayon::prelude::*;
 
@@ -26,36 +27,38 @@ use crate::{
     },
 };
 
-/// Samples from one output to the next that the boards can do.
+/// Output periods of the boards, samples.
 pub const PERIODS: [u32; 4] = [10, 5, 2, 1];
-/// Bandwidth of the amplifier that a loop may have, Hz.
+/// Bandwidth of the added amplifier, Hz.
 pub const AMPLIFIER_HZ: f64 = 1000.0;
-/// The transmission: handle's share of the device's mass, frequency of the two against each other in Hz, damping ratio.
+/// The transmission: the handle's share of the device's mass, the frequency of both masses on the spring in Hz, and the
+/// damping ratio.
 pub const MODE: [f64; 3] = [0.24, 150.0, 0.03];
-/// Factor from one size of steps to the next.
+/// Ratio of one step size to the next.
 pub const FINER: f64 = 2.0;
-/// Least height and width of a boundary, steps of K and of B.
+/// Smallest height and width of a boundary, in steps of K and of B.
 pub const RESOLVED: [f64; 2] = [32.0, 24.0];
-/// Steps of K and of B from 0 to the caps with the largest steps: boundaries are some 200 to 500 times higher than wide.
+/// Number of the largest steps of K and of B between 0 and the caps. Boundaries are some 200 to 500 times higher than
+/// wide.
 const COARSEST: [f64; 2] = [200.0, 20.0];
-/// Sizes of steps that are tried: a walk may have a million.
+/// Number of step sizes. A walk may have a million steps.
 const SIZES: i32 = 13;
 
 /// A device in a loop.
 #[derive(Clone, Debug)]
 pub struct Lever {
-    /// Name of the loop: the scene's own, or that of a board.
+    /// Name of the loop: that of the scene or of a board.
     pub of_loop: String,
-    /// What stands between the output and the handle, beside what the scene has.
+    /// Added elements between the output and the handle.
     pub between: Between,
-    /// Scene with all of it.
+    /// The scene with all changes.
     pub scene: Scene,
 }
 
-/// What a loop has between its output and the handle.
+/// Added elements between a loop's output and the handle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Between {
-    /// What the scene has.
+    /// No added element.
     Nothing,
     Amplifier,
     /// An amplifier, and a handle on a transmission.
@@ -85,7 +88,7 @@ impl Between {
 #[derive(Clone, Debug)]
 pub struct LeverQuestion {
     pub levers: Vec<Lever>,
-    /// Limits of the RMS of the motion or of what is felt.
+    /// Limits of the motion's RMS or of the sensation level.
     pub limits: Vec<Limit>,
     pub pushes: Vec<PushBy>,
     pub cutoffs_hz: Vec<f64>,
@@ -94,41 +97,41 @@ pub struct LeverQuestion {
 }
 
 impl LeverQuestion {
-    /// Loops by limit and push.
+    /// Number of combinations of loop, limit and push.
     pub fn tasks(&self) -> usize {
         self.levers.len() * self.limits.len() * self.pushes.len()
     }
 
-    /// Walks with each size of steps, with the true velocity.
+    /// Number of walks with each step size, including the true velocity.
     pub fn walks(&self) -> usize {
         self.tasks() * (self.cutoffs_hz.len() + 1) * self.repeats as usize
     }
 }
 
-/// Boundaries and the grid on which they were walked.
+/// Boundaries, and the grid of their walks.
 #[derive(Clone, Debug)]
 pub struct Walked {
     pub boundaries: Boundaries,
     pub walk: Walk,
 }
 
-/// One loop under one limit and push.
+/// Results of one loop with one limit and push.
 #[derive(Clone, Debug)]
 pub struct LeverResult {
-    /// Place of its loop in the question.
+    /// Index of the loop in the question.
     pub lever: usize,
     pub limit: Limit,
     pub push: PushBy,
-    /// Cutoffs in Hz, ascending, each with its walks.
+    /// Cutoffs, Hz, ascending, each with its walks.
     pub cutoffs: Vec<(f64, Walked)>,
-    /// With the true velocity; nothing where an amplifier or a transmission is added.
+    /// Walks with the true velocity. Empty if an amplifier or a transmission is added.
     pub told: Walked,
-    /// Their areas, the ideal cutoff and its range.
+    /// Areas of the cutoffs, the ideal cutoff and its range.
     pub sweep: SweepResult,
 }
 
 impl LeverResult {
-    /// What the ideal cutoff walked; `None` if no wall is stable at any.
+    /// Walks at the ideal cutoff; `None` if no cutoff has a stable wall.
     pub fn best(&self) -> Option<&Walked> {
         let ideal = self.sweep.ideal?.cutoff_hz;
         self.cutoffs.iter().find(|(cutoff_hz, _)| *cutoff_hz == ideal).map(|(_, walked)| walked)
@@ -140,14 +143,14 @@ impl LeverResult {
     }
 }
 
-/// The loops of a scene, its own first. A board that the scene already is stands once.
+/// The loops of a scene; its own loop is the first. A board that is equal to the scene's own loop is left out.
 ///
 /// # Errors
-/// The scene is out of range with a board's output.
+/// The scene is not allowed with a board's output.
 pub fn levers(scene: &NamedScene) -> Result<Vec<Lever>, Error> {
     let mut loops = vec![(scene.name.clone(), scene.scene.clone())];
     for (place, (name, of_board)) in boards(&scene.scene)?.into_iter().enumerate() {
-        // the second board acts almost as the first: the ends will do
+        // The second board's loop is almost the same, so only its longest and shortest period are used.
         for period in PERIODS.into_iter().filter(|period| place == 0 || [1, 10].contains(period)) {
             let mut own = of_board.clone();
             own.actuator.period = period;
@@ -167,7 +170,7 @@ pub fn levers(scene: &NamedScene) -> Result<Vec<Lever>, Error> {
                 changed.mode = Some(transmission(changed.device.mass_kg));
             }
             let is_there = levers.iter().any(|lever: &Lever| lever.scene == changed);
-            // a scene whose own elements leave no room for these has its loops without them
+            // A version is left out if the scene does not allow the added elements beside its own.
             if !is_there && changed.check().is_ok() {
                 levers.push(Lever { of_loop: of_loop.clone(), between, scene: changed });
             }
@@ -176,7 +179,7 @@ pub fn levers(scene: &NamedScene) -> Result<Vec<Lever>, Error> {
     Ok(levers)
 }
 
-/// The handle on a transmission beside a device of that mass.
+/// The mode of a handle on a transmission, for a device with this mass.
 fn transmission(mass_kg: f64) -> Mode {
     let [share, frequency_hz, ratio] = MODE;
     let handle_kg = share * mass_kg;
@@ -189,8 +192,8 @@ fn transmission(mass_kg: f64) -> Mode {
     }
 }
 
-/// Whether the loop takes that cutoff: one that looks less often takes none near its rate. What else is wrong is for the
-/// walk to say.
+/// Whether the loop accepts this cutoff: a loop with few samples accepts no cutoff near its rate. The walk reports
+/// other errors.
 pub(super) fn takes(scene: &Scene, cutoff_hz: f64) -> bool {
     let settings = scene.velocity.at(cutoff_hz);
     match settings.build(&scene.design()) {
@@ -199,7 +202,7 @@ pub(super) fn takes(scene: &Scene, cutoff_hz: f64) -> bool {
     }
 }
 
-/// The grid of that size.
+/// The grid with this step size.
 fn grid(own: &Walk, size: i32) -> Walk {
     let finer = FINER.powi(size);
     let [high, wide] = COARSEST;
@@ -209,7 +212,7 @@ fn grid(own: &Walk, size: i32) -> Walk {
 }
 
 impl Walked {
-    /// How many sizes of steps it lacks to be resolved; `None` if it is.
+    /// Number of further step sizes for a sufficient resolution; `None` if sufficient.
     fn finer(&self) -> Option<i32> {
         let high = self.boundaries.stiffness_peak_n_per_m() / self.walk.stiffness_step_n_per_m;
         let wide = self.boundaries.damping_max_n_s_per_m() / self.walk.damping_step_n_s_per_m;
@@ -218,7 +221,7 @@ impl Walked {
         if lacks <= 1.0 {
             return None;
         }
-        // a boundary of few steps says little about its size
+        // A boundary with few steps gives little information about its size.
         let sure = high >= 4.0 && wide >= 4.0;
         #[expect(clippy::cast_possible_truncation, reason = "at most RESOLVED over 4")]
         let more = if sure { (lacks.log2() / FINER.log2()).ceil() as i32 } else { 1 };
@@ -226,7 +229,7 @@ impl Walked {
     }
 }
 
-/// Walks every loop. The answer depends neither on the number of threads nor on `engine`; `done` is called for each
+/// Walks every loop. The result does not depend on the number of threads or on `engine`. `done` is called for each
 /// loop, limit and push.
 ///
 /// # Errors
@@ -259,7 +262,7 @@ pub fn walk_levers(
         let sweep = SweepResult::of(vec![]);
         let mut found = LeverResult { lever, limit, push, cutoffs, told: none, sweep };
         let own = question.levers[lever].between == Between::Nothing;
-        // the size that each is walked with next; the true velocity stands at the end
+        // Next step size of each cutoff. The last element is for the true velocity.
         let mut next = vec![Some(0); cutoffs_hz.len()];
         next.push(own.then_some(0));
         while let Some(size) = next.iter().flatten().min().copied() {
@@ -300,7 +303,7 @@ fn sweep_of(cutoffs: &[(f64, Walked)], scene: &Scene) -> SweepResult {
 }
 
 impl LeverResult {
-    /// What smaller steps have found.
+    /// Takes the results with smaller steps.
     fn take(&mut self, asked: &Question, LimitResult { result, told, .. }: LimitResult) {
         let walk = asked.walk;
         for CutoffResult { cutoff_hz, boundaries, .. } in result.cutoffs {
@@ -345,7 +348,7 @@ mod tests {
         assert!(kept.iter().all(|lever| lever.between != Between::Amplifier));
     }
 
-    /// Two masses on a spring swing against each other at the root of the stiffness over their reduced mass.
+    /// The frequency of two masses on a spring is the root of the stiffness divided by their reduced mass.
     #[test]
     fn the_transmission_swings_at_its_frequency() {
         let mode = transmission(0.416);
@@ -357,7 +360,7 @@ mod tests {
         assert!((h - 0.1).abs() < 2e-4);
     }
 
-    /// A short hit, so that it is quick.
+    /// A short hit, for a fast test.
     #[test]
     fn boundaries_of_any_size_are_resolved_and_no_finer_than_they_need() {
         let mut scene = scene("paper-1um");
@@ -392,10 +395,10 @@ mod tests {
         }
         let hz: Vec<f64> = found[0].cutoffs.iter().map(|(hz, _)| *hz).collect();
         assert_eq!(hz, [300.0, 1000.0]);
-        // sooner is more, and a smaller limit less
+        // A shorter latency gives more area, a smaller limit gives less.
         let area = |n: usize| found[n].area();
         assert!(area(1) > 10.0 * area(0) && area(2) < area(0) && area(3) < area(1));
-        // the same bits, whoever walks
+        // Both engines give the same bits.
         let core = walk(Engine::Core);
         for (one, other) in found.iter().zip(&core) {
             assert_eq!(one.area(), other.area());

@@ -1,8 +1,8 @@
-//! The limit as an axis: areas and ideal cutoffs for several limits of RMS and of sensation level, by who pushes and in
-//! whose hand, and what the true velocity would reach.
+//! The limit as an axis: areas and ideal cutoffs for several limits of the RMS and of the sensation level. They are
+//! computed for each push and hand, and also with the true velocity.
 //!
-//! All walks of a scene at one cutoff and start share their hits: what a hit showed serves every limit. Hits that are
-//! certain to be beyond the largest limit end there.
+//! All walks of a scene at one cutoff and start share their hits: the result of a hit serves every limit. A hit ends
+//! early if it is certainly beyond the largest limit.
 
 use std::{
     collections::HashMap,
@@ -28,24 +28,24 @@ use crate::{
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
-/// A limit below which a wall counts as stable.
+/// A limit of stability: a wall below it counts as stable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Limit {
-    /// Of the RMS, m.
+    /// Limit of the RMS, m.
     Rms(f64),
-    /// Of the sensation level, dB.
+    /// Limit of the sensation level, dB.
     Felt(f64),
-    /// Of the force's RMS, N, with all else that makes a [quiet](Criterion::Quiet) wall.
+    /// Limit of the force's RMS, N, with all other conditions of a [quiet](Criterion::Quiet) wall.
     Quiet(f64),
 }
 
 impl Limit {
-    /// Of two of one kind the larger finds hits for the smaller.
+    /// Whether both limits are of one kind. Then hits of the larger limit also serve the smaller one.
     fn is_like(self, other: Self) -> bool {
         std::mem::discriminant(&self) == std::mem::discriminant(&other)
     }
 
-    /// Into a scene, in the place of what it has.
+    /// Sets this limit in a scene.
     pub fn set(self, hit: &mut scene::WallHit) {
         match self {
             Self::Rms(limit_m) => hit.rms_limit_m = limit_m,
@@ -64,7 +64,7 @@ impl Limit {
         self.told().0
     }
 
-    /// Its number, with the unit.
+    /// Value and unit.
     pub fn told(self) -> (f64, &'static str) {
         match self {
             Self::Rms(metres) => (metres, "m"),
@@ -78,45 +78,45 @@ impl Limit {
 pub struct Question {
     /// The limits, in any order.
     pub limits: Vec<Limit>,
-    /// What the RMS is taken of.
+    /// Signal of the RMS.
     pub rms_of: RmsOf,
     /// Velocity filters, from the lowest cutoff to the highest.
     pub filters: Vec<VelocitySettings>,
-    /// Walks of each filter.
+    /// Number of walks of each filter.
     pub repeats: u32,
     /// Grid and caps of the walks.
     pub walk: Walk,
-    /// Who pushes, and in whose hand (`None`: as the scene says).
+    /// Pushes and hands (`None`: those of the scene).
     pub situations: Vec<Situation>,
-    /// The true velocity as well.
+    /// Whether the true velocity is walked too.
     pub told: bool,
 }
 
 impl Question {
-    /// Walks that it takes.
+    /// Number of walks of the question.
     pub fn walks(&self) -> usize {
         let rows = self.filters.len() + usize::from(self.told);
         self.situations.len() * self.limits.len() * rows * self.repeats as usize
     }
 }
 
-/// Who pushes, and in whose hand.
+/// Who pushes, with which hand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Situation {
     pub push: PushBy,
-    /// A name of [`Scene::arms`], or the scene as it is.
+    /// A name of [`Scene::arms`]; `None` for the scene's own arm.
     pub arm: Option<String>,
 }
 
-/// The answer for one limit.
+/// Results for one limit.
 #[derive(Clone, Debug)]
 pub struct LimitResult {
-    /// Who pushes, in whose hand; `None`: the worst of all.
+    /// Who pushes, with which hand; `None` for the worst of all situations.
     pub situation: Option<Situation>,
     pub limit: Limit,
-    /// Areas by cutoff, the ideal one and its range.
+    /// Areas by cutoff, the ideal cutoff and its range.
     pub result: SweepResult,
-    /// Boundaries with the true velocity; empty if it was not asked for.
+    /// Boundaries with the true velocity; empty if not requested.
     pub told: Boundaries,
 }
 
@@ -135,13 +135,13 @@ impl LimitResult {
     }
 }
 
-/// What is known of a hit; `INFINITY`: beyond the largest limit.
+/// Known results of a hit. `INFINITY` means beyond the largest limit.
 #[derive(Clone, Copy, Debug, Default)]
 struct Known {
     no_contact: bool,
     rms_m: Option<f64>,
     level_db: Option<f64>,
-    /// Of the only limit of its kind.
+    /// Verdict for a quiet wall. This kind has only one limit.
     quiet: Option<Verdict>,
 }
 
@@ -161,15 +161,15 @@ impl Known {
     }
 }
 
-/// Hits of one scene at one cutoff from one start, by their cell.
+/// Hits of one scene at one cutoff from one start, by cell.
 type Shared = Mutex<HashMap<(i32, i32), Known>>;
 
-/// Walks that one prepared scene serves: all its limits of one kind.
+/// Walks of one prepared scene: all its limits of one kind.
 struct Field {
     prepared: PreparedScene,
     limits: Vec<Limit>,
     filters: Vec<VelocitySettings>,
-    /// Which shared hits are its first filter's and start's.
+    /// Index of the shared hits of the first filter and start.
     shared: usize,
     begun: AtomicUsize,
 }
@@ -180,7 +180,7 @@ impl Field {
     }
 }
 
-/// A walk: its number, its limit, and which hits it shares.
+/// A walk: its number, its limit, and the index of its shared hits.
 #[derive(Clone, Copy)]
 struct Job {
     number: usize,
@@ -188,8 +188,8 @@ struct Job {
     shared: usize,
 }
 
-/// Answers the question on all threads of the current pool. The answer depends neither on their number nor on `engine`;
-/// `done` is called after each walk.
+/// Makes all walks of the question on all threads of the current pool. The result does not depend on the number of
+/// threads or on `engine`. `done` is called after each walk.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
@@ -201,7 +201,7 @@ pub fn limits(
 ) -> Result<Vec<LimitResult>, Error> {
     let (fields, hits) = fields(scene, question)?;
     let shared: Vec<Shared> = (0..hits).map(|_| Shared::default()).collect();
-    // within a scene the levels come first, whose hits know all
+    // Within a scene, limits of the sensation level come first, because their hits give all results.
     let made = on_all_threads(fields.len(), |place, made| {
         let field = &fields[place];
         let mut work = Walks {
@@ -215,7 +215,7 @@ pub fn limits(
                 made.push(((place, job.number), boundary));
             },
         };
-        // all limits of a field are of one kind
+        // All limits of a field are of one kind.
         let depth = match field.limits[0] {
             Limit::Felt(_) => Depth::Whole,
             Limit::Rms(_) => Depth::Bounded,
@@ -255,7 +255,7 @@ pub fn limits(
     Ok(results)
 }
 
-/// At each cutoff the situation with the smallest mean area.
+/// At each cutoff, the situation with the smallest mean area.
 fn worst(results: &[LimitResult], limit: Limit) -> Option<LimitResult> {
     let of_limit = || results.iter().filter(move |result| result.limit == limit);
     let mut result = of_limit().next()?.clone();
@@ -274,7 +274,8 @@ fn worst(results: &[LimitResult], limit: Limit) -> Option<LimitResult> {
     Some(result)
 }
 
-/// The limits by kind, levels first, each from the largest on: the later walks find hits of the earlier ones.
+/// The limits by kind: first those of the sensation level, each kind from the largest on. Later walks use the hits of
+/// earlier ones.
 fn kinds(question: &Question) -> Vec<Vec<Limit>> {
     let of = |kind: Limit| {
         let mut limits: Vec<Limit> = question.limits.clone();
@@ -287,7 +288,8 @@ fn kinds(question: &Question) -> Vec<Vec<Limit>> {
     kinds.map(of).into_iter().filter(|limits| !limits.is_empty()).collect()
 }
 
-/// By situation, then with an estimate and with the true velocity, then by kind of limit; and how many hits they share.
+/// Fields by situation, then with an estimate or with the true velocity, then by kind of limit. Also the number of
+/// shared sets of hits.
 fn fields(scene: &Scene, question: &Question) -> Result<(Vec<Field>, usize), Error> {
     let (mut fields, mut shared) = (vec![], 0);
     for situation in &question.situations {
@@ -318,7 +320,7 @@ fn fields(scene: &Scene, question: &Question) -> Result<(Vec<Field>, usize), Err
 }
 
 impl Situation {
-    /// The scene in it, with the question's grid.
+    /// The scene in this situation, with the question's grid.
     fn of(&self, scene: &Scene, question: &Question) -> Result<Scene, Error> {
         let mut scene = scene.clone();
         scene.wall_hit.push_by = self.push;
@@ -363,7 +365,8 @@ impl<D: FnMut(&Job, Result<Boundary, Error>)> Walks<'_, D> {
         shared.lock().unwrap_or_else(PoisonError::into_inner).get(&place).copied()
     }
 
-    /// Takes what a hit came to. A level is always known; a hit without measures is beyond the largest RMS.
+    /// Stores the result of a hit. A hit without measurements ended early. It is beyond the largest RMS, and its level
+    /// is not known. A hit with an error is beyond all limits.
     fn learn(&self, job: &Job, place: (i32, i32), outcome: &Result<Outcome, HitError>) {
         let beyond = Known {
             no_contact: false,

@@ -1,5 +1,4 @@
-//! Limits, and a grid of walks that is fine enough for them, as a person asks for them; the command line and Python ask
-//! the same.
+//! Options for limits, and for a grid of walks that is fine enough for them. Command line and Python share them.
 
 use std::fmt;
 
@@ -9,27 +8,27 @@ use crate::{
     scene::{Scene, Walk},
 };
 
-/// The walks' own steps: the scene's K over this, and its B over half of it.
+/// Default steps of the walks: the scene's step of K divided by this number, and its step of B divided by half of it.
 const FINER: f64 = 4.0;
 
-/// A limit as it is asked for.
+/// A limit in an option.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LimitAsked {
-    /// Of the RMS, m.
+    /// Limit of the RMS, m.
     Rms(f64),
-    /// The scene's level, or several over it.
+    /// The scene's limits of the sensation level.
     Felt,
-    /// A level over the threshold, dB: the threshold curve moved by as much.
+    /// A level above the threshold, dB: the threshold curve is shifted by this value.
     FeltAt(f64),
-    /// A quiet wall, by the scene's limit of the force.
+    /// A quiet wall, with the scene's limit of the force.
     Quiet,
 }
 
 impl LimitAsked {
-    /// Reads one.
+    /// Reads one limit.
     ///
     /// # Errors
-    /// It is none; what is allowed.
+    /// The text is no limit. The error says what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
         let one = text.trim();
         let (level, number) =
@@ -45,7 +44,7 @@ impl LimitAsked {
         }
     }
 
-    /// For that scene: `felt` is its level.
+    /// The limit for a scene.
     pub fn of(self, scene: &Scene) -> Limit {
         match self {
             Self::Rms(limit_m) => Limit::Rms(limit_m),
@@ -67,7 +66,7 @@ impl fmt::Display for LimitAsked {
     }
 }
 
-/// The scene's walk with those steps of K and B, from those first ones.
+/// The scene's walk with these steps and first values of K and B.
 pub fn finer(scene: &Scene, steps: Option<[f64; 2]>, starts: Option<[f64; 2]>) -> Walk {
     let own = &scene.walk;
     let default = [own.stiffness_step_n_per_m / FINER, own.damping_step_n_s_per_m / FINER * 2.0];
@@ -75,7 +74,7 @@ pub fn finer(scene: &Scene, steps: Option<[f64; 2]>, starts: Option<[f64; 2]>) -
     on_grid(own, starts.unwrap_or(steps), steps)
 }
 
-/// A walk from those K and B in those steps, up to the same caps.
+/// A walk from this K and B with these steps, up to the same caps.
 pub(super) fn on_grid(own: &Walk, [k, b]: [f64; 2], [k_step, b_step]: [f64; 2]) -> Walk {
     Walk {
         stiffness_start_n_per_m: k,
@@ -86,7 +85,7 @@ pub(super) fn on_grid(own: &Walk, [k, b]: [f64; 2], [k_step, b_step]: [f64; 2]) 
     }
 }
 
-/// What messages call the limits, and the steps of the walks.
+/// Names of the limits and of the walks' steps in messages.
 #[derive(Clone, Copy, Debug)]
 pub struct Names {
     pub limits: &'static str,
@@ -97,7 +96,7 @@ pub struct Names {
 /// Checks every limit and the grid, before the first walk.
 ///
 /// # Errors
-/// The scene cannot have one of them.
+/// The scene does not allow a limit or the grid.
 pub fn check(scene: &Scene, limits: &[Limit], walk: Walk, names: Names) -> Result<(), Error> {
     let refused = |name: &str, error: String| Error::Input(format!("{name}: {error}"));
     let mut changed = Scene { walk, ..scene.clone() };
@@ -110,7 +109,7 @@ pub fn check(scene: &Scene, limits: &[Limit], walk: Walk, names: Names) -> Resul
     Ok(())
 }
 
-/// Columns of a table that say the grid of its walks.
+/// Columns with the grid of the walks.
 pub const GRID: [&str; 6] = [
     "stiffness_start_n_per_m",
     "stiffness_step_n_per_m",
@@ -120,7 +119,7 @@ pub const GRID: [&str; 6] = [
     "damping_max_tried_n_s_per_m",
 ];
 
-/// Values under these names.
+/// Values of these columns.
 pub fn grid(walk: &Walk) -> [f64; 6] {
     [
         walk.stiffness_start_n_per_m,

@@ -8,7 +8,7 @@ use crate::{
 /// The scene with the latency and the output stage of each board.
 ///
 /// # Errors
-/// It is out of range with them.
+/// The scene is not allowed with a board's latency or output.
 pub fn boards(scene: &Scene) -> Result<Vec<(String, Scene)>, Error> {
     let mut boards = vec![];
     for name in ["nucleo-f446re", "discovery-f407"] {

@@ -1,5 +1,5 @@
-//! Studies made of many wall hits: the boundary walk, the sweep over cutoffs, how its answer depends on what was
-//! assumed, and the envelope that the firmware takes from it.
+//! Studies of many wall hits: the boundary walk, the sweep over cutoffs, the sensitivity of the sweep's result to
+//! assumptions, and the firmware's envelope.
 
 mod ahead;
 pub mod asked;
@@ -30,18 +30,18 @@ use crate::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
-/// How hits are run; neither engine nor number of threads changes a bit of the result.
+/// Settings of all hits. Engine and number of threads change no bit of the result.
 #[derive(Clone, Copy, Debug)]
 pub struct How<'a> {
     pub engine: Engine,
     /// Arithmetic of the controller.
     pub numeric: Numeric,
-    /// Set to end early.
+    /// Set to end the study early.
     pub stop: &'a AtomicBool,
 }
 
 impl How<'_> {
-    /// Runs those hits of a scene on all threads of the current pool; `sink` gets their outcomes in order.
+    /// Runs hits of a scene on all threads of the current pool. `sink` gets their results in order.
     fn run(
         self,
         prepared: &PreparedScene,

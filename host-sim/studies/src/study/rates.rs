@@ -1,24 +1,24 @@
-//! Encoder rate and output rate as axes: the same device in loops that look and act more or less often.
+//! Encoder rate and output rate as axes: the same device in loops with other rates.
 //!
-//! Each pair of rates is a loop, walked as the loops of [`levers`](super::levers) are. The latency keeps its time, whatever
-//! the sample is, and so do the phases of the hit; the estimator keeps its parameters, so a window of n samples becomes
-//! shorter with a higher rate. An output comes with a sample, so only pairs where the rates divide are loops.
+//! Each pair of rates is a loop. The loops are walked as in [`levers`](super::levers). The latency keeps its time at
+//! any sample rate, and so do the phases of the hit. The estimator keeps its parameters, so a window of n samples
+//! becomes shorter at a higher rate. An output needs a sample, so only pairs with a whole-number ratio are loops.
 
 use super::levers::{Between, Lever, takes};
 use crate::{error::Error, scene::NamedScene};
 
-/// The rates that are asked for, Hz; the scene's own where there are none.
+/// The requested rates, Hz; empty for the scene's own rates.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Rates {
-    /// Samples of the encoder.
+    /// Sample rates of the encoder.
     pub encoder_hz: Vec<f64>,
     pub output_hz: Vec<f64>,
 }
 
-/// Two rates whose ratio is this near a whole number divide.
+/// Tolerance for a whole-number ratio of two rates.
 const WHOLE: f64 = 1e-6;
 
-/// Samples from output to output, if the rates divide.
+/// Samples from output to output, if the ratio is a whole number.
 fn period(encoder_hz: f64, output_hz: f64) -> Option<u32> {
     let ratio = encoder_hz / output_hz;
     let whole = ratio.round();
@@ -35,7 +35,7 @@ impl Rates {
     /// The loops, by encoder rate, then by output rate.
     ///
     /// # Errors
-    /// A rate that goes with none of the others, or that the scene cannot have.
+    /// A rate fits none of the others, or the scene does not allow it.
     pub fn loops(&self, scene: &NamedScene) -> Result<Vec<Lever>, Error> {
         let own = &scene.scene;
         let own_hz = own.control.rate_hz;
@@ -69,7 +69,7 @@ impl Rates {
                 changed.control.rate_hz = encoder;
                 changed.actuator.period = period;
                 changed.actuator.latency = own.actuator.latency * (encoder / own_hz);
-                changed.velocity = changed.velocity.with_cutoff(None); // the sweep has its own
+                changed.velocity = changed.velocity.with_cutoff(None); // the cutoffs come from the sweep
                 let all = std::mem::take(&mut changed.sweep.cutoffs_hz);
                 changed.sweep.cutoffs_hz =
                     all.into_iter().filter(|hz| takes(&changed, *hz)).collect();
@@ -117,10 +117,10 @@ mod tests {
             of(&[2e4, 5e3], &[1e3, 5e3]).unwrap(),
             [(5e3, 5, 5.0), (5e3, 1, 5.0), (2e4, 20, 20.0), (2e4, 4, 20.0)]
         );
-        // 2 kHz is no multiple of 5 kHz, and stands once
+        // 5 kHz is no multiple of 2 kHz. A repeated rate counts once.
         assert_eq!(of(&[2e3, 1e4], &[5e3, 1e3]).unwrap().len(), 3);
         assert_eq!(of(&[1e4, 1e4], &[1e3]).unwrap().len(), 1);
-        // as decimals are
+        // Rates with rounded decimals.
         assert_eq!(of(&[2_857.142_857], &[285.714_285]).unwrap()[0].1, 10);
     }
 

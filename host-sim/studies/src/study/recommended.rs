@@ -1,8 +1,8 @@
-//! The cutoff to dial in: the one with the largest area of [quiet](Criterion::Quiet) walls.
+//! Recommends a cutoff: the one with the largest area of [quiet](Criterion::Quiet) walls.
 //!
-//! A list of cutoffs is walked, then what lies between the best one and its neighbours, until these are within 10 % of it;
-//! where the best one is an end of the list, the list goes on beyond. The grid of the walks is the scene's, or where its
-//! steps are too coarse or too fine for the quiet walls one that the first walks suggest.
+//! First a list of cutoffs is walked. Then cutoffs between the best one and its neighbours are walked, until the
+//! neighbours are within 10 %. If the best cutoff is at an end of the list, the list is extended. The grid of the walks
+//! is the scene's grid. If its steps are too coarse or too fine for the quiet walls, the first walks give a new grid.
 
 use rayon::prelude::*;
 use zwidth::{VelocitySettings, experiment::Verdict, velocity::EstimatorName};
@@ -23,70 +23,70 @@ use crate::{
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
-/// Areas that are at least this share of the largest are as good.
+/// Smallest share of the largest area that counts as equally good.
 pub const AS_GOOD: f64 = 0.97;
-/// Neighbours of the best cutoff are within this ratio.
+/// Largest ratio of the best cutoff to its neighbours.
 const NEAR: f64 = 1.1;
-/// A list goes on in steps of this ratio, at most so many times.
+/// Ratio of the steps that extend a list, and largest number of these steps.
 const BEYOND: f64 = 1.25;
 const TRIES: usize = 12;
-/// Steps that a boundary should have, of K up to its peak and of B.
+/// Allowed number of steps of a boundary: of K up to its peak, and of B.
 const STEPS: [[f64; 2]; 2] = [[24.0, 400.0], [16.0, 240.0]];
-/// Grids that are tried.
+/// Largest number of grids.
 const GRIDS: usize = 8;
-/// What a new grid aims at.
+/// Number of steps for which a new grid is designed.
 const AIM: [f64; 2] = [48.0, 32.0];
-/// A boundary of few steps says little of its size: the next grid is at most so many times finer.
+/// Largest refinement of the next grid. A boundary with few steps gives little information about its size.
 const FINER: f64 = 8.0;
-/// Without any wall on a grid, single walls are tried: so many of K and of B, each this part of the one before, from the
-/// largest that can be quiet.
+/// If a grid has no stable wall, single walls are tried: numbers of K and of B, and ratio of each to the one before.
+/// They begin at the largest possible quiet wall.
 const TRIED: [u32; 2] = [17, 13];
 const APART: f64 = 0.562;
-/// Beside the best cutoff, a share of its area that says that a walk broke off.
+/// If a cutoff beside the best one has less than this share of the best area, its walk broke off.
 const BROKEN: f64 = 0.5;
-/// Then a grid begins elsewhere, so many times at most.
+/// Largest number of times that a grid then begins at another wall.
 const SEEDS: usize = 3;
-/// A cutoff is looked at if its walls have this share of the best one's area.
+/// Smallest share of the best area at which a cutoff is examined.
 const PROMISING: f64 = 0.3;
 
-/// What was tried, and what comes of it.
+/// The walks that were made, and their result.
 #[derive(Clone, Debug)]
 pub struct QuietStudy {
     /// Grid of the walks.
     pub walk: Walk,
-    /// Each cutoff, ascending, with one walk at all pushes.
+    /// Each cutoff, ascending, with one walk for all pushes.
     pub cutoffs: Vec<CutoffResult>,
-    /// The cutoff to dial in, or why there is none.
+    /// The recommended cutoff, or the reason why there is none.
     pub recommended: Result<Recommended, String>,
-    /// Free motion beside the stiffest wall of that cutoff.
+    /// Free motion with the stiffest wall of the recommended cutoff.
     pub free: Option<FreeMotion>,
-    /// That wall by the protocols beside the scene's.
+    /// The stiffest wall with protocols other than the scene's.
     pub protocols: Vec<Held>,
 }
 
-/// What is quiet by another protocol.
+/// Quiet walls by another protocol.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Held {
-    /// How it was tried.
+    /// Protocol of the tried hits.
     pub protocol: Protocol,
-    /// The stiffest wall that is, with the B of the one that was asked about, N/m: the first that is of ever softer ones,
-    /// if any; or why none can be tried.
+    /// K of the stiffest quiet wall with the B of the given wall, N/m: softer and softer walls are tried until one is
+    /// quiet. `Ok(None)` if no wall is quiet; the reason if no wall can be tried.
     pub stiffest: Result<Option<f64>, String>,
 }
 
 impl Held {
-    /// K of that wall, N/m, if there is one.
+    /// K of the stiffest quiet wall, N/m, if there is one.
     pub fn stiffness_n_per_m(&self) -> Option<f64> {
         self.stiffest.clone().ok().flatten()
     }
 }
 
-/// Softer walls that are tried, each this part of the one before.
+/// Ratio of the K of each tried wall to the K of the one before, and number of tried walls.
 const SOFTER: f64 = 0.9;
 const SOFTER_TRIES: i32 = 30;
 
 impl Held {
-    /// That wall of a scene by every protocol but its own.
+    /// Tries the wall with every protocol except the scene's own.
     fn each(how: How<'_>, scene: &Scene, wall: &WallHit) -> Result<Vec<Self>, Error> {
         let others = Protocol::ALL.into_par_iter().filter(|of| *of != scene.wall_hit.protocol);
         let held = |protocol| {
@@ -116,20 +116,20 @@ impl Held {
 }
 
 impl QuietStudy {
-    /// The cutoff to dial in, Hz, if there is one.
+    /// The recommended cutoff, Hz, if there is one.
     pub fn cutoff_hz(&self) -> Option<f64> {
         self.recommended.as_ref().ok().map(|found| found.cutoff_hz)
     }
 }
 
-/// A cutoff to dial in.
+/// A recommended cutoff.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recommended {
     /// Nominal cutoff of the filter, Hz.
     pub cutoff_hz: f64,
-    /// The cutoffs beside it whose area is at least [`AS_GOOD`] of its own, Hz.
+    /// Lowest and highest neighbouring cutoff with at least [`AS_GOOD`] of its area, Hz.
     pub range_hz: [f64; 2],
-    /// The range goes on to the first or the last cutoff that was tried.
+    /// The range reaches the first or the last tried cutoff.
     pub is_open: [bool; 2],
     /// The stiffest quiet wall.
     pub stiffest: BoundaryPoint,
@@ -137,28 +137,28 @@ pub struct Recommended {
     pub damping_max_n_s_per_m: f64,
     /// Area of the quiet walls, N^2 s/m^2.
     pub area: f64,
-    /// A cap cuts that area.
+    /// A cap cuts the area.
     pub is_cut: bool,
 }
 
-/// What free motion feels like, the lower end of the Z-width.
+/// Free motion, the lower end of the Z-width.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct FreeMotion {
-    /// Of device and handle, kg.
+    /// Mass of device and handle, kg.
     pub mass_kg: f64,
     /// Viscous damping, N s/m.
     pub damping_n_s_per_m: f64,
     /// Dry friction while sliding, N.
     pub friction_n: f64,
-    /// RMS of the output about its mean while the handle rests where no wall is, N.
+    /// RMS of the output around its mean while the handle rests far from the wall, N.
     pub hum_n: f64,
 }
 
 impl FreeMotion {
-    /// Of a scene that would render that wall.
+    /// Free motion in a scene that would render this wall.
     ///
     /// # Errors
-    /// The handle leaves the range of the core without a push.
+    /// The handle leaves the core's range without a push.
     fn of(how: How<'_>, scene: &Scene, wall: &WallHit) -> Result<Self, Error> {
         let mut free = scene.clone();
         free.wall_hit.judge(Criterion::Rms, None);
@@ -174,11 +174,11 @@ impl FreeMotion {
     }
 }
 
-/// Looks for the cutoff to dial in among those of a list; `goes_on`: and beyond its ends. `done` is called after each
-/// walk.
+/// Searches the recommended cutoff among those of a list. With `goes_on`, the search continues beyond the ends of the
+/// list. `done` is called after each walk.
 ///
 /// # Errors
-/// `stop` was set, or something failed that no scene should make fail.
+/// `stop` was set, or an unexpected error.
 pub fn recommended(
     how: How<'_>,
     scene: &NamedScene,
@@ -205,20 +205,20 @@ pub fn recommended(
     })
 }
 
-/// A scene as its estimators, filters and changes are ranked.
+/// A scene for the ranking of estimators, filters and changes.
 #[derive(Clone, Debug)]
 pub struct Ranked {
-    /// The scene that is walked.
+    /// The scene for the walks.
     pub scene: NamedScene,
-    /// The scene with its own criterion and grid, which stands beside; `None` where that is no other.
+    /// The scene with its own criterion and grid, for comparison; `None` if they are the same.
     pub beside: Option<Scene>,
 }
 
-/// Ranked by a criterion. [`Quiet`](Criterion::Quiet): on a grid that suits these walls, that of finite difference and
-/// Butterworth at the cutoffs of `[sweep]`; another one on the scene's.
+/// The scene for a ranking by a criterion. For [`Quiet`](Criterion::Quiet) the grid suits the quiet walls of finite
+/// difference and Butterworth at the cutoffs of `[sweep]`. For another criterion the grid is the scene's.
 ///
 /// # Errors
-/// There is no quiet wall, the scene cannot have the criterion, or `stop` was set.
+/// There is no quiet wall, the scene does not allow the criterion, or `stop` was set.
 pub fn ranked(
     how: How<'_>,
     scene: &NamedScene,
@@ -249,7 +249,7 @@ pub fn ranked(
     Ok(Ranked { scene: ranked, beside })
 }
 
-/// The scene, judged by what a person would call a wall.
+/// The scene with the criterion for quiet walls.
 fn quiet(scene: &NamedScene) -> NamedScene {
     let mut scene = scene.clone();
     scene.scene.wall_hit.judge(Criterion::Quiet, None);
@@ -289,7 +289,7 @@ impl<D: Fn() + Sync> Search<'_, D> {
         Ok(self.best().map(|best| self.of(best)))
     }
 
-    /// Walks those cutoffs as well.
+    /// Walks additional cutoffs.
     fn walk(&mut self, cutoffs_hz: &[f64]) -> Result<(), Error> {
         let How { engine, numeric, stop } = self.how;
         let prepared = prepare(&self.scene)?;
@@ -302,7 +302,7 @@ impl<D: Fn() + Sync> Search<'_, D> {
         Ok(())
     }
 
-    /// Walks anew where the grid does not suit the walls.
+    /// Walks again with another grid if the grid does not suit the walls.
     fn fit_grid(&mut self, cutoffs_hz: &[f64]) -> Result<(), Error> {
         for _ in 0..GRIDS {
             let walk = self.scene.scene.walk;
@@ -345,8 +345,8 @@ impl<D: Fn() + Sync> Search<'_, D> {
         self.walk(cutoffs_hz)
     }
 
-    /// A cutoff next to the best one has almost no walls. An area changes little over a quarter of the frequency: a walk
-    /// broke off there, at a soft wall that does not come to rest in time.
+    /// Whether a cutoff next to the best one has almost no walls. The area changes little over a quarter of the
+    /// frequency. So this walk broke off at a soft wall that does not come to rest in time.
     fn breaks_off(&self) -> bool {
         let Some(best) = self.best().map(|best| &self.cutoffs[best]) else { return false };
         self.cutoffs.iter().any(|other| {
@@ -356,7 +356,7 @@ impl<D: Fn() + Sync> Search<'_, D> {
         })
     }
 
-    /// Has the grid begin at a wall of [`Self::first_walls`]; whether there is one.
+    /// Sets a grid that begins at a wall of [`Self::first_walls`]. Returns whether there is such a wall.
     fn seed(&mut self, cutoffs_hz: &[f64]) -> Result<bool, Error> {
         let Some(walk) = self.first_walls(cutoffs_hz)? else { return Ok(false) };
         self.scene.scene.walk = walk;
@@ -364,7 +364,8 @@ impl<D: Fn() + Sync> Search<'_, D> {
         Ok(true)
     }
 
-    /// A grid that begins at a wall that is quiet at most cutoffs that promise something, found among single walls.
+    /// A grid that begins at a wall found among single walls. The wall is quiet at as many promising cutoffs as
+    /// possible.
     fn first_walls(&self, cutoffs_hz: &[f64]) -> Result<Option<Walk>, Error> {
         let (prepared, scene) = (prepare(&self.scene)?, &self.scene.scene);
         let caps = scene.walk_plan();
@@ -405,7 +406,7 @@ impl<D: Fn() + Sync> Search<'_, D> {
         Ok(first.map(|place| on_grid(&scene.walk, walls[place], steps)))
     }
 
-    /// The place of the largest area.
+    /// Index of the cutoff with the largest area.
     fn best(&self) -> Option<usize> {
         let area = |place: &usize| self.cutoffs[*place].boundaries.area();
         (0..self.cutoffs.len())
@@ -413,7 +414,7 @@ impl<D: Fn() + Sync> Search<'_, D> {
             .filter(|at| area(at) > 0.0)
     }
 
-    /// The cutoffs that are still to be tried beside the best one.
+    /// The cutoffs near the best one that must still be tried.
     fn more(&self, goes_on: bool) -> Vec<f64> {
         let Some(best) = self.best() else { return vec![] };
         let hz = |place: usize| self.cutoffs.get(place).map(|result| result.cutoff_hz);
@@ -462,14 +463,14 @@ impl<D: Fn() + Sync> Search<'_, D> {
     }
 }
 
-/// The cutoff halfway between two that are not [`NEAR`] each other.
+/// The middle of two cutoffs; `None` if their ratio is within [`NEAR`].
 fn between(one_hz: f64, other_hz: f64) -> Option<f64> {
     let (low, high) = (one_hz.min(other_hz), one_hz.max(other_hz));
     let half = tidy(libm::sqrt(low * high));
     (high / low > NEAR && half > low && half < high).then_some(half)
 }
 
-/// A cutoff that a person would type.
+/// The cutoff rounded to two digits.
 fn tidy(hz: f64) -> f64 {
     rounded(hz, 2)
 }

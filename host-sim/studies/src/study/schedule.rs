@@ -1,4 +1,4 @@
-//! Work that takes long, on all threads: what takes longest begins first, so that no thread waits for it in the end.
+//! Long work on all threads. The longest parts begin first, so that no thread waits for them at the end.
 
 use std::{
     cmp::Reverse,
@@ -7,19 +7,19 @@ use std::{
 
 use rayon::prelude::*;
 
-/// How long a search takes, roughly.
+/// Approximate duration of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Length {
     /// One parameter, in lanes.
     Short,
     /// Several parameters or estimators, in lanes.
     Long,
-    /// Hit by hit, without lanes.
+    /// Any estimator without lanes, hit by hit.
     Longest,
 }
 
-/// Makes a result for each of `lengths` on all threads of the current pool, the longest begun first; in the order of
-/// `lengths`.
+/// Makes a result for each of `lengths` on all threads of the current pool. The longest begin first. The results are in
+/// the order of `lengths`.
 pub fn longest_first<T: Send>(lengths: &[Length], make: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let mut order: Vec<usize> = (0..lengths.len()).collect();
     order.sort_by_key(|n| Reverse(lengths[*n]));

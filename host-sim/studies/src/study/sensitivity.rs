@@ -1,8 +1,8 @@
-//! How the ideal cutoff moves with what a study has to assume.
+//! Sensitivity of the ideal cutoff to the assumptions of a study.
 //!
-//! The recommendation is not a property of the device alone: it moves with the RMS limit, with
-//! whether the wall may pull, with the latency, with the output rate and with the impact speed.
-//! Each variant changes one of them and leaves the rest of the scene as it is; each stands by motor and by hand.
+//! The ideal cutoff does not depend on the device alone. It also depends on the RMS limit, on whether the wall may
+//! pull, on the latency, on the output rate and on the impact speed. Each variant changes one of these and keeps the
+//! rest of the scene. Each variant is walked with a push by motor and by hand.
 
 use crate::{
     error::Error,
@@ -15,14 +15,14 @@ use crate::{
 pub struct Variant {
     /// Short name, for files.
     pub name: String,
-    /// What is different, for people.
+    /// Description of the change, for people.
     pub change: String,
     /// The changed scene, prepared.
     pub prepared: PreparedScene,
 }
 
-/// The variants of a scene. One that changes nothing (half a latency of zero, half of an odd period) or leaves the accepted
-/// ranges (twice a latency of 600 samples) is left out.
+/// The variants of a scene. A variant without a change (half of a latency of zero, half of an odd period) is left out.
+/// A variant out of the accepted ranges (twice a latency of 600 samples) is left out too.
 ///
 /// # Errors
 /// A variant's value is out of range.
@@ -42,7 +42,7 @@ pub fn variants(scene: &Scene) -> Result<Vec<Variant>, Error> {
         if name != other {
             variants.push(Variant { name: name.into(), change: change.clone(), prepared });
         }
-        // the same force on a free handle: it reaches the wall as well
+        // With the same force, a free handle also reaches the wall.
         changed.wall_hit.push_by = push_by;
         if scene.arm.is_none() && changed.check().is_ok() {
             let (name, change) = match name == other {
@@ -102,7 +102,7 @@ mod tests {
         assert_eq!(find("output_rate_double").actuator.period, 5);
         assert_eq!(find("slower_impact").device.start_position_m, 0.035);
         assert!(!find("push_only_flipped").wall.push_only);
-        scene.actuator.period = 3; // twice the rate would be every 1.5 samples
+        scene.actuator.period = 3; // twice the rate would need a period of 1.5 samples
         assert!(!names(&scene).iter().any(|name| name == "output_rate_double"));
         scene.actuator.latency = 600.0;
         assert!(!names(&scene).iter().any(|name| name == "latency_double"));

@@ -1,9 +1,8 @@
-//! The study over cutoffs: boundaries with repeats, areas with their spread, the ideal cutoff and
-//! the range that the repeats cannot tell from it.
+//! The sweep over cutoffs: boundaries with repeats, areas with their spread, and the ideal cutoff with the range of
+//! cutoffs that the repeats cannot distinguish from it.
 //!
-//! At its edge the boundary is chaotic: moving the start by a fraction of a count moves one walk's
-//! area by 0.2 to 2 %. So every walk is repeated from starts spread over one count, and the
-//! result is the mean with its low and high.
+//! Near the boundary a hit is chaotic: a start that differs by a fraction of a count changes a walk's area by 0.2 to 2
+//! %. So every walk is repeated from starts spread over one count. The result is the mean with its low and high.
 
 use std::sync::atomic::AtomicBool;
 
@@ -33,7 +32,8 @@ pub struct CutoffResult {
     pub true_cutoff_hz: f64,
     /// One boundary per repeat, the first from the scene's own start.
     pub boundaries: Boundaries,
-    /// Where no walk has a stable first point: the settle time with which it is stable, s, if there is one.
+    /// Settle time after which the first point is stable, s. Only computed if no walk has a stable first point; `None`
+    /// if no settle time helps.
     pub settles_in_s: Option<f64>,
 }
 
@@ -41,7 +41,7 @@ pub struct CutoffResult {
 pub struct SweepResult {
     /// Results by cutoff, ascending.
     pub cutoffs: Vec<CutoffResult>,
-    /// The recommendation; `None` if no cutoff has a stable wall.
+    /// The ideal cutoff; `None` if no cutoff has a stable wall.
     pub ideal: Option<Ideal>,
 }
 
@@ -49,19 +49,19 @@ pub struct SweepResult {
 pub struct Ideal {
     /// The smallest cutoff whose mean area is at least 98 % of the largest, Hz.
     pub cutoff_hz: f64,
-    /// Lowest and highest of the cutoffs that the repeats cannot tell from one that is as good, Hz.
+    /// Lowest and highest cutoff that the repeats cannot distinguish from an equally good one, Hz.
     pub range_hz: [f64; 2],
-    /// What the range rests on.
+    /// Basis of the range.
     pub basis: RangeBasis,
 }
 
-/// What the range of the ideal cutoff rests on.
+/// Basis of the range of the ideal cutoff.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RangeBasis {
-    /// Welch's t-test, one-sided at [`LEVEL`], does not show the mean area to be below 98 % of the
-    /// largest. More repeats make the range narrower, down to the cutoffs that really are as good.
+    /// Welch's t-test (one-sided at [`LEVEL`]) does not show the mean area to be below 98 % of the largest. More
+    /// repeats make the range narrower, until it contains only equally good cutoffs.
     Repeats,
-    /// There are no repeats: the area is at least 98 % of the largest.
+    /// The area is at least 98 % of the largest, because there are no repeats.
     WithinTwoPercent,
 }
 
@@ -74,22 +74,22 @@ impl RangeBasis {
     }
 }
 
-/// Neighbouring cutoffs whose ratio is above this one are far apart.
+/// Neighbouring cutoffs with a larger ratio are too far apart.
 const COARSE: f64 = 1.3;
 
-/// Which walks a study makes.
+/// The walks of a study.
 #[derive(Clone, Debug)]
 pub struct Plan<'a> {
-    /// What errors call it.
+    /// Name in error messages.
     pub name: &'a str,
     pub prepared: &'a PreparedScene,
     /// Velocity filters, from the lowest cutoff to the highest.
     pub filters: &'a [VelocitySettings],
 }
 
-/// Makes several studies at once: with every filter of every plan `repeats` walks (one or more), on
-/// all threads of the current pool. `done` is called after each walk, from any thread. The result
-/// depends neither on the number of threads nor on `engine`.
+/// Makes several studies at once: `repeats` walks (one or more) with every filter of every plan, on all threads of the
+/// current pool. `done` is called after each walk, from any thread. The result does not depend on the number of threads
+/// or on `engine`.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
@@ -112,7 +112,7 @@ pub fn sweep(
             let boundaries =
                 made.by_ref().take(repeats as usize).collect::<Result<Boundaries, _>>()?;
             let unstable = boundaries.iter().all(|boundary| boundary.ended.is_none());
-            // a study of quiet walls looks for another first point itself
+            // A study of quiet walls searches for another first point itself.
             let settles_in_s = match unstable && criterion != Criterion::Quiet {
                 true => settles_in_s(plan.prepared, numeric, &first_hit(plan.prepared, velocity)),
                 false => None,
@@ -125,17 +125,17 @@ pub fn sweep(
     .collect()
 }
 
-/// Where a repeat starts: `repeat / repeats` of a count beyond the scene's start.
+/// Start of a repeat: `repeat / repeats` of a count from the scene's start.
 pub fn start_offset_counts(repeat: u32, repeats: u32) -> f64 {
     f64::from(repeat) / f64::from(repeats)
 }
 
-/// Where all repeats start.
+/// Starts of all repeats.
 pub fn starts(repeats: u32) -> Vec<f64> {
     (0..repeats).map(|repeat| start_offset_counts(repeat, repeats)).collect()
 }
 
-/// Each cutoff once, from low to high.
+/// Each cutoff once, ascending.
 pub fn ascending(cutoffs_hz: &[f64]) -> Vec<f64> {
     let mut sorted = cutoffs_hz.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -143,7 +143,7 @@ pub fn ascending(cutoffs_hz: &[f64]) -> Vec<f64> {
     sorted
 }
 
-/// The scene's filters at those cutoffs, each once, from low to high; its only one where it has no cutoff.
+/// The scene's filters at these cutoffs, each once, ascending. The only filter if it has no cutoff.
 pub fn filters(velocity: &VelocityTable, cutoffs_hz: &[f64]) -> Vec<VelocitySettings> {
     match velocity.has_cutoff() {
         true => ascending(cutoffs_hz).into_iter().map(|hz| velocity.at(hz)).collect(),
@@ -152,7 +152,7 @@ pub fn filters(velocity: &VelocityTable, cutoffs_hz: &[f64]) -> Vec<VelocitySett
 }
 
 impl CutoffResult {
-    /// Of walks that nothing more is known of.
+    /// The result of walks without further information.
     pub(super) fn of(velocity: VelocitySettings, rate_hz: f64, boundaries: Boundaries) -> Self {
         let cutoff_hz = velocity.cutoff_hz().unwrap_or_default();
         let true_cutoff_hz = velocity.true_cutoff_hz(rate_hz).unwrap_or_default();
@@ -180,13 +180,13 @@ fn ideal(cutoffs: &[CutoffResult]) -> Option<Ideal> {
 }
 
 impl SweepResult {
-    /// The result of those cutoffs, ascending.
+    /// The result of these cutoffs, which are ascending.
     pub fn of(cutoffs: Vec<CutoffResult>) -> Self {
         let ideal = ideal(&cutoffs);
         Self { cutoffs, ideal }
     }
 
-    /// The ideal range touches the first or the last cutoff, so it may go on beyond.
+    /// Whether the ideal range reaches the first or the last cutoff, so it may continue beyond.
     pub fn ends_at_edge(&self) -> bool {
         let (Some(ideal), Some(first), Some(last)) =
             (self.ideal, self.cutoffs.first(), self.cutoffs.last())
@@ -196,7 +196,7 @@ impl SweepResult {
         ideal.range_hz[0] == first.cutoff_hz || ideal.range_hz[1] == last.cutoff_hz
     }
 
-    /// That areas of the ideal range are cut.
+    /// A note if areas in the ideal range are cut.
     fn cut_range(&self) -> Option<String> {
         let [low, high] = self.ideal?.range_hz;
         let within = |result: &&CutoffResult| (low..=high).contains(&result.cutoff_hz);
@@ -215,7 +215,7 @@ impl SweepResult {
         })
     }
 
-    /// That the cutoffs beside the ideal range are far from it.
+    /// A note if the cutoffs beside the ideal range are far from it.
     fn coarse_range(&self) -> Option<String> {
         let [low, high] = self.ideal?.range_hz;
         let cutoffs = self.cutoffs.iter().map(|result| result.cutoff_hz);
@@ -232,7 +232,7 @@ impl SweepResult {
         Some(format!("the cutoffs that were tried are far apart: the ideal range may {ends}"))
     }
 
-    /// What a reader must know beside the numbers, one sentence each.
+    /// Notes for the reader, one sentence each.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = vec![];
         for result in &self.cutoffs {
@@ -286,7 +286,7 @@ mod tests {
         CutoffResult::of(VelocitySettings::ButterworthPrewarped { cutoff_hz }, 1e4, boundaries)
     }
 
-    /// Areas of that mean, spread evenly over +-1 %.
+    /// Areas with this mean, spread evenly over +-1 %.
     fn spread(mean: f64, repeats: u32) -> Vec<f64> {
         let place = |n: u32| f64::from(2 * n + 1) / f64::from(repeats) - 1.0;
         (0..repeats).map(|n| mean * (1.0 + 0.01 * place(n))).collect()
@@ -328,7 +328,7 @@ mod tests {
             notes.contains("rests on areas that are cut") && notes.contains("1 of its 1"),
             "{notes}"
         );
-        // a cut area outside the range is no matter of the range
+        // A cut area outside the range does not affect the range.
         let notes = of(&[(900.0, 50.0, Some(Ended::DampingMax)), plain[1], plain[2]]);
         assert!(!notes.contains("rests on"), "{notes}");
         let notes = of(&[(500.0, 50.0, closed), plain[1], (2000.0, 60.0, closed)]);
@@ -358,7 +358,7 @@ mod tests {
         assert_eq!((widths[0], widths[6]), (1000.0, 300.0));
     }
 
-    /// The files of a sweep are made of this: it must not depend on engine, backend or threads.
+    /// A sweep's files come from this result, so it must not depend on engine, backend or threads.
     #[test]
     fn a_sweep_is_the_same_on_every_backend_and_any_number_of_threads() {
         let available = Backend::ALL.into_iter().filter(|backend| backend.is_available());

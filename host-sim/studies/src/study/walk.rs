@@ -1,4 +1,4 @@
-//! The boundary of the stable walls at one cutoff, followed by the core's walk.
+//! Walks along the boundary of the stable walls at one cutoff, with the core's walk.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -15,9 +15,8 @@ use crate::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
-/// Follows the boundary with the filter `velocity`. A first point that is unstable gives an empty boundary; a
-/// hit that leaves the core's range counts as unstable.
-/// `stop` is looked at between two hits.
+/// Walks along the boundary with the filter `velocity`. An unstable first point gives an empty boundary. A hit that
+/// leaves the core's range counts as unstable. `stop` is read between two hits.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
@@ -35,10 +34,10 @@ pub fn walk(
     found
 }
 
-/// [`walk`] by other hits, one by one.
+/// Like [`walk`], but each hit is made by the caller's function.
 ///
 /// # Errors
-/// As [`walk`].
+/// An error of [`walk`].
 pub fn walk_with(
     prepared: &PreparedScene,
     velocity: VelocitySettings,
@@ -63,8 +62,8 @@ pub fn first_hit(prepared: &PreparedScene, velocity: VelocitySettings) -> WallHi
     Progress::new(prepared, velocity, 0.0).hit()
 }
 
-/// The settle time with which a wall that is unstable in the window is stable: the handle was still coming to rest.
-/// `None` if more time does not help.
+/// A longer settle time with which an unstable wall becomes stable, because the handle needed more time to come to
+/// rest. `None` if more time does not help.
 pub fn settles_in_s(prepared: &PreparedScene, numeric: Numeric, hit: &WallHit) -> Option<f64> {
     let mut scene = prepared.scene().clone();
     if scene.wall_hit.protocol != Protocol::Paper {
@@ -79,7 +78,7 @@ pub fn settles_in_s(prepared: &PreparedScene, numeric: Numeric, hit: &WallHit) -
     })
 }
 
-/// How many times settling and window together a wall is given before it is called unstable for good.
+/// Tried extensions, in multiples of settle time plus window. If none helps, the wall is unstable.
 const SETTLE_LONGER: [f64; 3] = [1.0, 3.0, 10.0];
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
-//! Many walks in the lanes of one thread. A lane runs the next hit of a walk that waits for one; if none waits, it begins
-//! another walk; if there is none, it runs a hit that a walk may ask for later ([`super::ahead`]).
+//! Many walks in the lanes of one thread. A lane runs the next hit of a waiting walk. If no walk waits, it begins
+//! another walk. If there is none, it runs a hit that a walk may need later ([`super::ahead`]).
 
 use std::{
     collections::BTreeMap,
@@ -21,19 +21,19 @@ use crate::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
-/// Where a walk begins.
+/// Start of a walk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
     pub velocity: VelocitySettings,
-    /// Counts beyond the scene's start.
+    /// Distance from the scene's start, counts.
     pub start_offset_counts: f64,
 }
 
-/// Walks of one scene that wait for a lane, in any thread.
+/// Walks of one scene that wait for a lane, for all threads.
 pub struct Queue<'a> {
     pub prepared: &'a PreparedScene,
     pub starts: &'a [Start],
-    /// How many have begun.
+    /// Number of walks that have begun.
     begun: AtomicUsize,
 }
 
@@ -42,16 +42,16 @@ impl<'a> Queue<'a> {
         Self { prepared, starts, begun: AtomicUsize::new(0) }
     }
 
-    /// The next walk. The last one first: its cutoff is the highest, its walk long, and a long walk that
-    /// begins late leaves lanes empty.
+    /// The next walk, beginning with the last of the queue. It has the highest cutoff and is long. A long walk that
+    /// begins late would leave lanes empty.
     fn next(&self) -> Option<usize> {
         let begun = self.begun.fetch_add(1, Ordering::Relaxed);
         self.starts.len().checked_sub(begun + 1)
     }
 }
 
-/// Makes walks of the queue in the lanes of this thread until none is left or `stop` is set. `done` gets
-/// each with its place in the queue.
+/// Makes walks of the queue in the lanes of this thread until none is left or `stop` is set. `done` gets each result
+/// with its index in the queue.
 pub fn walks(
     engine: Engine,
     numeric: Numeric,
@@ -64,12 +64,12 @@ pub fn walks(
     run(engine, queue.prepared, numeric, Depth::Verdict, &mut work);
 }
 
-/// Results by queue and number.
+/// Results by index of the queue, and by index in the queue.
 pub(super) type Made = Vec<((usize, usize), Result<Boundary, Error>)>;
 
-/// `work` through all queues on each thread of the current pool; each thread begins with another queue, so that fewer
-/// of them share the end of one. Every walk runs to its end or to the interruption, so that the error that is reported
-/// is the first in this order, not the first in time.
+/// Calls `work` for all queues on each thread of the current pool. Each thread begins with another queue, so that fewer
+/// threads share the end of a queue. Every walk runs to its end or to the interruption. So the reported error is the
+/// first in order, not the first in time.
 pub(super) fn on_all_threads(
     queues: usize,
     work: impl Fn(usize, &mut Made) + Sync,
@@ -86,8 +86,8 @@ pub(super) fn on_all_threads(
     made.into_iter().collect()
 }
 
-/// The walks of several scenes on all threads of the current pool, in order. The result depends neither on the number
-/// of threads nor on the engine; `done` is called after each walk.
+/// The walks of several scenes on all threads of the current pool, in order. The result does not depend on the number
+/// of threads or on the engine. `done` is called after each walk.
 ///
 /// # Errors
 /// `stop` was set.
@@ -124,17 +124,17 @@ struct Walks<'a, D> {
     queue: &'a Queue<'a>,
     numeric: Numeric,
     stop: &'a AtomicBool,
-    /// By their place in the queue.
+    /// Running walks by their index in the queue.
     running: BTreeMap<usize, Running>,
-    /// The walk and the cell that each lane has.
+    /// The walk and the cell of each lane.
     lanes: Vec<Option<(usize, Cell)>>,
-    /// The boundary that was found last.
+    /// The boundary of the walk that ended last.
     last: Guide,
     done: D,
 }
 
 impl<D: FnMut(usize, Result<Boundary, Error>)> Walks<'_, D> {
-    /// What a free lane runs.
+    /// The next walk and cell for a free lane.
     fn choose(&mut self) -> Option<(usize, Cell)> {
         let waits = |(number, walk): (&usize, &Running)| {
             let cell = walk.progress.walk().cell();
@@ -183,7 +183,7 @@ impl<D: FnMut(usize, Result<Boundary, Error>)> Work for Walks<'_, D> {
 
     fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>) {
         let Some((number, cell)) = self.lanes.get_mut(lane).and_then(Option::take) else { return };
-        // a walk that is over no longer asks
+        // A finished walk needs no more verdicts.
         let Some(walk) = self.running.get_mut(&number) else { return };
         walk.running.retain(|other| *other != cell);
         walk.known.insert(place(cell), outcome.map(|outcome| outcome.verdict));

@@ -1,16 +1,16 @@
-//! Ways to advance the plant: what each gets wrong, and what it costs.
+//! Errors and cost of the methods to advance the plant.
 //!
 //! | what | how |
 //! |------|-----|
-//! | trajectory | the commands of one wall hit in the middle of the stable walls are replayed; largest distance from the reference's position |
-//! | verdicts | hits one and two steps of K on both sides of the boundary: how many end otherwise than with the reference |
-//! | boundary | area of the walks on a grid [`COARSER`] times the scene's, from two starts, against the reference's |
-//! | cost | steps that were tried (an adaptive method repeats some, an event takes several) times the additions and multiplications of a step, per simulated second |
+//! | trajectory | the commands of one wall hit inside the boundary are replayed; largest distance from the reference's position |
+//! | verdicts | hits at one and two steps of K on both sides of the boundary: number of verdicts that differ from the reference's |
+//! | boundary | area of the walks from two starts on a grid [`COARSER`] times the scene's, compared with the reference's |
+//! | cost | tried steps (an adaptive method repeats some, an event takes several) times the additions and multiplications of a step, per simulated second |
 //!
-//! The reference is the exact step; on a plant that is not linear it is the adaptive method at its least tolerance.
-//! At the edge of the boundary a hit is chaotic. How many verdicts and how much area change when the reference's own start is
-//! moved by [`NUDGE_COUNTS`], as the repeats of a sweep move it, is given beside: a method that changes less does not
-//! change the answer.
+//! The reference is the exact step. On a non-linear plant the reference is the adaptive method with its smallest
+//! tolerance. At the boundary a hit is chaotic. So a second reference starts [`NUDGE_COUNTS`] away, as the repeats of a
+//! sweep do. Its changes of verdicts and area are reported too. A method with smaller changes does not change the
+//! answer.
 
 mod replay;
 
@@ -31,21 +31,21 @@ use crate::{
     study::{sweep::start_offset_counts, walk::walk},
 };
 
-/// The walk's steps of K and B are so many times the scene's.
+/// Steps of K and B, in steps of the scene's walk.
 pub const COARSER: f64 = 4.0;
-/// Starts of the walks.
+/// Number of starts of the walks.
 const REPEATS: u32 = 2;
-/// Points of the boundary beside which hits are compared, and where in steps of K.
+/// Number of points of the boundary, and distances of the compared hits from each point, in steps of K.
 const POINTS: usize = 8;
 const BESIDE: [f64; 4] = [-2.0, -1.0, 1.0, 2.0];
-/// How far the reference's start is moved to see what chaos does, counts.
+/// Change of the reference's start to show the effect of chaos, counts.
 pub const NUDGE_COUNTS: f64 = 0.25;
-/// Steps of equal length per sample.
+/// Numbers of equal steps per sample.
 const STEPS: [u32; 6] = [1, 2, 5, 10, 20, 50];
-/// Relative tolerances, and absolute ones of positions in m.
+/// Relative tolerances, and absolute tolerances of positions, m.
 const TOLERANCES: [[f64; 2]; 4] = [[1e-3, 1e-9], [1e-6, 1e-12], [1e-9, 1e-15], [1e-12, 1e-18]];
 
-/// A way to advance the plant.
+/// A method to advance the plant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Method {
     /// Exact, by the matrix exponential.
@@ -54,7 +54,7 @@ pub enum Method {
 }
 
 impl Method {
-    /// All that a scene can ask for, the reference first.
+    /// All methods that a scene can ask for. The reference is the first.
     pub fn all(scene: &Scene) -> Vec<Self> {
         let adaptive =
             TOLERANCES.iter().rev().map(|&[relative_tolerance, absolute_tolerance_m]| {
@@ -77,7 +77,7 @@ impl Method {
         }
     }
 
-    /// Steps per sample, or relative tolerance.
+    /// Steps per sample, or the relative tolerance.
     pub fn setting(self) -> Option<f64> {
         match self {
             Self::Exact => None,
@@ -104,8 +104,8 @@ impl Method {
         AnyPlant::unsensed(&self.scene(scene), 1.0 / scene.control.rate_hz, fraction)
     }
 
-    /// Additions and multiplications of one step of a linear plant of `states` states; of a whole sample for the exact one.
-    /// What non-linear elements add is not counted.
+    /// Additions and multiplications of one step of a linear plant with `states` states. For the exact method, a step
+    /// is a whole sample. Operations of non-linear elements are not counted.
     pub fn operations(self, states: usize) -> f64 {
         #[expect(clippy::cast_precision_loss, reason = "2 to 7")]
         let n = states as f64;
@@ -115,14 +115,14 @@ impl Method {
             Self::Integrated(Integrator::SemiImplicitEuler { .. }) => rate + 2.0 * n + n,
             Self::Integrated(Integrator::Rk4 { .. }) => 4.0 * rate + 3.0 * 2.0 * n + 6.0 * n,
             Self::Integrated(Integrator::DormandPrince { .. }) => {
-                // seven rates, 21 + 7 weights, six ends of stages, the error's share of the tolerance
+                // Seven rates, 21 + 7 weights, six stage ends, and the ratio of error to tolerance.
                 7.0 * rate + 2.0 * n * (21.0 + 7.0 + 6.0) + 5.0 * n
             }
         }
     }
 }
 
-/// What was measured of a method.
+/// Measured values of one method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlantMeasured {
     /// Largest distance from the reference's position, m.
@@ -131,9 +131,9 @@ pub struct PlantMeasured {
     pub verdicts_wrong: usize,
     /// Mean area, N^2 s/m^2.
     pub area: f64,
-    /// Against the reference's, relative.
+    /// Relative change of the area from the reference's.
     pub area_change: f64,
-    /// Steps tried per sample; one for the exact step.
+    /// Tried steps per sample; one for the exact step.
     pub steps_per_sample: f64,
     /// Additions and multiplications per simulated second.
     pub operations_per_s: f64,
@@ -144,7 +144,7 @@ pub struct PlantMeasured {
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlantRow {
     pub method: Method,
-    /// What was measured, or why the method is refused.
+    /// Measured values, or the reason why the method is refused.
     pub measured: Result<PlantMeasured, String>,
 }
 
@@ -159,13 +159,13 @@ pub struct Plants {
     pub wall: [f64; 2],
     /// Hits that were compared.
     pub verdicts: usize,
-    /// Verdicts that change when the reference's start is moved by [`NUDGE_COUNTS`].
+    /// Verdicts that change if the start of the reference changes by [`NUDGE_COUNTS`].
     pub verdicts_chaotic: usize,
-    /// Change of the area by the same, relative.
+    /// Relative change of the area if the start of the reference changes by [`NUDGE_COUNTS`].
     pub area_chaotic: f64,
 }
 
-/// The scene's filter, at the cutoff in the middle of its sweep where it has one.
+/// The scene's estimator. If it has a cutoff, the cutoff is in the middle of the scene's sweep.
 pub fn filter(scene: &Scene) -> VelocitySettings {
     let cutoffs = &scene.sweep.cutoffs_hz;
     scene.velocity.at(cutoffs[cutoffs.len() / 2])
@@ -180,7 +180,7 @@ struct Reference<'a> {
     recorded: Recorded,
 }
 
-/// Measures all methods. `done` is called after each of them, and once before.
+/// Measures all methods. `done` is called once at the beginning, and after each method.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -230,7 +230,7 @@ pub fn measure(
     let (expected, nudged, area) = (expected?, nudged?, area?);
     let area_chaotic = area_nudged? / area - 1.0;
     done();
-    // the last, of most steps, take longest
+    // The last methods have the most steps and take longest, so they start first.
     let rows: Vec<Result<PlantRow, Error>> = methods
         .par_iter()
         .rev()
@@ -306,7 +306,7 @@ impl Reference<'_> {
         self.hits.par_iter().with_max_len(1).map(verdict).collect()
     }
 
-    /// Mean over the starts.
+    /// Mean area over the starts.
     fn area(&self, method: Method, nudge_counts: f64) -> Result<f64, Error> {
         let mut scene = method.scene(self.scene);
         scene.walk.stiffness_step_n_per_m *= COARSER;
@@ -344,7 +344,7 @@ mod tests {
         Method::Integrated(Integrator::Rk4 { steps_per_sample })
     }
 
-    /// A latency that is not whole splits the steps.
+    /// A latency that is no whole number of samples splits the steps.
     #[test]
     fn the_commands_of_a_hit_give_the_reference_the_same_hit() {
         let mut scene = NamedScene::load("paper-1um").unwrap().scene;
@@ -369,7 +369,7 @@ mod tests {
             let replayed = recorded.replay(&rk4(steps).plant(&scene));
             assert_eq!(replayed.steps, u64::from(steps) * 60_000);
         }
-        // an adaptive method tries some steps again, and needs more of them for less error
+        // An adaptive method repeats some steps, and needs more steps for a smaller error.
         let adaptive = |tolerance: f64| {
             let method = Method::Integrated(Integrator::DormandPrince {
                 relative_tolerance: tolerance,

@@ -1,4 +1,4 @@
-//! One hit's commands, given to another plant.
+//! Replays the commands of one hit on another plant.
 
 use std::time::Instant;
 
@@ -7,28 +7,28 @@ use crate::{
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
-/// A hit with the reference: where the handle was, and what was commanded.
+/// A hit with the reference method: positions of the handle, and commands.
 #[derive(Clone, Debug)]
 pub struct Recorded {
     start_m: f64,
-    /// At each sample, m.
+    /// Position at each sample, m.
     positions_m: Vec<f64>,
-    /// What takes effect within a sample, if something does, N.
+    /// Command that takes effect within a sample, N. `None` if there is no such command.
     commands_n: Vec<Option<f64>>,
 }
 
-/// What another plant made of it.
+/// Result of a replay on another plant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Replayed {
     /// Largest distance from the recorded position, m.
     pub error_m: f64,
-    /// Steps of the integrator that were tried.
+    /// Steps that the integrator tried.
     pub steps: u64,
     pub samples: u32,
 }
 
 impl Recorded {
-    /// Runs a whole hit with the core.
+    /// Runs a whole hit with the core, and records it.
     pub fn new(prepared: &PreparedScene, hit: &WallHit) -> Result<Self, HitError> {
         let samples = (prepared.plan().settle + prepared.plan().window) as usize;
         #[expect(
@@ -59,16 +59,16 @@ impl Recorded {
         for (position_m, command_n) in self.positions_m.iter().zip(&self.commands_n) {
             let error = (plant.position_m(&state) - position_m).abs();
             error_m = if error.is_nan() { f64::INFINITY } else { error_m.max(error) };
-            // a step is split where a command takes effect, and there only, as in the simulation
+            // As in the simulation, a step is split only where a command takes effect.
             state = advance(plant, &state, &mut acting_n, *command_n);
         }
         let samples = u32::try_from(self.positions_m.len()).unwrap_or(u32::MAX);
         Replayed { error_m, steps: plant.steps(&state), samples }
     }
 
-    /// Time of a sample of the plant alone on this machine, ns. It differs from run to run.
+    /// Time of the plant alone on this machine, ns per sample. The time differs from run to run.
     pub fn host_ns(&self, plant: &AnyPlant) -> f64 {
-        const RUNS: u32 = 3; // the least of them
+        const RUNS: u32 = 3; // the result is the least of the runs
         let timed = |_| each_plant!(plant, plant => self.timed(plant));
         (0..RUNS).map(timed).fold(f64::INFINITY, f64::min)
     }
@@ -87,7 +87,7 @@ impl Recorded {
     }
 }
 
-/// A sample on, in which `command_n` takes effect, if there is one.
+/// Advances by one sample. `command_n`, if any, takes effect within the sample.
 #[inline]
 fn advance<P: Plant>(
     plant: &P,

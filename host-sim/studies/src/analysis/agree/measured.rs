@@ -1,4 +1,4 @@
-//! The file of a walk: what `cargo board walk --csv` and `cargo sim walk --csv` write.
+//! Reads the walk file that `cargo board walk --csv` or `cargo sim walk --csv` writes.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use crate::{
     study::boundary::BoundaryPoint,
 };
 
-/// A walk that was measured.
+/// A measured walk.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measured {
     /// Nominal cutoff, Hz; 0 for an estimator without one.
@@ -22,16 +22,16 @@ pub struct Measured {
     pub points: Vec<BoundaryPoint>,
 }
 
-/// Its columns, of a linear scene.
+/// Columns of the file for a linear scene.
 const COLUMNS: [&str; 3] = ["cutoff_hz", "damping_n_s_per_m", "stiffness_n_per_m"];
-/// How far a B may lie from a step of the scene's walk, in steps.
+/// Largest distance of a measured B from a step of the scene's walk, in steps.
 const NEAR: f64 = 1e-3;
 
 impl Measured {
-    /// Reads a file in the scene's units.
+    /// Reads a file in the units of the scene.
     ///
     /// # Errors
-    /// [`Error::Input`] names the file, the line and what is wrong, and what is allowed.
+    /// [`Error::Input`] names the file, the line, the error, and what is allowed.
     pub fn load(path: &Path, scene: &NamedScene) -> Result<Self, Error> {
         let text = input::read_text(path, input::RECORD)?;
         Self::parse(&text, scene)
@@ -86,7 +86,7 @@ impl Measured {
     }
 }
 
-/// Which step of the scene's walk a B is; `None` if it is none.
+/// Step of the scene's walk at this B; `None` if there is no such step.
 pub(super) fn row_of(scene: &crate::scene::Scene, damping_n_s_per_m: f64) -> Option<usize> {
     let plan = scene.walk_plan();
     let steps = (damping_n_s_per_m - plan.damping_start_n_s_per_m) / plan.damping_step_n_s_per_m;

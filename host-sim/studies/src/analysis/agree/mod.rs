@@ -1,15 +1,19 @@
-//! A walk that was measured, beside the one that a scene predicts: do they agree, and if not, which number of the scene
+//! Compares a measured walk with the walk that a scene predicts. Do they agree? If not, which number of the scene
 //! explains the difference best?
 //!
-//! **Distance** of two walks: `sqrt(sum over B of max(0, |K - K'| - step)^2 / n)`, N/m, n the number of measured B. A step
-//! of K is what a walk cannot tell. Where only one of the walks reaches a B the other has K = 0 there.
+//! **Distance** of two walks, N/m: `sqrt(sum over B of max(0, |K - K'| - step)^2 / n)`, where n is the number of
+//! measured B. One step of K is subtracted, because a walk does not resolve less. If only one of the walks reaches a B,
+//! the other walk has K = 0 at this B.
 //!
-//! **Do they agree?** The scene is walked from nineteen starts over one count. They disagree if the measured walk is
-//! farther from the mean of these than each of them is from the mean of the others: of twenty walks that differ by their
-//! start only, the measured one is the farthest in one of twenty cases. So walks that agree are said to differ in 5 %.
+//! **Do they agree?** The scene is walked from nineteen starts over one count. The distance of each walk is taken from
+//! the mean of the other predicted walks. The walks disagree if the distance of the measured walk is larger than each
+//! of the others. Of twenty walks that differ only by their start, the measured one has the largest distance with a
+//! probability of one in twenty. So 5 % of agreeing walks are reported as different.
 //!
-//! **Which number?** Each [`Suspect`] is tried alone, at values around the scene's, then between the best three, then at the
-//! ends of the range that explains as much; four walks a value. What leaves no more than the walks of the scene among themselves explains the difference; several may.
+//! **Which number?** Each [`Suspect`] is changed alone. First it gets values around the scene's value, then values
+//! between the best three. Last, the search refines the ends of the range whose values explain as much as the best one.
+//! Each value takes four walks. A value explains the difference if the remaining distance is no larger than that among
+//! the scene's own walks. Several suspects may explain the difference.
 
 mod measured;
 mod suspects;
@@ -33,22 +37,22 @@ use crate::{
     study::{asked, boundary::BoundaryPoint, sweep::starts, walk::walk},
 };
 
-/// Walks of the scene as it is.
+/// Walks of the unchanged scene.
 pub const STARTS: u32 = 19;
 /// Walks of each value of a suspect.
 const STARTS_OF_A_VALUE: u32 = 4;
-/// Times that the interval around the best value, or around an end of the range, is halved.
+/// Number of times that an interval around the best value, or around an end of the range, is halved.
 const HALVINGS: usize = 3;
 
-/// One B of both walks, N s/m and N/m.
+/// B, N s/m, and K of both walks at this B, N/m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
     pub damping_n_s_per_m: f64,
-    /// Mean of the predicted K.
+    /// Mean predicted K.
     pub predicted: f64,
     pub predicted_low: f64,
     pub predicted_high: f64,
-    /// Measured K; 0 if that walk does not reach this B.
+    /// Measured K; 0 if the measured walk does not reach this B.
     pub measured: f64,
 }
 
@@ -57,15 +61,16 @@ pub struct Row {
 pub struct Tried {
     /// The number that was changed.
     pub suspect: Suspect,
-    /// The value in the middle of the range, of those that were tried.
+    /// The middle one of the tried values in the range.
     pub value: f64,
-    /// Smallest and largest value that was tried and explains as much: leaves the least, or no more than the scatter.
+    /// Smallest and largest tried value that explains as much. The remaining distance there is the minimum, or within
+    /// the scatter.
     pub range: [f64; 2],
-    /// The range ends at the first or the last value that was tried.
+    /// The range ends at the first or the last tried value.
     pub at_edge: bool,
     /// Distance between the walks that remains with this value, N/m.
     pub left: f64,
-    /// Mean predicted K with it, by row.
+    /// Mean predicted K with this value, for each row.
     pub predicted: Vec<f64>,
 }
 
@@ -79,12 +84,12 @@ pub struct Agreement {
     pub distance: f64,
     /// Largest distance of the scene's own walks, N/m.
     pub scatter: f64,
-    /// The suspects, smallest remaining distance first; empty if the walks agree.
+    /// The suspects, in ascending order of the remaining distance; empty if the walks agree.
     pub tried: Vec<Tried>,
 }
 
 impl Agreement {
-    /// Whether the walks differ by no more than their starts.
+    /// Whether the walks differ no more than walks from different starts.
     pub fn agrees(&self) -> bool {
         self.distance <= self.scatter
     }
@@ -94,7 +99,7 @@ impl Agreement {
         tried.left <= self.scatter
     }
 
-    /// Suspects that explain the whole difference, else the best one, if it explains a part.
+    /// The suspects that explain the whole difference. If there is none, the best suspect that explains a part.
     pub fn best(&self) -> Vec<&Tried> {
         let all: Vec<&Tried> = self.tried.iter().filter(|tried| self.explains(tried)).collect();
         match self.tried.first() {
@@ -104,7 +109,7 @@ impl Agreement {
     }
 }
 
-/// K of each step of B.
+/// K at each step of B.
 type Stiffnesses = Vec<f64>;
 
 struct Walker<'a, D> {
@@ -115,7 +120,7 @@ struct Walker<'a, D> {
 }
 
 impl<D: Fn() + Sync> Walker<'_, D> {
-    /// Walks from those starts, in counts.
+    /// Walks from `starts`, in counts.
     fn walk(&self, prepared: &PreparedScene, starts: &[f64]) -> Result<Vec<Stiffnesses>, Error> {
         let of = |&start: &f64| {
             let walk = walk(self.engine, prepared, Numeric::Fixed, self.velocity, start, self.stop);
@@ -125,7 +130,7 @@ impl<D: Fn() + Sync> Walker<'_, D> {
         starts.iter().map(of).collect()
     }
 
-    /// The same of a scene that may be none.
+    /// Walks of a changed scene; `None` if the scene is not allowed.
     fn tried(&self, scene: &Scene) -> Result<Option<Stiffnesses>, Error> {
         let starts = starts(STARTS_OF_A_VALUE);
         let Some(prepared) = scene.check().ok().and_then(|()| PreparedScene::new(scene).ok())
@@ -164,24 +169,24 @@ fn mean(walks: &[Stiffnesses]) -> Stiffnesses {
     (0..rows).map(|row| walks.iter().map(|walk| at(walk, row)).sum::<f64>() / number).collect()
 }
 
-/// Distance of two walks, of which the measured one has `measured` rows.
+/// Distance of two walks. `measured` is the number of measured rows.
 fn distance(one: &[f64], other: &[f64], step: f64, measured: usize) -> f64 {
     let beyond = |row| ((at(one, row) - at(other, row)).abs() - step).max(0.0);
     let squares = (0..one.len().max(other.len())).map(|row| beyond(row).powi(2));
     (squares.sum::<f64>() / measured as f64).sqrt()
 }
 
-/// Most walks that a comparison takes.
+/// Largest number of walks that a comparison can take.
 pub fn most_walks(scene: &Scene) -> u64 {
     let values = |suspect: Suspect| suspect.values.len() + 4 * HALVINGS;
     let values: usize = suspects(scene).into_iter().map(values).sum();
     u64::from(STARTS) + values as u64 * u64::from(STARTS_OF_A_VALUE)
 }
 
-/// Compares the walk in a file with the scene's.
+/// Compares the walk in a file with the scene's walk.
 ///
 /// # Errors
-/// The file cannot be read or is no walk of this scene, or as [`agree`].
+/// The file is unreadable or no walk of this scene, or an error of [`agree`].
 pub fn agree_with_file(
     engine: Engine,
     scene: &NamedScene,
@@ -199,7 +204,7 @@ pub fn agree_with_file(
     Ok((measured, found))
 }
 
-/// Compares a measured walk with the scene's. The answer depends neither on the number of threads nor on `engine`.
+/// Compares a measured walk with the scene's walk. The result does not depend on the number of threads or on `engine`.
 ///
 /// # Errors
 /// The cutoff is out of range, the handle does not reach the wall, or `stop` was set.
@@ -270,14 +275,14 @@ fn rows(scene: &Scene, own: &[Stiffnesses], predicted: &[f64], found: &[f64]) ->
     (0..predicted.len().max(found.len())).map(row).collect()
 }
 
-/// A value of a suspect, ascending in a list: what it leaves, and its walk.
+/// A value of a suspect, the remaining distance, and the walk with this value. Lists of values are ascending.
 struct Value {
     value: f64,
     left: f64,
     walk: Stiffnesses,
 }
 
-/// The best value of a suspect; `None` if the core takes no scene with it.
+/// The best value of a suspect; `None` if the core accepts no scene with this suspect.
 fn search(
     walker: &Walker<'_, impl Fn() + Sync>,
     scene: &Scene,
@@ -344,7 +349,8 @@ fn search(
     }))
 }
 
-/// The first and the last place around the best one that explain as much as it, or all.
+/// First and last index of the values around the best one that explain as much. Their remaining distance is no larger
+/// than that of the best one, or within the scatter.
 fn explaining(tried: &[Value], best: usize, scatter: f64) -> [usize; 2] {
     let least = tried[best].left.max(scatter);
     let good = |place: &usize| tried[*place].left <= least;

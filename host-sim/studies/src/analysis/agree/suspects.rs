@@ -1,4 +1,4 @@
-//! Numbers of a scene that may be wrong: one at a time, with the values that are tried first.
+//! Numbers of a scene that may be wrong. Each is changed alone, and has a list of first values.
 
 use crate::{
     numerics::integrator::Integrator,
@@ -8,39 +8,39 @@ use crate::{
     },
 };
 
-/// A number of the scene that may be another one in the device.
+/// A number of the scene that may differ in the device.
 #[derive(Clone, Debug)]
 pub struct Suspect {
     /// Name, as reports print it.
     pub name: &'static str,
-    /// The scene's key that it goes into, of a linear scene.
+    /// Key of a linear scene that holds the number.
     pub key: &'static str,
-    /// Unit of its values at the handle.
+    /// Unit of the values at the handle.
     pub unit: &'static str,
-    /// The scene's value; `None` if it lacks the element.
+    /// The scene's value; `None` if the scene does not have the element.
     pub own: Option<f64>,
-    /// Values that are tried first, ascending; all above 0.
+    /// First values, ascending; all are above 0.
     pub values: Vec<f64>,
     edit: fn(&mut Scene, f64),
 }
 
-/// Parts of the scene's own value.
+/// Factors of the scene's own value.
 const TIMES: [f64; 9] = [0.5, 0.7, 0.85, 0.95, 1.05, 1.15, 1.3, 1.5, 2.0];
 /// Bandwidths of amplifiers, Hz.
 const AMPLIFIERS_HZ: [f64; 8] = [50.0, 100.0, 200.0, 400.0, 800.0, 1500.0, 3000.0, 4900.0];
-/// Dry friction, of the full force.
+/// Dry friction, as a share of full force.
 const DRY: [f64; 6] = [0.002, 0.005, 0.01, 0.02, 0.05, 0.1];
 /// Noise of the encoder, counts RMS.
 const NOISE: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
-/// Latencies beside the scene's, in output periods.
+/// Added latencies, in output periods.
 const LATER: [f64; 8] = [0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5];
-/// Seed of a noise that the scene has not.
+/// Seed of the noise, if the scene has no noise.
 const SEED: u32 = 1;
-/// Stribeck speed of a friction that the scene has not, m/s: static and Coulomb's are the same.
+/// Stribeck speed of the friction, if the scene has no friction, m/s. Static and Coulomb friction are equal.
 const STRIBECK_M_PER_S: f64 = 1e-3;
 
-/// The motor's force is that much of what the scene says: as the board knows nothing of it, all else of the device is
-/// so much heavier. A count of another size does the same.
+/// The motor's force is `times` the scene's force. The board does not know this factor, so the rest of the device is
+/// divided by it. A count of another size has the same effect.
 fn force(scene: &mut Scene, times: f64) {
     scene.device.mass_kg /= times;
     scene.device.damping_n_s_per_m /= times;
@@ -94,7 +94,7 @@ pub fn suspects(scene: &Scene) -> Vec<Suspect> {
             scene.device.stiffness_n_per_m = k
         });
     }
-    // An arm or a second mass is no part of what the motor's force is divided by.
+    // The motor's force does not divide the mass of an arm or of a second body.
     if scene.arm.is_none() && scene.mode.is_none() {
         let (key, unit) = ("actuator.gain_n_per_v", "times the scene's");
         add("force per command", key, unit, Some(1.0), times(1.0), force);
@@ -127,14 +127,15 @@ pub fn suspects(scene: &Scene) -> Vec<Suspect> {
 }
 
 impl Suspect {
-    /// The scene with that value.
+    /// The scene with this value.
     pub fn with(&self, scene: &Scene, value: f64) -> Scene {
         let mut changed = scene.clone();
         (self.edit)(&mut changed, value);
         changed
     }
 
-    /// How far a value is from the scene's, relative; from no such element at all where it has none.
+    /// Relative distance of a value from the scene's value. If the scene does not have the element, the distance is
+    /// from a scene without the element.
     pub fn far(&self, value: f64) -> f64 {
         let none = || match (self.values.first(), self.values.last()) {
             (_, Some(last)) if self.name == "amplifier" => 2.0 * last,

@@ -1,7 +1,7 @@
 use super::*;
 use crate::scene::Units;
 
-/// The paper's device with few and large steps.
+/// The paper's device with a few large steps.
 fn scene() -> NamedScene {
     let mut named = NamedScene::load("paper-1um").unwrap();
     named.scene.walk.stiffness_step_n_per_m = 4000.0;
@@ -16,7 +16,7 @@ fn compared(named: &NamedScene, measured: &Measured) -> Agreement {
     agree(Engine::lanes(), named, measured, &stop, || ()).unwrap()
 }
 
-/// The walk of a scene, from a start that is none of those of the prediction.
+/// The walk of a scene. Its start is not a start of the prediction.
 fn measured(scene: &Scene, cutoff_hz: f64, start: f64) -> Measured {
     let (prepared, stop) = (PreparedScene::new(scene).unwrap(), AtomicBool::new(false));
     let filter = scene.velocity.at(cutoff_hz);
@@ -30,7 +30,7 @@ fn walks_of_the_same_scene_agree_but_for_one_in_twenty() {
     let farther = (0..20).filter(|n| {
         let start = f64::from(*n) / 20.0 + 0.013;
         let own = measured(&named.scene, 1500.0, start);
-        // Without the search: what is asked is whether there is a difference.
+        // The search is not needed here: the test only asks whether there is a difference.
         let agreement = compared(&named, &own);
         assert_eq!(agreement.tried.is_empty(), agreement.agrees());
         !agreement.agrees()
@@ -66,13 +66,13 @@ fn the_number_that_is_wrong_is_among_those_that_explain_the_difference() {
         assert!(best.iter().all(|tried| agreement.explains(tried)), "{name}");
         let found = best.iter().find(|tried| tried.suspect.name == name).expect(name);
         let [low, high] = found.range;
-        // An end of the range is known to one interval of the search.
+        // The search finds an end of the range to within one interval.
         assert!(NEAR * low <= value && value <= high / NEAR, "{name}: {low} to {high}");
         assert!(best.len() <= 4, "{name}: {} explain it", best.len());
     }
 }
 
-/// Of a range's ends.
+/// Tolerance of the ends of a range.
 const NEAR: f64 = 0.85;
 
 #[test]

@@ -1,4 +1,4 @@
-//! What `agree` finds, as rows and sentences.
+//! The result of `agree` as rows and sentences.
 
 use serde::Serialize;
 
@@ -8,7 +8,7 @@ use crate::{
     table::{self, Cell, Kind, Table},
 };
 
-/// All of it; docs/files.md has the keys.
+/// The whole result; docs/files.md has the keys.
 #[derive(Clone, Debug, Serialize)]
 pub struct Told<'a> {
     scene: &'a str,
@@ -24,7 +24,7 @@ pub struct Told<'a> {
 }
 
 impl<'a> Told<'a> {
-    /// Of a scene and a measured walk of that name.
+    /// The result for a scene and a measured walk with the name `name`.
     pub fn new(
         scene: &'a NamedScene,
         name: &'a str,
@@ -50,13 +50,13 @@ impl<'a> Told<'a> {
 #[derive(Clone, Debug, Serialize)]
 pub struct WallRow {
     pub damping_n_s_per_m: f64,
-    /// Mean of the predicted K.
+    /// Mean predicted K.
     pub predicted_n_per_m: f64,
     pub predicted_low_n_per_m: f64,
     pub predicted_high_n_per_m: f64,
-    /// Measured K; 0 if that walk does not reach this B.
+    /// Measured K; 0 if the measured walk does not reach this B.
     pub measured_n_per_m: f64,
-    /// With the best suspect; `None` if the walks agree.
+    /// K with the best suspect; `None` if the walks agree.
     pub explained_n_per_m: Option<f64>,
 }
 
@@ -64,33 +64,33 @@ pub struct WallRow {
 pub struct SuspectRow {
     /// Name, as reports print it.
     pub name: &'static str,
-    /// Its key in the scene.
+    /// The scene's key.
     pub key: String,
-    /// Unit of its numbers.
+    /// Unit of the numbers.
     pub unit: String,
-    /// What the scene says; `None` if it has none.
+    /// The scene's value; `None` if the scene does not have the element.
     pub scene: Option<f64>,
-    /// The one in the middle of the range.
+    /// The middle one of the tried values in the range.
     pub value: f64,
-    /// Smallest that explains as much.
+    /// Smallest value that explains as much.
     pub low: f64,
-    /// Largest that explains as much.
+    /// Largest value that explains as much.
     pub high: f64,
-    /// The range ends with what was tried.
+    /// The range ends at the first or the last tried value.
     pub at_edge: bool,
-    /// Distance that it leaves.
+    /// Remaining distance between the walks.
     pub left_n_per_m: f64,
-    /// Whether it explains all of the difference.
+    /// Whether the suspect explains all of the difference.
     pub explains: bool,
 }
 
-/// The key of a suspect as the scene has it.
+/// The suspect's key in the scene file.
 fn key_of(units: Units, tried: &Tried) -> String {
     let key = tried.suspect.key;
     if !units.is_rotary() {
         return key.into();
     }
-    // Of a rotary scene these are made of several keys.
+    // In a rotary scene, each of these numbers comes from several keys.
     match key {
         "device.mass_kg" => "rotary.handle_inertia_kg_m2".into(),
         "actuator.gain_n_per_v" => "rotary.torque_constant_n_m_per_a".into(),
@@ -114,7 +114,7 @@ impl Agreement {
         self.rows.iter().enumerate().map(row).collect()
     }
 
-    /// The same as a table.
+    /// The rows as a table.
     pub fn table(&self) -> Table {
         let columns: [table::Told<WallRow>; 6] = [
             ("damping_n_s_per_m", Kind::Number, |row| row.damping_n_s_per_m.into()),
@@ -127,10 +127,10 @@ impl Agreement {
         Table::of(&columns, &self.walls())
     }
 
-    /// The suspects, what leaves least first, their numbers in those units.
+    /// The suspects in ascending order of the remaining distance, with numbers in `units`.
     pub fn suspects(&self, units: Units) -> Vec<SuspectRow> {
         let row = |tried: &Tried| {
-            // An angle is told in rad, as the scene's key has it.
+            // An angle is reported in rad, as in the scene's key.
             let key = tried.suspect.key;
             let whole = key.ends_with("gain_n_per_v");
             let factor = match units.key(key) {
@@ -158,7 +158,7 @@ impl Agreement {
         self.tried.iter().map(row).collect()
     }
 
-    /// The answer, one sentence each.
+    /// The result as sentences.
     pub fn answers(&self, units: Units) -> Vec<String> {
         if self.agrees() {
             return vec![

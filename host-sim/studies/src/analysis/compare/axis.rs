@@ -1,12 +1,12 @@
-//! The tunings that a search may take: along the bandwidth, and along a second parameter, 0 to 1 each.
+//! Tunings that a search may try. One axis is the bandwidth, the other is a second parameter; both go from 0 to 1.
 //!
-//! **First axis**: the same decades of [bandwidth](super::bandwidth) for every estimator, `LOW` to
-//! half of the rate, as far as the core accepts the tuning. A window is the whole number nearest to it.
+//! **First axis**: for every estimator the same range of [bandwidth](super::bandwidth), from `LOW` to half the rate, as
+//! far as the core accepts the tuning. A window is rounded to a whole number.
 //!
-//! **Second axis**, even on a logarithmic scale: lambda of Levant's differentiator over sqrt(C), as far
-//! as the core accepts it, as does the quality of a low-pass; the damping of a biquad, 0.05 to 2; the second pole of
-//! smoothing, up to 100 times the first; the noise of adaptive windowing, 1/4 to 8 counts; the observer's mass, half
-//! to twice the device's.
+//! **Second axis**, with logarithmic scale: lambda of Levant's differentiator over sqrt(C), and the quality of a
+//! low-pass, both as far as the core accepts them; the damping of a biquad, 0.05 to 2; the second pole of smoothing, up
+//! to 100 times the first; the noise of adaptive windowing, 1/4 to 8 counts; the observer's mass, half to twice the
+//! device's.
 
 use zwidth::{
     Design, VelocitySettings,
@@ -15,11 +15,11 @@ use zwidth::{
 
 use super::bandwidth::bandwidth_hz;
 
-/// Lowest bandwidth that is searched, of the rate: 20 Hz at 10 kHz.
+/// Lowest bandwidth of the search, as a share of the rate: 20 Hz at 10 kHz.
 const LOW: f64 = 2e-3;
-/// Numbers beyond every tuning that the core accepts.
+/// An interval that contains every tuning that the core accepts.
 const TUNINGS: [f64; 2] = [1e-9, 1e12];
-/// Logarithmic halvings of the interval [`TUNINGS`].
+/// Number of logarithmic halvings of the interval [`TUNINGS`].
 const HALVINGS: u32 = 60;
 
 /// Tunings of one estimator.
@@ -29,20 +29,20 @@ pub struct Axes {
     design: Design,
     /// The tuning is a whole number.
     pub whole: bool,
-    /// Tuning at the lowest and at the highest bandwidth.
+    /// Tuning at the lowest and the highest bandwidth.
     pub tuning: [f64; 2],
     /// Lowest and highest bandwidth, Hz.
     pub bandwidth_hz: [f64; 2],
-    /// The core accepts nothing beyond each of these ends.
+    /// For each end, whether the core refuses every tuning beyond it.
     pub refused_beyond: [bool; 2],
     /// Lowest and highest second parameter.
     pub second: Option<[f64; 2]>,
-    /// The core accepts no second parameter outside `second`.
+    /// The core refuses a second parameter outside `second`.
     pub second_refused_beyond: bool,
 }
 
 impl Axes {
-    /// Axes of this estimator, whose settings the core must accept; `None` if it has nothing to tune.
+    /// Axes of an estimator with settings that the core accepts; `None` if the estimator has nothing to tune.
     pub fn new(start: &VelocitySettings, design: &Design, mass_kg: f64) -> Option<Self> {
         let (parameter, default) = start.tuning()?;
         let second = start.name().parameters()[1].and_then(|p| second_range(&p, mass_kg));
@@ -80,7 +80,7 @@ impl Axes {
         Some(axes)
     }
 
-    /// The estimator at a place of the axes.
+    /// The estimator's settings at a place on the axes.
     pub fn at(&self, [along, second]: [f64; 2]) -> VelocitySettings {
         let [low, high] = self.bandwidth_hz;
         let hz = low * (high / low).powf(along);
@@ -88,14 +88,14 @@ impl Axes {
         self.second.map_or(tuned, |[low, high]| tuned.with_second(low * (high / low).powf(second)))
     }
 
-    /// The place of the estimator's second parameter as it started.
+    /// Place of the second parameter before the search.
     pub fn start_second(&self) -> f64 {
         let (_, [_, before, ..]) = EstimatorName::of(&self.start);
         self.second.map_or(0.0, |[low, high]| (before / low).ln() / (high / low).ln())
     }
 
-    /// Its bandwidth off by a factor, and what that factor is: whole numbers reach their own only.
-    /// `None` where the core accepts no such tuning.
+    /// The settings with a bandwidth that is wrong by a factor, and the reached factor. A whole number cannot reach
+    /// every factor. `None` if the core refuses the tuning.
     pub fn off_by(
         &self,
         settings: &VelocitySettings,
@@ -123,7 +123,7 @@ impl Axes {
         Some((wrong, reached))
     }
 
-    /// Whether the core takes those settings.
+    /// Whether the core accepts these settings.
     pub fn accepts(&self, settings: &VelocitySettings) -> bool {
         settings.build(&self.design).is_ok()
     }
@@ -136,7 +136,7 @@ impl Axes {
         bandwidth_hz(&self.start.with_tuning(tuning), &self.design).ok()
     }
 
-    /// The tuning nearest to `far` that is accepted, `near` being accepted.
+    /// The accepted tuning nearest to `far`. `near` must be accepted.
     fn last_accepted(&self, near: f64, far: f64) -> f64 {
         let nearest = |tuning: f64| if self.whole { tuning.round() } else { tuning };
         let (mut good, mut bad) = (near, far);
@@ -147,7 +147,7 @@ impl Axes {
         nearest(good)
     }
 
-    /// The tuning of that bandwidth, within the ends.
+    /// The tuning with this bandwidth, within the ends.
     fn tuning_of(&self, hz: f64) -> f64 {
         let [low, high] = self.bandwidth_hz;
         if hz <= low {
@@ -162,7 +162,7 @@ impl Axes {
         self.between(self.tuning, hz).unwrap_or(self.tuning[0])
     }
 
-    /// The whole number between two whose bandwidth is nearest.
+    /// The whole number in an interval with the nearest bandwidth.
     fn nearest_whole(&self, [one, other]: [f64; 2], hz: f64) -> f64 {
         let (mut tuning, last) = (one.min(other), one.max(other));
         let (mut nearest, mut least) = (tuning, f64::INFINITY);
@@ -176,7 +176,7 @@ impl Axes {
         nearest
     }
 
-    /// The tuning of that bandwidth between two; `None` if it lies outside.
+    /// The tuning in an interval with this bandwidth; `None` if the interval does not contain it.
     fn between(&self, ends: [f64; 2], hz: f64) -> Option<f64> {
         let (mut slow, mut fast) = (ends[0], ends[1]);
         if self.bandwidth_at(slow)? > hz || self.bandwidth_at(fast)? < hz {
@@ -236,7 +236,7 @@ mod tests {
                     _ => ends[1] < wanted,
                 };
                 assert!(ends[0] >= 0.999 * 20.0 && ends[1] <= 5000.0);
-                // an end inside the decades is one that the core sets: one step on is refused
+                // If an end lies inside the search range, the core refuses the next step beyond the end.
                 if outside {
                     assert!(axes.refused_beyond[side], "{name:?} {ends:?}");
                     let other = axes.tuning[1 - side];
@@ -272,12 +272,12 @@ mod tests {
                 assert!((hz(&axes, &wrong) / hz(&axes, &best) / factor - 1.0).abs() < 1e-6);
             }
         }
-        // sqrt(C): 44 % of it
+        // The bandwidth is proportional to sqrt(C), so 20 % of bandwidth are 44 % of C.
         let levant = axes(EstimatorName::LevantImplicit);
         let best = EstimatorName::LevantImplicit.defaults();
         let (wrong, _) = levant.off_by(&best, 1.2).unwrap();
         assert!((wrong.tuning().unwrap().1 / (20.0 * 1.44) - 1.0).abs() < 1e-6);
-        // whole numbers: the nearest, never the same
+        // The nearest other whole number is taken, never the same one.
         let window = axes(EstimatorName::FoawEnd);
         let off = |samples: f64, factor| {
             let best = EstimatorName::FoawEnd.defaults().with_tuning(samples);
@@ -288,7 +288,7 @@ mod tests {
         assert_eq!(off(12.0, 1.0 / 1.2).unwrap().0, 14.0);
         assert!((off(2.0, 1.2).unwrap().1 - 2.0).abs() < 1e-6);
         assert_eq!(off(1.0, 1.2), None);
-        // beyond what the core accepts
+        // The core refuses this tuning.
         let fast = EstimatorName::TrackingLoop.defaults().with_tuning(2400.0);
         assert_eq!(axes(EstimatorName::TrackingLoop).off_by(&fast, 1.2), None);
     }

@@ -1,25 +1,26 @@
-//! One measure for the tunings of all estimators: the frequency at which what they make of the
-//! position is down by 3 dB. Searches cover the same decades of it, and a tuning is "wrong by 20 %"
-//! when it is.
+//! A common measure for the tunings of all estimators: the -3 dB frequency of the response from the position to the
+//! estimate. All searches cover the same range of this bandwidth. A tuning is "wrong by 20 %" if its bandwidth is wrong
+//! by 20 %.
 //!
 //! | estimator | its bandwidth |
 //! |-----------|---------------|
-//! | linear in the position | highest frequency at which `V(z) / (j w)` is above -3 dB; half the rate if it never falls so low |
-//! | observer, fusion | the same of their answer to the position alone: above it they go by force or acceleration |
-//! | adaptive windowing | the same with its longest window in use |
+//! | linear in the position | highest frequency at which `V(z) / (j w)` is above -3 dB; half the rate if it is always above |
+//! | observer, fusion | the same for their response to the position alone; above this frequency they follow force or acceleration |
+//! | adaptive windowing | the same with its longest window |
 //! | time stamps | the same with an edge in every sample |
-//! | Levant's differentiator | the same of the loop that an error of one count makes of it, below |
+//! | Levant's differentiator | the same for the equivalent linear loop at an error of one count, see below |
 //!
-//! **Levant's differentiator** has no bandwidth of its own, but errors of one size see one: for
-//! `e = sin(w t)` counts the describing functions of its terms are `4 / pi` of the sign and 1.1128 of
-//! the root (`2 / pi` times the integral of `sin^(3/2)` from 0 to pi), so that
+//! **Levant's differentiator** is nonlinear, so its bandwidth depends on the size of the error. For `e = sin(w t)`
+//! counts, the describing function of the sign term is `4 / pi`. That of the root term is 1.1128 (`2 / pi` times the
+//! integral of `sin^(3/2)` from 0 to pi). The equivalent linear loop is then:
 //!
 //! ```text
 //! V / (s X) = (p s + i) / (s^2 + p s + i),   p = 1.1128 lambda,   i = 4 alpha / pi     explicit
 //!                     i / (s^2 + p s + i)                                             implicit: u1
 //! ```
 //!
-//! By its homogeneity every frequency in it goes with sqrt(C): 20 % of bandwidth are 44 % of C.
+//! The differentiator is homogeneous, so all its frequencies are proportional to sqrt(C): 20 % of bandwidth are 44 % of
+//! C.
 
 use std::f64::consts::PI;
 
@@ -28,12 +29,12 @@ use zwidth::{Design, SettingsError, VelocitySettings, velocity::LevantDesign};
 
 use crate::analysis::linear::position_response;
 
-/// Lowest frequency that is looked at, of the rate.
+/// Lowest frequency of the grid, as a share of the rate.
 const LOWEST: f64 = 1e-5;
-/// Points from there to half the rate: 80 for a decade.
+/// Grid points from there to half the rate: 80 points per decade.
 const POINTS: u32 = 376;
 
-/// -3 dB frequency of what the estimator makes of the position, Hz.
+/// -3 dB frequency of the response from the position to the estimate, Hz.
 pub fn bandwidth_hz(settings: &VelocitySettings, design: &Design) -> Result<f64, SettingsError> {
     let of_rate = match *settings {
         VelocitySettings::LevantExplicit { acceleration_max_m_per_s2, lambda_ratio }
@@ -59,7 +60,7 @@ pub fn bandwidth_hz(settings: &VelocitySettings, design: &Design) -> Result<f64,
     Ok(of_rate * design.rate_hz)
 }
 
-/// Highest frequency, of the rate, at which a magnitude is above -3 dB.
+/// Highest frequency at which a magnitude is above -3 dB, as a share of the rate.
 fn highest(magnitude: impl Fn(f64) -> f64) -> f64 {
     let above = |of_rate: f64| magnitude(of_rate) >= 0.5f64.sqrt();
     let at = |n: u32| LOWEST * (0.5 / LOWEST).powf(f64::from(n) / f64::from(POINTS));
@@ -91,7 +92,7 @@ mod tests {
         let near = |got: f64, want: f64, within: f64| {
             assert!((got / want - 1.0).abs() < within, "{got} Hz, not {want}");
         };
-        // low enough for the difference itself not to count: sinc(200 / 10000) is 0.9993
+        // The frequency is so low that the difference has little effect: sinc(200 / 10000) is 0.9993.
         near(of(VelocitySettings::ButterworthPrewarped { cutoff_hz: 200.0 }), 200.0, 1e-3);
         near(of(VelocitySettings::TrackingLoop { bandwidth_hz: 200.0 }), 0.6436 * 200.0, 0.01);
         // sin(x) / x = 1 / sqrt(2) at x = 1.3916
@@ -104,12 +105,12 @@ mod tests {
         // (1 + 9 x^2) / (1 + x^2)^3 = 1/2 at x = 1.6426
         near(of(VelocitySettings::Fusion { crossover_hz: 20.0 }), 1.6426 * 20.0, 0.01);
         near(of(VelocitySettings::Observer { bandwidth_hz: 20.0, mass_kg: 0.416 }), 32.9, 0.01);
-        // sqrt(C), and the narrower for the integrator alone
+        // The bandwidth is proportional to sqrt(C). The integrator alone has a lower one.
         let levant = |name: EstimatorName, c| of(name.defaults().with_tuning(c).with_second(1.0));
         let [explicit, implicit] = [EstimatorName::LevantExplicit, EstimatorName::LevantImplicit];
         near(levant(implicit, 4.0) / levant(implicit, 1.0), 2.0, 1e-6);
         assert!(levant(implicit, 1.0) < levant(explicit, 1.0));
-        // never below -3 dB: the parabola through three samples
+        // The parabola through three samples is never below -3 dB.
         assert_eq!(of(VelocitySettings::Taylor2 {}), 5000.0);
     }
 }

@@ -1,17 +1,17 @@
-//! What an estimator costs on the Cortex-M4: measured on the virtual board, see docs/estimators.md.
+//! Cost of an estimator on the Cortex-M4, measured on the virtual board, see docs/estimators.md.
 
 use zwidth::velocity::EstimatorName;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cost {
-    /// Worst cycles of one update, zero wait states.
+    /// Worst-case cycles of one update, with zero wait states.
     pub cycles: f64,
     /// Bytes of state and coefficients.
     pub ram_bytes: f64,
 }
 
 impl Cost {
-    /// Of a row `name,cycles,ram_bytes` of a table.
+    /// Finds the row `name,cycles,ram_bytes` of a table.
     pub fn find(table: &str, name: &str) -> Option<Self> {
         let row = table.lines().find(|line| line.split(',').next() == Some(name))?;
         let mut cells = row.split(',').skip(1).map(str::parse);
@@ -19,7 +19,7 @@ impl Cost {
     }
 }
 
-/// The cost of that estimator, if it was measured; a test holds the table against the measurement.
+/// Cost of an estimator, if measured. A test compares the table with the measurement.
 pub fn of(name: EstimatorName) -> Option<Cost> {
     Cost::find(include_str!("../../../../data/estimator_cost.csv"), name.text())
 }

@@ -1,25 +1,24 @@
-//! Rendered against commanded impedance, `K + j w B` (Chawda, Celik, O'Malley, IEEE/ASME T-Mech 23(2),
-//! 2018, plot it over the Z-width).
+//! Rendered impedance against the commanded impedance `K + j w B`. Chawda, Celik and O'Malley (IEEE/ASME T-Mech 23(2),
+//! 2018) plot the fidelity over the Z-width.
 //!
-//! The handle is moved inside each of several walls by a sine, the very loop of the scene (encoder, estimator,
-//! wall, output period, latency) answers with a force, and the ratio of their Fourier coefficients is
-//! the impedance. The encoder rounds as the scene says, its periodic error, noise and jitter are there,
-//! and the amplifier's pole. Left out are saturation, the wall that never pulls, and the quantisation of
-//! the output ([`LEFT_OUT`]); mode, arm, friction, cogging and travel limits shape the motion, which is
-//! prescribed here.
+//! A sine moves the handle inside each of several walls. The loop of the scene (encoder, estimator, wall, output
+//! period, latency) responds with a force. The ratio of the Fourier coefficients of force and motion is the impedance.
+//! Included are the encoder's rounding, periodic error, noise and jitter, and the amplifier's pole. Not included are
+//! saturation, the rule that the wall never pulls, and the quantisation of the output ([`LEFT_OUT`]). Mode, arm,
+//! friction, cogging and travel limits would only change the motion, which is prescribed here.
 //!
-//! An estimator that needs a force is told the motor's as it is granted, as in the loop: the hand moves
-//! the handle, and of its force nobody knows.
+//! An estimator that needs a force gets the motor's force when it is granted, as in the loop. The hand moves the
+//! handle, and its force is not known.
 //!
-//! **The estimator's share.** Hold and latency of the loop shift the impedance for all alike. So the
-//! same loop runs beside it with the true velocity at the sample in place of the estimate; the distance
-//! between the two impedances is what the estimator adds.
+//! **The estimator's share.** Hold and latency of the loop shift the impedance equally for all estimators. So a second
+//! loop uses the true velocity at the sample instead of the estimate. The distance between both impedances is the error
+//! of the estimator.
 //!
-//! **One number.** Errors grow with the frequency, so a root of a mean of squares would be that of the
-//! highest one. The number is the geometric mean over all walls and [`FREQUENCIES_HZ`], evenly spaced on
-//! a logarithmic scale: half the error counts the same wherever it is. What is below [`FLOOR`] counts as
-//! that, since a hand tells two stiffnesses apart from some 10 % on (Jones and Hunter, Exp. Brain Res.
-//! 79, 1990, have 23 %). `fidelity.csv` has every point.
+//! **One number.** Errors grow with the frequency, so an RMS would be dominated by the highest frequency. The result is
+//! the geometric mean over all walls and [`FREQUENCIES_HZ`], which are evenly spaced on a logarithmic scale. So half
+//! the error counts the same at each frequency. An error below [`FLOOR`] counts as [`FLOOR`]: a hand distinguishes two
+//! stiffnesses only from some 10 % on (Jones and Hunter, Exp. Brain Res. 79, 1990: 23 %). `fidelity.csv` has every
+//! point.
 
 use std::{f64::consts::PI, sync::atomic::AtomicBool};
 
@@ -35,17 +34,17 @@ use crate::{
     scene::Scene,
 };
 
-/// Impedances that were rendered: geometric means over walls and frequencies, relative to the commanded
-/// one.
+/// Errors of the rendered impedances, relative to the commanded impedance. Each is a geometric mean over walls and
+/// frequencies.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fidelity {
     /// The whole error: `|rendered - commanded|`.
     pub error: f64,
-    /// `|rendered - rendered with the true velocity|`: error by the estimator.
+    /// `|rendered - rendered with the true velocity|`: error of the estimator.
     pub of_estimator: f64,
-    /// `|rendered with the true velocity - commanded|`: error by the loop, the same for every estimator.
+    /// `|rendered with the true velocity - commanded|`: error of the loop, the same for every estimator.
     pub of_loop: f64,
-    /// Errors at each wall and frequency, whose means the fields above are.
+    /// Errors at each wall and frequency. The fields above are their means.
     pub points: Vec<Point>,
 }
 
@@ -62,16 +61,16 @@ pub struct Point {
     pub of_loop: f64,
 }
 
-/// Frequencies at which the impedance is compared, Hz: what a hand does and feels of a wall. They are
-/// moved by up to a few parts in a thousand, so that no pattern of counts repeats in the record.
+/// Frequencies at which the impedance is compared, Hz: those of a hand's motion and touch at a wall. Each is shifted by
+/// up to a few parts in a thousand, so that no pattern of counts repeats in the record.
 pub const FREQUENCIES_HZ: [f64; 7] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0];
 /// A smaller error counts as this one.
 pub const FLOOR: f64 = 1e-3;
-/// What is not part of it, for people.
+/// Elements that are not included, for people.
 pub const LEFT_OUT: &str =
     "saturation, push-only, output quantisation, mode, arm, friction, cogging, travel limits";
 
-/// Measures that filter in that scene at those walls.
+/// Measures the filter `velocity` in the scene at these walls.
 ///
 /// # Errors
 /// A parameter is out of range, or `stop` was set.
@@ -118,7 +117,8 @@ fn at_wall(
     Ok(points)
 }
 
-/// Force against the motion over motion at one frequency, N/m: of the estimator, and of the true velocity in its place.
+/// Fourier coefficient of the force divided by that of the motion at one frequency, N/m: with the estimator, and with
+/// the true velocity.
 fn impedances(sine: &Sine<'_>) -> Result<[Complex<f64>; 2], Error> {
     let wall = sine.wall;
     let mut sums = [Complex::new(0.0, 0.0); 2];
@@ -129,7 +129,7 @@ fn impedances(sine: &Sine<'_>) -> Result<[Complex<f64>; 2], Error> {
             *sum += output.acts * force_n;
         }
     })?;
-    // the wall pushes back, hence the sign
+    // The wall pushes back, so the sign changes.
     Ok(sums.map(|sum| -sine.force_n(sum) / sine.motion()))
 }
 
@@ -155,7 +155,7 @@ mod tests {
         of(scene, 4000.0, &[WALL])
     }
 
-    /// The geometric mean, with its floor, of a relative error at each frequency.
+    /// Geometric mean of the relative errors at all frequencies, each at least the floor.
     fn mean(error: impl Fn(f64) -> f64) -> f64 {
         let logs = FREQUENCIES_HZ.map(|hz| error(hz).max(FLOOR).ln());
         (logs.iter().sum::<f64>() / 7.0).exp()
@@ -169,10 +169,10 @@ mod tests {
         scene.actuator.period = 1;
         let fast = at_4000(&scene);
         assert!(fast.error < 0.1 * late.error, "{fast:?} {late:?}");
-        // late by 1.5 ms, and nothing else
+        // The force is late by 1.5 ms, without other errors.
         let of_loop = mean(|hz| 2.0 * (PI * hz * 1.5e-3).sin());
         assert!((late.of_loop / of_loop - 1.0).abs() < 0.02, "{late:?} {of_loop}");
-        // the estimator's delay of 0.1 ms acts on B only
+        // The estimator's delay of 0.1 ms acts only on B.
         let share = mean(|hz| {
             let w = 2.0 * PI * hz;
             1.06e-4 * w * (50.0 * w) / 20_000f64.hypot(50.0 * w)
@@ -190,7 +190,7 @@ mod tests {
         assert!(other.of_estimator > 1.3 * one.of_estimator, "{other:?}");
         assert!((both.of_estimator / middle - 1.0).abs() < 1e-12);
         assert_eq!(both.points.len(), 14);
-        // one frequency ten times worse is not ten times worse in all
+        // An error ten times larger at one frequency does not make the mean ten times larger.
         let product: f64 = one.points.iter().map(|p| p.of_estimator.max(FLOOR)).product();
         assert!((one.of_estimator / product.powf(1.0 / 7.0) - 1.0).abs() < 1e-12);
     }
@@ -203,8 +203,8 @@ mod tests {
         scene.actuator.limit_v *= 50.0;
         let large = of(&scene, 150.0, &[WALL]);
         assert!((small.error / large.error - 1.0).abs() < 1e-3, "{small:?} {large:?}");
-        // By its equations, in continuous time: V^ = V + H (U - A), H = (s^2 + 3 w s) / (s + w)^3, A the
-        // acceleration, U the motor's force over the mass, -(K X + B V^) / m, half a period late by its hold.
+        // The observer in continuous time: V^ = V + H (U - A), H = (s^2 + 3 w s) / (s + w)^3. A is the acceleration. U
+        // is the motor's force over the mass, -(K X + B V^) / m, and is late by half a period because of the hold.
         let (k, b, w) = (20_000.0, 50.0, 2.0 * PI * 150.0);
         for point in small.points {
             let s = Complex::new(0.0, 2.0 * PI * point.frequency_hz);
@@ -235,7 +235,7 @@ mod tests {
         let noisy = with(|scene| scene.encoder_noise = Some(EncoderNoise { rms_m: 2e-6, seed: 1 }));
         assert!((noisy.of_estimator - plain.of_estimator).abs() > 1e-3, "{noisy:?} {plain:?}");
         let late = with(|scene| scene.jitter = Some(Jitter { peak_s: 9e-5, seed: 1 }));
-        // read later than the controller thinks: less old when the force acts
+        // The count is read later than the controller assumes, so it is newer when the force acts.
         assert!(late.of_loop < plain.of_loop - 1e-3, "{late:?}");
         let rounded = with(|scene| scene.encoder.rounding = Rounding::Round);
         assert!(rounded != plain && (rounded.error - plain.error).abs() < 1e-3, "{rounded:?}");

@@ -1,30 +1,32 @@
-//! What a search knows of tunings: each is walked from the first of its starts, and from the second if it can still win.
+//! Results of a search by tuning. Each tuning is walked from the first start, and from the second start only if it can
+//! still win.
 //!
-//! A tuning whose first area is below [`CAN_WIN`] of the best so far would need a second one above 105 % of it. In the
-//! searches of paper-1um such second areas reached 95 % at most: these tunings are losers, and one walk is enough.
+//! Suppose that the first area of a tuning is below [`CAN_WIN`] of the best. Then the second area would have to be
+//! above 105 % of the best. In the searches of paper-1um, such second areas reached at most 95 %. So these tunings
+//! cannot win, and one walk is enough.
 
 use zwidth::VelocitySettings;
 
 use crate::{error::Error, numerics::statistics::Repeats, study::boundary::Boundary};
 
-/// Starts of the walks of a search, counts: the golden section and half a count from it, which no
-/// number of repeats has among its own.
+/// Starts of the walks of a search, counts: the golden section, and a start half a count from the golden
+/// section. No number of repeats uses these starts.
 pub(in crate::analysis) const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
 
-/// Share of the best area that a tuning must have from the first start, so that it is walked from the second.
+/// Smallest first area that allows a walk from the second start, as a share of the best area.
 pub const CAN_WIN: f64 = 0.95;
 
-/// What was found of a tuning.
+/// Result of a tuning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Look {
-    /// Mean area of its walks, N^2 s/m^2.
+    /// Mean area of the walks, N^2 s/m^2.
     pub(super) area: f64,
     pub(super) walks: u32,
 }
 
 /// Tunings that were walked.
 pub(super) struct Looked<T> {
-    /// What each of their starts gave, and what is thought of it.
+    /// For each tuning: the judgement and the boundary from each start.
     made: Vec<(VelocitySettings, Vec<(T, Boundary)>)>,
     /// Hits of all walks so far.
     pub(super) hits: u64,
@@ -37,8 +39,8 @@ impl<T> Default for Looked<T> {
 }
 
 impl<T> Looked<T> {
-    /// Looks at tunings, those before having reached an area of `best`. `walk` makes the walks from one start; those of
-    /// tunings that will be asked for `soon` are made beside.
+    /// Walks tunings. The best area before is `best`. `walk` makes the walks from one start. Walks of the tunings that
+    /// will `soon` be asked for are made in parallel.
     pub(super) fn look(
         &mut self,
         settings: &[VelocitySettings],
@@ -75,7 +77,7 @@ impl<T> Looked<T> {
         self.made.iter().find(|(other, _)| other == settings).map_or(&[], |(_, made)| made)
     }
 
-    /// 0 where nothing is known.
+    /// Mean of the known areas of a tuning; 0 if nothing is known.
     fn mean(&self, settings: &VelocitySettings, area: impl Fn(&(T, Boundary)) -> f64) -> f64 {
         Repeats::of(self.of(settings).iter().map(&area)).mean
     }
@@ -100,7 +102,7 @@ mod tests {
         study::boundary::Boundaries,
     };
 
-    /// The search that walks every tuning alone from both starts: the best tuning and its search's area.
+    /// The search that walks every tuning alone from both starts. Returns the best tuning and its area in the search.
     fn exhaustive(scene: &Scene, start: &VelocitySettings, budget: Budget) -> Search {
         let stop = AtomicBool::new(false);
         let walker = Walker { engine: Engine::lanes(), scene, stop: &stop, done: &|_| () };
@@ -116,7 +118,7 @@ mod tests {
         Search::over(&axes, budget.tunings, look).unwrap()
     }
 
-    /// Holds the search against the exhaustive one, and says how many hits each took.
+    /// Compares the search with the exhaustive search. Returns the number of hits of each.
     fn hold(scene: &Scene, name: EstimatorName, budget: Budget) -> [u64; 2] {
         let stop = AtomicBool::new(false);
         let walker = Walker { engine: Engine::lanes(), scene, stop: &stop, done: &|_| () };
@@ -130,7 +132,8 @@ mod tests {
             assert_eq!(found.settings, other.settings);
             let boundaries = walker.walks(&[found.settings], &STARTS).unwrap().pop().unwrap();
             hits += boundaries.hits();
-            // a loser's area is that of its first start, and further from the best than the starts are apart
+            // The area of a losing tuning comes from its first start. Its distance from the best is larger than that
+            // between starts.
             match found.walks {
                 1 => {
                     assert!(
@@ -158,7 +161,7 @@ mod tests {
         (walk.damping_start_n_s_per_m, walk.damping_step_n_s_per_m) = (30.0, 30.0);
         (walk.stiffness_max_n_per_m, walk.damping_max_n_s_per_m) = (4e5, 1200.0);
         let budget = Budget { tunings: 8, repeats: 2 };
-        // in lanes by its cutoff, by a window of whole numbers, with two parameters, hit by hit
+        // The cases are: in lanes with a cutoff, with a whole-number window, with two parameters, and hit by hit.
         for name in [
             EstimatorName::Butterworth,
             EstimatorName::LeastSquares2,
@@ -206,7 +209,7 @@ mod tests {
             let (one, soon): (Vec<_>, Vec<_>) = (one, soon);
             looked.look(&one, &soon, best, |((), walked)| walked.area, walk).unwrap()
         };
-        // 100 is best; 90 cannot win; 97 can
+        // 100 is the best area, 90 cannot win, and 97 can win.
         let found = look(&[100.0, 90.0], &[97.0], 0.0);
         assert_eq!(found.iter().map(|look| look.walks).collect::<Vec<_>>(), [2, 1]);
         assert_eq!(asked.load(Ordering::Relaxed), 5);

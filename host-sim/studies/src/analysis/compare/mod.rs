@@ -1,18 +1,17 @@
-//! Every velocity estimator, tuned by the same search on the same boundary, and what each of them
-//! costs.
+//! Compares all velocity estimators. The same search tunes each on the same boundary, and the cost of each is reported.
 //!
-//! * [`search`]: the tuning with the largest Z-width area, by the same rule for each, over the same
-//!   decades of [`bandwidth`]; [`tuned`] is its result;
+//! * [`search`]: the tuning with the largest Z-width area, by the same rule for each estimator, over the same range of
+//!   [`bandwidth`]; [`tuned`] is its result;
 //! * [`signal`]: delay and noise of the estimator alone, on prescribed motions;
 //! * [`roughness`](mod@roughness): how rough the force is in contact;
 //! * [`fidelity`]: how far the rendered impedance is from the commanded one;
 //! * [`usable`](mod@usable): the area of the walls that are rendered as commanded, within a limit;
 //! * [`cost`]: cycles and memory on the Cortex-M4;
 //! * [`peers`]: the defaults of other systems, untuned;
-//! * [`table`]: all of it as columns; [`winners`]: who is best by which.
+//! * [`table`]: all results as columns; [`winners`]: the best estimators of each criterion.
 //!
-//! The core itself runs in all of them but in the walks of the usual low-passes, which by default run in the
-//! [`engine`](crate::engine)'s lanes, with the same bits.
+//! The core itself runs in all these parts. The only exceptions are the walks of the usual low-passes: by default they
+//! run in the lanes of [`engine`](crate::engine), with the same bits.
 
 pub mod axis;
 pub mod bandwidth;
@@ -63,9 +62,9 @@ use crate::{
 pub enum Entry {
     /// Tuned by the search.
     Tuned(EstimatorName),
-    /// Observer that knows the latency: it gets a force when the force acts, not when it is granted.
+    /// Observer with known latency: it gets each force when the force acts, not when the force is granted.
     ObserverInTime,
-    /// As it is often set without thinking: a first-order low-pass at 50 Hz.
+    /// A frequent setting without tuning: a first-order low-pass at 50 Hz.
     AdHoc,
 }
 
@@ -73,7 +72,7 @@ pub enum Entry {
 const AD_HOC_HZ: f64 = 50.0;
 
 impl Entry {
-    /// What is compared where nobody names estimators: not what is there for other systems' defaults.
+    /// The default list of estimators. Forms that exist only for other systems' defaults are left out.
     pub fn usual(scene: &Scene) -> Vec<Self> {
         let mut all = Self::all(scene);
         let rare = [
@@ -88,8 +87,8 @@ impl Entry {
         all
     }
 
-    /// Every estimator that the scene can feed, each once (pre-warping moves a cutoff, nothing else),
-    /// and the ad-hoc one last.
+    /// Every estimator that the scene can feed, each once, and the ad-hoc estimator last. Pre-warped forms are left
+    /// out, because pre-warping only moves the cutoff.
     pub fn all(scene: &Scene) -> Vec<Self> {
         let twice = [EstimatorName::ButterworthPrewarped, EstimatorName::FirstOrderPrewarped];
         let can = |name: &EstimatorName| name.sense().is_none_or(|sense| scene.feeds(sense));
@@ -99,11 +98,11 @@ impl Entry {
         tuned.map(|&name| Self::Tuned(name)).chain(more).collect()
     }
 
-    /// Those of these names, each once, in their order; the [usual](Self::usual) ones where there is none. `option` is what
-    /// messages call the list.
+    /// The estimators with these names, each once, in the given order. An empty list gives the [usual](Self::usual)
+    /// ones. Messages call the list `option`.
     ///
     /// # Errors
-    /// There is no such estimator, or the scene cannot feed it.
+    /// A name is unknown, or the scene cannot feed the estimator.
     pub fn named(names: &[String], scene: &NamedScene, option: &str) -> Result<Vec<Self>, Error> {
         if names.is_empty() {
             return Ok(Self::usual(&scene.scene));
@@ -129,14 +128,14 @@ impl Entry {
         }
     }
 
-    /// How long its search takes.
+    /// Length of the search of this entry.
     fn length(self, engine: Engine, scene: &Scene, stop: &AtomicBool) -> Result<Length, Error> {
         let start = settings_of(self, scene);
         let walker = search::Walker { engine, scene: &self.told(scene), stop, done: &|_| () };
         walker.length(&start)
     }
 
-    /// The scene, with what it tells to the estimator.
+    /// The scene with the latency information of this entry.
     fn told(self, scene: &Scene) -> Scene {
         let mut scene = scene.clone();
         scene.actuator.latency_known |= self == Self::ObserverInTime;
@@ -144,7 +143,7 @@ impl Entry {
     }
 }
 
-/// Why there is no such entry.
+/// The reason why the name is not in the list.
 fn not_among(name: &str, all: &[Entry], scene: &NamedScene) -> String {
     let reason = match name.parse::<EstimatorName>() {
         Err(_) => match EstimatorName::replacing(name) {
@@ -165,18 +164,18 @@ fn not_among(name: &str, all: &[Entry], scene: &NamedScene) -> String {
     format!("{name} {reason}")
 }
 
-/// What an estimator looks at.
+/// Inputs of an estimator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
     PositionOnly,
-    /// More: a force, an accelerometer, edge times.
+    /// Also a force, an accelerometer, or edge times.
     MoreThanPosition,
 }
 
 impl Class {
     pub const ALL: [Self; 2] = [Self::PositionOnly, Self::MoreThanPosition];
 
-    /// Name, as in files.
+    /// Name in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::PositionOnly => "position_only",
@@ -195,7 +194,7 @@ impl Class {
 pub use crate::study::boundary::BoundaryPoint as Wall;
 
 impl Wall {
-    /// Half of the mean K that those boundaries reach at a B, at least the walk's first.
+    /// Half of the mean K that these boundaries reach at a B, but at least the walk's first K.
     pub fn half_of(boundaries: Option<&Boundaries>, scene: &Scene, damping_n_s_per_m: f64) -> Self {
         let reached = boundaries.map_or(0.0, |boundaries| {
             Repeats::of(boundaries.stiffnesses_at(damping_n_s_per_m).into_iter()).mean
@@ -205,45 +204,45 @@ impl Wall {
     }
 }
 
-/// The walls at which estimators are compared: at half, one and two times the B at which K is read off
-/// each boundary, as far as the scene's walk goes; K is half of the mean that finite difference and
-/// Butterworth, tuned, reaches there, at least the walk's first.
+/// The walls at which estimators are compared. Their B is half, one and two times the B at which K is read from each
+/// boundary, within the scene's walk. Their K is half of the mean K that the tuned finite difference and Butterworth
+/// filter reaches there, but at least the walk's first K.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
     /// The walls, lowest B first.
     pub walls: [Wall; 3],
-    /// Mean area of the true velocity in place of an estimate, N^2 s/m^2.
+    /// Mean area with the true velocity instead of an estimate, N^2 s/m^2.
     pub told_area: f64,
 }
 
 impl Place {
-    /// The one at which force is compared; its B is where K is read off.
+    /// The wall at which the force is compared. K is read from each boundary at its B.
     pub fn middle(&self) -> Wall {
         self.walls[1]
     }
 }
 
-/// All about one estimator.
+/// All results of one estimator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compared {
     pub entry: Entry,
-    /// Its settings after the search.
+    /// Settings after the search.
     pub settings: VelocitySettings,
-    /// The search and the boundaries at its result.
+    /// The search, and the boundaries of its result.
     pub tuned: Tuned,
     /// Boundaries of this tuning by the scene's own criterion; `None` if the search used that criterion.
     pub beside: Option<Boundaries>,
     pub signal: Signal,
-    /// In contact with each of the walls.
+    /// Contact with each of the walls.
     pub contacts: [Contact; 3],
-    /// Rendered against commanded impedance.
+    /// Rendered impedance against commanded impedance.
     pub fidelity: Fidelity,
-    /// On the Cortex-M4; `None` if it was not measured.
+    /// Cost on the Cortex-M4; `None` if not measured.
     pub cost: Option<Cost>,
 }
 
 impl Compared {
-    /// What it looks at.
+    /// Class by the estimator's inputs.
     pub fn class(&self) -> Class {
         match self.settings.name().sense() {
             None => Class::PositionOnly,
@@ -251,7 +250,7 @@ impl Compared {
         }
     }
 
-    /// What it needs, for people.
+    /// Necessary inputs, for people.
     pub fn needs(&self) -> &'static str {
         match self.settings.name().sense() {
             None => "position only",
@@ -262,19 +261,19 @@ impl Compared {
     }
 }
 
-/// The scene with that filter.
+/// The scene with these estimator settings.
 pub fn with_filter(scene: &Scene, settings: &VelocitySettings) -> Scene {
     Scene { velocity: (*settings).into(), ..scene.clone() }
 }
 
-/// The estimator that gives the wall at which contacts are compared.
+/// The estimator that defines the walls of the comparison.
 const REFERENCE: Entry = Entry::Tuned(EstimatorName::Butterworth);
 
-/// B at which K is read off where nobody names one and finite difference and Butterworth, tuned, reaches twice as far;
-/// else half of what it reaches.
+/// Default B at which K is read. It applies if the tuned finite difference and Butterworth filter reaches twice this B.
+/// Otherwise half of the reached B is used.
 const USUAL_DAMPING_N_S_PER_M: f64 = 100.0;
 
-/// B at which K is read off: the usual one, or half of what these boundaries reach; a B of the walk's grid.
+/// B at which K is read: the default, or half of the B that these boundaries reach. It is a B of the walk's grid.
 pub fn damping_of(boundaries: Option<&Boundaries>, scene: &Scene) -> f64 {
     let plan = scene.walk_plan();
     let reached = boundaries.map_or(0.0, |boundaries| {
@@ -285,15 +284,15 @@ pub fn damping_of(boundaries: Option<&Boundaries>, scene: &Scene) -> f64 {
     USUAL_DAMPING_N_S_PER_M.clamp(first, first + steps * step)
 }
 
-/// Most walks that comparing `entries` takes.
+/// Largest number of walks that a comparison of `entries` can take.
 pub fn most_walks(entries: &[Entry], budget: search::Budget) -> u64 {
     let reference = u64::from(!entries.contains(&REFERENCE));
     (entries.len() as u64 + reference) * budget.most() + u64::from(budget.repeats)
 }
 
-/// Compares `entries`. Finite difference and Butterworth, tuned, gives the walls ([`Place`]) at which
-/// contacts are compared, whether it is among them or not. `beside` is the scene with another criterion, whose area at each
-/// result is told as well. `done` is called with the number of walks made.
+/// Compares `entries`. The tuned finite difference and Butterworth filter defines the walls ([`Place`]) of the
+/// contacts, even if it is not an entry. `beside` is the scene with another criterion: the area by this criterion at
+/// each result is reported too. `done` is called with the number of walks made.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -365,14 +364,15 @@ pub fn compare(
     Ok((place, compared.into_iter().collect::<Result<_, _>>()?))
 }
 
-/// Where the search starts. What is known of the device is told: the observer gets its mass.
+/// Start of the search. Known numbers of the device are used: the observer gets its mass.
 pub fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
     let start = match entry {
         Entry::Tuned(name) => with_own_mass(name.defaults(), scene),
         Entry::ObserverInTime => with_own_mass(EstimatorName::Observer.defaults(), scene),
         Entry::AdHoc => VelocitySettings::FirstOrder { cutoff_hz: AD_HOC_HZ },
     };
-    // The defaults are for 10 kHz and 1 um: where the core refuses one, the nearest power of two of it that it takes.
+    // The defaults are for 10 kHz and 1 um. If the core refuses a default, the nearest accepted power of two times the
+    // default is used.
     let Some((_, tuning)) = start.tuning() else { return start };
     let design = scene.design();
     let powers = (0..64).flat_map(|n| [n, -n]).map(|n| 2f64.powi(n));

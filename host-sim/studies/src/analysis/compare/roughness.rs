@@ -1,8 +1,7 @@
-//! How rough a wall is in the hand: RMS of the part of the force above 100 Hz, over the window of a
-//! wall hit. One hit is a sample of a chaotic signal (15 % from start to start), so there are
-//! [`HITS`] of them, their starts spread over a count. The hand feels vibration best at some 250 Hz, and what lies above 100 Hz belongs to no
-//! wall. The hit runs with all elements of the scene; the force is the controller's, output
-//! quantisation included, before the amplifier.
+//! Roughness of a wall in the hand: RMS of the force above 100 Hz, over the window of a wall hit. One hit is a sample
+//! of a chaotic signal (15 % from start to start). So there are [`HITS`] hits, with starts spread over a count. The
+//! hand feels vibration best near 250 Hz, and a force above 100 Hz is no part of a wall. The hit runs with all elements
+//! of the scene. The force is the controller's, with output quantisation, before the amplifier.
 
 use std::{f64::consts::PI, sync::atomic::AtomicBool};
 
@@ -17,7 +16,7 @@ use crate::{
     study::sweep::start_offset_counts,
 };
 
-/// What a contact showed.
+/// Results of a contact.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contact {
     /// The wall is stable with this estimator from every start.
@@ -26,12 +25,12 @@ pub struct Contact {
     pub roughness_n: Vec<f64>,
 }
 
-/// Force above this frequency is roughness, Hz.
+/// Lower frequency limit of roughness, Hz.
 pub const ROUGH_ABOVE_HZ: f64 = 100.0;
 /// Hits at a wall.
 pub const HITS: u32 = 16;
 
-/// Measures one estimator; the prepared scene holds it.
+/// Measures the estimator of the prepared scene.
 ///
 /// # Errors
 /// `stop` was set.
@@ -57,7 +56,7 @@ pub fn measure(
     })
 }
 
-/// What a hit showed, and how rough it was, N.
+/// Result of a hit, and its roughness, N.
 pub fn of_hit(
     prepared: &PreparedScene,
     numeric: Numeric,
@@ -74,8 +73,8 @@ pub fn of_hit(
     (report, rms_above(&forces_n, output_hz, ROUGH_ABOVE_HZ))
 }
 
-/// RMS of what lies above `above_hz` in a signal of that rate. The mean is taken off first; a Hann
-/// window keeps a drift at low frequencies from leaking up.
+/// RMS of a signal above `above_hz`. The mean is subtracted first. A Hann window keeps low-frequency drift from leaking
+/// to high frequencies.
 fn rms_above(signal: &[f64], rate_hz: f64, above_hz: f64) -> f64 {
     let length = signal.len() as f64;
     if signal.is_empty() {

@@ -1,16 +1,15 @@
-//! The tuning with the largest Z-width area, found by the same rule for every estimator.
+//! Finds the tuning with the largest Z-width area, by the same rule for every estimator.
 //!
-//! The area over the tuning has one broad top and a rough surface. So the search looks at evenly
-//! spaced tunings first ([`Axes`]): bandwidths with one parameter, a grid with two. Then it goes
-//! from the best one to a neighbour that is better by more than [`GAIN`], along the axes and, with
-//! two, along the diagonals (a compass search). Where no neighbour is, the steps are halved. It has
-//! *settled* when they are below [`LAST_STEP`] of bandwidth; if the tunings that it may try are used
-//! up before, it has not, and the result says so. What is refused, and a whole number that was tried
-//! already, is not tried again.
+//! Over the tuning, the area has one broad maximum and a rough surface. So the search first walks evenly spaced tunings
+//! ([`Axes`]): bandwidths with one parameter, a grid with two. Then it moves from the best tuning to a neighbour that
+//! is better by more than [`GAIN`]. Neighbours are along the axes and, with two parameters, along the diagonals (a
+//! compass search). If no neighbour is better, the steps are halved. The search has *settled* when the steps are below
+//! [`LAST_STEP`] of bandwidth. If the allowed number of tunings is used up before, the result says that the search has
+//! not settled. A refused tuning, or a whole number that was already tried, is not tried again.
 //!
-//! The search walks from two starts that are no repeat's, a tuning that can no longer win from the first only
-//! (`looked.rs`); the result is walked again from the starts of a sweep, so that its area is not the luckiest of
-//! many. What is left of it where the tuning is wrong is walked from the same starts.
+//! The search walks from two starts that no repeat uses. A tuning that can no longer win is walked from the first start
+//! only (`looked.rs`). The result is walked again from the starts of a sweep, so that its area is not the luckiest of
+//! many. The areas of wrong tunings are walked from the same starts.
 
 use std::{cell::RefCell, sync::atomic::AtomicBool};
 
@@ -32,46 +31,46 @@ use crate::{
     study::{How, boundary::Boundaries, filters::boundaries, schedule::Length, sweep::starts},
 };
 
-/// What a search may cost.
+/// Limits on the cost of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// Tunings that it may try with one parameter, 3 or more; with two [`OF_TWO`] times as many.
+    /// Most tunings with one parameter, 3 or more. With two parameters the limit is [`OF_TWO`] times larger.
     pub tunings: u32,
-    /// Walks at its result, starts spread over a count, 1 or more.
+    /// Walks of the result, with starts spread over a count, 1 or more.
     pub repeats: u32,
 }
 
 impl Budget {
-    /// Most walks that one estimator takes: its search, the result, and four wrong tunings.
+    /// Most walks of one estimator: its search, the result, and four wrong tunings.
     pub fn most(&self) -> u64 {
         let walks = OF_TWO * self.tunings * WALKS_OF_A_TRY;
         u64::from(walks) + 5 * u64::from(self.repeats)
     }
 }
 
-/// Most walks that the search makes for each tuning that it tries.
+/// Most walks of a search per tried tuning.
 pub const WALKS_OF_A_TRY: u32 = 2;
-/// Tunings that it may try with two parameters, for each that it may try with one.
+/// Tunings with two parameters, per tuning with one parameter.
 pub const OF_TWO: u32 = 4;
-/// Share of the tunings that goes into the first look, with one axis and with two.
+/// Share of the tunings in the first look, as a fraction, for one axis and for two.
 const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (3, 8)];
-/// Lines of the first look across the second axis, at the middles of as many parts.
+/// Lines of the first look across the second axis. Each is in the middle of one of as many equal parts.
 const LINES: u32 = 3;
-/// A neighbour is better if its area is larger by this share.
+/// A neighbour is better if its area is larger by more than this share.
 pub const GAIN: f64 = 0.002;
-/// Steps below this ratio of bandwidths are not made, but for whole numbers, which end by themselves.
+/// Smallest step, as a ratio of bandwidths. It does not apply to whole numbers, whose steps end by themselves.
 pub const LAST_STEP: f64 = 1.03;
-/// A step of that part of the range is the last one, whole number or not.
+/// Smallest step of any kind, as a part of the range.
 const LEAST_STEP: f64 = 1e-4;
-/// Factor by which the bandwidth is detuned to see how much the tuning matters.
+/// Factor of the wrong bandwidth that shows how much the tuning matters.
 pub const WRONG_BY: f64 = 1.2;
-/// Fraction by which the mass of a model is made wrong, both ways.
+/// Relative error of the wrong mass of a model, in both directions.
 pub const MASS_WRONG_BY: f64 = 0.2;
 
 pub struct Walker<'a, D> {
-    /// What runs the hits.
+    /// Engine of the hits.
     pub engine: Engine,
-    /// The scene; its own estimator does not matter.
+    /// The scene. Its own estimator is not used.
     pub scene: &'a Scene,
     /// Set to stop the search.
     pub stop: &'a AtomicBool,
@@ -80,7 +79,7 @@ pub struct Walker<'a, D> {
 }
 
 impl<D: Fn(u64) + Sync> Walker<'_, D> {
-    /// Boundaries of tunings of one estimator from those starts.
+    /// Boundaries of tunings of one estimator from `starts`.
     pub(in crate::analysis) fn walks(
         &self,
         settings: &[VelocitySettings],
@@ -93,10 +92,10 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         Ok(made.into_iter().flatten().collect())
     }
 
-    /// Boundaries of a result.
+    /// Boundaries of a result from the starts of the repeats.
     ///
     /// # Errors
-    /// As [`best`](Self::best).
+    /// An error of [`best`](Self::best).
     pub fn boundaries(
         &self,
         settings: &VelocitySettings,
@@ -105,8 +104,8 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         Ok(self.walks(&[*settings], &starts(budget.repeats))?.pop().unwrap_or_default())
     }
 
-    /// The best tuning from `start` and its boundaries, without what is left of it where it is wrong; as it is if it is
-    /// not free.
+    /// The best tuning from `start` and its boundaries, without the areas of wrong tunings. Settings that are not free
+    /// are walked unchanged.
     ///
     /// # Errors
     /// The handle does not reach the wall, or `stop` was set.
@@ -116,7 +115,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         is_free: bool,
         budget: Budget,
     ) -> Result<(VelocitySettings, Tuned), Error> {
-        interrupt::unless(self.stop)?; // the axes of some estimators take long
+        interrupt::unless(self.stop)?; // for some estimators the axes take long
         let axes = self.axes(start, is_free);
         let mut tuned = Tuned {
             tried: vec![],
@@ -152,19 +151,19 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         Ok((best, tuned))
     }
 
-    /// Whether walks of that estimator are made side by side, whatever the engine.
+    /// Whether walks of this estimator run in lanes, with any engine.
     ///
     /// # Errors
-    /// The scene is out of range with it.
+    /// The scene is not allowed with this estimator.
     pub fn has_lanes(&self, settings: &VelocitySettings) -> Result<bool, Error> {
         let prepared = PreparedScene::new(&with_filter(self.scene, settings))?;
         Ok(lanes_for(&prepared, Numeric::Fixed))
     }
 
-    /// How long the search of that estimator takes.
+    /// Length of the search of this estimator.
     ///
     /// # Errors
-    /// As [`has_lanes`](Self::has_lanes).
+    /// An error of [`has_lanes`](Self::has_lanes).
     pub fn length(&self, start: &VelocitySettings) -> Result<Length, Error> {
         Ok(match (self.has_lanes(start)?, start.name().parameters()[1]) {
             (false, _) => Length::Longest,
@@ -173,7 +172,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         })
     }
 
-    /// Whether a tuning lies at an end of what a search looks at.
+    /// Whether a tuning lies at an end of the search range.
     pub(in crate::analysis) fn is_at_edge(&self, settings: &VelocitySettings) -> bool {
         let axes = self.axes(settings, true);
         axes.is_some_and(|axes| edges(&axes, settings).iter().any(Option::is_some))
@@ -185,7 +184,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
     }
 }
 
-/// Tunes `start` if it is free; else it is walked as it is. `done` is called with the number of walks made.
+/// Tunes `start` if it is free; otherwise walks it unchanged. `done` is called with the number of walks made.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -201,12 +200,12 @@ pub fn tune(
     let walker = Walker { engine, scene, stop, done };
     let (best, mut tuned) = walker.best(start, is_free, budget)?;
     let area = tuned.boundaries.area();
-    // down and up: by what share the loss of area counts (none of the mass of a model), and the settings
+    // Wrong settings below and above. The share says how much of the loss of area counts; a model's mass has none.
     let mut wrongs: Vec<(usize, Option<f64>, VelocitySettings)> = vec![];
     let axes = walker.axes(start, is_free);
     for (side, factor) in [1.0 / WRONG_BY, WRONG_BY].into_iter().enumerate() {
         let wrong = axes.as_ref().and_then(|axes| axes.off_by(&best, factor));
-        // whole numbers miss the factor: the loss at it is in proportion on the logarithmic scale
+        // A whole number misses the factor. The loss is scaled in proportion on a logarithmic scale.
         let share = |reached: f64| Some(factor.ln() / reached.ln());
         wrongs.extend(wrong.map(|(wrong, reached)| (side, share(reached), wrong)));
     }
@@ -229,7 +228,7 @@ pub fn tune(
     Ok((best, tuned))
 }
 
-/// Which parameters of `best` are at an end of what was searched, to within the last step.
+/// For each parameter of `best`, the end of the search range at which it lies, within the last step.
 fn edges(axes: &Axes, best: &VelocitySettings) -> [Option<Edge>; 2] {
     let (_, [tuning, second, ..]) = EstimatorName::of(best);
     let near = |value: f64, end: f64| (value / end).ln().abs() < 1e-6;
@@ -246,16 +245,16 @@ fn edges(axes: &Axes, best: &VelocitySettings) -> [Option<Edge>; 2] {
     edges
 }
 
-/// What was tried so far.
+/// Tunings that were tried so far.
 pub(super) struct Search {
     pub(super) tried: Vec<Tried>,
-    /// It ended because its steps became small.
+    /// The search ended because its steps became small.
     pub(super) settled: bool,
 }
 
 impl Search {
-    /// Tries at most that many tunings (with two axes [`OF_TWO`] times as many). `look` gives what it finds of each of
-    /// several; it is told what comes next if none of them is better, and the largest area so far.
+    /// Tries at most `tunings` tunings ([`OF_TWO`] times as many with two axes). `look` returns the result of each
+    /// tuning. It also gets the next tunings if none of these is better, and the largest area so far.
     pub(super) fn over(
         axes: &Axes,
         tunings: u32,
@@ -290,7 +289,7 @@ impl Search {
             };
             for (n, &direction) in directions.iter().enumerate() {
                 let place = to(direction);
-                // the way back is walked beside the way there
+                // The opposite direction is walked in parallel with this direction.
                 let soon = directions.get(n + 1).filter(|_| n % 2 == 0).map(|next| to(*next));
                 if search.tried.len() >= limit as usize && search.is_new(axes, place) {
                     return Ok(search);
@@ -308,7 +307,7 @@ impl Search {
         Ok(search)
     }
 
-    /// Tries those places, as far as they are new and within the limit.
+    /// Tries the places that are new and within the limit.
     fn look_at(
         &mut self,
         axes: &Axes,
@@ -352,13 +351,13 @@ impl Search {
         axes.accepts(&settings) && self.tried.iter().all(|tried| tried.settings != settings)
     }
 
-    /// The one with the largest area.
+    /// The try with the largest area.
     pub(super) fn best(&self) -> Option<Tried> {
         self.tried.iter().max_by(|a, b| a.area.total_cmp(&b.area)).copied()
     }
 }
 
-/// To the neighbours of a tuning: along the first axis, the second, both.
+/// Steps to the neighbours of a tuning: along the first axis, the second axis, and both.
 const DIRECTIONS: [[f64; 2]; 8] = [
     [1.0, 0.0],
     [-1.0, 0.0],
@@ -370,7 +369,7 @@ const DIRECTIONS: [[f64; 2]; 8] = [
     [-1.0, 1.0],
 ];
 
-/// The middles of that many equal parts of 0 to 1.
+/// Middles of `parts` equal parts of the interval from 0 to 1.
 fn even(parts: u32) -> Vec<f64> {
     (0..parts).map(|n| (f64::from(n) + 0.5) / f64::from(parts)).collect()
 }
@@ -387,7 +386,7 @@ mod tests {
         [tuning, second]
     }
 
-    /// Searches a made-up surface; what was tried, the best of it, and whether the search settled.
+    /// Searches a synthetic surface. Returns the tried tunings, the best one, and whether the search settled.
     fn search(
         name: EstimatorName,
         tunings: u32,
@@ -416,7 +415,7 @@ mod tests {
                 search(EstimatorName::FirstOrder, 24, |[hz, _]| hill(hz / top));
             assert!(settled && hill(found / top) > 0.995, "{found} for {top}");
             assert!((14..=24).contains(&looked.len()), "{}", looked.len());
-            // more is of no use: it looks more closely first, and settles as well
+            // A larger budget does not help: the search only starts with a finer grid, and also settles.
             let (_, [again, _], settled) =
                 search(EstimatorName::FirstOrder, 48, |[hz, _]| hill(hz / top));
             assert!(settled && hill(again / top) > 0.995, "{again} for {top}");
@@ -426,7 +425,8 @@ mod tests {
     #[test]
     fn a_second_parameter_is_found_on_a_ridge_across_the_axes() {
         for (top, best) in [(3.0, 2.2), (40.0, 0.6), (15.0, 1.0)] {
-            // bandwidth goes with sqrt(C); narrow across the diagonal, flat along it
+            // The bandwidth is proportional to sqrt(C). The ridge is narrow across the diagonal and flat along the
+            // diagonal.
             let ridge = |[c, lambda]: [f64; 2]| {
                 let (x, y) = ((c / top).sqrt().ln(), (lambda / best).ln());
                 hill((2.0 * (x + y)).exp()) * hill((0.5 * (x - y)).exp())

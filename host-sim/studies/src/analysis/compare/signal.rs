@@ -1,18 +1,18 @@
-//! Delay and noise of an estimator alone, on prescribed motions, by the core's own arithmetic.
+//! Delay and noise of an estimator alone, on prescribed motions, in the core's arithmetic.
 //!
 //! | figure | motion | driven by |
 //! |--------|--------|-----------|
-//! | delay, phase | a sine of up to 100 counts per sample, as fast as the actuator's force can make it | the hand, and again the motor |
-//! | noise at rest | the count flickers between two neighbours at random, the worst place to rest | nothing |
+//! | delay, phase | a sine of up to 100 counts per sample, within the speed that the actuator's force allows | the hand, then the motor |
+//! | noise at rest | the count flickers at random between two neighbours, the worst position at rest | nothing |
 //! | noise in motion | constant speeds of 0.01 to 3 counts per sample, none a simple fraction | the hand |
 //!
-//! As on a device, an estimator that knows a force knows the *motor's*, never the hand's. Where the
-//! motor drives, that is the force which the device itself asks for: `m x'' + b x' + k x`, with the
-//! scene's own damping and spring, which the estimator does not model. It is told when it is granted,
-//! the actuator's latency (whole samples) before it acts, as the firmware tells it; with
-//! `actuator.latency_known` when it acts. What else it needs it is given
-//! as it is: an accelerometer's reading of the whole motion, the encoder's edges. Counts and edges are of the same reading: rounded as the scene says, with its
-//! periodic error, without noise and jitter. At rest that error is a constant, and is left out.
+//! As on a device, an estimator that uses a force gets only the *motor's* force, never the hand's. If the motor drives,
+//! this force is the one that the device needs for the motion: `m x'' + b x' + k x`, with the scene's damping and
+//! spring, which the estimator does not model. The estimator gets the force when it is granted, as in the firmware. The
+//! force acts after the actuator's latency (whole samples). With `actuator.latency_known` the estimator gets the force
+//! when it acts. Other inputs are ideal: an accelerometer's reading of the whole motion, and the encoder's edges.
+//! Counts and edges come from the same reading: rounded as the scene says, with its periodic error, without noise and
+//! jitter. At rest the periodic error is constant and is left out.
 
 use std::f64::consts::PI;
 
@@ -29,9 +29,9 @@ use crate::{
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Signal {
-    /// Delay of a slow sine, s; negative if it leads.
+    /// Delay of a slow sine, s; negative for a lead.
     pub delay_s: Driven,
-    /// Phase at 100 Hz against the true velocity, degrees; negative is late.
+    /// Phase at 100 Hz against the true velocity, degrees; negative for a delay.
     pub phase_100_hz_deg: Driven,
     /// RMS of the velocity at rest with a flickering count, m/s.
     pub noise_at_rest_m_per_s: f64,
@@ -39,12 +39,12 @@ pub struct Signal {
     pub noise_in_motion_m_per_s: f64,
 }
 
-/// The same figure of a motion that the hand makes and of one that the motor makes.
+/// One figure for a motion by the hand, and for a motion by the motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Driven {
-    /// By the hand: no force is known.
+    /// Motion by the hand: no force is known.
     pub hand: f64,
-    /// By the motor: all of the force is known.
+    /// Motion by the motor: all of the force is known.
     pub motor: f64,
 }
 
@@ -54,21 +54,21 @@ enum Drive {
     Motor,
 }
 
-/// Frequency at which the delay is read, as a fraction of the rate.
+/// Frequency of the sine for the delay, as a fraction of the rate.
 const SLOW: f64 = 5e-4;
-/// Fastest speed of the sines, counts per sample.
+/// Largest speed of the sines, counts per sample.
 const FAST_COUNTS: f64 = 100.0;
-/// Samples before anything is looked at: the slowest filters have settled.
+/// Samples before the measurement: even the slowest filters have settled.
 const WARM_UP: u32 = 20_000;
 const SAMPLES: u32 = 40_000;
 /// Speeds, counts per sample.
 const SPEEDS: [f64; 6] = [0.010_618, 0.038_197, 0.123_606, 0.381_966, 1.127_3, 2.902_7];
 
-/// A motion: position on the scale whose whole numbers are the borders of the counts, and speed in counts per sample,
-/// at a sample.
+/// A motion: from the sample number to position and speed. The position is in counts, with edges at whole numbers. The
+/// speed is in counts per sample.
 type Motion<'a> = dyn FnMut(u32) -> [f64; 2] + 'a;
 
-/// Measures that filter in that scene.
+/// Measures the filter `velocity` in the scene.
 ///
 /// # Errors
 /// A parameter is out of range.
@@ -84,7 +84,7 @@ pub fn measure(scene: &Scene, velocity: VelocitySettings) -> Result<Signal, Sett
     let phase_100_hz_deg = driven(100.0 / rate_hz, 180.0 / PI)?;
     let mut state = 0x2545_f491_4f6c_dd1du64;
     let mut flicker = |_| {
-        // xorshift64: the flicker must be the same in every run and on every machine
+        // Xorshift64: the flicker must be the same in every run and on every machine.
         state ^= state << 13;
         state ^= state >> 7;
         state ^= state << 17;
@@ -110,14 +110,14 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// RMS of the velocity's distance from `speed`, counts per sample.
+    /// RMS of the velocity's error against `speed`, counts per sample.
     fn noise(&self, motion: &mut Motion<'_>, speed: f64) -> Result<f64, SettingsError> {
         let mut sum = 0.0;
         self.run(motion, Drive::Hand, |_, velocity| sum += (velocity - speed).powi(2))?;
         Ok((sum / f64::from(SAMPLES)).sqrt())
     }
 
-    /// Speed of a sine that takes 80 % of the actuator's force, counts per sample.
+    /// Largest speed of a sine that uses 80 % of the actuator's force, counts per sample.
     fn fastest(&self, omega: f64) -> f64 {
         let (device, rate_hz) = (&self.scene.device, self.scene.control.rate_hz);
         let per_s = omega * rate_hz;
@@ -126,10 +126,10 @@ impl Bench<'_> {
         0.8 * self.scene.full_scale_n() / impedance / (rate_hz * self.scene.encoder.resolution_m)
     }
 
-    /// Phase in radians at about `frequency` cycles per sample, against the true velocity.
+    /// Phase against the true velocity near `frequency` (cycles per sample), rad.
     fn sine(&self, frequency: f64, by: Drive) -> Result<f64, SettingsError> {
-        // Whole periods in a number of samples that has no factor in common with theirs: else few counts would come
-        // again and again, and their rounding with them.
+        // The number of periods and the number of samples have no common factor. Otherwise few different counts would
+        // repeat with their rounding.
         let periods = whole(f64::from(SAMPLES) * frequency);
         let samples = (1..=SAMPLES).rev().find(|&n| gcd(n, periods) == 1).unwrap_or(SAMPLES);
         let omega = 2.0 * PI * f64::from(periods) / f64::from(samples);
@@ -147,11 +147,11 @@ impl Bench<'_> {
                 im += velocity * angle.sin();
             }
         })?;
-        // the true velocity is in phase with cos(angle); late by phi it is cos(angle + phi), phi < 0
+        // The true velocity is in phase with cos(angle). A late velocity is cos(angle + phi), with phi < 0.
         Ok((-im).atan2(re))
     }
 
-    /// Mean force over a sample that the device needs to move so, N.
+    /// Mean force over a sample that the device needs for this motion, N.
     fn force_n(&self, [x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> f64 {
         let (device, rate_hz) = (&self.scene.device, self.scene.control.rate_hz);
         let counts = device.mass_kg * (v1 - v0) * rate_hz * rate_hz
@@ -160,7 +160,7 @@ impl Bench<'_> {
         counts * self.scene.encoder.resolution_m
     }
 
-    /// Feeds the motion; `each` sees sample number and velocity, counts per sample, after the warm-up.
+    /// Runs the motion. After the warm-up `each` gets the sample number and the velocity, counts per sample.
     fn run(
         &self,
         motion: &mut Motion<'_>,
@@ -242,7 +242,7 @@ mod tests {
             measure(&scene, settings).unwrap()
         };
         let plain = measured(|_| ());
-        // a count that is rounded is that of a place half a count on
+        // Rounding to nearest gives the count of a position half a count further.
         let rounded = measured(|scene| scene.encoder.rounding = Rounding::Round);
         let near = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-3;
         assert_eq!(rounded.noise_at_rest_m_per_s, plain.noise_at_rest_m_per_s);
@@ -251,7 +251,8 @@ mod tests {
             "{rounded:?} {plain:?}"
         );
         assert!((rounded.phase_100_hz_deg.hand - plain.phase_100_hz_deg.hand).abs() < 1e-2);
-        // an error of slope 0.0628 sin: at 2.9 counts a sample 0.0129 m/s RMS of it are true, the rest is small
+        // The error has a slope of 0.0628 sin. At 2.9 counts a sample this is a real velocity of 0.0129 m/s RMS; the
+        // rest is small.
         let wrong = measured(|scene| {
             let (cycle_m, first_m) = (1e-3, 1e-5);
             let (second_m, phase_rad) = (0.0, 0.3);
@@ -265,7 +266,7 @@ mod tests {
 
     #[test]
     fn a_coarse_encoder_does_not_move_the_phase() {
-        // half a sample late at 100 Hz, whatever the counts are: 1.8 degrees
+        // The delay at 100 Hz is half a sample for every count size: 1.8 degrees.
         for resolution_m in [1e-6, 1e-5, 2e-5, 4e-5] {
             let mut scene = NamedScene::load("paper-1um").unwrap().scene;
             scene.encoder.resolution_m = resolution_m;
@@ -277,33 +278,33 @@ mod tests {
 
     #[test]
     fn delays_and_noise_are_those_of_theory() {
-        // T/2 for the difference; T/2 + sqrt(2) / wc with the filter
+        // The delay is T/2 for the difference, and T/2 + sqrt(2) / wc with the filter.
         let plain = signal(VelocitySettings::Difference {});
         assert!((plain.delay_s.hand / 5e-5 - 1.0).abs() < 0.02, "{plain:?}");
         assert!((plain.phase_100_hz_deg.hand + 1.8).abs() < 0.05, "{plain:?}");
-        // who drives is the same to an estimator that looks at the position only
+        // For an estimator that uses only the position, hand and motor give the same result.
         assert_eq!(plain.delay_s.hand, plain.delay_s.motor);
         let butterworth = signal(VelocitySettings::Butterworth { cutoff_hz: 500.0 });
         assert!((butterworth.delay_s.hand / 5.0e-4 - 1.0).abs() < 0.01, "{butterworth:?}");
         assert!((butterworth.phase_100_hz_deg.hand + 18.2).abs() < 0.1, "{butterworth:?}");
-        // a fair coin per sample: half of the differences are +-1 count, 10 mm/s each
+        // The count changes with probability 1/2 per sample: half of the differences are +-1 count, 10 mm/s each.
         assert!((plain.noise_at_rest_m_per_s / (0.01 * 0.5f64.sqrt()) - 1.0).abs() < 0.02);
         assert!(butterworth.noise_at_rest_m_per_s < 0.1 * plain.noise_at_rest_m_per_s);
         assert!(butterworth.noise_in_motion_m_per_s < plain.noise_in_motion_m_per_s);
         let window = VelocitySettings::LeastSquares1 { window_samples: 20 };
         assert!((signal(window).delay_s.hand / 1e-3 - 1.0).abs() < 0.01);
-        // Told the motor's force, the observer is hardly late. Of a hand's it knows nothing: then it is
-        // what its poles w make of the position, late by 3 atan(x) - atan(3 x) at x = 100 Hz over the
+        // With the motor's force the observer has almost no delay. The hand's force is not known. Then the observer is
+        // a filter of the position with poles w, and late by 3 atan(x) - atan(3 x), where x is 100 Hz divided by the
         // bandwidth.
         let observer = signal(VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 0.416 });
-        // what the device's damping b takes of that force it does not know of: it leads by 3 b / (m w^2)
+        // The observer does not know the force of the device's damping b, so it leads by 3 b / (m w^2).
         let lead = 3.0 * 5.5195 / 0.416 / (2.0 * PI * 100.0).powi(2);
         assert!((observer.delay_s.motor / -lead - 1.0).abs() < 0.1, "{observer:?} {lead}");
         assert!(observer.phase_100_hz_deg.motor.abs() < 1.0, "{observer:?}");
         let late = (3.0 * 1f64.atan() - 3f64.atan()).to_degrees();
         assert!((observer.phase_100_hz_deg.hand + late).abs() < 2.5, "{observer:?} {late}");
-        // Told of the force 0.3 ms before it acts, it leads: of a force U for the acceleration s^2 X it
-        // passes (s^3 + 3 w s^2) / (s + w)^3, and U is (1 + b / (m s)) e^(s t) of what it should be.
+        // If the observer gets the force 0.3 ms before it acts, it leads. It passes (s^3 + 3 w s^2) / (s + w)^3 of a
+        // force U for the acceleration s^2 X. U is (1 + b / (m s)) e^(s t) times its correct value.
         let s = Complex::new(0.0, 2.0 * PI * 100.0);
         let w = 2.0 * PI * 100.0;
         let passed = (s * s * s + s * s * 3.0 * w) / ((s + w) * (s + w) * (s + w));
@@ -314,9 +315,9 @@ mod tests {
         assert!(early > 4.0 && observer.phase_100_hz_deg.motor < 1.0);
         assert!((told.phase_100_hz_deg.motor - early).abs() < 0.6, "{told:?} {early}");
         assert_eq!(told.phase_100_hz_deg.hand, observer.phase_100_hz_deg.hand);
-        // With the latency known it is told in time, and is as without a latency.
+        // With known latency the observer gets the force in time, and its result is as without latency.
         assert_eq!(of(3.0, true, settings), observer);
-        // told of a mass that is 20 % too large, it takes a sixth of the acceleration for a hand's
+        // With a mass that is 20 % too large, the observer attributes a sixth of the acceleration to the hand.
         let wrong = VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 1.2 * 0.416 };
         let off = signal(wrong).phase_100_hz_deg;
         assert!(off.motor < -2.0 && off.motor > off.hand, "{off:?}");

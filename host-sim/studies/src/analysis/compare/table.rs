@@ -16,25 +16,25 @@ use crate::{
     table::{Cell, Kind, Table},
 };
 
-/// Which end of a criterion is good.
+/// Direction in which a criterion is better.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Better {
     More,
     Less,
-    /// The nearer to 0, from either side.
+    /// Nearer to 0, from both sides.
     NearerToZero,
 }
 
-/// Which of the tables for people a criterion stands in.
+/// Table for people that contains the criterion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// Criteria of the Z-width.
     Boundary,
-    /// Criteria of the estimator alone.
+    /// Criteria of the estimator without the loop.
     Signal,
     /// Criteria in contact with walls.
     Contact,
-    /// Wrong settings, and cost.
+    /// Criteria of wrong settings, and of cost.
     Robustness,
 }
 
@@ -52,25 +52,25 @@ impl Part {
 }
 
 pub struct Criterion {
-    /// Name, as a CSV column, with its unit.
+    /// Name of the CSV column, with unit.
     pub key: &'static str,
     /// Name in tables for people.
     pub name: &'static str,
-    /// Unit of the value for people.
+    /// Unit in tables for people.
     pub unit: &'static str,
-    /// Factor from the CSV's unit to that.
+    /// Factor from the CSV's unit to the unit for people.
     pub scale: f64,
-    /// Digits after the point for people.
+    /// Digits after the point in tables for people.
     pub digits: usize,
     pub part: Part,
-    /// Which end is good; `None` for what is neither.
+    /// Direction in which it is better; `None` if no direction is better.
     pub better: Option<Better>,
-    /// Its value in each repeat; one if it is measured once, none where it does not apply.
+    /// Values of all repeats; one value if measured once, none if not applicable.
     pub values: fn(&Compared, &Place) -> Vec<f64>,
 }
 
 impl Criterion {
-    /// The mean of its values.
+    /// The mean of the values.
     pub fn value(&self, c: &Compared, place: &Place) -> Option<f64> {
         let values = (self.values)(c, place);
         (!values.is_empty()).then(|| Repeats::of(values.iter().copied()).mean)
@@ -94,13 +94,14 @@ impl Criterion {
         )
     }
 
-    /// The unit of that.
+    /// Unit in tables for people, in `units`.
     pub fn unit(&self, units: Units) -> &'static str {
         units.written(self.unit).0
     }
 }
 
-/// Makes the list: part, good end, key; name, unit for people and factor to it, digits there; values.
+/// Makes the list of criteria. Each has part, better direction and key; name, unit for people, factor and digits;
+/// values.
 macro_rules! criteria {
     ($($part:ident $better:expr, $key:literal:
        $name:literal, $unit:expr, $scale:literal, $digits:literal, $values:expr;)*) => {
@@ -191,33 +192,33 @@ fn roughness(c: &Compared) -> Vec<f64> {
     if middle.stable { middle.roughness_n.clone() } else { vec![] }
 }
 
-/// A value that holds for all walls, if all of them are stable.
+/// One value, if all walls are stable; otherwise none.
 fn at_all_walls(c: &Compared, value: f64) -> Vec<f64> {
     if c.contacts.iter().all(|contact| contact.stable) { vec![value] } else { vec![] }
 }
 
-/// The smaller of two values, if there are both.
+/// The smaller of two values, if both exist.
 fn worse([low, high]: [Option<f64>; 2]) -> Option<f64> {
     low.zip(high).map(|(low, high)| low.min(high))
 }
 
-/// Walks that the search made.
+/// Number of walks of the search.
 pub fn search_walks(c: &Compared) -> u32 {
     c.tuned.tried.iter().map(|tried| tried.walks).sum()
 }
 
-/// A parameter that was tuned.
+/// A tuned parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
     pub name: &'static str,
     pub unit: &'static str,
-    /// What the search found.
+    /// Result of the search.
     pub value: f64,
-    /// The end of what was searched, if it lies there.
+    /// The end of the search range, if the value lies there.
     pub edge: Option<Edge>,
 }
 
-/// The tuning and the second parameter, as far as the estimator has them.
+/// The tuning and the second parameter, if the estimator has them.
 pub fn parameters(c: &Compared) -> [Option<Parameter>; 2] {
     [0, 1].map(|n| {
         let (velocity::Parameter { name, unit, .. }, value) = c.settings.parameter(n)?;
@@ -231,7 +232,7 @@ pub(super) fn value_and_unit(settings: &VelocitySettings, n: usize) -> [Cell; 2]
     parameter.map_or([Cell::Empty, Cell::Empty], |(of, value)| [value.into(), of.unit.into()])
 }
 
-/// An area, in its unit.
+/// An area with its unit.
 fn area_text(area: f64, units: Units) -> String {
     match units.written("N² s/m²") {
         (unit, factor) if factor != 1.0 => format!("{:.4e} {unit}", area * factor),
@@ -279,7 +280,7 @@ pub fn stable_at_walls(c: &Compared) -> usize {
     c.contacts.iter().filter(|contact| contact.stable).count()
 }
 
-/// Every tuning that was tried, in that order.
+/// Every tuning that was tried, in the order of the tries.
 pub fn tunings(compared: &[Compared]) -> Table {
     let mut table = Table::new([
         ("estimator", Kind::Text),
@@ -308,7 +309,7 @@ pub fn boundaries(compared: &[Compared]) -> Table {
     )
 }
 
-/// Impedance errors by wall and frequency.
+/// Errors of the impedance by wall and frequency.
 pub fn fidelities(compared: &[Compared]) -> Table {
     let numbers = [
         "stiffness_n_per_m",
@@ -334,7 +335,7 @@ pub fn fidelities(compared: &[Compared]) -> Table {
     table
 }
 
-/// What a reader must know beside the numbers, one sentence each.
+/// Notes for the reader, one sentence each.
 pub fn notes(compared: &[Compared], place: &Place, units: Units) -> Vec<String> {
     let (k, b) = (place.middle().stiffness_n_per_m, place.middle().damping_n_s_per_m);
     let walls = place.walls.map(|wall| {

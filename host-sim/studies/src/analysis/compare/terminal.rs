@@ -1,4 +1,4 @@
-//! The comparison for a terminal: several small tables, no line wider than [`WIDTH`].
+//! The comparison for a terminal: several small tables, with no line wider than [`WIDTH`].
 
 use super::{
     Compared, Place,
@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{notation::number, scene::Units};
 
-/// Columns of the terminal that are used.
+/// Largest line width, characters.
 pub const WIDTH: usize = 120;
 
 /// Tables, winners and notes.
@@ -34,7 +34,7 @@ pub fn text(compared: &[Compared], place: &Place, winners: &[Winner], units: Uni
     text
 }
 
-/// A parameter with its unit; a star at an end of its range.
+/// A parameter with its unit. A star marks a value at an end of its range.
 pub fn parameter(parameter: Option<Parameter>) -> String {
     match parameter {
         None => String::new(),
@@ -74,7 +74,7 @@ fn tunings(text: &mut String, compared: &[Compared]) {
     );
 }
 
-/// A table whose columns are as wide as they must be.
+/// A table with columns as wide as their content.
 fn table(text: &mut String, title: &str, heads: &[[&str; 2]], rows: &[(String, Vec<String>)]) {
     let width = |cell: &str| cell.chars().count();
     let first = rows.iter().map(|(name, _)| width(name)).max().unwrap_or(0);
@@ -106,7 +106,7 @@ fn table(text: &mut String, title: &str, heads: &[[&str; 2]], rows: &[(String, V
     text.push('\n');
 }
 
-/// Adds a sentence, wrapped, further lines indented.
+/// Adds a sentence with line breaks. The lines after the first one are indented.
 fn wrapped(text: &mut String, sentence: &str) {
     let mut column = 0;
     for word in sentence.split(' ') {

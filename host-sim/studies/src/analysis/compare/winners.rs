@@ -1,8 +1,9 @@
-//! Who is best by which criterion, among those that know the same.
+//! The best estimators of each criterion, among estimators with the same kind of inputs.
 //!
-//! Repeats of a walk and of a hit scatter, so a criterion that comes from them has a best mean and others
-//! that cannot be told apart from it: Welch's t-test does not show their mean to be below 98 % of it, or
-//! it to be below 98 % of theirs where less is better, as in a sweep ([`crate::numerics::statistics`]).
+//! Repeats of a walk and of a hit scatter. So a criterion from repeats has a best mean, and other means that cannot be
+//! distinguished from it. Two means are not distinguished if Welch's t-test does not show that the worse one is below
+//! 98 % of the better one, as in a sweep ([`crate::numerics::statistics`]). If less is better, the test is whether the
+//! better one is below 98 % of the worse one.
 
 use std::borrow::Cow;
 
@@ -17,25 +18,25 @@ use crate::{
     scene::Units,
 };
 
-/// Who wins a criterion in a class.
+/// The winner of a criterion in a class.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Winner {
     pub criterion: Cow<'static, str>,
-    /// What the estimators look at: `position_only` or `more_than_position`.
+    /// Inputs of the estimators: `position_only` or `more_than_position`.
     pub class: &'static str,
-    /// The estimator with the best mean, and those with the same.
+    /// The estimators with the best mean.
     pub best: Vec<String>,
-    /// Others that the repeats cannot tell apart from it.
+    /// Others that the repeats cannot distinguish from the best.
     pub not_told_apart: Vec<String>,
     /// Mean of the best estimator.
     pub value: f64,
-    /// Rank of finite difference and Butterworth: 1 and how many of its class are shown to be better;
-    /// `null` if it is not in the class or has no value.
+    /// Rank of finite difference and Butterworth: 1 plus the number of estimators in its class that are shown to be
+    /// better. `null` if it is not in the class or has no value.
     pub butterworth_rank: Option<usize>,
 }
 
 impl Winner {
-    /// With criterion and value in those units.
+    /// The winner with criterion and value in `units`.
     #[must_use]
     pub fn told(&self, units: Units) -> Self {
         match units.key(&self.criterion) {
@@ -49,7 +50,7 @@ impl Winner {
     }
 }
 
-/// The winner of every criterion that has a good end, in every class that has a member.
+/// The winner of every criterion that has a better direction, in every class that has a member.
 pub fn winners(compared: &[Compared], place: &Place) -> Vec<Winner> {
     let mut winners = vec![];
     for criterion in &CRITERIA {
@@ -76,7 +77,7 @@ fn winner(
     ranked(criterion.key, class, better, &candidates)
 }
 
-/// The winner among names and their values.
+/// The winner among names and values.
 fn ranked(
     criterion: &'static str,
     class: Class,
@@ -92,7 +93,7 @@ fn ranked(
         Better::Less => -mean,
         Better::NearerToZero => -mean.abs(),
     };
-    // what is measured once is better or is not
+    // Values that were measured only once are compared directly.
     let beats = |one: &Repeats, other: &Repeats| match better {
         Better::More => other.is_below(AS_GOOD_AS_BEST, one),
         Better::Less if one.count + other.count > 2.0 => one.is_below(AS_GOOD_AS_BEST, other),
@@ -117,7 +118,7 @@ fn ranked(
     })
 }
 
-/// A winner in words.
+/// A sentence about a winner.
 pub fn sentence(winner: &Winner) -> String {
     let name = CRITERIA.iter().find(|c| c.key == winner.criterion).map_or("", |c| c.name);
     let class = Class::ALL.into_iter().find(|class| class.name() == winner.class);
@@ -156,7 +157,7 @@ mod tests {
         assert_eq!(winner.best, ["kalman-2"]);
         assert_eq!(winner.not_told_apart, ["butterworth", "kalman-3"]);
         assert_eq!(winner.butterworth_rank, Some(1));
-        // the same means without scatter: two are better
+        // The same means without scatter: two estimators are shown to be better.
         let winner = of(
             Better::More,
             &[("butterworth", &[94.0; 4]), ("kalman-2", &[100.0; 4]), ("kalman-3", &[99.0; 4])],

@@ -1,15 +1,16 @@
-//! Differential evolution over the places of a unit cube, several populations in one.
+//! Differential evolution in a unit cube, with several populations at once.
 //!
 //! R. Storn and K. Price, "Differential evolution: a simple and efficient heuristic for global optimization over
-//! continuous spaces", J. Global Optimization 11, 1997; the scale of the differences drawn anew for each generation, as in
-//! SciPy. Each member has a cap of its own on the gain peak, so that one search finds the whole front: it takes steps from
-//! the best filter below its cap that any member has found, or from another member. A filter above the cap is not walked;
-//! of two such the nearer one stays (K. Deb, Comput. Methods Appl. Mech. Engrg. 186, 2000).
+//! continuous spaces", J. Global Optimization 11, 1997. The scale of the differences is drawn again for each
+//! generation, as in SciPy. Each member has its own cap on the gain peak, so one search finds the whole front. A member
+//! takes steps from the best filter below its cap that any member has found, or from another member. A filter above the
+//! cap is not walked. Of two filters above the cap, the one nearer to the cap stays (K. Deb, Comput. Methods Appl.
+//! Mech. Engrg. 186, 2000).
 //!
-//! What a search has found is refined by drawing anew from the spread of the best ones below a cap, round by round: a
-//! Gaussian with their mean and covariance (P. Larranaga and J. A. Lozano, "Estimation of distribution algorithms", 2002).
+//! The result of a search is refined in rounds. Each round draws from a Gaussian with the mean and covariance of the
+//! best filters below a cap (P. Larranaga and J. A. Lozano, "Estimation of distribution algorithms", 2002).
 //!
-//! All numbers are drawn in one fixed order from a seed, so the result depends on nothing else.
+//! All random numbers come from a seed in one fixed order, so the result depends on nothing else.
 
 use crate::{
     error::Error,
@@ -19,32 +20,32 @@ use crate::{
     },
 };
 
-/// Members that have the first cap, for each that has another one.
+/// Members with the first cap, per member with another cap.
 const MAIN: usize = 24;
-/// Members for each of the other caps.
+/// Members with each of the other caps.
 const EACH: usize = 8;
-/// Share of the numbers of a member that its trial takes over from the step.
+/// Share of a member's coordinates that its trial takes from the step.
 const CROSSING: f64 = 0.8;
 
-/// A place in the search.
+/// A place of the search.
 pub type Place<const N: usize> = [f64; N];
 
-/// What is asked of a search.
+/// The objective of a search.
 pub trait Field<const N: usize> {
-    /// Where a member begins that was drawn there.
+    /// First place of a member that was drawn at `drawn`.
     fn begin(&self, drawn: Place<N>) -> Place<N> {
         drawn
     }
-    /// Gain peak of the filter at a place, dB; infinite where there is none.
+    /// Gain peak of the filter at a place, dB; infinite if there is no filter.
     fn peak_db(&self, place: &Place<N>) -> f64;
-    /// How good filters are, all at once.
+    /// Quality of several filters.
     ///
     /// # Errors
-    /// They could not be walked.
+    /// The filters could not be walked.
     fn worths(&mut self, places: &[Place<N>]) -> Result<Vec<f64>, Error>;
 }
 
-/// A member: its place, by how much it is above its cap, and its worth.
+/// A member: its place, its excess above the cap, and its quality.
 #[derive(Clone, Copy, Debug)]
 struct Member<const N: usize> {
     place: Place<N>,
@@ -53,7 +54,7 @@ struct Member<const N: usize> {
 }
 
 impl<const N: usize> Member<N> {
-    /// At least as good.
+    /// Whether this member is at least as good.
     fn beats(&self, other: &Self) -> bool {
         match self.excess_db == other.excess_db {
             true => self.worth >= other.worth,
@@ -62,14 +63,14 @@ impl<const N: usize> Member<N> {
     }
 }
 
-/// Everything that was walked: place, gain peak and worth.
+/// All walked filters: place, gain peak and quality.
 pub type Found<const N: usize> = Vec<(Place<N>, f64, f64)>;
 
-/// Looks at `budget` filters at least, and at most at those of one generation more, for the caps in dB; the first one is
-/// the one that matters most.
+/// Walks at least `budget` filters, and at most one generation more. The caps are in dB; the first cap is the most
+/// important one.
 ///
 /// # Errors
-/// As [`Field::worths`].
+/// An error of [`Field::worths`].
 pub fn evolve<const N: usize>(
     field: &mut impl Field<N>,
     caps_db: &[f64],
@@ -90,7 +91,7 @@ pub fn evolve<const N: usize>(
     let first: Vec<Place<N>> =
         caps.iter().map(|_| field.begin(std::array::from_fn(|_| random()))).collect();
     let mut members = look(field, &first, &caps, &mut found)?;
-    // A generation of which nothing is below its cap costs nothing, but may not go on for ever.
+    // A generation with all members above their caps costs nothing, so the number of generations is limited.
     for _ in 0..10 * budget.div_ceil(caps.len()).max(1) {
         if found.len() >= budget {
             break;
@@ -129,14 +130,15 @@ pub fn evolve<const N: usize>(
     Ok(found)
 }
 
-/// The best ones whose spread is drawn from, and how many are drawn in a round.
+/// Number of best filters that define the Gaussian, and number of draws in a round.
 const SPREAD: usize = 12;
 const ROUND: usize = 40;
 
-/// Refines the best of `from` below the cap, places and worths of another grid: `budget` filters more, at least one round.
+/// Refines the best filters of `from` below the cap. `from` has places and qualities of another grid. The refinement
+/// walks `budget` filters, and at least one round.
 ///
 /// # Errors
-/// As [`Field::worths`].
+/// An error of [`Field::worths`].
 pub fn refine<const N: usize>(
     field: &mut impl Field<N>,
     cap_db: f64,
@@ -196,7 +198,7 @@ fn look<const N: usize>(
     Ok(members.collect())
 }
 
-/// The best that was found below a cap, or the first member.
+/// The best filter that was found below a cap, or the first member.
 fn best_below<const N: usize>(cap_db: f64, found: &Found<N>, members: &[Member<N>]) -> Place<N> {
     let below = found.iter().filter(|(_, peak, _)| *peak <= cap_db);
     let best = below.max_by(|a, b| a.2.total_cmp(&b.2)).map(|(place, ..)| *place);
@@ -207,7 +209,7 @@ fn best_below<const N: usize>(cap_db: f64, found: &Found<N>, members: &[Member<N
 mod tests {
     use super::*;
 
-    /// A ridge whose height grows with the peak; the peak is the first number times 10.
+    /// A ridge whose height grows with the gain peak. The gain peak is 10 times the first coordinate.
     struct Ridge(usize);
 
     impl Field<4> for Ridge {

@@ -1,16 +1,17 @@
-//! The best velocity filter for a device, instead of the best cutoff: one biquad behind the finite difference, or two,
-//! in the core's fixed point, for the worst of several conditions (who pushes, in whose hand, below which limit).
+//! Finds the best velocity filter for a device, instead of the best cutoff. The filter has one or two biquads after the
+//! finite difference, in the core's fixed point. It is designed for the worst of several conditions (who pushes, with
+//! which hand, below which limit).
 //!
-//! * What is best: the least, over the conditions, of the filter's area over that of finite difference and Butterworth at
-//!   its best cutoff of `[sweep]` there. With one condition that is the area.
+//! * The quality of a filter is its area divided by the area of finite difference and Butterworth at its best cutoff of
+//!   `[sweep]`, in the worst condition. With one condition, the best filter has the largest area.
 //! * [`evolution`]: a global search over poles, lead and second zero ([`shape`]), for several caps on the gain peak at
-//!   once, on a grid of the walk so coarse that Butterworth's boundary has about 28 columns.
-//! * The best of the first cap are refined on a grid of twice as many columns.
-//! * The best of each cap are walked anew on the scene's grid, from starts of their own, and the best of those from the
-//!   starts of a sweep: an area in the result is not the luckiest of many. A question of one repeat is another one: all
-//!   walks have that one start, so its areas are the luckiest of many.
-//! * Roughness as [`compare`](super::compare) has it, at the same wall but for Butterworth's cutoff, which is one of
-//!   `[sweep]` here; what is left of the area with frequency or damping off by [`MISTUNED_BY`].
+//!   once. The grid of the walk is so coarse that Butterworth's boundary has about 28 columns.
+//! * The best filters of the first cap are refined on a grid with twice as many columns.
+//! * The best filters of each cap are walked again on the scene's grid, from other starts. The best of these are walked
+//!   from the starts of a sweep. So an area in the result is not the luckiest of many. A question with one repeat is
+//!   different: all walks have one start, so its areas are the luckiest of many.
+//! * Roughness is measured as in [`compare`](super::compare), at the same wall, except that Butterworth's cutoff here
+//!   is one of `[sweep]`. The remaining area is measured with a frequency or damping that is wrong by [`MISTUNED_BY`].
 
 pub mod evolution;
 mod references;
@@ -43,44 +44,44 @@ use crate::{
     },
 };
 
-/// Columns of the boundary of the reference on the grid of the search, and rows up to its peak.
+/// Columns of the reference's boundary on the grid of the search, and rows up to its peak.
 const COLUMNS: f64 = 28.0;
-/// The same where the result of the search is refined, and the share of the budget that is kept for that.
+/// Columns of the grid for the refinement, and share of the budget that is reserved for the refinement.
 const FINE_COLUMNS: f64 = 56.0;
 const REFINE: f64 = 0.2;
-/// Starts of the walks of the choice among the best, counts: those of a search, and two between.
+/// Starts of the walks that choose among the best filters, counts: those of a search, and two between them.
 const CHOICE: [f64; 4] =
     [0.118_033_988_749_895, 0.368_033_988_749_895, 0.618_033_988_749_895, 0.868_033_988_749_895];
-/// Filters of each cap and grid that are walked on the scene's grid.
+/// Number of filters of each cap and grid that are walked on the scene's grid.
 const CHOSEN: usize = 8;
-/// Caps on the gain peak below the one that was asked for, dB: the front.
+/// Caps on the gain peak of the front, dB. Only caps below the requested one are used.
 const FRONT_DB: [f64; 6] = [12.0, 9.0, 6.0, 4.5, 3.0, 1.5];
 /// Factor of a mistuned frequency or damping, up or down.
 pub const MISTUNED_BY: f64 = 1.2;
 
-/// Who pushes, in whose hand, below which limit.
+/// Who pushes, with which hand, below which limit.
 #[derive(Clone, Debug)]
 pub struct Condition {
     pub name: String,
-    /// The scene under it.
+    /// The scene in this condition.
     pub scene: Scene,
 }
 
 #[derive(Clone, Debug)]
 pub struct Question {
-    /// One or more, of one device.
+    /// One or more conditions of one device.
     pub conditions: Vec<Condition>,
-    /// Largest gain of the velocity over the true one, dB.
+    /// Largest allowed gain of the estimate against the true velocity, dB.
     pub gain_peak_db: Option<f64>,
-    /// Largest delay of a slow motion, s.
+    /// Largest allowed delay of a slow motion, s.
     pub delay_s: Option<f64>,
-    /// Largest roughness of the force, N.
+    /// Largest allowed roughness of the force, N.
     pub roughness_n: Option<f64>,
-    /// Least that a mistuned filter keeps of the area.
+    /// Smallest share of the area that a mistuned filter must keep.
     pub mistuned_share: Option<f64>,
     /// Sections of a filter, 1 or 2.
     pub sections: u8,
-    /// Filters that the search walks.
+    /// Number of filters that the search walks.
     pub budget: u32,
     /// Walks of a result in each condition.
     pub repeats: u32,
@@ -93,7 +94,7 @@ pub struct Question {
 /// Finite difference and Butterworth in one condition.
 #[derive(Clone, Debug)]
 pub struct Reference {
-    /// Its best cutoff, Hz.
+    /// The best cutoff, Hz.
     pub cutoff_hz: f64,
     pub boundaries: Boundaries,
 }
@@ -104,17 +105,17 @@ pub struct Designed {
     pub shape: Shape,
     /// Boundaries in each condition.
     pub boundaries: Vec<Boundaries>,
-    /// The least of its areas over the reference's, and in which condition.
+    /// Area divided by the reference's area, in the worst condition.
     pub worth: f64,
-    /// Index of that condition.
+    /// Index of the worst condition.
     pub worst: usize,
-    /// Largest gain of the velocity over the true one, dB.
+    /// Largest gain of the estimate against the true velocity, dB.
     pub gain_peak_db: f64,
-    /// RMS of the force above 100 Hz at the wall, N; `None` where the wall is not stable.
+    /// RMS of the force above 100 Hz at the wall, N; `None` if the wall is not stable.
     pub roughness_n: Option<f64>,
-    /// The least that a mistuned one keeps, in the worst condition.
+    /// Smallest share of the area that a mistuned filter keeps, in the worst condition.
     pub mistuned_share: f64,
-    /// As the core runs them.
+    /// The biquads, as the core runs them.
     pub sections: Vec<Biquad>,
 }
 
@@ -125,12 +126,12 @@ impl Designed {
     }
 }
 
-/// A filter that was walked by the search.
+/// A filter that the search walked.
 #[derive(Clone, Copy, Debug)]
 pub struct Tried {
     pub shape: Shape,
     pub gain_peak_db: f64,
-    /// On the search's grid.
+    /// Quality on the search's grid.
     pub worth: f64,
 }
 
@@ -141,22 +142,22 @@ pub struct DesignStudy {
     pub references: Vec<Reference>,
     /// The wall at which roughness is measured, in the first condition.
     pub wall: Wall,
-    /// Best first: the answer, then the best below lower caps on the gain peak.
+    /// The best filter, then the best filters below lower caps on the gain peak.
     pub filters: Vec<Designed>,
-    /// All that were walked.
+    /// All filters that were walked.
     pub tried: Vec<Tried>,
-    /// Butterworth's roughness there, N.
+    /// Roughness with Butterworth at this wall, N.
     pub reference_roughness_n: Option<f64>,
 }
 
-/// What all walks share.
+/// Settings of all walks.
 struct Walker<'a, D> {
     how: How<'a>,
     done: D,
 }
 
 impl<D: Fn(&Boundary) + Sync> Walker<'_, D> {
-    /// By condition, then by filter.
+    /// Boundaries by condition, then by filter.
     fn walk(
         &self,
         scenes: &[PreparedScene],
@@ -167,10 +168,10 @@ impl<D: Fn(&Boundary) + Sync> Walker<'_, D> {
     }
 }
 
-/// Designs. `done` is called after each walk.
+/// Designs the filters. `done` is called after each walk.
 ///
 /// # Errors
-/// The handle does not reach the wall, no filter keeps to the limits, or `stop` was set.
+/// The handle does not reach the wall, no filter is within the limits, or `stop` was set.
 pub fn design(
     engine: Engine,
     question: Question,
@@ -195,7 +196,7 @@ fn of_numbers<const N: usize>(
         scenes.iter().map(PreparedScene::new).collect()
     };
     let fine = prepared(&scenes)?;
-    // Butterworth low-passes have another form than two sections
+    // Butterworth low-passes have another form than two biquads, and need scenes of their own.
     let plain: Vec<Scene> = question.conditions.iter().map(|c| with_low_pass(&c.scene)).collect();
     let references = references(&walker, &question, &prepared(&plain)?)?;
     let cutoffs: Vec<VelocitySettings> = references.iter().map(Reference::settings).collect();
@@ -266,7 +267,7 @@ fn of_numbers<const N: usize>(
 }
 
 impl Question {
-    /// Starts of the search or of the choice, unless the question knows one start only.
+    /// `starts`, unless the question uses only one start.
     fn spread<'a>(&self, starts: &'a [f64]) -> &'a [f64] {
         if self.repeats == 1 { &[0.0] } else { starts }
     }
@@ -278,7 +279,7 @@ impl Reference {
     }
 }
 
-/// The least of the areas over the scale, and where.
+/// The smallest ratio of area to scale, and its index.
 fn worth(areas: impl Iterator<Item = f64>, scale: &[f64]) -> (f64, usize) {
     let shares = areas.zip(scale).map(|(area, scale)| area / scale).enumerate();
     let least = shares.min_by(|a, b| a.1.total_cmp(&b.1));
@@ -290,10 +291,10 @@ struct Search<'a, D, const N: usize> {
     question: &'a Question,
     scene: &'a Scene,
     scenes: Vec<PreparedScene>,
-    /// On the grid of the search, and the reference's area there, by condition.
+    /// The reference's area on the grid of the search, by condition.
     scale: Vec<f64>,
     wall: Wall,
-    /// What keeps to the limits that a walk does not show, by the filter's numbers.
+    /// Whether a filter is within the limits that need further measurements, by its numbers.
     kept: RefCell<HashMap<[u64; PARAMETERS], bool>>,
 }
 
@@ -309,7 +310,7 @@ impl<D: Fn(&Boundary) + Sync, const N: usize> Search<'_, D, N> {
         Ok((0..shapes.len()).map(|n| worth(areas(n), &self.scale).0).collect())
     }
 
-    /// Whether a filter keeps to the limits on roughness and mistuning.
+    /// Whether a filter is within the limits of roughness and mistuning.
     fn keeps(&self, shape: &Shape, own: f64) -> Result<bool, Error> {
         let Question { roughness_n, mistuned_share, .. } = self.question;
         if roughness_n.is_none() && mistuned_share.is_none() {
@@ -334,7 +335,7 @@ impl<D: Fn(&Boundary) + Sync, const N: usize> Search<'_, D, N> {
 }
 
 impl<D: Fn(&Boundary) + Sync, const N: usize> Field<N> for Search<'_, D, N> {
-    /// Half of them without a second section: what one finds is where two begin.
+    /// Half of the members begin without a second section, because a good filter with one section is a start for two.
     fn begin(&self, mut drawn: Place<N>) -> Place<N> {
         if N > NUMBERS && drawn[NUMBERS + 1] < 0.5 {
             Shape::without_second(&mut drawn, self.scene.control.rate_hz);
@@ -344,7 +345,7 @@ impl<D: Fn(&Boundary) + Sync, const N: usize> Field<N> for Search<'_, D, N> {
 
     fn peak_db(&self, place: &Place<N>) -> f64 {
         let shape = self.shape(place);
-        // four digits make good what is asked for to the last one
+        // A filter's numbers have four digits, so the limit has a tolerance of 1e-9.
         if self.question.delay_s.is_some_and(|most| -shape.led_s() > most + 1e-9) {
             return f64::INFINITY;
         }
@@ -367,7 +368,7 @@ struct Last<'a, D> {
     walker: &'a Walker<'a, D>,
     question: &'a Question,
     scenes: &'a [PreparedScene],
-    /// Areas of the references.
+    /// Areas of the references, by condition.
     scale: Vec<f64>,
 }
 
@@ -410,7 +411,7 @@ impl<D: Fn(&Boundary) + Sync> Last<'_, D> {
         Ok(best.iter().enumerate().map(|(place, &n)| (shapes[n].0, of(place))).collect())
     }
 
-    /// All that is said of a filter of the result.
+    /// Computes all results of a filter.
     fn finish(
         &self,
         first: &Scene,

@@ -1,4 +1,4 @@
-//! What designed filters are compared with, and on which grids and walls: Butterworth at its best cutoff.
+//! The reference of designed filters: Butterworth at its best cutoff. Also the grids and walls of the comparison.
 
 use std::sync::atomic::AtomicBool;
 
@@ -20,7 +20,7 @@ use crate::{
     },
 };
 
-/// The scene with the estimator whose form all filters have.
+/// The scene with the biquad estimator that all filters use.
 pub(super) fn with_biquad(scene: &Scene, numbers: usize) -> Scene {
     let second = Second { ratio: 1.0, damping: 1.0, lead_s: 0.0, zero: 0.0 };
     let own = Shape {
@@ -38,7 +38,7 @@ pub(super) fn with_low_pass(scene: &Scene) -> Scene {
     with_filter(scene, &settings)
 }
 
-/// The best cutoff of `[sweep]` in each condition, from one start on the scene's grid, walked again.
+/// The best cutoff of `[sweep]` in each condition, from one start on the scene's grid. Its boundaries are walked again.
 pub(super) fn references<D: Fn(&Boundary) + Sync>(
     walker: &Walker<'_, D>,
     question: &Question,
@@ -69,7 +69,7 @@ pub(super) fn references<D: Fn(&Boundary) + Sync>(
         .collect())
 }
 
-/// The scene with a grid on which the reference's boundary has about that many columns and rows.
+/// The scene with a coarser grid. The reference's boundary has about `columns` columns and rows on this grid.
 pub(super) fn coarser(scene: &Scene, reference: &Boundaries, columns: f64) -> Scene {
     let mut scene = scene.clone();
     let walk = &mut scene.walk;
@@ -84,13 +84,14 @@ pub(super) fn coarser(scene: &Scene, reference: &Boundaries, columns: f64) -> Sc
     scene
 }
 
-/// Half of the K that the reference reaches at the B of `compare`, or at half of its largest B.
+/// The wall of the roughness. K is half of the K that the reference reaches at the B of `compare`, or at half of its
+/// largest B.
 pub(super) fn wall(scene: &Scene, references: &[Reference]) -> Wall {
     let boundaries = references.first().map(|reference| &reference.boundaries);
     Wall::half_of(boundaries, scene, damping_of(boundaries, scene))
 }
 
-/// Mean roughness of a filter at the wall, N; `None` where it is not stable.
+/// Mean roughness of a filter at the wall, N; `None` if the wall is not stable.
 pub(super) fn rough(
     scene: &Scene,
     settings: &VelocitySettings,

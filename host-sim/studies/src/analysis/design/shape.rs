@@ -1,5 +1,5 @@
-//! A filter of the search: the four numbers of `biquad` or the eight of `biquad-2`, where they are searched, and what
-//! follows from them alone.
+//! A filter of the search: the four numbers of `biquad` or the eight of `biquad-2`, their ranges, and values that
+//! follow directly from these numbers.
 
 use std::f64::consts::PI;
 
@@ -12,26 +12,28 @@ use crate::{
     notation::rounded,
 };
 
-/// Numbers of a section.
+/// Number of parameters of a section.
 pub const NUMBERS: usize = 4;
 
-/// Frequencies that are searched, of the rate: 30 to 2000 Hz at 10 kHz.
+/// Frequency range of the search, as a share of the rate: 30 to 2000 Hz at 10 kHz.
 const FREQUENCY: [f64; 2] = [3e-3, 0.2];
-/// Damping ratios that are searched.
+/// Damping ratio range of the search.
 const DAMPING: [f64; 2] = [0.02, 3.0];
-/// Frequencies of the second section's poles that are searched, over the first's.
+/// Range of the second section's pole frequency over the first section's.
 const RATIO: [f64; 2] = [0.25, 8.0];
-/// Frequency of a second section that changes nothing, of the rate: a lower one has no room in the sum of coefficients.
+/// Frequency of a second section without effect, as a share of the rate. At a lower frequency the sum of coefficients
+/// would overflow.
 const FREE: f64 = 0.1;
-/// Leads that are searched, in units of `1 / w`, w the poles' frequency: a Butterworth low-pass is at -1.4.
+/// Lead range in units of `1 / w`, where w is the frequency of the poles. A Butterworth low-pass has -1.4.
 const LEAD: [f64; 2] = [-2.0, 4.0];
-/// Farthest that the second zero leads, in the same unit.
+/// Largest lead of the second zero, in units of `1 / w`.
 const SECOND: f64 = 3.0;
-/// Frequencies at which the gain is looked at, from a part of half the rate to half the rate.
+/// Number of frequencies at which the gain is computed, and the lowest one as a share of half the rate. The highest one
+/// is half the rate.
 const LOOKS: u32 = 400;
 const LOWEST: f64 = 1e-3;
 
-/// The numbers of `estimator = "biquad"`.
+/// The parameters of `estimator = "biquad"`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Shape {
     /// Frequency of the poles, Hz.
@@ -45,16 +47,16 @@ pub struct Shape {
     pub second: Option<Second>,
 }
 
-/// The further numbers of `estimator = "biquad-2"`.
+/// The second section's parameters of `estimator = "biquad-2"`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Second {
-    /// Frequency of its poles over the first section's.
+    /// Frequency of the second section's poles over the first section's.
     pub ratio: f64,
-    /// Damping ratio of its poles.
+    /// Damping ratio of the second section's poles.
     pub damping: f64,
-    /// By which it leads a slow motion, s.
+    /// Lead of the second section in a slow motion, s.
     pub lead_s: f64,
-    /// Place of its second zero.
+    /// Place of the second section's second zero.
     pub zero: f64,
 }
 
@@ -63,14 +65,15 @@ fn between([low, high]: [f64; 2], part: f64) -> f64 {
 }
 
 impl Shape {
-    /// The filter at a place of the search, 0 to 1 each, with four digits of each number; eight of them make two
-    /// sections.
+    /// The filter at a place of the search. Each coordinate is 0 to 1, each number has four digits. Eight coordinates
+    /// give two sections.
     pub fn at(place: &[f64], rate_hz: f64) -> Self {
         let number = |n: usize| place.get(n).copied().unwrap_or_default();
         let of = |n: usize, frequency_hz: f64| {
             let per_sample = 2.0 * PI * frequency_hz / rate_hz;
             let lead = LEAD[0] + (LEAD[1] - LEAD[0]) * number(n + 1);
-            // even in how far it leads, finer below, where its place moves fast
+            // The second zero's lead grows with the square of the coordinate: low leads, where the zero moves fast, are
+            // finer.
             let h = -0.5 + number(n + 2).powi(2) * (0.5 + SECOND / per_sample);
             let zero = (h / (1.0 + h) * 1e4).round() / 1e4;
             [rounded(between(DAMPING, number(n)), 3), rounded(lead / per_sample / rate_hz, 4), zero]
@@ -85,8 +88,8 @@ impl Shape {
         Self { frequency_hz, damping, lead_s, zero, second }
     }
 
-    /// Puts the second section where it changes nothing, as far as its frequency is searched: both zeros on its two equal
-    /// poles.
+    /// Sets the second section so that it has no effect: both zeros are on its two equal poles. Its frequency must be
+    /// in the range of the search.
     pub fn without_second(place: &mut [f64], rate_hz: f64) {
         let ratio = FREE * rate_hz / Self::at(place, rate_hz).frequency_hz;
         let ratio = (ratio / RATIO[0]).ln() / (RATIO[1] / RATIO[0]).ln();
@@ -102,7 +105,7 @@ impl Shape {
         *zero = ((h + 0.5) / (0.5 + SECOND / per_sample)).sqrt();
     }
 
-    /// Settings for the core.
+    /// Settings of the core.
     pub fn settings(&self) -> VelocitySettings {
         let Self { frequency_hz, damping, lead_s, zero, second } = *self;
         match second {
@@ -120,22 +123,23 @@ impl Shape {
         }
     }
 
-    /// Lead of the velocity in a slow motion by both sections together, s.
+    /// Lead of both sections together in a slow motion, s.
     pub fn led_s(&self) -> f64 {
         self.lead_s + self.second.map_or(0.0, |second| second.lead_s)
     }
 
-    /// From the position to the velocity; `None` if the core refuses it.
+    /// Response from the position to the velocity; `None` if the core refuses the filter.
     pub fn response(&self, design: &Design) -> Option<TransferFunction> {
         transfer_function(&self.settings(), design).ok().flatten()
     }
 
-    /// Largest gain of the velocity over the true one, dB; `None` if the core refuses it.
+    /// Largest gain of the estimate against the true velocity, dB; `None` if the core refuses the filter.
     pub fn gain_peak_db(&self, design: &Design) -> Option<f64> {
         self.response(design).map(|response| gain_peak_db(&response, design.rate_hz))
     }
 
-    /// The same filter with its frequencies or its dampings off by a factor, and its leads within what the core takes.
+    /// The same filter with its frequencies or its dampings wrong by a factor. Its leads stay within the range of the
+    /// core.
     fn off(&self, place: usize, factor: f64, design: &Design) -> Option<Self> {
         let mut other = *self;
         match place {
@@ -157,17 +161,17 @@ impl Shape {
         other.settings().build(design).is_ok().then_some(other)
     }
 
-    /// The filters that a person may take for this one: frequency or damping off by that factor, either way.
+    /// Neighbours by mistuning: frequency or damping wrong by the factor, in both directions.
     pub fn mistuned(&self, by: f64, design: &Design) -> Vec<Self> {
         let ways = [0, 1].into_iter().flat_map(|place| [(place, 1.0 / by), (place, by)]);
         ways.filter_map(|(place, factor)| self.off(place, factor, design)).collect()
     }
 }
 
-/// Largest gain of an estimate over the true velocity, dB.
+/// Largest gain of an estimate against the true velocity, dB.
 pub fn gain_peak_db(response: &TransferFunction, rate_hz: f64) -> f64 {
     let gains = (0..=LOOKS).map(|n| {
-        let w = PI * LOWEST.powf(1.0 - f64::from(n) / f64::from(LOOKS)); // of a sample
+        let w = PI * LOWEST.powf(1.0 - f64::from(n) / f64::from(LOOKS)); // rad per sample
         let value = response.at(Complex::new(w.cos(), -w.sin()));
         value.norm() / (w * rate_hz)
     });
@@ -182,7 +186,7 @@ mod tests {
     #[test]
     fn the_peak_is_that_of_a_resonance() {
         let design = NamedScene::load("paper-1um").unwrap().scene.design();
-        // far below the rate a filter of second order without zeros peaks by 1 / (2 zeta sqrt(1 - zeta^2))
+        // Far below the rate, a second-order filter without zeros has a peak of 1 / (2 zeta sqrt(1 - zeta^2)).
         for damping in [0.05, 0.2, 0.5] {
             let late = -2.0 * damping / (2.0 * PI * 50.0);
             let lead_s = late + 5e-5;

@@ -1,4 +1,4 @@
-//! What may be changed of a device, one element at a time, and what each change costs.
+//! Possible changes of a device, one element at a time, and the cost of each change.
 
 use zwidth::velocity::EstimatorName;
 
@@ -11,16 +11,16 @@ use crate::{
     },
 };
 
-/// What a change asks of who makes it.
+/// Kind of effort that a change needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Another part has to be bought.
+    /// Another part must be bought.
     Part,
-    /// Another firmware, or another setting of it.
+    /// Another firmware, or another setting of the firmware.
     Firmware,
-    /// Nothing to buy: an element that the scene leaves out, as it may be.
+    /// Nothing to buy: the change adds an element that the scene leaves out but the device may have.
     LeftOut,
-    /// Nothing: the scene as it is.
+    /// No change: the scene itself.
     Nothing,
 }
 
@@ -37,24 +37,24 @@ impl Kind {
 
 #[derive(Clone, Debug)]
 pub struct Change {
-    /// Name, as files have it.
+    /// Name in files.
     pub name: &'static str,
-    /// For people, in the scene's units.
+    /// Description for people, in the scene's units.
     pub text: String,
-    /// What it asks for.
+    /// Kind of effort.
     pub kind: Kind,
-    /// What it costs, in words.
+    /// Cost in words.
     pub cost: String,
-    /// Cycles of the Cortex-M4 that it adds in a second; `None` where that was not measured.
+    /// Additional cycles of the Cortex-M4 in a second; `None` if not measured.
     pub cycles_per_s: Option<f64>,
-    /// The scene with it.
+    /// The scene with the change.
     pub scene: Scene,
-    /// Estimators of which the best is taken; the scene's own if there is none.
+    /// Estimators of which the best is taken. Empty for the scene's own estimator.
     pub estimators: Vec<EstimatorName>,
 }
 
 impl Change {
-    /// The scene as it is.
+    /// The unchanged scene.
     pub fn none(scene: &Scene) -> Self {
         Self {
             name: "none",
@@ -68,19 +68,19 @@ impl Change {
     }
 }
 
-/// Worst cycles of `render` on the faster board, and its clock.
+/// Name of the worst-case cycles of `render` on the faster board.
 const RENDER: &str = "elf/control/nucleo-f446re/render_most";
-/// Clock of that board, Hz.
+/// Clock of the faster board, Hz.
 pub const CLOCK_HZ: f64 = 180e6;
-/// Amplifier that a scene without one may have, Hz.
+/// Amplifier bandwidth for a scene without an amplifier, Hz.
 const AMPLIFIER_HZ: f64 = 1000.0;
-/// Friction and cogging that a scene without them may have, of the full force.
+/// Friction and cogging for a scene without these elements, as a share of full force.
 const DRY_SHARE: f64 = 0.01;
 /// Bits of the DAC of a scene without `[output]`.
 const DAC_BITS: u32 = 12;
-/// Travel from cog to cog of a scene without `[cogging]`, m.
+/// Travel from cog to cog for a scene without `[cogging]`, m.
 const PITCH_M: f64 = 0.005;
-/// A usual accelerometer of silicon.
+/// A typical MEMS accelerometer.
 const ACCELEROMETER: Accelerometer = Accelerometer {
     full_scale_m_per_s2: 40.0,
     resolution_m_per_s2: 0.01,
@@ -89,21 +89,21 @@ const ACCELEROMETER: Accelerometer = Accelerometer {
     bandwidth_hz: Some(1000.0),
 };
 
-/// Worst cycles of one output.
+/// Worst-case cycles of one output.
 fn render_cycles() -> Option<f64> {
     let table = include_str!("../../../../../docs/data/measured.csv");
     let row = table.lines().find(|line| line.split(',').next() == Some(RENDER))?;
     row.split(',').nth(1)?.parse().ok()
 }
 
-/// Cycles in a second that an estimator adds to the scene's own.
+/// Cycles per second of an estimator minus those of the scene's own estimator.
 fn estimator_cycles(scene: &Scene, name: EstimatorName) -> Option<f64> {
     let cycles = |cost: Option<Cost>| cost.map(|cost| cost.cycles);
     let own = cycles(cost::of(scene.velocity.estimator()))?;
     Some((cycles(cost::of(name))? - own) * scene.control.rate_hz)
 }
 
-/// What an estimator costs beside the scene's own.
+/// Cost of an estimator compared with the scene's own estimator.
 pub fn cost_of_estimator(scene: &Scene, name: EstimatorName) -> (String, Option<f64>) {
     let cycles_per_s = estimator_cycles(scene, name);
     let text = match cost::of(name) {
@@ -115,7 +115,7 @@ pub fn cost_of_estimator(scene: &Scene, name: EstimatorName) -> (String, Option<
     (text, cycles_per_s)
 }
 
-/// How many counts of that size an encoder has, on the way of the handle.
+/// Number of counts per travel of the handle, for an encoder with this resolution.
 fn counts(units: Units, resolution_m: f64) -> String {
     match units {
         Units::Linear => format!("{:.0} counts per mm of handle", 1e-3 / resolution_m),
@@ -126,14 +126,14 @@ fn counts(units: Units, resolution_m: f64) -> String {
     }
 }
 
-/// Gives an integrator to a scene whose new element needs one.
+/// Adds an integrator to a scene if a new element needs one.
 fn integrated(mut scene: Scene) -> Scene {
     scene.integrator = scene.integrator.or(Some(Integrator::Rk4 { steps_per_sample: 1 }));
     scene
 }
 
-/// The changes of a scene that make another scene which the core takes, in the order of the loop: encoder, velocity,
-/// time, output, amplifier, motor, mechanics.
+/// All changes for which the core accepts the changed scene, in the order of the loop: encoder, velocity, time, output,
+/// amplifier, motor, mechanics.
 pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
     let mut all = vec![];
     let mut add = |name, kind, text: String, cost: String, edit: &dyn Fn(&mut Scene)| {
@@ -330,7 +330,7 @@ mod tests {
         (scene, all)
     }
 
-    /// Tables of the scene that differ, by what they print.
+    /// Tables that differ between two scenes, by their printed text.
     fn differing(one: &Scene, other: &Scene) -> Vec<String> {
         let tables = |scene: &Scene| -> BTreeMap<String, String> {
             let (mut tables, mut name) = (BTreeMap::new(), String::new());

@@ -1,17 +1,18 @@
-//! What limits the walls of a device: one element changed at a time, the velocity filter tuned anew for each.
+//! Finds what limits the walls of a device: one element is changed at a time, and the velocity filter is tuned again
+//! for each change.
 //!
-//! The tuning is the search of [`compare`](super::compare), on the area of the boundary; so every change is given its best
-//! filter, and what remains is the element. The estimator itself is one of the elements: all that need the position only are
-//! screened from one start, the best three are searched with twice the tunings of everything else: the surface of each is
-//! rough, and a change of the element has but one of them.
+//! The tuning is the search of [`compare`](super::compare), for the area of the boundary. So each change has its best
+//! filter, and the remaining difference comes from the element. The estimator is also an element. All estimators that
+//! need only the position are screened from one start. The best three are searched with twice the usual number of
+//! tunings. They need more, because each has its own rough surface.
 //!
-//! **What a search hides.** The surface is rough, so two searches may end at tops of other heights, and an element that
-//! changes nothing would seem to. So the scene as it is is tried at the tunings of all its changes, and each change at that
-//! of the scene; the best of them counts. What one gains by that its search is known to have [missed](Explained::missed):
-//! a difference that is smaller is not told.
+//! **Errors of a search.** The surface is rough, so two searches may end at maxima of different heights. Then an
+//! element without effect would seem to have one. So the unchanged scene is tried at the tunings of all changes, and
+//! each change at the tuning of the scene. The best result counts. The gain by this step is the share that the search
+//! has [missed](Explained::missed). A smaller difference between changes is not reported.
 //!
-//! **Ranges.** Each boundary is walked from starts spread over a count, with other noise where the scene has noise. Two
-//! changes have the same rank if Welch's t-test, one-sided at 5 %, cannot tell that the area of one is below the other's.
+//! **Ranges.** Each boundary is walked from starts spread over a count, with other noise if the scene has noise. Two
+//! changes have the same rank if Welch's t-test (one-sided, 5 %) does not show that one area is below the other.
 
 mod changes;
 pub mod table;
@@ -41,35 +42,36 @@ use crate::{
     },
 };
 
-/// Estimators that are searched in full after the screening.
+/// Number of estimators that are searched in full after the screening.
 const FINALISTS: usize = 3;
-/// Tunings of that search, for each that another element has.
+/// Tunings of the full search, as a multiple of the tunings of another element.
 const FINAL_TUNINGS: u32 = 2;
-/// Walks of each change beside its search: the scene at its tuning, it at its own and the scene's.
+/// Walks of each change in addition to its search: the scene at the tuning of the change, the change at its own tuning,
+/// and the change at the scene's tuning.
 const POOLED: u64 = 3 * STARTS.len() as u64;
-/// Tunings of a plant that is integrated step by step, and takes ten times as long.
+/// Number of tunings for a plant that is integrated step by step. Such a plant takes ten times as long.
 const INTEGRATED_TUNINGS: u32 = 5;
 
 /// A scene with one element changed, and its walls.
 #[derive(Clone, Debug)]
 pub struct Explained {
-    /// What was changed.
+    /// The change.
     pub change: Change,
     /// The estimator with its best tuning.
     pub settings: VelocitySettings,
-    /// Its boundaries, one per start.
+    /// Boundaries, one per start.
     pub boundaries: Boundaries,
-    /// Its boundaries by the scene's own criterion; `None` if the search used that criterion.
+    /// Boundaries by the scene's own criterion; `None` if the search used this criterion.
     pub beside: Option<Boundaries>,
-    /// Noise of its velocity in motion, m/s RMS.
+    /// Noise of the velocity in motion, m/s RMS.
     pub noise_m_per_s: f64,
-    /// The search ended because nothing near is better; not so where its result was [missed](Self::missed).
+    /// The search ended because no neighbour is better. False if the search has [missed](Self::missed) a better result.
     pub settled: bool,
-    /// Share of the area that its own search has missed, as far as is known.
+    /// Known share of the area that the search has missed.
     pub missed: f64,
-    /// The best tuning lies at an end of what was searched.
+    /// The best tuning lies at an end of the search range.
     pub at_edge: bool,
-    /// Hits that its search and its result took; of the best estimator, those of all that were tried.
+    /// Hits of the search and the result. For the best estimator, hits of all tried estimators.
     pub hits: u64,
 }
 
@@ -90,31 +92,32 @@ impl Explained {
         Self::range(&self.boundaries.stiffness_peaks_n_per_m())
     }
 
-    /// K at that B, N/m: mean, smallest, largest.
+    /// K at B = `damping_n_s_per_m`, N/m: mean, smallest, largest.
     pub fn stiffness_at(&self, damping_n_s_per_m: f64) -> [f64; 3] {
         Self::range(&self.boundaries.stiffnesses_at(damping_n_s_per_m))
     }
 
-    /// Times the area of the scene as it is: of the means, and the least and the most that the starts allow.
+    /// Area divided by the area of the unchanged scene: ratio of the means, and smallest and largest ratio over the
+    /// starts.
     pub fn times(&self, base: &Self) -> Option<[f64; 3]> {
         let ([mean, low, high], [of, of_low, of_high]) = (self.area(), base.area());
         (of_low > 0.0).then(|| [mean / of, low / of_high, high / of_low])
     }
 }
 
-/// What limits the walls of a scene.
+/// The explanation of what limits the walls of a scene.
 #[derive(Clone, Debug)]
 pub struct Explanation {
-    /// The scene as it is, tuned.
+    /// The unchanged scene with its best tuning.
     pub base: Explained,
     /// The changes, the largest area first.
     pub changes: Vec<Explained>,
-    /// B at which K is read off, N s/m.
+    /// B at which K is read, N s/m.
     pub damping_n_s_per_m: f64,
 }
 
 impl Explanation {
-    /// Rank of a change: one more than the changes that are better for certain.
+    /// Rank of a change: one more than the number of changes that are certainly better.
     pub fn rank(&self, place: usize) -> usize {
         let own = &self.changes[place];
         let better = |other: &&Explained| own.is_below(other);
@@ -126,18 +129,18 @@ impl Explanation {
         self.changes.iter().find(|one| one.change.kind == kind)
     }
 
-    /// Whether a change is better than the scene as it is, for certain.
+    /// Whether a change is certainly better than the unchanged scene.
     pub fn is_better(&self, change: &Explained) -> bool {
         self.base.is_below(change)
     }
 
-    /// Whether it is worse, for certain.
+    /// Whether a change is certainly worse than the unchanged scene.
     pub fn is_worse(&self, change: &Explained) -> bool {
         change.is_below(&self.base)
     }
 }
 
-/// Estimators that take the place of the scene's: those that need the position only, but for its own.
+/// Estimators that replace the scene's: those that need only the position, without the scene's own.
 pub fn estimators(scene: &Scene) -> Vec<EstimatorName> {
     let own = scene.velocity.estimator();
     let named = Entry::usual(scene).into_iter().filter_map(|entry| match entry {
@@ -147,17 +150,17 @@ pub fn estimators(scene: &Scene) -> Vec<EstimatorName> {
     named.filter(|name| name.sense().is_none()).collect()
 }
 
-/// What the screening of an estimator may cost: the tunings of any other element, one start.
+/// Budget of the screening of an estimator: the tunings of any other element, one start.
 fn screening(budget: Budget) -> Budget {
     Budget { repeats: 1, ..budget }
 }
 
-/// What the search of an estimator that came through may cost.
+/// Budget of the full search of an estimator.
 fn final_search(budget: Budget) -> Budget {
     Budget { tunings: FINAL_TUNINGS * budget.tunings, ..budget }
 }
 
-/// Most walks that an explanation takes.
+/// Largest number of walks of an explanation.
 pub fn most_walks(scene: &Scene, budget: Budget) -> u64 {
     let names = estimators(scene);
     let changes = changes(scene, &names).len() as u64;
@@ -166,7 +169,7 @@ pub fn most_walks(scene: &Scene, budget: Budget) -> u64 {
         + names.len() as u64 * screening(budget).most()
 }
 
-/// Walks the scene and every change of it. The answer depends neither on the number of threads nor on `engine`.
+/// Walks the scene and every change of the scene. The result does not depend on the number of threads or on `engine`.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -277,11 +280,11 @@ pub fn explain(
     Ok(Explanation { base, changes: explained, damping_n_s_per_m })
 }
 
-/// Walks of a scene at tunings of one estimator, from those starts.
+/// Walks of a scene at tunings of one estimator, from the given starts.
 type Walks<'a> =
     dyn Fn(&Scene, &[VelocitySettings], &[f64]) -> Result<Vec<Boundaries>, Error> + Sync + 'a;
 
-/// Tries the scene at the tunings of its changes, and these at its own.
+/// Tries the scene at the tunings of its changes, and the changes at the tuning of the scene.
 fn pool(
     walks: &Walks<'_>,
     base: &mut Explained,
@@ -299,13 +302,13 @@ fn pool(
 }
 
 impl Explained {
-    /// Whether its area is shown to be below another's, beyond what their searches have missed.
+    /// Whether the area is shown to be below another area, by more than the searches have missed.
     fn is_below(&self, other: &Self) -> bool {
         let same = 1.0 / (1.0 + self.missed.max(other.missed));
         self.boundaries.repeats().is_below(same, &other.boundaries.repeats())
     }
 
-    /// Takes the best of its own and other tunings.
+    /// Takes the best of its own tuning and the other tunings.
     fn try_at(
         &mut self,
         walks: &Walks<'_>,
@@ -338,7 +341,7 @@ mod tests {
     use super::*;
     use crate::scene::NamedScene;
 
-    /// A short hit on a coarse grid, so that it is quick.
+    /// A short hit on a coarse grid, for a fast test.
     fn scene() -> Scene {
         let mut scene = NamedScene::load("paper-2um").unwrap().scene;
         (scene.wall_hit.settle_s, scene.wall_hit.window_s) = (1.0, 0.1);
@@ -369,7 +372,7 @@ mod tests {
             let before = place.checked_sub(1).map(|before| one.changes[before].area()[0]);
             assert!(before.is_none_or(|before| before >= a.area()[0]));
         }
-        // half the latency is more, an amplifier in between less, and both are told from none
+        // Half the latency gives more area, an additional amplifier gives less. Both differ from the unchanged scene.
         let of = |name: &str| {
             let is_it = |one: &&Explained| one.change.name == name;
             one.changes.iter().find(is_it).unwrap()

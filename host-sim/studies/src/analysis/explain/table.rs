@@ -1,4 +1,4 @@
-//! What `explain` finds, as rows for programs and sentences for people.
+//! The result of `explain`, as rows for programs and sentences for people.
 
 use serde::{Serialize, Serializer};
 
@@ -12,21 +12,21 @@ use crate::{
 /// Smallest missed share of the area that is reported.
 const MISSED: f64 = 0.01;
 
-/// Three digits, of what is below 1 too.
+/// The value with three digits, also below 1.
 pub fn digits(value: f64) -> String {
     if value.abs() < 0.995 { rounded(value, 3).to_string() } else { three_digits(value) }
 }
 
-/// A row of the table: a change, or the scene as it is.
+/// A row of the table: a change, or the unchanged scene.
 #[derive(Clone, Copy, Debug)]
 pub struct Row<'a> {
-    /// 0 for the scene as it is.
+    /// Rank; 0 for the unchanged scene.
     pub rank: usize,
     pub one: &'a Explained,
     pub of: &'a Explanation,
 }
 
-/// All of them; means over the starts stand before the least and the most.
+/// All columns. A mean over the starts stands before the smallest and the largest value.
 impl Row<'_> {
     const COLUMNS: [Told<Self>; 32] = [
         ("rank", Kind::Whole, |row| Cell::count(row.rank)),
@@ -69,12 +69,13 @@ impl Row<'_> {
         ("cost", Kind::Text, |row| row.one.change.cost.clone().into()),
     ];
 
-    /// Area over that of the scene as it is: of the means, the least and the most that the starts allow.
+    /// Area divided by the area of the unchanged scene: ratio of the means, and smallest and largest ratio over the
+    /// starts.
     pub fn times(&self) -> Option<[f64; 3]> {
         self.one.times(&self.of.base).filter(|_| self.one.change.kind != ChangeKind::Nothing)
     }
 
-    /// `yes`, `worse`, or `unsure`: against the scene as it is.
+    /// `yes`, `worse` or `unsure`, compared with the unchanged scene.
     pub fn better(&self) -> &'static str {
         match self.one.change.kind {
             ChangeKind::Nothing => "",
@@ -84,17 +85,17 @@ impl Row<'_> {
         }
     }
 
-    /// Mean by the scene's own criterion at the same tuning, where that is not the one of the search.
+    /// Mean area by the scene's own criterion at the same tuning; `None` if the search used this criterion.
     pub fn scene_area(&self) -> Option<f64> {
         self.one.beside.as_ref().map(Boundaries::area)
     }
 
-    /// K at the B at which it is read off: mean, least and most.
+    /// K at the B of the comparison: mean, smallest, largest.
     pub fn stiffness(&self) -> [f64; 3] {
         self.one.stiffness_at(self.of.damping_n_s_per_m)
     }
 
-    /// What it adds, as a share of a Cortex-M4.
+    /// Additional cycles as a share of a Cortex-M4.
     pub fn share_of_core(&self) -> Option<f64> {
         self.one.change.cycles_per_s.map(|cycles| cycles / CLOCK_HZ)
     }
@@ -107,7 +108,7 @@ impl Serialize for Row<'_> {
 }
 
 impl Explanation {
-    /// All rows, the scene as it is first, then the changes by rank.
+    /// All rows: the unchanged scene, then the changes by rank.
     pub fn rows(&self) -> Vec<Row<'_>> {
         let changes = self.changes.iter().enumerate();
         let changes = changes.map(|(place, one)| Row { rank: self.rank(place), one, of: self });
@@ -125,7 +126,7 @@ impl Explanation {
         Boundaries::table("change", all.map(|one| (one.change.name.into(), &one.boundaries)))
     }
 
-    /// The answers, one sentence each.
+    /// The result as sentences.
     pub fn answers(&self) -> Vec<String> {
         let named = |kind: ChangeKind, question: &str| {
             let best = self.best_of(kind)?;

@@ -1,4 +1,5 @@
-//! What a person asks of records, checked before the first one is read; the command line and Python ask the same.
+//! The options of an identification. They are checked before the first record is read. Command line and Python share
+//! them.
 
 use std::{
     ops::RangeInclusive,
@@ -17,35 +18,36 @@ use crate::{
     scene::{NamedScene, Scene, Units, ranges},
 };
 
-/// Allowed `--encoder-cycle`, m, as in a scene.
+/// Allowed `--encoder-cycle`, m; the same range as in a scene.
 const CYCLE_M: RangeInclusive<f64> = 1e-8..=1.0;
-/// Allowed `--resolution` beside 0, m, as in a scene.
+/// Allowed `--resolution` except 0, m; the same range as in a scene.
 const RESOLUTION_M: RangeInclusive<f64> = 1e-8..=1e-3;
 
-/// The ways to the force per volt; one of them.
+/// Sources of the force per volt; only one may be given.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GainAsked {
-    /// Force per volt, N/V, or in the units that it is said in.
+    /// Force per volt, N/V, or in the units of the options.
     pub gain: Option<f64>,
-    /// k_t of gain = k_t k_amp / r_c, N m/A.
+    /// k_t of the equation gain = k_t k_amp / r_c, N m/A.
     pub torque_constant: Option<f64>,
-    /// k_amp of this gain, A/V.
+    /// k_amp of the same equation, A/V.
     pub amplifier_gain: Option<f64>,
-    /// r_c of this gain, m.
+    /// r_c of the same equation, m.
     pub drum_radius: Option<f64>,
     /// Mass of a weight that the motor holds, kg.
     pub calibration_mass: Option<f64>,
-    /// Voltage that holds that weight still, V.
+    /// Voltage that holds this weight still, V.
     pub calibration_voltage: Option<f64>,
     /// Mass that was added to the device for the second record, kg.
     pub added_mass: Option<f64>,
 }
 
 impl GainAsked {
-    /// The one that is given; of a rotary base scene its own where none is, and none for a log with the force.
+    /// The source that is given. If none is given, a rotary base scene has its own source, and a log with the force
+    /// needs none.
     ///
     /// # Errors
-    /// None is, or more than one, or a part of one, or one that does not fit the log.
+    /// No source, several sources or an incomplete source is given, or the source does not fit the log.
     pub fn source(&self, base: &Scene, said_in: Units, drive: Drive) -> Result<Gain, Error> {
         let Self { gain, torque_constant, amplifier_gain, drum_radius, .. } = *self;
         let Self { calibration_mass, calibration_voltage, added_mass, .. } = *self;
@@ -103,33 +105,34 @@ impl GainAsked {
     }
 }
 
-/// What is asked, beside the force per volt.
+/// Options except the force per volt.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Asked {
-    /// From a row's time to its command's effect, rows of the log; the base scene's if it is not said.
+    /// Time from a row to the effect of its command, rows of the log. Default: the base scene's latency.
     pub latency: Option<f64>,
     /// Fit the latency too.
     pub fit_latency: bool,
     /// The device has a spring.
     pub spring: bool,
-    /// Terms beside mass, damping and spring.
+    /// Terms in addition to mass, damping and spring.
     pub terms: Terms,
-    /// Where the spring rests without any other force, m, or in the units that it is said in; so are the next two.
+    /// Rest position of the spring without any other force, m or in the units of the options. The next two lengths have
+    /// the same units.
     pub rest_position: Option<f64>,
     /// Travel per cycle of the encoder's signals.
     pub encoder_cycle: Option<f64>,
     /// Size of a count; 0 for a sensor without counts.
     pub resolution: Option<f64>,
-    /// Part of the records.
+    /// Part of the records that is used.
     pub span: Span,
 }
 
 impl Asked {
-    /// With what the base scene knows, but for the gain and a latency in rows, which the logs decide. `said_in` is what lengths
-    /// are said in.
+    /// The options with the base scene's values. Gain and a latency in rows are missing, because they depend on the
+    /// logs. `said_in` is the unit of lengths.
     ///
     /// # Errors
-    /// Something is out of range.
+    /// An option is out of range.
     pub(super) fn options(&self, base: &Scene, said_in: Units) -> Result<Options, Error> {
         let mut options = Options::of_scene(base, Gain::Force);
         options.fit_latency = self.fit_latency;
@@ -170,10 +173,10 @@ impl Asked {
     }
 }
 
-/// The records of those files, and all that is asked of them. `said_in` is what lengths and the gain are said in.
+/// The records of the files, and the options for them. `said_in` is the unit of lengths and of the gain.
 ///
 /// # Errors
-/// A file is no record, the records have different commands, or what is asked does not fit them.
+/// A file is no record, the records have different kinds of commands, or an option does not fit them.
 pub fn read_all(
     logs: &[PathBuf],
     (base, base_name): (&NamedScene, &str),
@@ -187,7 +190,7 @@ pub fn read_all(
     Ok((records, options))
 }
 
-/// The options with what the records decide.
+/// The options with values that depend on the records.
 pub(super) fn of_records(
     mut options: Options,
     (asked, gain): (&Asked, &GainAsked),
@@ -211,7 +214,7 @@ pub(super) fn of_records(
     Ok(options)
 }
 
-/// A record from a file of any of the accepted forms. `base_name` is what messages call the base scene.
+/// A record from a file in any accepted format. Messages call the base scene `base_name`.
 ///
 /// # Errors
 /// The file cannot be read, or is no record.
@@ -233,7 +236,7 @@ pub fn read(
     record.map_err(|error| Error::Input(error).of(&name))
 }
 
-/// What a rotary record's columns and options are called, where a text names those of a linear one.
+/// Names of columns and options of a rotary record, for texts that name those of a linear record.
 const NAMES: [(&str, &str); 4] = [
     ("position_m is in m: are these mm?", "position_rad is in rad: are these degrees?"),
     ("position_m in m", "position_rad in rad"),
@@ -241,7 +244,7 @@ const NAMES: [(&str, &str); 4] = [
     ("--gain in N/V", "--gain in N m/V"),
 ];
 
-/// An error or a warning of the analysis, in the units of the base scene.
+/// Converts an error or a warning of the analysis to the units of the base scene.
 fn said(units: Units, text: &str) -> String {
     let said = units.text(text);
     match units {
@@ -252,10 +255,10 @@ fn said(units: Units, text: &str) -> String {
     }
 }
 
-/// As [`identify`](super::identify), of a base scene in those units: what is said is in them.
+/// Calls [`identify`](super::identify) for a base scene in `units`. Messages are in these units.
 ///
 /// # Errors
-/// The records do not tell, or `stop` was set.
+/// The records are not sufficient, or `stop` was set.
 pub fn identify_in(
     units: Units,
     records: &[Record],
@@ -263,7 +266,7 @@ pub fn identify_in(
     stop: &AtomicBool,
 ) -> Result<Identification, Error> {
     let found = identified(records, options, stop);
-    interrupt::unless(stop)?; // what it says then may be of a search that was cut
+    interrupt::unless(stop)?; // once stopped, the result may come from an incomplete search
     let mut found = found.map_err(|error| Error::Input(said(units, &error)))?;
     found.warnings.iter_mut().for_each(|warning| *warning = said(units, warning));
     Ok(found)

@@ -1,4 +1,4 @@
-//! What a record must show before and after the fit. Each refusal names its reason.
+//! Checks of a record before and after the fit. Each refusal states its reason.
 
 use super::{
     Drive, Options,
@@ -8,16 +8,16 @@ use super::{
 };
 use crate::{range::refused, scene::ranges};
 
-/// Fewest counts of motion.
+/// Smallest travel of a record, counts.
 const FEWEST_COUNTS: f64 = 20.0;
-/// Largest distance of a position from a whole count, counts: what printing may cost.
+/// Largest distance of a position from a whole count, counts: the rounding of printed numbers.
 const OFF_GRID_MAX: f64 = 0.01;
-/// A voltage whose changes are smaller than this part of the limit excites nothing.
+/// Smallest change of the voltage that counts as excitation, as a part of the limit.
 const EXCITATION_MIN: f64 = 1e-4;
-/// Least part of the motion's variance that the model must explain: beyond it the parameters of what is left out
-/// are as large as those that are sought.
+/// Smallest part of the motion's variance that the model must explain. Below it, effects that are not modelled are as
+/// large as the parameters themselves.
 pub(super) const EXPLAINED_MIN: f64 = 0.99;
-/// A parameter that could change the response over the whole record by less than this part counts as 0.
+/// A parameter counts as 0 if its largest effect on the response over the whole record is below this part.
 const NEGLIGIBLE: f64 = 0.1;
 
 /// Refuses a record that cannot be fitted.
@@ -54,9 +54,9 @@ pub(super) fn before(record: &Record, first: usize, options: &Options) -> Result
     if resolution_m > 0.0 { on_grid(record, resolution_m) } else { Ok(()) }
 }
 
-/// Refuses positions that are not the counts of an encoder of that resolution.
+/// Refuses positions that are no counts of an encoder with this resolution.
 fn on_grid(record: &Record, resolution_m: f64) -> Result<(), String> {
-    // A zero that was set in software need not be a count.
+    // A software zero need not be at a count.
     let first = record.position_m[0] / resolution_m;
     let counts = record.position_m.iter().map(|x| x / resolution_m);
     let off = |count: &f64| (count - first - (count - first).round()).abs();
@@ -100,7 +100,7 @@ pub(super) fn explains(rms_m: f64, motion_rms_m: f64) -> Result<(), String> {
     ))
 }
 
-/// Why no mass can be found that the voltage accelerates; `explained` is what a device without a mass explains.
+/// Reason why no mass was found. `explained` is the part of the variance that a device without a mass explains.
 pub(super) fn not_driven(explained: Option<f64>) -> String {
     match explained {
         Some(explained) if explained >= EXPLAINED_MIN => format!(
@@ -114,12 +114,13 @@ pub(super) fn not_driven(explained: Option<f64>) -> String {
     }
 }
 
-/// A handle that a person holds is neither lighter nor heavier, kg; a force that it feels not larger, N.
+/// Usual range of the mass of a hand-held handle, kg. The next constants are the largest usual force, N, and speed,
+/// m/s.
 const USUAL_KG: std::ops::RangeInclusive<f64> = 0.005..=20.0;
 const USUAL_FORCE_N: f64 = 500.0;
 const USUAL_SPEED_M_PER_S: f64 = 20.0;
 
-/// What cannot be of a device that a person holds, each with the likely cause.
+/// Values that a hand-held device cannot have, each with the likely cause.
 pub(super) fn questions(mass_kg: f64, force_n: f64, speed_m_per_s: f64) -> Vec<String> {
     let mut questions = vec![];
     if !USUAL_KG.contains(&mass_kg) {
@@ -139,14 +140,15 @@ pub(super) fn questions(mass_kg: f64, force_n: f64, speed_m_per_s: f64) -> Vec<S
     questions
 }
 
-/// Least counts of a step, and how many times the RMS of the steps around it.
+/// Smallest step, counts, and smallest ratio of a step to the RMS of the steps around it.
 const STEP_COUNTS: f64 = 3.0;
 const STEP_PER_RMS: f64 = 6.0;
-/// Rows on each side with which a step is compared, and those by which it must stay.
+/// Rows on each side that are compared with a step, and rows for which the new level must last.
 const AROUND: usize = 50;
 const STAYS: usize = 5;
 
-/// Row after the first at which a residual steps and stays, and by how many counts. No force makes a handle jump.
+/// Row (after the first) at which the residual makes a lasting step, and the size of the step, counts. No force makes a
+/// handle jump.
 pub(super) fn step(residual_counts: &[f64]) -> Option<(usize, f64)> {
     let steps: Vec<f64> = residual_counts.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let middle = |rows: &[f64]| {
@@ -170,7 +172,7 @@ pub(super) fn step(residual_counts: &[f64]) -> Option<(usize, f64)> {
     })
 }
 
-/// Warnings of terms that were asked for and that the record does not tell from none.
+/// Warnings about requested terms that the record does not distinguish from 0.
 pub(super) fn untold(tests: &[Tested]) -> Vec<String> {
     let untold = tests.iter().filter(|tested| tested.p >= FAMILY_P);
     untold
@@ -184,7 +186,7 @@ pub(super) fn untold(tests: &[Tested]) -> Vec<String> {
         .collect()
 }
 
-/// Refuses estimates that the record does not hold; answers with warnings. `seconds` is the longest record's length.
+/// Refuses estimates that the record does not support; returns warnings. `seconds` is the length of the longest record.
 pub(super) fn after(
     found: &Estimates,
     tests: &[Tested],
@@ -209,7 +211,7 @@ pub(super) fn after(
         ));
     }
     if damping.low() <= 0.0 {
-        // A damping b changes the response over the record by about b seconds / m; what friction takes hides it.
+        // A damping b changes the response over the record by about b seconds / m. Friction can hide a damping.
         let is_friction = |one: &Tested| one.term == Term::Friction && one.p < FAMILY_P;
         let has_loss = found.is_widened || tests.iter().any(is_friction);
         if !has_loss && damping.half_width * seconds > NEGLIGIBLE * mass.value {
@@ -251,8 +253,8 @@ pub(super) fn after(
     }
 }
 
-/// Refuses a latency that is below 0 by more than a row of `step_s`; answers with the warning of a smaller one, which is
-/// how a row is written, or noise.
+/// Refuses a latency that is below 0 by more than one row of `step_s`. A smaller negative latency gives a warning,
+/// because the log's time of a row or noise can cause it.
 pub(super) fn early(latency: &Estimate, step_s: f64) -> Result<String, String> {
     let found = with(latency, "s");
     if latency.high() < -step_s {

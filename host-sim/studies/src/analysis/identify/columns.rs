@@ -1,26 +1,26 @@
-//! Which columns of a log are time, command and position, by their names and units.
+//! Finds the columns for time, command and position in a log, by names and units.
 //!
-//! A header is a quantity and its unit, as `voltage_v`, `Voltage (V)` or `time [ms]`: capital letters, blanks, brackets and
-//! signs between the two do not count. docs/identification.md has the table.
+//! A header is a quantity and its unit, such as `voltage_v`, `Voltage (V)` or `time [ms]`. Capital letters, blanks,
+//! brackets and signs are ignored. docs/identification.md has the table.
 
 use std::fmt;
 
 use crate::scene::Units;
 
-/// What the command of a log is.
+/// Kind of the command in a log.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Drive {
-    /// Of the amplifier's input, V; the gain is N/V.
+    /// Voltage at the amplifier's input, V; the gain is in N/V.
     #[default]
     Voltage,
-    /// At the handle, N; of a log in N m at its axis. There is no gain.
+    /// Force at the handle, N, or torque at the axis, N m. There is no gain.
     Force,
-    /// Of the motor, A; the gain is N/A.
+    /// Current of the motor, A; the gain is in N/A.
     Current,
 }
 
 impl Drive {
-    /// What the force is looked for per.
+    /// Unit of the command, as in "force per volt".
     pub fn per(self) -> &'static str {
         match self {
             Self::Voltage => "volt",
@@ -48,7 +48,7 @@ impl fmt::Display for Drive {
     }
 }
 
-/// What a column holds.
+/// Quantity of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Quantity {
     Time,
@@ -60,7 +60,7 @@ enum Quantity {
 }
 use Quantity::{Angle, Command, Counts, Length, Time, Torque};
 
-/// What a quantity may be called.
+/// Accepted names of each quantity.
 const NAMES: [(&str, &[Quantity]); 13] = [
     ("time", &[Time]),
     ("t", &[Time]),
@@ -77,7 +77,7 @@ const NAMES: [(&str, &[Quantity]); 13] = [
     ("encoder", &[Counts]),
 ];
 
-/// Units, and what makes them SI units.
+/// Units, and their factors to SI units.
 const UNITS: [(&str, Quantity, f64); 26] = [
     ("s", Time, 1.0),
     ("sec", Time, 1.0),
@@ -107,7 +107,8 @@ const UNITS: [(&str, Quantity, f64); 26] = [
     ("cts", Counts, 1.0),
 ];
 
-/// Quantity and factor of a header: none where it has another name, an error where its unit is missing or another one's.
+/// Quantity and factor of a header. `None` for another name; an error if the unit is missing or belongs to another
+/// quantity.
 fn meant(header: &str) -> Option<Result<(Quantity, f64), String>> {
     let lower = header.to_lowercase().replace(['µ', 'μ'], "u");
     let words: Vec<&str> = lower
@@ -125,7 +126,7 @@ fn meant(header: &str) -> Option<Result<(Quantity, f64), String>> {
     }))
 }
 
-/// Whether that header is a log's time.
+/// Whether the header is the time of a log.
 pub(super) fn is_time(header: &str) -> bool {
     matches!(meant(header), Some(Ok((Time, _))))
 }
@@ -133,16 +134,16 @@ pub(super) fn is_time(header: &str) -> bool {
 /// The three columns of a log.
 #[derive(Debug, PartialEq)]
 pub(super) struct Columns<'a> {
-    /// Of time, command and position: the header's own name, and what makes it s, the drive's unit and m.
+    /// Header name and factor of the time (to s), the command (to the drive's unit) and the position (to m).
     pub of: [(&'a str, f64); 3],
     pub drive: Drive,
 }
 
 impl<'a> Columns<'a> {
-    /// Those of a header. A count is `resolution_m`, if the sensor has counts.
+    /// Finds the columns in a header. A count is `resolution_m` long, if the sensor has counts.
     ///
     /// # Errors
-    /// One line: which one is not there, stands twice or has no unit.
+    /// One line: which column is missing, appears twice or has no unit.
     pub(super) fn find(
         header: &'a [String],
         units: Units,

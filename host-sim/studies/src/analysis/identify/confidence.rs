@@ -1,15 +1,15 @@
-//! How far the parameters can be trusted: 95 % intervals from what the residual is made of.
+//! Confidence of the parameters: 95 % intervals from the properties of the residual.
 //!
-//! At the solution a small error e of the positions moves an estimate by `sum of q(n) e(n)`, q = its row of
-//! `(J' J)^-1 J'`. The variance of that sum is computed in two ways, and the larger one is stated:
+//! At the solution, a small error e of the positions changes an estimate by `sum of q(n) e(n)`, where q is its row of
+//! `(J' J)^-1 J'`. The variance of this sum is computed in two ways. The larger variance is used:
 //!
-//! 1. From the model of the error: white noise of the residual's variance, less its sawtooth, and the sawtooth of
-//!    the quantiser (see `residual`). Over a random start within a count two samples of the sawtooth, at x and y,
-//!    have the covariance `sum over h of cos(2 pi h (x - y)) / (2 pi^2 h^2)`, so that
-//!    `variance = s^2 sum q^2 + sum over h of a^(2 h^2) |sum q(n) exp(2 pi i h x(n))|^2 / (2 pi^2 h^2)`.
-//!    At rest it is what a constant error of 1/sqrt(12) count does, in motion that of white noise.
-//! 2. From the residual as it is, whatever its colour: Newey and West, Econometrica 55 (1987) 703, with the
-//!    bandwidth of Andrews, Econometrica 59 (1991) 817, for a first-order autoregression.
+//! 1. From a model of the error: white noise plus the quantiser's sawtooth (see `residual`). The white noise has the
+//!    residual's variance minus that of the sawtooth. Over a random start within a count, two samples of the sawtooth
+//!    at x and y have the covariance `sum over h of cos(2 pi h (x - y)) / (2 pi^2 h^2)`, so that
+//!    `variance = s^2 sum q^2 + sum over h of a^(2 h^2) |sum q(n) exp(2 pi i h x(n))|^2 / (2 pi^2 h^2)`. At rest the
+//!    sawtooth acts like a constant error of 1/sqrt(12) count, in motion like white noise.
+//! 2. From the residual itself, with any correlation: Newey and West, Econometrica 55 (1987) 703, with the bandwidth of
+//!    Andrews, Econometrica 59 (1991) 817, for a first-order autoregression.
 
 use std::{
     f64::consts::TAU,
@@ -35,28 +35,28 @@ use super::{
 };
 use crate::interrupt;
 
-/// Probability that an interval holds the true value.
+/// Probability that an interval contains the true value.
 pub const CONFIDENCE: f64 = 0.95;
-/// Scaled derivatives with a larger condition leave no digits to tell the parameters apart.
+/// Largest condition number of the scaled derivatives. Above it the parameters cannot be distinguished.
 const CONDITION_MAX: f64 = 1e8;
-/// Parameters of the weakest direction are named from this part of the largest on.
+/// A parameter is named if its component of the weakest direction is at least this part of the largest component.
 const NAMED_SHARE: f64 = 0.3;
 
-/// A term beside the model that could bring the true value so many half-widths away is worth a wider interval.
+/// Number of half-widths from which a hidden term widens an interval.
 const FAR_OUTSIDE: f64 = 3.0;
 
 /// A value and its 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     pub value: f64,
-    /// Half of the interval.
+    /// Half of the interval's width.
     pub half_width: f64,
-    /// Half of the interval that white noise of the residual's RMS would give; never more than the stated one.
+    /// Half-width for white noise with the residual's RMS; never above the stated half-width.
     pub white_half_width: f64,
 }
 
 impl Estimate {
-    /// A value that was given: without an interval.
+    /// A given value without an interval.
     pub fn given(value: f64) -> Self {
         Self { value, half_width: 0.0, white_half_width: 0.0 }
     }
@@ -71,7 +71,7 @@ impl Estimate {
         self.value + self.half_width
     }
 
-    /// The interval holds this value.
+    /// Whether the interval contains this value.
     pub fn holds(&self, value: f64) -> bool {
         (value - self.value).abs() <= self.half_width
     }
@@ -82,7 +82,7 @@ impl Estimate {
 pub(super) struct Estimates {
     pub mass: Estimate,
     pub damping: Estimate,
-    /// Stiffness, and rest position from the reference.
+    /// Stiffness, N/m, and rest position from the reference, m.
     pub spring: Option<[Estimate; 2]>,
     pub gain: Option<Estimate>,
     pub latency: Option<Estimate>,
@@ -90,18 +90,18 @@ pub(super) struct Estimates {
     /// Time constant of the amplifier, s.
     pub lag: Option<Estimate>,
     pub offset: Option<Estimate>,
-    /// Encoder error: amplitudes once and twice per cycle, phase at 0, cycle.
+    /// Encoder error: amplitudes once and twice per cycle, phase at position 0, and cycle.
     pub phase: Option<[Estimate; 4]>,
-    /// Largest ratio of a stated interval to the one that white noise would give.
+    /// Largest ratio of a stated interval to the interval for white noise.
     pub widening: f64,
-    /// An interval holds what a term beside the model would change.
+    /// An interval was widened by a term that is not in the model.
     pub is_widened: bool,
-    /// Of the device's numbers.
+    /// Joint error of the device's numbers.
     pub joint: Joint,
 }
 
 impl Estimates {
-    /// Widens the intervals by how far those of another way are off.
+    /// Widens the intervals by the differences from other estimates.
     pub fn hold(&mut self, other: &Self) {
         let widen = |own: &mut Estimate, other: &Estimate| {
             own.half_width = own.half_width.hypot(own.value - other.value);
@@ -131,14 +131,14 @@ impl Estimates {
         }
     }
 
-    /// Those of a device.
+    /// The estimates of the device's numbers.
     fn numbers(&self) -> [Option<Estimate>; NUMBERS] {
         let [stiffness, rest] = self.spring.map_or([None; 2], |spring| spring.map(Some));
         [Some(self.mass), Some(self.damping), stiffness, rest, self.gain, self.latency]
     }
 }
 
-/// Standard error of an estimate of many rows.
+/// Standard error of an estimate from many rows.
 pub(super) fn standard_error(estimate: &Estimate) -> f64 {
     let quantile = Normal::standard().inverse_cdf(f64::midpoint(1.0, CONFIDENCE));
     estimate.half_width / quantile
@@ -146,19 +146,19 @@ pub(super) fn standard_error(estimate: &Estimate) -> f64 {
 
 /// A parameter that is not in the model.
 pub(super) struct Hidden {
-    /// The derivative by it.
+    /// Derivative by the parameter.
     pub by: DVector<f64>,
-    /// What of that the model's own derivatives do not make.
+    /// Part of the derivative that is orthogonal to the model's own derivatives.
     pub left: DVector<f64>,
-    /// Its largest size, whatever the record allows.
+    /// Largest possible size of the parameter, for any record.
     pub most: f64,
 }
 
-/// The estimates of a solution. An interval that a
-/// `hidden` parameter, as large as the record allows, would leave is widened to hold what that would change.
+/// The estimates of a solution. A `hidden` parameter may be as large as the record allows. If it could move a value far
+/// outside its interval, the interval is widened to contain this change.
 ///
 /// # Errors
-/// The record cannot tell parameters apart: which. Or `stop` was set.
+/// The record cannot distinguish some parameters, which are named, or `stop` was set.
 pub(super) fn estimates(
     solution: &Solution,
     (weighed, weighting): (&Weighed, &Weighting),
@@ -233,7 +233,7 @@ pub(super) fn estimates(
     };
     let [stiffness, constant] = values.spring();
     let free = |parameter| values.fitted(parameter);
-    // In the order of the columns of `influence`.
+    // The order is that of the columns of `influence`.
     Ok(Estimates {
         mass: next(values.of(Mass)),
         damping: next(values.of(Damping)),
@@ -261,7 +261,7 @@ pub(super) fn estimates(
     })
 }
 
-/// Those of a device, which stand first; half-widths as they are stated.
+/// Joint error of the device's numbers, which stand first. The half-widths are the stated ones.
 fn joint(layout: &Layout, correlations: &[Vec<f64>], half_widths: &[[f64; 2]]) -> Joint {
     let free = |parameter| layout.place(parameter).is_some();
     let fitted: [bool; NUMBERS] = [
@@ -285,7 +285,7 @@ fn joint(layout: &Layout, correlations: &[Vec<f64>], half_widths: &[[f64; 2]]) -
     joint
 }
 
-/// Each estimate as parts of the fitted parameters: the gradient at the solution.
+/// Each estimate as a linear combination of the fitted parameters: the gradient at the solution.
 fn gradients(values: &Values) -> Vec<Vec<(usize, f64)>> {
     let layout = values.layout();
     let place = |parameter| layout.place(parameter);
@@ -316,7 +316,7 @@ fn gradients(values: &Values) -> Vec<Vec<(usize, f64)>> {
     all
 }
 
-/// What a position error of one unit at each row does to each estimate.
+/// Change of each estimate by a position error of one unit at each row.
 fn influence(solution: &Solution, unit_m: f64) -> Result<DMatrix<f64>, String> {
     let (layout, count) = (solution.values.layout(), solution.values.vector().len());
     let mut jacobian = solution.jacobian.clone();
@@ -349,7 +349,7 @@ fn influence(solution: &Solution, unit_m: f64) -> Result<DMatrix<f64>, String> {
     Ok(jacobian * inner * unit_m)
 }
 
-/// Names the parameters along the direction that the record shows least.
+/// Names the parameters along the direction with the least information in the record.
 fn indistinguishable(
     svd: &nalgebra::SVD<f64, nalgebra::Dyn, nalgebra::Dyn>,
     layout: &Layout,
@@ -375,7 +375,7 @@ fn names(layout: &Layout, count: usize) -> Vec<&'static str> {
     names
 }
 
-/// Variance of the estimate from the residual itself, with its correlation in time.
+/// Variance of an estimate from the residual itself, with its correlation in time.
 fn robust(column: &[f64], (errors, pieces): (&[f64], &[Piece<'_>]), stop: &AtomicBool) -> f64 {
     let scores: Vec<f64> = column.iter().zip(errors).map(|(q, r)| q * r).collect();
     let mut rest = &scores[..];
@@ -387,7 +387,7 @@ fn robust(column: &[f64], (errors, pieces): (&[f64], &[Piece<'_>]), stop: &Atomi
     own.sum()
 }
 
-/// Newey-West variance of the sum of `scores`; any value once `stop` is set.
+/// Newey-West variance of the sum of `scores`. Any value is possible once `stop` is set.
 fn long_run(scores: &[f64], stop: &AtomicBool) -> f64 {
     let lagged = |lag: usize| -> f64 {
         scores.iter().zip(scores.iter().skip(lag)).map(|(a, b)| a * b).sum()

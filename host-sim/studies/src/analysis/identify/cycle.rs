@@ -1,30 +1,30 @@
-//! The cycle of the encoder's error: which period over the position stands out of the residual.
+//! Finds the cycle of the encoder's error: the strongest period of the residual over the position.
 //!
-//! The residual is averaged in bins of the position, and its spectrum over the position taken. The error of an encoder is
-//! a line there; friction, noise and the quantiser are not. A line is measured against the median of its neighbours, so
-//! that a coloured residual does not pass for one. Cycles from eight counts, and from twice the longest way between two
-//! rows (a shorter one cannot be told from a longer one), up to a quarter of the travel are looked at.
+//! The residual is averaged in bins of the position. Then its spectrum over the position is computed. The error of an
+//! encoder is a line in this spectrum; friction, noise and quantisation are not. Each line is compared with the median
+//! of its neighbours, so that a coloured residual is not taken for a line. The shortest cycle is eight counts, and at
+//! least twice the longest way between two rows, because of aliasing. The longest cycle is a quarter of the travel.
 
 use super::fit::{Fitted, Solution};
 use crate::numerics::fft::RealSpectrum;
 
-/// Shortest cycle that is searched, bins.
+/// Shortest cycle of the search, bins.
 const SHORTEST: usize = 8;
-/// Cycles in the travel, at least.
+/// Smallest number of cycles in the travel.
 const FEWEST: usize = 4;
 const BINS_MAX: f64 = 65_536.0;
-/// Lines on each side that a line is measured against.
+/// Number of neighbours on each side for the comparison.
 const NEIGHBOURS: usize = 16;
 
-/// The line that stands out most.
+/// The strongest line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Line {
     pub cycles_per_m: f64,
-    /// Number of cycles that were looked at.
+    /// Number of examined cycles.
     pub looked_at: f64,
 }
 
-/// The strongest line of the residual, or the known cycle; `None` without a range of positions to look in.
+/// The strongest line of the residual, or the known cycle; `None` if the range of positions is too small.
 pub(super) fn strongest(
     records: &[Fitted<'_>],
     (solution, unit_m): (&Solution, f64),
@@ -50,7 +50,7 @@ pub(super) fn strongest(
         sums.iter().map(|(sum, rows)| if *rows > 0.0 { sum / rows } else { 0.0 }).collect();
     let spectrum = RealSpectrum::new(2 * bins);
     let length = spectrum.length();
-    // Places per line of the travel.
+    // Number of places per line of the travel.
     let line = length / bins;
     let ways = records.iter().flat_map(|fitted| fitted.positions_m[fitted.first..].windows(2));
     let longest_m = ways.map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);

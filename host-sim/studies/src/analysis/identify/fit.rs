@@ -1,8 +1,9 @@
 //! Least squares over all parameters and all records at once.
 //!
-//! The parameters are m, b; where they are asked for k and c = k (x0 - reference), the gain, the latency, and the terms
-//! of [`super::terms`]; then position and speed of each record at its first fitted row. Residual and model are in
-//! metres. Without friction, lag and encoder error the derivatives are exact, else differences of the exact motion.
+//! The parameters are m and b, and optionally k and c = k (x0 - reference), the gain, the latency, and the terms of
+//! [`super::terms`]. Position and speed of each record at its first fitted row follow. Residual and model are in
+//! metres. Without friction, lag and encoder error the derivatives are exact. Otherwise they are differences of the
+//! exact motion.
 
 use std::{
     f64::consts::TAU,
@@ -29,37 +30,37 @@ use super::{
 
 /// Evaluations per parameter before the solver gives up; it needs about five in all.
 const PATIENCE: usize = 50;
-/// The same with terms, where a search that leads nowhere is common and each evaluation longer.
+/// Evaluations per parameter with terms. With terms, failed searches are frequent and each evaluation takes longer.
 const PATIENCE_OF_TERMS: usize = 8;
-/// Part of the squares or of the values below which differences of the motion lead no further.
+/// Relative change of the squares or of the values at which the search with differences ends.
 const TOLERANCE: f64 = 1e-10;
-/// Stands for a model that is not finite: the solver then takes a shorter step.
+/// Replaces a model value that is not finite, so that the solver takes a shorter step.
 const FAR: f64 = 1e100;
 
-/// Change of a parameter that a derivative is taken over, as a part of what it can be told apart by.
+/// Change of a parameter for a derivative by differences, as a part of its resolution.
 const DIFFERENCE: f64 = 1e-6;
-/// Times that derivatives are taken again over the standard errors that they give.
+/// Number of times that derivatives are computed again over their standard errors.
 const SECANTS: usize = 6;
-/// Change of the derivatives, as a part of them, below which they are the same.
+/// Relative change below which derivatives count as equal.
 const SECANT_SAME: f64 = 0.02;
 
-/// Steps of Gauss and Newton, and halvings of one.
+/// Number of Gauss-Newton steps, and number of halvings of one step.
 const POLISHES: usize = 20;
 const HALVINGS: i32 = 6;
-/// A step that lessens the sum of squares by less than this part of their mean leads no further.
+/// Smallest useful reduction of the sum of squares, as a part of the mean square.
 const POLISHED: f64 = 1e-2;
 
 /// A record prepared for the fit.
 #[derive(Clone, Debug)]
 pub(super) struct Fitted<'a> {
     pub record: &'a Record,
-    /// Position at each row from the reference, half a count above the floor, m.
+    /// Position at each row from the reference, with half a count added to the floor, m.
     pub positions_m: Vec<f64>,
-    /// First row that is fitted: before it, commands from before the record still act.
+    /// First fitted row. Before it, commands from before the record still act.
     pub first: usize,
     /// Mass that was added to the device, kg.
     pub added_kg: f64,
-    /// Set once the search shall end.
+    /// Set to end the search.
     pub stop: &'a AtomicBool,
 }
 
@@ -73,17 +74,17 @@ impl Fitted<'_> {
     }
 }
 
-/// The problem, at its current parameters.
+/// The least-squares problem at its current parameters.
 #[derive(Clone, Debug)]
 pub(super) struct Problem<'a> {
     pub records: &'a [Fitted<'a>],
     pub values: Values,
-    /// What makes the residual white.
+    /// Weighting that makes the residual white.
     pub weighting: &'a Weighting,
 }
 
 impl Problem<'_> {
-    /// Of the handle with what was added to it.
+    /// Mass of the handle with the added mass.
     fn mass(&self, index: usize) -> f64 {
         self.values.of(Mass) + self.records[index].added_kg
     }
@@ -103,7 +104,7 @@ impl Problem<'_> {
         }
     }
 
-    /// The same with dry friction and a slow amplifier.
+    /// The motion with dry friction and a slow amplifier.
     pub(super) fn motion(&self, index: usize) -> Motion {
         let Reduced { w, d, gain, offset, x, v, latency } = self.reduced(index);
         let [friction_n, lag_s] = self.values.slow();
@@ -111,7 +112,7 @@ impl Problem<'_> {
         Motion { w, d, gain, offset, friction, lag_s, x, v, latency }
     }
 
-    /// Adds what the encoder adds to positions from the reference, m.
+    /// Adds the encoder's error to positions from the reference, m.
     fn add_error(&self, positions_m: &mut [f64]) {
         let [sine, cosine, second, cycles_per_m] =
             [Sine, Cosine, Second, Cycles].map(|parameter| self.values.of(parameter));
@@ -133,14 +134,14 @@ impl Problem<'_> {
         (sane && self.values.vector().iter().all(|value| value.is_finite())).then_some(reduced)
     }
 
-    /// The model at each fitted row of a record; `None` where it is not finite or the mass is not positive.
+    /// The model at each fitted row of a record; `None` if it is not finite or the mass is not positive.
     fn points(&self, index: usize) -> Option<Vec<Point>> {
         let reduced = self.sane(index)?;
         let points = response(self.records[index].record, self.records[index].first, &reduced);
         points.iter().all(|point| point.x.abs() < FAR).then_some(points)
     }
 
-    /// The reading at each fitted row of a record; `None` where [`points`](Self::points) has none.
+    /// The reading at each fitted row of a record; `None` if [`points`](Self::points) returns `None`.
     fn readings(&self, index: usize) -> Option<Vec<f64>> {
         let Fitted { record, first, .. } = &self.records[index];
         let terms = self.values.layout().terms;
@@ -155,7 +156,7 @@ impl Problem<'_> {
         positions_m.iter().all(|x| x.abs() < FAR).then_some(positions_m)
     }
 
-    /// Rows of the derivatives by the parameters.
+    /// Fills the rows of the derivatives by the parameters.
     fn fill(&self, index: usize, points: &[Point], top: usize, jacobian: &mut DMatrix<f64>) {
         let (reduced, mass, layout) = (self.reduced(index), self.mass(index), self.values.layout());
         let [stiffness, constant, gain, latency] =
@@ -189,7 +190,7 @@ impl Problem<'_> {
         }
     }
 
-    /// Changes of the parameters over which derivatives are taken: parts of the mass, the largest force, the motion.
+    /// Changes of the parameters for the derivatives: parts of the mass, the largest force and the motion.
     fn differences(&self) -> Vec<f64> {
         let (mass, gain) = (self.values.of(Mass), self.values.of(Gain));
         let all = |pick: fn(&Record) -> &[f64]| -> f64 {
@@ -228,7 +229,7 @@ impl Problem<'_> {
         all
     }
 
-    /// The derivatives of the residuals by small differences; one-sided, so that friction and lag stay above 0.
+    /// Derivatives of the residuals by small one-sided differences, so that friction and lag stay above 0.
     pub(super) fn by_differences(&self) -> Option<DMatrix<f64>> {
         let middle = self.stacked()?;
         let mut jacobian = DMatrix::zeros(self.rows(), self.values.vector().len());
@@ -250,9 +251,9 @@ impl Problem<'_> {
         self.difference(&self.stacked()?, place, self.differences()[place])
     }
 
-    /// Goes on to the minimum by steps of Gauss and Newton with derivatives over the standard errors: where the model has
-    /// kinks those at a point lead no further. Answers with the derivatives there; `None` if that is no minimum, which it
-    /// need not be shown to be if it `is_done`.
+    /// Continues to the minimum by Gauss-Newton steps. The derivatives are taken over the standard errors, because
+    /// derivatives at one point fail where the model has kinks. Returns the derivatives at the minimum; `None` if no
+    /// minimum is reached. If it `is_done`, the minimum need not be shown.
     fn polish(&mut self, is_done: bool) -> Option<DMatrix<f64>> {
         let mut residual = self.residuals()?;
         let mut jacobian = self.by_differences()?;
@@ -290,7 +291,7 @@ impl Problem<'_> {
         is_done.then_some(jacobian)
     }
 
-    /// Derivatives over the standard errors that they give themselves.
+    /// Derivatives over the standard errors that follow from these derivatives.
     fn settled(&self, mut jacobian: DMatrix<f64>, deviation_m: f64) -> DMatrix<f64> {
         for _ in 0..SECANTS {
             let Some(secants) = self.secants(&jacobian, deviation_m) else { break };
@@ -303,9 +304,8 @@ impl Problem<'_> {
         jacobian
     }
 
-    /// Derivatives over the standard errors that those of `jacobian` give, along their principal axes. Where friction
-    /// holds and lets go the model has kinks, more of them than an interval is wide: the derivative at one point is
-    /// then not that of the interval.
+    /// Derivatives over the standard errors of `jacobian`, along their principal axes. Stick and slip of friction give
+    /// the model kinks, several within an interval. So the derivative at one point does not represent the interval.
     fn secants(&self, jacobian: &DMatrix<f64>, deviation_m: f64) -> Option<DMatrix<f64>> {
         let scales: Vec<f64> = jacobian.column_iter().map(|column| column.norm()).collect();
         let mut scaled = jacobian.clone();
@@ -346,7 +346,7 @@ impl Problem<'_> {
         found.iter().all(|value| value.is_finite()).then_some(found)
     }
 
-    /// All readings of the model, record by record, as they are weighed.
+    /// All weighted readings of the model, record by record.
     fn stacked(&self) -> Option<DVector<f64>> {
         let mut all = Vec::with_capacity(self.rows());
         for index in 0..self.records.len() {
@@ -375,7 +375,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
 
     fn residuals(&self) -> Option<DVector<f64>> {
         if self.records.iter().any(Fitted::is_stopped) {
-            return None; // the solver then ends
+            return None; // `None` ends the solver
         }
         let mut residuals = Vec::with_capacity(self.rows());
         for (index, fitted) in self.records.iter().enumerate() {
@@ -410,7 +410,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     }
 }
 
-/// RMS of the motion about its mean, over all records.
+/// RMS of the motion around its mean, over all records.
 pub(super) fn motion(fitted: &[Fitted<'_>]) -> f64 {
     let (mut squares, mut rows) = (0.0, 0.0);
     for Fitted { positions_m, first, .. } in fitted {
@@ -422,21 +422,21 @@ pub(super) fn motion(fitted: &[Fitted<'_>]) -> f64 {
     (squares / rows).sqrt()
 }
 
-/// The solution, with residual (measured less model) and derivatives there.
+/// The solution with its residual (measured minus model) and its derivatives.
 pub(super) struct Solution {
     pub values: Values,
     pub residual_m: DVector<f64>,
-    /// As it is weighed, and the derivatives.
+    /// Weighted residual; then the derivatives.
     pub weighed_m: DVector<f64>,
     pub jacobian: DMatrix<f64>,
-    /// Times that the model was computed.
+    /// Number of evaluations of the model.
     pub evaluations: usize,
 }
 
-/// Solves from the problem's values.
+/// Solves the problem from its current values.
 ///
 /// # Errors
-/// Why the solver ended without a solution.
+/// The reason why the solver ended without a solution.
 pub(super) fn solve(problem: Problem<'_>) -> Result<Solution, String> {
     let solver = LevenbergMarquardt::new();
     let solver = if problem.values.layout().terms.plain() {
@@ -445,7 +445,7 @@ pub(super) fn solve(problem: Problem<'_>) -> Result<Solution, String> {
         solver.with_patience(PATIENCE_OF_TERMS).with_ftol(TOLERANCE).with_xtol(TOLERANCE)
     };
     let (mut problem, report) = solver.minimize(problem);
-    // At the limit of rounding the solver says so instead of `converged`: it is the minimum all the same.
+    // At the limit of rounding the solver does not report `converged`, but the minimum is reached.
     let done = report.termination.was_successful()
         || matches!(report.termination, TerminationReason::NoImprovementPossible(_));
     let hopeless = || {
@@ -463,7 +463,7 @@ pub(super) fn solve(problem: Problem<'_>) -> Result<Solution, String> {
     Ok(Solution { values: problem.values, residual_m, weighed_m, jacobian, evaluations })
 }
 
-/// The step of Gauss and Newton, to be taken away.
+/// The Gauss-Newton step, which must be subtracted.
 fn least_squares_step(jacobian: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
     let mut scaled = jacobian.clone();
     let scales: Vec<f64> =

@@ -1,21 +1,21 @@
-//! The force per volt: given, from motor and amplifier, from a weight, or from a record with an added mass.
+//! Source of the force per volt: a given value, motor and amplifier, a weight, or a record with an added mass.
 //!
-//! One record gives mass, damping and stiffness only per gain: the equation of motion divided by the gain is the
-//! same equation. So the gain comes from elsewhere, or from a second record in which a known mass rides along.
+//! One record gives mass, damping and stiffness only relative to the gain, because the equation of motion can be
+//! divided by the gain. So the gain needs another source, or a second record with a known added mass.
 
 use crate::{range::refused, scene::ranges};
 
 /// Standard gravity by definition, m/s^2.
 const GRAVITY_M_PER_S2: f64 = 9.806_65;
 
-/// Where the force per volt comes from.
+/// Source of the force per volt.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Gain {
-    /// As it was given, N/V.
+    /// A given value, N/V.
     Given(f64),
-    /// The log has the force itself.
+    /// No gain: the log has the force itself.
     Force,
-    /// Paper, section 2.2.2: `k_t k_amp / r_c`.
+    /// From motor and amplifier (paper, section 2.2.2): `k_t k_amp / r_c`.
     Motor {
         /// Torque constant k_t, N m/A.
         torque_constant_n_m_per_a: f64,
@@ -24,22 +24,23 @@ pub enum Gain {
         /// Radius of the capstan drum r_c, m.
         drum_radius_m: f64,
     },
-    /// The voltage that holds a hanging weight.
+    /// From the voltage that holds a hanging weight.
     Weight {
         /// Mass of the weight, kg.
         mass_kg: f64,
-        /// Voltage that holds it still, V; its sign does not matter.
+        /// Voltage that holds the weight still, V; its sign does not matter.
         voltage_v: f64,
     },
-    /// To be found: the second record has this much more mass.
+    /// From the fit: the second record has an added mass.
     AddedMass {
-        /// Mass that rides along, kg.
+        /// Added mass, kg.
         mass_kg: f64,
     },
 }
 
 impl Gain {
-    /// Force per volt if it is known without a fit, N/V; per ampere, N/A, of a log with a current; 1 of one with a force.
+    /// Force per volt if it is known without a fit, N/V. For a log with a current: force per ampere, N/A. For a log
+    /// with the force: 1.
     ///
     /// # Errors
     /// One line: the gain is out of range.

@@ -1,10 +1,10 @@
-//! First values for the fit, from the record alone: linear regression on the equation of motion integrated twice.
+//! First values for the fit, from the record alone: linear regression on the equation of motion, integrated twice.
 //!
 //! ```text
 //! x = x1 + (v1 + d x1) t - d I(x) - w I(I(x)) + g I(I(u)) + o t^2 / 2       I = integral from the first row
 //! ```
-//! Integrals smooth noise, so no filter has to be chosen; nothing is differentiated. The same without a mass,
-//! `x = x1 - (w/d) I(x) + (g/d) I(u) + (o/d) t`, tells a device whose damping hides its mass.
+//! Integrals smooth noise, so no filter and no differentiation is necessary. The same regression without a mass,
+//! `x = x1 - (w/d) I(x) + (g/d) I(u) + (o/d) t`, detects a device whose damping hides its mass.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -13,7 +13,7 @@ use super::{
     record::Record,
 };
 
-/// Rows of a regression: more would not make a first value better.
+/// Largest number of rows in a regression. More rows do not improve a first value.
 const ROWS: usize = 4000;
 
 /// Time, position and integrals at one row.
@@ -26,7 +26,7 @@ struct Sums {
     u2: f64,
 }
 
-/// Reduced parameters from a record, positions from a reference; `None` if the equations have no solution.
+/// Reduced parameters of a record, with positions from a reference; `None` if the equations have no solution.
 pub(super) fn guess(
     record: &Record,
     positions_m: &[f64],
@@ -39,7 +39,8 @@ pub(super) fn guess(
     Some(Reduced { w, d, gain, offset, x, v: slope - d * x, latency })
 }
 
-/// The part of the motion's variance that a device without a mass explains, if the voltage drives it forward.
+/// Part of the motion's variance that a device without a mass explains. `None` if the voltage does not drive this
+/// device forward.
 pub(super) fn without_mass(
     record: &Record,
     positions_m: &[f64],
@@ -51,17 +52,17 @@ pub(super) fn without_mass(
     (drive > 0.0).then_some(explained)
 }
 
-/// Windows of a record: short ones for devices that swing or turn often, long ones for noise.
+/// Numbers of windows in a record: short windows for devices that oscillate or turn often, long windows against noise.
 pub(super) const WINDOWS: [usize; 3] = [400, 100, 25];
 /// Fewest rows of a window.
 const WINDOW_ROWS: usize = 12;
-/// Fewest windows in motion.
+/// Smallest number of windows in motion.
 const FEWEST_WINDOWS: usize = 8;
-/// A quarter of a window counts as motion from this part of the fastest one on.
+/// Smallest motion of a quarter window, as a part of the motion in the fastest window.
 const IN_MOTION: f64 = 0.02;
 
-/// Weight over a window that ends with its first two derivatives at 0, by the place in it, -1 to 1: its integral and
-/// itself, and its first and second derivative.
+/// Weight over a window. The weight and its first two derivatives are 0 at both ends. The place in the window is -1 to
+/// 1. Returns its integral, its value, and its first and second derivative.
 fn weight(s: f64) -> [f64; 4] {
     let (s2, left) = (s * s, 1.0 - s * s);
     [
@@ -72,9 +73,10 @@ fn weight(s: f64) -> [f64; 4] {
     ]
 }
 
-/// Reduced parameters and friction per mass, for a device that friction may hold: the equation of motion times a weight,
-/// integrated by parts over windows in which the handle goes one way, so that nothing is differentiated (Shinbrot, Trans.
-/// ASME 79 (1957) 579). `None` without enough of them, or if no force drives it forward.
+/// Reduced parameters and friction per mass, for a device that friction may hold. The equation of motion times a weight
+/// is integrated by parts over windows in which the handle moves in one direction. So nothing is differentiated
+/// (Shinbrot, Trans. ASME 79 (1957) 579). `None` if there are too few windows, or if no force drives the device
+/// forward.
 pub(super) fn moving(
     (record, positions_m, first): (&Record, &[f64], usize),
     latency: f64,
@@ -119,7 +121,7 @@ pub(super) fn moving(
         return None;
     }
     let all = 2.0 * weight(1.0)[0] * half_s;
-    // A column of zeros takes no part.
+    // A column of zeros has no effect.
     let mut table = DMatrix::from_fn(windows.len(), 5, |row, column| {
         let (quarters, [_, x1, x0, volts]) = &windows[row];
         let constant = if constant { all } else { 0.0 };
@@ -142,7 +144,7 @@ pub(super) fn moving(
     (gain > 0.0 && gain.is_finite()).then_some((reduced, friction))
 }
 
-/// Position and speed at the first row, by a parabola through the first rows.
+/// Position and speed at the first row, from a parabola through the first rows.
 fn begins(record: &Record, positions_m: &[f64], first: usize, rows: usize) -> Option<[f64; 2]> {
     let rows = rows.min(record.len() - first);
     let table = DMatrix::from_fn(rows, 3, |row, power| {
@@ -153,8 +155,8 @@ fn begins(record: &Record, positions_m: &[f64], first: usize, rows: usize) -> Op
     Some([found[0], found[1] / (rows as f64 * record.step_s)])
 }
 
-/// Least squares without the directions whose singular values are at most `least`; `None` of what is not finite, which
-/// has no decomposition.
+/// Least squares without the directions whose singular values are at most `least`. `None` if a value is not finite,
+/// because then there is no decomposition.
 pub(super) fn least_squares(
     table: DMatrix<f64>,
     wanted: &DVector<f64>,
@@ -187,7 +189,7 @@ fn integrate(record: &Record, positions_m: &[f64], first: usize, latency: f64) -
     kept
 }
 
-/// Coefficients of the columns, and the part of the variance of x that they explain.
+/// Coefficients of the columns, and the explained part of the variance of x.
 fn regress<const N: usize>(
     sums: &[Sums],
     columns: impl Fn(&Sums) -> [f64; N],

@@ -1,5 +1,6 @@
-//! How the estimates err together, for devices that are drawn by an identification: an error of the positions moves mass,
-//! damping and latency at once, so that drawn one by one they would make devices that no record is of.
+//! Joint error of the estimates, for devices that are drawn from an identification. An error of the positions changes
+//! mass, damping and latency together. If each were drawn alone, the result would be devices that do not fit the
+//! record.
 
 use std::f64::consts::{PI, TAU};
 
@@ -9,26 +10,27 @@ use super::{
 };
 use crate::scene::{Scene, Uncertainty};
 
-/// The numbers of a device, in the order of [`Uncertainty::NAMES`]; the latency in seconds.
+/// Number of a device's parameters, in the order of [`Uncertainty::NAMES`]; the latency is in seconds.
 pub(super) const NUMBERS: usize = Uncertainty::NAMES.len();
 
-/// Standard deviations and correlations of the numbers that were fitted; 0 of the others.
+/// Standard deviations and correlations of the fitted parameters; 0 for the others.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Joint {
-    /// Standard deviations: the stated intervals over their quantile.
+    /// Standard deviations: the stated half-widths divided by their quantile.
     pub deviations: [f64; NUMBERS],
-    /// Correlations of two of them.
+    /// Correlations between two parameters.
     pub correlations: [[f64; NUMBERS]; NUMBERS],
 }
 
-/// Places of the numbers that are in proportion to the gain, and its own.
+/// Indices of the parameters that are proportional to the gain, and index of the gain itself.
 const BY_GAIN: [usize; 3] = [0, 1, 2];
 const GAIN: usize = 4;
 const LATENCY: usize = 5;
 
 impl Joint {
-    /// In place of what `base` says of the numbers that were fitted, the latency in samples of the scene that was `made`.
-    /// Of a gain that was given and by which a voltage became a force, mass, damping and stiffness have their share of what `base` says of it.
+    /// The uncertainty of `base`, with new values for the fitted parameters. The latency is in samples of the scene
+    /// `made`. If a given gain converted a voltage to a force, mass, damping and stiffness also get the gain's
+    /// uncertainty of `base`.
     pub fn uncertainty(
         &self,
         base: Option<&Uncertainty>,
@@ -92,21 +94,21 @@ impl Joint {
     }
 }
 
-/// The error of the positions as the model has it, residuals in counts: white noise and the quantiser's sawtooth.
+/// Model of the position error, for residuals in counts: white noise and the quantiser's sawtooth.
 pub(super) struct ErrorModel {
     white: f64,
-    /// Of the sawtooth's harmonics.
+    /// Powers of the sawtooth's harmonics.
     harmonics: Vec<f64>,
 }
 
-/// An estimate's row of `(J' J)^-1 J'`, and what the harmonics of each record make of it.
+/// An estimate's row of `(J' J)^-1 J'`, and its sum with the harmonics of each record.
 pub(super) struct Seen<'a> {
     column: &'a [f64],
     sums: Vec<[f64; 2]>,
 }
 
 impl ErrorModel {
-    /// Of a residual of that variance; one that was made white has no sawtooth.
+    /// The model for a residual with this variance. A whitened residual has no sawtooth.
     pub fn new(residual: &Residual, variance: f64, is_whitened: bool) -> Self {
         let power = |h: u32| residual.harmonic_squared(h) / (2.0 * PI * PI * f64::from(h * h));
         let kept = (1..=HARMONICS).take_while(|h| power(*h) > 1e-9);
@@ -118,7 +120,7 @@ impl ErrorModel {
         Self { white: (variance - harmonics.iter().sum::<f64>()).max(0.0), harmonics }
     }
 
-    /// What it makes of an estimate.
+    /// The response of an estimate to this error.
     pub fn seen<'a>(&self, column: &'a [f64], pieces: &[Piece<'_>]) -> Seen<'a> {
         let mut all = vec![];
         let mut rest = column;
@@ -148,7 +150,7 @@ impl ErrorModel {
         self.white * white + sawtooth
     }
 
-    /// Correlations of those estimates.
+    /// Correlations of the estimates.
     pub fn correlations(&self, seen: &[Seen<'_>]) -> Vec<Vec<f64>> {
         let own: Vec<f64> = seen.iter().map(|one| self.covariance(one, one).sqrt()).collect();
         let of = |a: usize, b: usize| {
@@ -164,7 +166,8 @@ mod tests {
     use super::*;
     use crate::scene::NamedScene;
 
-    /// A gain that was given and is not known well: what is in proportion to it errs with it, in every drawn device.
+    /// A given gain is uncertain. Parameters that are proportional to the gain have the same relative error, in every
+    /// drawn device.
     #[test]
     fn what_scales_with_a_given_gain_errs_with_it() {
         let made = NamedScene::load("paper-1um").unwrap().scene;
@@ -195,7 +198,7 @@ mod tests {
                 assert!((is / was - 1.0).abs() < 1e-5, "{is} {was}");
             }
         }
-        // what was known of numbers that are found again is replaced, whatever a scene calls them
+        // The uncertainty of parameters that are fitted again is replaced, whatever names the scene uses.
         let again = Uncertainty {
             correlations: vec![
                 ("inertia_kg_m2".into(), "latency".into(), 0.9),
@@ -205,7 +208,7 @@ mod tests {
         };
         let renewed = joint.uncertainty(Some(&again), &made, Drive::Voltage);
         assert!(renewed.correlations.iter().all(|(_, _, value)| *value != 0.9));
-        // without it nothing is known of the gain
+        // Without `base`, the uncertainty of the gain is not known.
         let found = joint.uncertainty(None, &made, Drive::Voltage);
         assert_eq!((found.mass_kg, found.gain_n_per_v), (1e-7, 0.0));
         assert!(found.correlations.is_empty());

@@ -1,10 +1,10 @@
-//! The JSON object of `identify`; a result in Python has the same keys.
+//! The JSON object of `identify`. A result in Python has the same keys.
 
 use serde::Serialize;
 
 use super::{CONFIDENCE, Drive, Estimate, Found, Identification, Options, Record, Tested};
 
-/// All of it; docs/files.md has the keys.
+/// The whole result; docs/files.md has the keys.
 #[derive(Serialize)]
 pub struct Json<'a> {
     logs: Vec<&'a str>,
@@ -29,13 +29,13 @@ pub struct Json<'a> {
     warnings: &'a [String],
 }
 
-/// A value and its interval; both ends are the value where it was given.
+/// A value and its interval. For a given value, both ends are the value.
 #[derive(Serialize)]
 struct Interval {
     value: f64,
     low: f64,
     high: f64,
-    /// Half of the interval that white noise would give.
+    /// Half-width for white noise.
     white_half_width: f64,
 }
 
@@ -46,7 +46,7 @@ impl From<Estimate> for Interval {
     }
 }
 
-/// The terms beside mass, damping and spring; absent where there is none.
+/// The terms in addition to mass, damping and spring; absent if there are none.
 #[derive(Serialize)]
 struct TermsJson {
     friction_n: Option<Interval>,
@@ -64,7 +64,7 @@ struct PhaseJson {
     cycle_m: Interval,
 }
 
-/// How a term was told from none.
+/// The test that distinguished a term from 0.
 #[derive(Serialize)]
 struct TestJson {
     term: &'static str,

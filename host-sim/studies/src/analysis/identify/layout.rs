@@ -1,4 +1,4 @@
-//! Which parameters a fit has, and where they stand in its vector.
+//! The parameters of a fit, and their places in its vector.
 
 use nalgebra::DVector;
 
@@ -6,16 +6,16 @@ use self::Parameter::{
     Constant, Cosine, Cycles, Damping, Friction, Gain, Lag, Latency, Mass, Second, Sine, Stiffness,
 };
 
-/// Places of the parameters that every fit has.
+/// Indices of the parameters that every fit has.
 pub(super) const MASS: usize = 0;
 pub(super) const DAMPING: usize = 1;
-/// Parameters of the device, in their order. Position and speed of each record follow.
+/// Parameters of the device, in the order of the vector. Position and speed of each record follow.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Parameter {
     Mass,
     Damping,
     Stiffness,
-    /// k (x0 - reference); the offset force where x0 is known or there is no spring.
+    /// k (x0 - reference). The offset force if x0 is known or there is no spring.
     Constant,
     Gain,
     Latency,
@@ -23,22 +23,22 @@ pub(super) enum Parameter {
     Friction,
     /// Time constant of the amplifier, s.
     Lag,
-    /// Encoder error once per cycle at the reference: its sine and cosine, m.
+    /// Encoder error once per cycle: sine and cosine at the reference, m.
     Sine,
     Cosine,
     /// Cycles of the encoder's error per metre.
     Cycles,
-    /// Encoder error twice per cycle, m.
+    /// Amplitude of the encoder error twice per cycle, m.
     Second,
 }
 
-/// All of them, in their order.
+/// All parameters, in the order of the vector.
 pub(super) const PARAMETERS: [Parameter; 12] = [
     Mass, Damping, Stiffness, Constant, Gain, Latency, Friction, Lag, Sine, Cosine, Cycles, Second,
 ];
 
 impl Parameter {
-    /// What an error calls it.
+    /// Name in error messages.
     pub(super) fn name(self) -> &'static str {
         match self {
             Mass => "mass",
@@ -59,26 +59,26 @@ impl Parameter {
 /// Which parameters are fitted, and the values of the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Layout {
-    /// The device has a spring; without one k is 0.
+    /// The device has a spring. Without a spring, k is 0.
     pub spring: bool,
-    /// Rest position from the reference if it is known, m.
+    /// Rest position from the reference, m, if known.
     pub rest_m: Option<f64>,
-    /// Force per volt if it is known, N/V.
+    /// Force per volt, N/V, if known.
     pub gain: Option<f64>,
-    /// Latency if it is known, s.
+    /// Latency, s, if known.
     pub latency_s: Option<f64>,
-    /// Terms beside mass, damping and spring.
+    /// Terms in addition to mass, damping and spring.
     pub terms: Included,
-    /// Cycles per metre of the encoder's signals if they are known.
+    /// Cycles per metre of the encoder's signals, if known.
     pub cycles_per_m: Option<f64>,
-    /// What positions are measured from, m.
+    /// Reference of the positions, m.
     pub reference_m: f64,
     pub records: usize,
-    /// Records, by bit, in which friction holds the handle at the first row: their speed there is 0.
+    /// Bit set of the records in which friction holds the handle at the first row. Their first speed is 0.
     pub resting: u64,
 }
 
-/// Terms that a layout has.
+/// Terms of a layout.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Included {
     pub friction: bool,
@@ -90,7 +90,7 @@ pub(super) struct Included {
 }
 
 impl Included {
-    /// The model is the paper's: linear, exact with its derivatives.
+    /// Whether the model is the paper's: linear, with exact derivatives.
     pub(super) fn plain(self) -> bool {
         !(self.friction || self.lag || self.phase)
     }
@@ -129,12 +129,12 @@ impl Layout {
         self.fitted().count() + 2 * record - before
     }
 
-    /// Place of its speed there, if it is fitted.
+    /// Place of a record's first speed, if it is fitted.
     pub(super) fn speed_place(&self, record: usize) -> Option<usize> {
         (!self.rests(record)).then(|| self.position_place(record) + 1)
     }
 
-    /// Without friction nothing holds the handle.
+    /// Whether friction holds the handle at the first row. Without friction nothing holds it.
     fn rests(&self, record: usize) -> bool {
         self.terms.friction && record < 64 && self.resting >> record & 1 == 1
     }
@@ -155,8 +155,8 @@ impl Layout {
     }
 }
 
-/// The values of a layout's parameters. They are read and set by name, and mean nothing beside another layout: that one
-/// takes them over by [`within`](Self::within).
+/// The values of a layout's parameters. They are read and set by name. [`within`](Self::within) converts them to
+/// another layout.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Values {
     layout: Layout,
@@ -172,7 +172,7 @@ impl Values {
         &self.layout
     }
 
-    /// In the order of the layout.
+    /// The values in the order of the layout.
     pub(super) fn vector(&self) -> &DVector<f64> {
         &self.vector
     }
@@ -186,7 +186,7 @@ impl Values {
         self.layout.place(parameter).map(|place| self.vector[place])
     }
 
-    /// Fitted or known; 0 of what is not in the model.
+    /// Fitted or known value; 0 if the parameter is not in the model.
     pub(super) fn of(&self, parameter: Parameter) -> f64 {
         self.fitted(parameter).unwrap_or_else(|| self.layout.known(parameter))
     }
@@ -204,7 +204,7 @@ impl Values {
         [self.vector[self.layout.position_place(record)], speed]
     }
 
-    /// Sets them; the speed if it is fitted.
+    /// Sets position and speed at a record's first fitted row; the speed only if it is fitted.
     pub(super) fn set_start(&mut self, record: usize, [x, v]: [f64; 2]) {
         self.vector[self.layout.position_place(record)] = x;
         if let Some(place) = self.layout.speed_place(record) {
@@ -212,25 +212,25 @@ impl Values {
         }
     }
 
-    /// k, and the constant force k (x0 - reference) with the offset force.
+    /// k, and the constant force: k (x0 - reference) plus the offset force.
     pub(super) fn spring(&self) -> [f64; 2] {
         let stiffness = self.of(Stiffness);
         let known = self.layout.rest_m.map_or(0.0, |rest_m| stiffness * rest_m);
         [stiffness, self.fitted(Constant).map_or(known, |constant| known + constant)]
     }
 
-    /// Friction, N, and time constant of the amplifier, s; neither is below 0.
+    /// Friction, N, and time constant of the amplifier, s; both are at least 0.
     pub(super) fn slow(&self) -> [f64; 2] {
         [Friction, Lag].map(|parameter| self.of(parameter).max(0.0))
     }
 
-    /// The values of another layout's parameters, each from these where they have it.
+    /// Values for another layout. Parameters of both layouts keep their values.
     pub(super) fn within(&self, layout: Layout) -> Self {
         let mut values = Self::zeros(layout);
         for parameter in layout.fitted() {
             values.set(parameter, self.of(parameter));
         }
-        // c = k (x0 - reference) becomes an offset force where x0 is known, and back.
+        // c = k (x0 - reference) becomes an offset force if x0 is known, and vice versa.
         let [stiffness, constant] = self.spring();
         values.set(Constant, constant - layout.rest_m.map_or(0.0, |rest_m| stiffness * rest_m));
         for record in 0..layout.records {

@@ -1,4 +1,4 @@
-//! The scene that an identification makes of its base scene.
+//! The scene that an identification makes from its base scene.
 
 use std::f64::consts::TAU;
 
@@ -15,19 +15,19 @@ use crate::{
     },
 };
 
-/// The base scene with what was identified.
+/// The base scene with the identified device.
 #[derive(Clone, Debug)]
 pub struct Made {
     /// The scene at the handle.
     pub scene: Scene,
-    /// What a reader has to know.
+    /// Notes for the reader.
     pub notes: Vec<String>,
-    /// Of a rotary device: its own keys.
+    /// The keys of a rotary device.
     rotary: Option<Table>,
 }
 
 impl Made {
-    /// Of that base scene.
+    /// Makes the scene from a base scene.
     ///
     /// # Errors
     /// [`Error::Internal`] only.
@@ -44,10 +44,10 @@ impl Made {
         Ok(Self { scene, notes, rotary: Some(tables) })
     }
 
-    /// As a scene, checked, with the text of its file.
+    /// The checked scene, with the text of its file.
     ///
     /// # Errors
-    /// The scene is not allowed, as `base_name` with the identified device.
+    /// The scene is not allowed; the error names `base_name` with the identified device.
     pub fn named(&self, base_name: &str) -> Result<NamedScene, Error> {
         self.scene.check().map_err(|error| {
             Error::Input(format!("{base_name}: with the identified device {error}"))
@@ -80,8 +80,8 @@ fn scene(base: &Scene, found: &Identification, options: &Options) -> Scene {
     if found.drive == Drive::Voltage {
         scene.actuator.gain_n_per_v = found.gain_n_per_v.value;
     }
-    // A latency that was said belongs to the log (0 for a voltage measured at the motor); the loop's
-    // is another, and a shorter one would promise walls that the device cannot render.
+    // A given latency belongs to the log (0 for a voltage measured at the motor). The latency of the loop is different.
+    // A shorter latency would allow walls that the device cannot render.
     if options.fit_latency {
         scene.actuator.latency = found.latency_s.value * scene.control.rate_hz;
     }
@@ -93,11 +93,12 @@ fn scene(base: &Scene, found: &Identification, options: &Options) -> Scene {
     with_terms(scene, &found.terms)
 }
 
-/// The terms as elements of the scene. What only an integrator can do gets one, with as few steps as it takes.
+/// Adds the terms as elements of the scene. If an element needs an integrator, the scene gets one with as few steps as
+/// possible.
 fn with_terms(mut scene: Scene, terms: &Found) -> Scene {
     if let Some(friction) = terms.friction_n {
         let coulomb_n = friction.value;
-        // Static friction and the fall between the two are not in a record of a moving handle.
+        // A record of a moving handle shows neither static friction nor the transition to Coulomb friction.
         scene.friction =
             Some(Friction { coulomb_n, static_n: coulomb_n, stribeck_speed_m_per_s: 1e-3 });
         if scene.integrator.is_none() {

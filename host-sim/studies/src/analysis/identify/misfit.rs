@@ -1,43 +1,44 @@
-//! Whether the residual is what the model allows.
+//! Checks whether the residual agrees with the model.
 //!
-//! A residual that noise makes is white (Ljung and Box, `residual`). One that the quantiser makes is not, though the model
-//! is right. Then it is held against [`COPIES`] that are made as the model says: the modelled motion from a start within
-//! the count, noise as the sawtooth shows it, the quantiser, and the part that the fit would take out. It is larger than
-//! the model allows if its mean square, and more coloured if the mean square of its means over [`BLOCKS`] stretches, is
-//! beyond [`BEYOND`] standard deviations of theirs, on a logarithmic scale.
+//! A residual from noise is white (Ljung and Box, `residual`). A residual from quantisation is not white, even if the
+//! model is right. Then it is compared with [`COPIES`] simulated copies. A copy is the modelled motion from a start
+//! within the count, with noise as estimated from the sawtooth, and the quantiser. The part that a fit would remove is
+//! subtracted. Two measures are compared: the mean square, and the mean square of the means over [`BLOCKS`] stretches.
+//! The residual is too large, or too coloured, if its measure is more than [`BEYOND`] standard deviations above those
+//! of the copies, on a logarithmic scale.
 
 use nalgebra::DVector;
 
 use super::residual::{Residual, Weighed};
 use crate::numerics::random;
 
-/// Records that are made as the model says.
+/// Number of simulated copies.
 const COPIES: u64 = 40;
-/// Stretches of a record over which means are taken.
+/// Number of stretches of a record for the means.
 const BLOCKS: usize = 200;
-/// Standard deviations beyond which a residual is not the model's.
+/// Number of standard deviations beyond which a residual does not agree with the model.
 const BEYOND: f64 = 6.0;
-/// Least factor of a mean square that is worth a warning.
+/// Smallest ratio of mean squares that gives a warning.
 const WORTH: f64 = 1.15;
 
-/// How much larger, or more coloured, the residual of a model is than the model allows.
+/// A residual that is larger, or more coloured, than the model allows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Misfit {
-    /// Its RMS, and that of the model, counts.
+    /// RMS of the residual and of the model, counts.
     Larger(f64, f64),
-    /// The RMS of its means over stretches, and that of the model, counts.
+    /// RMS of the means over stretches, of the residual and of the model, counts.
     Coloured(f64, f64),
 }
 
-/// Standard deviation of the noise that leaves so much of the sawtooth, counts.
+/// Standard deviation of the noise that leaves this part of the sawtooth, counts.
 fn noise_counts(residual: &Residual) -> f64 {
     let squared = residual.coherence.powi(2) - 2.0 * residual.coherence_squared_error;
     let coherence = squared.clamp(1e-6, 1.0).sqrt();
     (-coherence.ln() / 2.0).sqrt() / std::f64::consts::PI
 }
 
-/// The misfit of a residual that the quantiser makes; `None` if it is as the model says. `left` is what the fit leaves of
-/// errors of the rows.
+/// The misfit of a residual from quantisation; `None` if it agrees with the model. `left` is the part of row errors
+/// that a fit does not remove.
 pub(super) fn misfit(
     weighed: &Weighed,
     left: impl Fn(DVector<f64>) -> DVector<f64>,
@@ -78,7 +79,7 @@ pub(super) fn misfit(
         .or_else(|| beyond(1).map(|(is, allowed)| Misfit::Coloured(is, allowed)))
 }
 
-/// Mean square of a residual, and of its means over stretches.
+/// Mean square of a residual, and mean square of its means over stretches.
 fn measures(residual: &[f64], rows: &[usize]) -> [f64; 2] {
     let square = residual.iter().map(|r| r * r).sum::<f64>() / residual.len() as f64;
     let (mut sum, mut count, mut rest) = (0.0, 0.0, residual);

@@ -1,4 +1,4 @@
-//! What is likely missing in a model whose residual is not what it allows.
+//! Likely causes of a residual that is larger than the model allows.
 
 use super::{
     fit::Fitted,
@@ -8,14 +8,14 @@ use super::{
 };
 use crate::numerics::fft::RealSpectrum;
 
-/// Part of the residual that a cause must explain to be named.
+/// Smallest part of the residual that a named cause must explain.
 const NAMED_SHARE: f64 = 0.1;
-/// Part of the residual's power that one frequency must hold to be called a vibration.
+/// Smallest part of the residual's power at one frequency that counts as a vibration.
 const LINE_SHARE: f64 = 0.3;
 /// Lowest frequency of a vibration, Hz.
 const VIBRATION_HZ: f64 = 5.0;
 
-/// What is likely missing in a model whose residual is not as it should be, the likeliest first.
+/// Likely causes of a residual that the model does not explain, the most likely cause first.
 pub(super) fn likely(search: &Search<'_>, model: &Model) -> String {
     let all = model.solution.weighed_m.norm_squared();
     let mut causes: Vec<(f64, String)> = vec![];
@@ -47,7 +47,7 @@ pub(super) fn likely(search: &Search<'_>, model: &Model) -> String {
     named.join(", ")
 }
 
-/// The frequency that holds most of the residual's power, and its share; `None` without one.
+/// The frequency with most of the residual's power, and its share; `None` if there is no such frequency.
 fn vibration(records: &[Fitted<'_>], model: &Model) -> Option<(f64, f64)> {
     let pieces = model.weighed.pieces();
     let (fitted, piece) = records.iter().zip(&pieces).max_by_key(|(fitted, _)| fitted.rows())?;
@@ -56,7 +56,7 @@ fn vibration(records: &[Fitted<'_>], model: &Model) -> Option<(f64, f64)> {
     let all: f64 = powers.iter().sum();
     let hz = |place: usize| place as f64 / (spectrum.length() as f64 * fitted.record.step_s);
     let place = (1..powers.len()).max_by(|a, b| powers[*a].total_cmp(&powers[*b]))?;
-    // A line that begins and decays is as wide as its decay: a tenth of its frequency is counted with it.
+    // A decaying vibration has a line as wide as its decay. So a tenth of its frequency on both sides is added.
     let reach = (place / 10).max(2);
     let near = powers[place.saturating_sub(reach).max(1)..(place + reach).min(powers.len())].iter();
     let share = near.sum::<f64>() / all;

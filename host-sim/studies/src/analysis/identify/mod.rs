@@ -4,10 +4,10 @@
 //! Record(s) -> checks -> guess -> fit -> residual, confidence -> checks -> Identification
 //! m x'' + b x' + k (x - x0) = gain u        eq. (6); u held between rows, late by the latency
 //! ```
-//! Mass, damping, stiffness, rest position and the initial state of each record are fitted; the gain too where a
-//! second record has a known added mass, and the latency on demand. The error of a floor quantiser has a mean of
-//! half a count, which is taken out; what is left of it is in the intervals (`residual`). A record that cannot
-//! tell is refused with the reason. `docs/identification.md` is the page for users.
+//! Mass, damping, stiffness, rest position and the initial state of each record are fitted. The gain is also fitted if
+//! a second record has a known added mass, and the latency on request. The error of a floor quantiser has a mean of
+//! half a count, which is subtracted. The rest of this error is in the intervals (`residual`). A record without
+//! sufficient information is refused with the reason. `docs/identification.md` is the page for users.
 
 mod asked;
 mod checks;
@@ -59,17 +59,17 @@ use layout::{Included, Layout, Parameter, Values};
 use misfit::Misfit;
 use search::{Model, Search};
 
-/// Extra room for a latency that is fitted, s.
+/// Additional rows before the first fitted row if the latency is fitted, s.
 const LATENCY_ROOM_S: f64 = 0.01;
-/// A residual beyond this many RMS is an outlier: once in 10^10 rows of Gaussian noise.
+/// A residual above this multiple of the RMS is an outlier. Gaussian noise has one in 10^10 rows.
 const OUTLIER: f64 = 6.5;
 
-/// What is known beside the records.
+/// Known values and options of an identification.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     /// Source of the force per volt.
     pub gain: Gain,
-    /// From a row's time to its voltage's effect, s; the first value if it is fitted.
+    /// Time from a row to the effect of its voltage, s. A first value if the latency is fitted.
     pub latency_s: f64,
     /// Fit the latency too.
     pub fit_latency: bool,
@@ -77,21 +77,21 @@ pub struct Options {
     pub spring: bool,
     /// Size of a count, m; 0 for a sensor without counts.
     pub resolution_m: f64,
-    /// How a position became a count.
+    /// Rounding from position to count.
     pub rounding: Rounding,
     /// Largest magnitude of a command, V.
     pub limit_v: f64,
-    /// Terms beside mass, damping and spring.
+    /// Terms in addition to mass, damping and spring.
     pub terms: Terms,
-    /// Where the spring rests without any other force, m, if it is known; else x0 is where the handle rests, and takes
-    /// in a constant force.
+    /// Rest position of the spring without any other force, m, if known. If unknown, x0 is the rest position of the
+    /// handle, which includes the effect of a constant force.
     pub rest_position_m: Option<f64>,
-    /// Travel per cycle of the encoder's signals, m, if it is known.
+    /// Travel per cycle of the encoder's signals, m, if known.
     pub cycle_m: Option<f64>,
 }
 
 impl Options {
-    /// What a scene knows: latency, encoder and voltage limit.
+    /// Options from a scene: latency, encoder and voltage limit.
     pub fn of_scene(scene: &Scene, gain: Gain) -> Self {
         Self {
             gain,
@@ -111,11 +111,11 @@ impl Options {
 /// Measured position and model of one record, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
-    /// First row of the record that was fitted.
+    /// First fitted row of the record.
     pub first: usize,
-    /// Modelled position from that row on, m.
+    /// Modelled position from the first fitted row on, m.
     pub model_m: Vec<f64>,
-    /// Measured, with the quantiser's offset taken out, less modelled, m.
+    /// Measured position without the quantiser's offset, minus modelled position, m.
     pub residual_m: Vec<f64>,
     /// Position at the first row, m.
     pub position_m: f64,
@@ -124,7 +124,7 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// Time, voltage, measured and modelled position, and their difference, of each fitted row of its record.
+    /// For each fitted row: time, voltage, measured position, modelled position, and their difference.
     pub fn rows(&self, record: &Record) -> impl Iterator<Item = [f64; 5]> {
         let both = self.model_m.iter().zip(&self.residual_m);
         (self.first..).zip(both).map(|(row, (model_m, residual_m))| {
@@ -136,28 +136,28 @@ impl Fit {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Identification {
-    /// What the command of the records is.
+    /// Kind of the command in the records.
     pub drive: Drive,
     pub mass_kg: Estimate,
     pub damping_n_s_per_m: Estimate,
     /// k, N/m, and x0, m; `None` for a device without a spring.
     pub spring: Option<Spring>,
-    /// Force per unit of the command, N/V, N/A or 1: without width if it was known.
+    /// Force per unit of the command, N/V, N/A or 1; without an interval if it was known.
     pub gain_n_per_v: Estimate,
-    /// Latency, s: without width if it was known.
+    /// Latency, s; without an interval if it was known.
     pub latency_s: Estimate,
-    /// Terms beside mass, damping and spring.
+    /// Terms in addition to mass, damping and spring.
     pub terms: Found,
     pub fits: Vec<Fit>,
-    /// What the fit leaves.
+    /// Properties of the residual.
     pub residual: Residual,
-    /// Largest ratio of a stated interval to that of white noise.
+    /// Largest ratio of a stated interval to the interval for white noise.
     pub widening: f64,
-    /// How the device's numbers err together.
+    /// Joint error of the device's numbers.
     pub joint: Joint,
-    /// Times that the model was computed.
+    /// Number of evaluations of the model.
     pub evaluations: usize,
-    /// What a reader should know.
+    /// Warnings for the reader.
     pub warnings: Vec<String>,
 }
 
@@ -168,16 +168,16 @@ pub struct Spring {
     pub rest_position_m: Estimate,
 }
 
-/// Identifies the device of `records`. With [`Gain::AddedMass`] there are two, the second with the added mass;
-/// otherwise any number of the same device, fitted at once.
+/// Identifies the device of `records`. With [`Gain::AddedMass`] there are two records, the second with the added mass.
+/// Otherwise there is any number of records of one device, which are fitted together.
 ///
 /// # Errors
-/// One line: why the records do not tell.
+/// One line: why the records are not sufficient.
 pub fn identify(records: &[Record], options: &Options) -> Result<Identification, String> {
     identified(records, options, &AtomicBool::new(false))
 }
 
-/// It gives up soon once `stop` is set, with any result.
+/// Identifies the device. Ends soon, with any result, if `stop` is set.
 fn identified(
     records: &[Record],
     options: &Options,
@@ -248,7 +248,7 @@ fn mean(record: &Record) -> f64 {
     record.position_m.iter().sum::<f64>() / record.len() as f64
 }
 
-/// The first row at which only commands of the record act.
+/// First row at which only commands of the record act.
 fn first_row(record: &Record, options: &Options) -> Result<usize, String> {
     let room_s = if options.fit_latency { options.latency_s + LATENCY_ROOM_S } else { 0.0 };
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
@@ -264,7 +264,8 @@ fn first_row(record: &Record, options: &Options) -> Result<usize, String> {
     Ok(first)
 }
 
-/// Why a record that no model describes does not show the mass, if a device without one explains it.
+/// The reason why a record does not show the mass. `None` if a device without a mass does not explain the record
+/// either.
 fn without_mass(fitted: &[Fitted<'_>], options: &Options) -> Option<String> {
     fitted.iter().find_map(|Fitted { record, positions_m, first, .. }| {
         let latency = options.latency_s / record.step_s;
@@ -275,7 +276,7 @@ fn without_mass(fitted: &[Fitted<'_>], options: &Options) -> Option<String> {
     })
 }
 
-/// First values of all parameters, from the records alone.
+/// First values of all parameters, from the records only.
 fn first_values(
     fitted: &[Fitted<'_>],
     layout: Layout,
@@ -290,7 +291,7 @@ fn first_values(
             guesses.push(guess);
             continue;
         }
-        // Friction that holds the handle for a while spoils integrals over it.
+        // If friction holds the handle for a while, integrals over this time are wrong.
         let held = options.terms.may_have_friction();
         let mut windows = guess::WINDOWS.into_iter().filter(|_| held).filter_map(|windows| {
             guess::moving((record, positions_m, *first), latency, (options.spring, true), windows)
@@ -333,7 +334,7 @@ fn first_values(
     Ok(values)
 }
 
-/// Verdict on a model of the records.
+/// Checks a model of the records, and makes the result.
 fn conclude(
     search: &Search<'_>,
     model: &Model,
@@ -440,7 +441,7 @@ fn conclude(
     })
 }
 
-/// Fastest motion over ten rows, m/s.
+/// Largest mean speed over ten rows, m/s.
 fn fastest(fitted: &[Fitted<'_>]) -> f64 {
     let of = |fitted: &Fitted<'_>| {
         let ends = fitted.positions_m.iter().zip(fitted.positions_m.iter().skip(10));
@@ -450,12 +451,12 @@ fn fastest(fitted: &[Fitted<'_>]) -> f64 {
     fitted.iter().map(of).fold(0.0, f64::max)
 }
 
-/// An angle within half a turn of 0, rad.
+/// The angle modulo one turn, within half a turn of 0, rad.
 fn wrapped(angle: f64) -> f64 {
     angle - TAU * (angle / TAU).round()
 }
 
-/// What the residual says to a reader.
+/// Warnings that follow from the residual.
 fn of_residual(
     residual: &Residual,
     widening: f64,

@@ -1,13 +1,13 @@
-//! The response of the device to a record's voltage, exact, with its derivatives by every parameter.
+//! The exact response of the device to a record's voltage, and its derivatives by every parameter.
 //!
 //! ```text
 //! x'' = -w x - d x' + g u + o       w = k / m, d = b / m, g = gain / m, o = k x0 / m
 //! ```
-//! x is measured from a reference position near the record. u is the voltage, late by the latency and
-//! constant between its changes; so a step of the state is exact ([`discretise`]). The derivatives by w and d
-//! obey the same equation driven by -x and -x'; they are further states of the same exact step. g, o and the
-//! initial state enter linearly: their derivatives are unit responses. The derivative by the latency is minus
-//! the speed of the response to u, less the part that a changed first voltage would have.
+//! x is measured from a reference position near the record. u is the voltage, delayed by the latency and constant
+//! between its changes. So a step of the state is exact ([`discretise`]). The derivatives by w and d have the same
+//! equation with inputs -x and -x'. They are additional states of the same exact step. g, o and the initial state enter
+//! linearly, so their derivatives are unit responses. The derivative by the latency is minus the speed of the response
+//! to u. The part that would come from a change of the first voltage is subtracted.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -27,9 +27,9 @@ pub(super) struct Reduced {
     pub offset: f64,
     /// Position at the first fitted row, from the reference, m.
     pub x: f64,
-    /// Speed at that row, m/s.
+    /// Speed at the first fitted row, m/s.
     pub v: f64,
-    /// From a row's time to its voltage's effect, rows; may be below 0.
+    /// Time from a row to the effect of its voltage, rows; may be below 0.
     pub latency: f64,
 }
 
@@ -43,13 +43,13 @@ pub(super) struct Point {
     pub by_offset: f64,
     pub by_x: f64,
     pub by_v: f64,
-    /// Per row of latency.
+    /// Derivative per row of latency.
     pub by_latency: f64,
 }
 
 type Pair = [f64; 2];
 
-/// One exact step and its derivatives by w and d.
+/// One exact step, and its derivatives by w and d.
 struct Step {
     phi: [Pair; 2],
     gamma: Pair,
@@ -86,12 +86,12 @@ impl Step {
     }
 }
 
-/// What is carried from row to row.
+/// State that is carried from row to row.
 #[derive(Clone, Copy)]
 struct Carried {
     /// State: position and speed.
     z: Pair,
-    /// Its derivatives by w and d.
+    /// Derivatives of the state by w and d.
     z_w: Pair,
     z_d: Pair,
     /// Unit responses: to the voltage, to a constant, to x and to v.
@@ -102,7 +102,7 @@ struct Carried {
 }
 
 impl Carried {
-    /// Over one step under `volts`.
+    /// The state after one step with `volts`.
     fn advance(&self, step: &Step, reduced: &Reduced, volts: f64) -> Self {
         let acceleration = reduced.gain * volts + reduced.offset;
         let free = |z: &Pair| times(&step.phi, z);
@@ -126,7 +126,7 @@ impl Carried {
     }
 }
 
-/// Position and derivatives from row `first` on.
+/// Position and derivatives at each row from row `first` on.
 pub(super) fn response(record: &Record, first: usize, reduced: &Reduced) -> Vec<Point> {
     let voltages = Held::new(record, reduced.latency);
     let dt = record.step_s;
@@ -165,12 +165,12 @@ pub(super) fn response(record: &Record, first: usize, reduced: &Reduced) -> Vec<
     points
 }
 
-/// A record's voltage as it acts, late by the latency.
+/// A record's voltage after the latency.
 pub(super) struct Held<'a> {
     command: &'a [f64],
     /// Whole rows of latency.
     rows: i64,
-    /// Part of a row until the newer voltage acts, 0 to below 1.
+    /// Part of a row before the newer voltage acts, at least 0 and below 1.
     pub fraction: f64,
 }
 
@@ -181,7 +181,8 @@ impl<'a> Held<'a> {
         Self { command: &record.command, rows, fraction: latency - latency.floor() }
     }
 
-    /// Voltage at the beginning of this row's step, and from the fraction on. Outside the record the nearest.
+    /// Voltage at the beginning of this row's step, and voltage after the fraction. Outside the record, the nearest
+    /// voltage is used.
     pub(super) fn at(&self, row: usize) -> (f64, f64) {
         let value = |row: i64| {
             let last = self.command.len() - 1;

@@ -1,22 +1,24 @@
-//! The response of a device with dry friction and a slow amplifier, exact between the instants at which it turns.
+//! The response of a device with dry friction and a slow amplifier. It is exact between the instants at which the
+//! handle turns, stops or starts.
 //!
 //! ```text
 //! x'' = a - w x - d x' + o - s f     a' = p (g u - a)     s = sign(x'); without a lag a = g u
 //! at rest while |a - w x + o| <= f
 //! ```
-//! u is constant between its changes, so every stretch in one direction is one exact step. Where the speed changes its
-//! sign within a step the instant is found by bisection and Newton's method on the exact solution; where a handle at
-//! rest breaks away, from the closed form of a. So the response is a smooth function of the parameters between such
-//! events, and its derivatives can be had from small differences ([`super::fit`]).
+//! u is constant between its changes, so a stretch in one direction is one exact step. If the speed changes its sign
+//! within a step, bisection and Newton's method on the exact solution find the instant. If a handle at rest breaks
+//! away, the closed form of a gives the instant. So the response is a smooth function of the parameters between these
+//! events. Small differences give its derivatives ([`super::fit`]).
 
 use nalgebra::{SMatrix, SVector};
 
 use super::{model::Held, record::Record};
 use crate::numerics::exact::discretise;
 
-/// Events within one step of the voltage before the rest of it is taken in one go.
+/// Largest number of events within one step of the voltage. After this number, the rest of the step is computed without
+/// events.
 const EVENTS_MAX: usize = 8;
-/// Steps to the instant of an event.
+/// Iterations to find the instant of an event.
 const SEARCH: usize = 60;
 
 /// The parameters of one record, per mass.
@@ -32,17 +34,17 @@ pub(super) struct Motion {
     pub offset: f64,
     /// Coulomb friction per mass, m/s^2.
     pub friction: f64,
-    /// Time constant of the amplifier, s; 0 for none.
+    /// Time constant of the amplifier, s; 0 for an ideal amplifier.
     pub lag_s: f64,
     /// Position at the first fitted row, from the reference, m.
     pub x: f64,
-    /// Speed at that row, m/s.
+    /// Speed at the first fitted row, m/s.
     pub v: f64,
-    /// From a row's time to its voltage's effect, rows.
+    /// Time from a row to the effect of its voltage, rows.
     pub latency: f64,
 }
 
-/// x, v and the amplifier's acceleration.
+/// Position, speed, and acceleration by the amplifier.
 type State = SVector<f64, 3>;
 
 /// An exact step of `seconds`.
@@ -56,7 +58,7 @@ struct Step {
 #[derive(Clone, Copy, PartialEq)]
 enum Mode {
     Rest,
-    /// 1 or -1: the sign of the speed.
+    /// Sliding; 1 or -1 is the sign of the speed.
     Slides(f64),
 }
 
@@ -84,12 +86,12 @@ impl Motion {
         [phi[(0, 0)] + phi[(1, 1)], phi[(0, 0)] * phi[(1, 1)] - phi[(0, 1)] * phi[(1, 0)]]
     }
 
-    /// What would accelerate a handle at rest.
+    /// Net acceleration of a handle at rest, without friction.
     fn net(&self, state: &State) -> f64 {
         state[2] - self.w * state[0] + self.offset
     }
 
-    /// The mode in which a handle of speed 0 goes on.
+    /// The mode of a handle with speed 0.
     fn mode_at_rest(&self, state: &State) -> Mode {
         let net = self.net(state);
         if net.abs() <= self.friction { Mode::Rest } else { Mode::Slides(net.signum()) }
@@ -100,7 +102,7 @@ impl Motion {
         step.phi * state + step.drive * drive + step.constant * constant
     }
 
-    /// Over one step under `volts`.
+    /// State and mode after one step with `volts`.
     fn advance(&self, step: &Step, state: State, mode: Mode, volts: f64) -> (State, Mode) {
         let drive = self.gain * volts;
         let mut state = state;
@@ -120,7 +122,7 @@ impl Motion {
                         return (state, Mode::Rest);
                     };
                     state[2] = drive + (state[2] - drive) * (-self.pole() * after_s).exp();
-                    // The drive that goes on to change gives the direction: at the instant itself the net force is f.
+                    // The final drive gives the direction, because at the instant itself the net force is exactly f.
                     let towards = if self.pole() > 0.0 { drive } else { state[2] };
                     let net = towards - self.w * state[0] + self.offset;
                     mode = Mode::Slides(net.signum());
@@ -149,7 +151,7 @@ impl Motion {
         (self.apply(&self.step(left_s), &state, drive, sign), mode)
     }
 
-    /// When a handle at rest breaks away within `left_s`.
+    /// Time until a handle at rest breaks away, within `left_s`.
     fn breaks_away(&self, state: &State, drive: f64, left_s: f64) -> Option<f64> {
         let spring = self.offset - self.w * state[0];
         if (state[2] + spring).abs() > self.friction {
@@ -162,11 +164,11 @@ impl Motion {
         }
         let limit = self.friction.copysign(end + spring) - spring;
         let share = (limit - drive) / (state[2] - drive);
-        // Rounding of a strong spring may bring it to the other side of 0.
+        // Rounding with a stiff spring may bring the share to the other side of 0.
         Some((-share.max(0.0).ln() / pole).clamp(0.0, left_s))
     }
 
-    /// The instant within `left_s` at which the speed is 0 again, and the state there.
+    /// The instant within `left_s` at which the speed is 0 again, and the state at this instant.
     fn turn(&self, state: &State, drive: f64, sign: f64, left_s: f64) -> (f64, State) {
         let (mut low, mut high) = (0.0, left_s);
         let rate = |at: &State| {
@@ -196,7 +198,7 @@ impl Motion {
         (at_s, at)
     }
 
-    /// The handle rests at the record's first fitted row, and friction holds it.
+    /// Whether friction holds the handle at the record's first fitted row.
     pub(super) fn begins_at_rest(&self, record: &Record, first: usize) -> bool {
         let (before, after) = Held::new(record, self.latency).at(first);
         let held = |volts: f64| {
@@ -207,7 +209,7 @@ impl Motion {
     }
 }
 
-/// Position from row `first` on, from the reference, m.
+/// Positions from the reference, from row `first` on, m.
 pub(super) fn positions(record: &Record, first: usize, motion: &Motion) -> Vec<f64> {
     let voltages = Held::new(record, motion.latency);
     let early = motion.step(voltages.fraction * record.step_s);

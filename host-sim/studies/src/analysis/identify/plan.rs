@@ -1,9 +1,10 @@
-//! A designed excitation: pulses of a board's hits that show mass, damping and spring, within travel, speed and duty.
+//! Designs an excitation for an identification: pulses of a board that show mass, damping and spring, within the limits
+//! of travel, speed and duty.
 //!
-//! The board's pulse train ([`pulse_train`]) moves the handle to the start, pushes, and lets go, four times. It is planned
-//! as strong as it may be: the excursion of each pulse in the scene's own device, simulated, stays within [`OF_TRAVEL`] of
-//! the way to either end, its speed within [`OF_SPEED`] of the limit, its force within [`OF_FULL`] of full scale, and the
-//! mean square of all forces within that of the motor.
+//! The board's pulse train ([`pulse_train`]) moves the handle to the start, pushes it, and releases it, four times. The
+//! force is as large as allowed. Four limits apply. The simulated excursion of each pulse is within [`OF_TRAVEL`] of
+//! the way to either end. Its speed is within [`OF_SPEED`] of the speed limit. Its force is within [`OF_FULL`] of full
+//! scale. The mean square of all forces is within the motor's limit.
 
 use serde::Serialize;
 use zwidth::experiment::pulse_train::{LENGTHS_S, PARTS, PULSES, REST_S};
@@ -13,31 +14,31 @@ use crate::{
     scene::Scene,
 };
 
-/// Part of the way to the nearer end that a pulse may use.
+/// Largest excursion of a pulse, as a part of the way to the nearer end.
 const OF_TRAVEL: f64 = 0.6;
-/// Part of the speed limit.
+/// Largest speed, as a part of the speed limit.
 const OF_SPEED: f64 = 0.5;
-/// Part of full scale.
+/// Largest force, as a part of full scale.
 const OF_FULL: f64 = 0.5;
-/// Longest way back to the start that is waited for, s.
+/// Longest waiting time for the way back to the start, s.
 const BACK_S: f64 = 2.0;
-/// Fewest counts of excursion that are worth a train.
+/// Smallest useful excursion of a train, counts.
 const FEWEST_COUNTS: f64 = 200.0;
-/// Halvings of the force until it is given up.
+/// Largest number of times that the force is halved.
 const HALVINGS: u32 = 12;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Pulse {
     pub push_n: f64,
     pub seconds: f64,
-    /// Farthest from the start, m.
+    /// Largest distance from the start, m.
     pub excursion_m: f64,
-    /// Largest speed on the way, m/s.
+    /// Largest speed of the pulse, m/s.
     pub speed_m_per_s: f64,
 }
 
 impl Pulse {
-    /// Whether it goes far enough to be worth a train.
+    /// Whether the excursion is large enough to be useful.
     pub fn moves(&self, scene: &Scene) -> bool {
         self.excursion_m >= FEWEST_COUNTS * scene.encoder.resolution_m
     }
@@ -45,21 +46,21 @@ impl Pulse {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// Where each pulse starts, m.
+    /// Start of each pulse, m.
     pub start_m: f64,
-    /// The train's force, N.
+    /// Force of the train, N.
     pub push_n: f64,
-    /// Its pulses, in their order.
+    /// The pulses, in their order.
     pub pulses: [Pulse; PULSES],
-    /// Time for all of it, with the ways back, s.
+    /// Duration of the train with the ways back, s.
     pub seconds: f64,
-    /// Root mean square of the force over the whole, N.
+    /// RMS of the force over the train, N.
     pub rms_n: f64,
-    /// What the motor stands for ever, N.
+    /// Continuous force of the motor, N.
     pub continuous_n: f64,
 }
 
-/// Excursion and speed of a pulse from rest at the start.
+/// Excursion and speed of a pulse that begins at rest at the start.
 fn pulse(scene: &Scene, start_m: f64, push_n: f64, seconds: f64) -> Pulse {
     let sample_s = 1.0 / scene.control.rate_hz;
     let plant = AnyPlant::unsensed(scene, sample_s, 0.0);
@@ -79,15 +80,15 @@ fn pulse(scene: &Scene, start_m: f64, push_n: f64, seconds: f64) -> Pulse {
 /// A plan for the scene's device on its board.
 ///
 /// # Errors
-/// One line: its travel leaves no room for a train of which a pulse moves far enough.
+/// One line: the travel has no room for a train with a sufficient excursion.
 pub fn plan(scene: &Scene) -> Result<Plan, String> {
     let board = scene.on_board();
     let [low_m, high_m] = [board.safety.travel_low_m, board.safety.travel_high_m];
-    // Nothing but the pulse is to act: no wall, no hand.
+    // Only the pulse acts: no wall, no hand.
     let mut free = scene.clone();
     free.arm = None;
     free.wall_hit.push_by = crate::scene::PushBy::Motor;
-    // Where a spring rests the pulse has the room of both sides; without one in the middle.
+    // At the rest position of a spring, the pulse has room on both sides. Without a spring, the start is in the middle.
     let middle_m = f64::midpoint(low_m, high_m);
     let rest_m = scene.device.rest_position_m;
     let inside = (rest_m - middle_m).abs() < 0.25 * (high_m - low_m);
@@ -148,7 +149,7 @@ mod tests {
                     && one.push_n.abs() <= OF_FULL * scene.full_scale_n()
             };
             assert!(found.pulses.iter().all(|one| keeps(one, 1.0)), "{found:?}");
-            // and one of them would not with twice the force
+            // With twice the force, at least one pulse would exceed a limit.
             let twice =
                 found.pulses.map(|one| pulse(&scene, found.start_m, 2.0 * one.push_n, one.seconds));
             assert!(!twice.iter().all(|one| keeps(one, 0.99)), "{found:?}");

@@ -1,4 +1,4 @@
-//! A designed excitation as it is told: the JSON object of `identify --plan`; a plan in Python has the same keys.
+//! The report of a designed excitation: the JSON object of `identify --plan`. A plan in Python has the same keys.
 
 use serde::Serialize;
 
@@ -8,23 +8,23 @@ use crate::{
     scene::{NamedScene, Units},
 };
 
-/// All of it; docs/files.md has the keys.
+/// The whole report; docs/files.md has the keys.
 #[derive(Clone, Debug, Serialize)]
 pub struct Planned {
     /// Name of the scene.
     pub scene: String,
-    /// Where each pulse starts.
+    /// Start of each pulse.
     pub start_m: f64,
     pub push_n: f64,
-    /// Its pulses, in their order.
+    /// The pulses, in their order.
     pub pulses: Vec<Pulse>,
-    /// Root mean square of the force over the whole.
+    /// RMS of the force over the train.
     pub force_rms_n: f64,
-    /// What the motor stands for ever.
+    /// Continuous force of the motor.
     pub continuous_force_n: f64,
-    /// Limits that are not in the scene: guesses, in its units.
+    /// Limits that are not in the scene, with guessed values in its units.
     pub guessed: Vec<String>,
-    /// The lines for the console, which speaks the scene's units; `cargo board run` takes them too.
+    /// The lines for the console, in the scene's units. `cargo board run` accepts the same lines.
     pub console: Vec<String>,
 }
 
@@ -32,7 +32,7 @@ impl Planned {
     /// A plan for the scene's device on its board.
     ///
     /// # Errors
-    /// Its travel leaves no room for one.
+    /// The travel has no room for a train.
     pub fn new(scene: &NamedScene) -> Result<Self, Error> {
         let found = plan(&scene.scene).map_err(|error| Error::Input(error).of(&scene.name))?;
         let units = scene.scene.units;
@@ -56,7 +56,7 @@ impl Planned {
     }
 }
 
-/// A number at the handle for the console: with so many decimals there, or with five digits about the axis.
+/// A number for the console. Linear numbers have `decimals` decimals, numbers about the axis have five digits.
 fn said(units: Units, key: &str, at_handle: f64, decimals: usize) -> String {
     match units.key(key) {
         None => format!("{at_handle:.decimals$}"),

@@ -1,4 +1,4 @@
-//! A record: the voltage, force or current that was commanded and the position that followed, in even steps of time.
+//! A record: the commanded voltage, force or current, and the measured position, in equal steps of time.
 
 use std::{fmt::Write as _, ops::RangeInclusive};
 
@@ -8,36 +8,36 @@ use crate::{
     scene::Units,
 };
 
-/// Fewest rows of a record.
+/// Smallest number of rows in a record.
 pub const FEWEST_ROWS: usize = 100;
-/// Most rows of a record: 100 s at 10 kHz, which take half a minute.
+/// Largest number of rows in a record: 100 s at 10 kHz, which take half a minute.
 pub const MOST_ROWS: usize = 1_000_000;
-/// Largest deviation of a time stamp from an even grid, in steps. Time stamps of few digits stay below it.
+/// Largest deviation of a time stamp from an even grid, in steps. Time stamps with few digits are within this limit.
 const JITTER_MAX: f64 = 0.1;
-/// Steps of time between rows, s: up to 100 kHz, and slow enough for any hand-held device.
+/// Allowed steps of time between rows, s: up to 100 kHz, and slow enough for any hand-held device.
 const STEP_S: RangeInclusive<f64> = 1e-5..=0.1;
-/// The usual cause of positions a thousand times too large.
+/// Hint for positions that are a thousand times too large.
 pub(super) const IN_MM: &str = "; position_m is in m: are these mm?";
-/// Longest travel of a handle, m; an angle has none.
+/// Largest travel of a handle, m. An angle has no limit.
 const TRAVEL_MAX_M: f64 = 5.0;
-/// Counts that a counter of 16 bits loses or gains when it wraps.
+/// Counts that a 16-bit counter loses or gains when it wraps.
 const WRAP: f64 = 65_536.0;
 /// Command and position on an even grid of time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Record {
-    /// What errors call it.
+    /// Name in error messages.
     pub name: String,
     /// Time of the first row, s.
     pub start_s: f64,
     /// Time between rows, s.
     pub step_s: f64,
-    /// What the command is.
+    /// Kind of the command.
     pub drive: Drive,
-    /// Command of each row, V, N or A; it is held until the next one.
+    /// Command of each row, V, N or A; it is held until the next row.
     pub command: Vec<f64>,
-    /// Position at each row as the sensor gave it, m.
+    /// Position at each row from the sensor, m.
     pub position_m: Vec<f64>,
-    /// A voltage that was asked for: the amplifier may have clipped it. Telemetry says what acted.
+    /// The voltage is a request that the amplifier may have clipped. Telemetry has the voltage that acted.
     pub may_clip: bool,
 }
 
@@ -51,17 +51,17 @@ pub(super) struct Row {
     pub position_m: f64,
 }
 
-/// Part of a record, in the time of its own stamps.
+/// Part of a record, in the time of the record's own stamps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Span {
-    /// First time, s; from the beginning without it.
+    /// First time, s; `None` for the beginning.
     pub from_s: Option<f64>,
-    /// Last time, s; to the end without it.
+    /// Last time, s; `None` for the end.
     pub to_s: Option<f64>,
 }
 
 impl Span {
-    /// The rows of that part.
+    /// The rows in the span.
     pub(super) fn of<T>(
         &self,
         mut rows: Vec<T>,
@@ -86,11 +86,11 @@ impl Span {
 }
 
 impl Record {
-    /// Reads a log with columns for time, command and position, in any order; further columns are ignored. A resolution of
-    /// 0 is that of a sensor without counts.
+    /// Reads a log with columns for time, command and position, in any order; other columns are ignored. A resolution
+    /// of 0 is for a sensor without counts.
     ///
     /// # Errors
-    /// One line: what is wrong, and where.
+    /// One line: the error and its place.
     pub fn from_csv(
         name: &str,
         text: &str,
@@ -122,7 +122,7 @@ impl Record {
         Ok(record)
     }
 
-    /// The record of rows whose time stamps must be even; `place` is what a row's number is called.
+    /// A record from rows with even time stamps. `place` is the word for a row's number in messages.
     pub(super) fn even(
         name: &str,
         rows: &[Row],
@@ -150,7 +150,7 @@ impl Record {
             ));
         }
         in_range(step_s)?;
-        // The usual step, which a gap does not change.
+        // The median step; a gap does not change it.
         let mut steps: Vec<f64> =
             rows.windows(2).map(|pair| pair[1].time_s - pair[0].time_s).collect();
         steps.sort_by(f64::total_cmp);
@@ -191,7 +191,7 @@ impl Record {
         })
     }
 
-    /// Refuses columns that no file is read into.
+    /// Refuses columns that no log file could give.
     pub(super) fn check(&self) -> Result<(), String> {
         let is_finite = |column: &[f64]| column.iter().all(|value| value.is_finite());
         if self.command.len() != self.len() {
@@ -203,8 +203,7 @@ impl Record {
         in_range(self.step_s)
     }
 
-    /// The log of this record, as [`from_csv`](Self::from_csv) reads it. The numbers come back to the bit but for
-    /// the time stamps.
+    /// The record as a log that [`from_csv`](Self::from_csv) reads. All numbers except the time stamps keep every bit.
     pub fn csv(&self) -> String {
         let mut text = format!("time_s,{},position_m\n", self.command_column());
         for (n, (command, position_m)) in self.command.iter().zip(&self.position_m).enumerate() {
@@ -213,7 +212,7 @@ impl Record {
         text
     }
 
-    /// What the command's column is called.
+    /// Name of the command's column.
     pub fn command_column(&self) -> &'static str {
         match self.drive {
             Drive::Voltage => "voltage_v",
@@ -222,7 +221,7 @@ impl Record {
         }
     }
 
-    /// Time of row n, s.
+    /// Time of the row, s.
     pub fn time_s(&self, row: usize) -> f64 {
         self.start_s + row as f64 * self.step_s
     }
@@ -231,7 +230,7 @@ impl Record {
         self.position_m.len()
     }
 
-    /// Whether there is no row.
+    /// Whether the record has no rows.
     pub fn is_empty(&self) -> bool {
         self.position_m.is_empty()
     }
@@ -252,7 +251,7 @@ fn in_range(step_s: f64) -> Result<(), String> {
     }
 }
 
-/// Line and counts of a step of about 2^16 counts among steps that are small.
+/// Line and size of a step of about 2^16 counts, if all other steps are small.
 fn wrap(rows: &[Row], resolution_m: f64) -> Option<(usize, f64)> {
     let steps = rows.windows(2).map(|pair| {
         let moved_m = pair[1].position_m - pair[0].position_m;
@@ -353,14 +352,14 @@ mod tests {
         };
         let unsigned = |count: f64| (count + 30_000.0).rem_euclid(65_536.0);
         let error = counts(unsigned, 1e-6).unwrap_err();
-        // The 119th row is the first from 65,536 on: 30,000 + 300 * 119.
+        // The 119th row is the first at or above 65,536: 30,000 + 300 * 119.
         let wrapped = "line 121: the position goes by -65236 counts, as a counter of 16 bits";
         assert!(error.starts_with(wrapped), "{error}");
         let signed = |count: f64| (count + 32_768.0).rem_euclid(65_536.0) - 32_768.0;
         assert!(counts(signed, 1e-4).unwrap_err().starts_with("line 112: "));
         let down = |count: f64| (-count).rem_euclid(65_536.0);
         assert!(counts(down, 1e-4).unwrap_err().contains("goes by 65236 counts"));
-        // Neither a counter without wraps, nor a sensor without counts, nor a handle that is as fast all the time.
+        // Not refused: a counter without wraps, a sensor without counts, and a handle that is always as fast.
         assert!(counts(|count| count, 1e-6).is_ok());
         assert!(counts(|count| 200.0 * count, 1e-9).is_ok());
         let text =

@@ -1,16 +1,16 @@
-//! What the fit leaves: how large it is, what of it is quantisation, whether the rest is noise.
+//! Analyses the residual of a fit: its size, the part from quantisation, and whether the rest is noise.
 //!
-//! With e = count + 1/2 - x / resolution the error of a floor quantiser is a sawtooth in the position:
+//! With e = count + 1/2 - x / resolution, the error of a floor quantiser is a sawtooth over the position:
 //! ```text
 //! e(x) = sum over h = 1, 2, ... of sin(2 pi h x) / (pi h)        x in counts, |e| <= 1/2, variance 1/12
 //! ```
-//! Gaussian noise of s counts before the quantiser turns harmonic h into a share `a^(h^2)` of it,
-//! `a = exp(-2 pi^2 s^2)`, and makes the rest white (Widrow and Kollar, "Quantization Noise", 2008, chapters 4
-//! and 19). a, the coherence, is measured: it is the residual's part along the first harmonic, taken block by block
-//! because the fit follows the sawtooth where the handle rests and is then a slowly varying part of a count off
-//! elsewhere. Even and odd rows of a block see the same sawtooth and independent noise, so the mean of the product
-//! of their amplitudes is a^2 without a bias.
-//! A residual that keeps its sawtooth is bound by quantisation and is not white, though the model is right.
+//! Gaussian noise of s counts before the quantiser reduces harmonic h to a share of `a^(h^2)`, with
+//! `a = exp(-2 pi^2 s^2)`. The rest of the error becomes white (Widrow and Kollar, "Quantization Noise", 2008, chapters
+//! 4 and 19). The share a is the coherence. It is measured as the residual's component along the first harmonic, block
+//! by block. Blocks are necessary because the fit follows the sawtooth where the handle rests. Elsewhere the model is
+//! then wrong by a slowly varying part of a count. Even and odd rows of a block have the same sawtooth and independent
+//! noise. So the mean product of their amplitudes is a^2 without a bias. If the sawtooth remains, the residual is bound
+//! by quantisation: it is not white, even if the model is right.
 
 use std::f64::consts::{PI, TAU};
 
@@ -22,26 +22,26 @@ use super::{
 };
 use crate::scene::Rounding;
 
-/// Lags of the Ljung-Box test.
+/// Number of lags of the Ljung-Box test.
 const LAGS: usize = 20;
-/// A white residual fails once in a thousand records.
+/// Significance level of the test: one of a thousand white residuals fails.
 const WHITE_P: f64 = 1e-3;
-/// Rows where the position moves by less, in counts per row, tell nothing about the coherence.
+/// Smallest speed, counts per row. Slower rows give no information about the coherence.
 const MOVING: f64 = 0.05;
-/// Rows of a block over which the model's own error is taken as constant.
+/// Rows of a block. Within a block the model's own error is taken as constant.
 const BLOCK: usize = 128;
-/// Fewest blocks in motion from which the coherence is measured; with fewer it is taken as 1.
+/// Smallest number of moving blocks to measure the coherence. With fewer blocks the coherence is taken as 1.
 const FEWEST_BLOCKS: usize = 4;
-/// From this coherence on the residual counts as bound by quantisation: noise below 0.28 counts RMS.
+/// Smallest coherence of a residual that is bound by quantisation: noise below 0.28 counts RMS.
 const BOUND: f64 = 0.2;
-/// Standard errors by which the squared coherence must differ from 0 to be called so.
+/// Number of standard errors by which the squared coherence of such a residual must differ from 0.
 const CERTAIN: f64 = 4.0;
-/// Unit of residuals of a sensor without counts, as a part of the motion: keeps numbers near 1.
+/// Unit of residuals for a sensor without counts, as a part of the motion. It keeps numbers near 1.
 const UNIT_SHARE: f64 = 1e-6;
-/// Harmonics of the sawtooth.
+/// Number of sawtooth harmonics.
 pub(super) const HARMONICS: u32 = 64;
 
-/// Residual of one record, and the modelled position, both in counts.
+/// Residual and modelled position of one record, both in counts.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Piece<'a> {
     pub residual: &'a [f64],
@@ -49,7 +49,7 @@ pub(super) struct Piece<'a> {
     pub position: &'a [f64],
 }
 
-/// What was found in the residual.
+/// Properties of the residual.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
     pub rms_m: f64,
@@ -57,24 +57,24 @@ pub struct Residual {
     pub rms_counts: Option<f64>,
     /// Noise before the quantiser that explains the RMS, counts.
     pub noise_counts: Option<f64>,
-    /// Part of the sawtooth that is left, 0 (noise hides it) to 1 (no noise).
+    /// Remaining part of the sawtooth, from 0 (noise hides it) to 1 (no noise).
     pub coherence: f64,
-    /// Standard error of its square.
+    /// Standard error of the squared coherence.
     pub coherence_squared_error: f64,
-    /// p-value of the Ljung-Box test over 20 lags: small if the residual is not white.
+    /// p-value of the Ljung-Box test over 20 lags. A small value means that the residual is not white.
     pub whiteness_p: f64,
     /// Autocorrelation at a lag of one row.
     pub autocorrelation: f64,
-    /// Largest residual in terms of the RMS.
+    /// Largest residual divided by the RMS.
     pub peak_per_rms: f64,
 }
 
-/// A fit's residual and modelled positions in units of a count, and what was found in them.
+/// A fit's residual and modelled positions in units of a count, and the properties of the residual.
 pub(super) struct Weighed {
     /// Residual and position of each record.
     counted: Vec<[Vec<f64>; 2]>,
     pub found: Residual,
-    /// A count, or a small part of the motion for a sensor without counts, m.
+    /// Length of a count, m. For a sensor without counts, a small part of the motion.
     pub unit_m: f64,
 }
 
@@ -86,7 +86,7 @@ impl Weighed {
         } else {
             UNIT_SHARE * motion(records)
         };
-        // A floor quantiser's edges are the counts, a rounding one's lie between them.
+        // The edges of a floor quantiser are at whole counts. The edges of a rounding quantiser are between them.
         let edge = if options.rounding == Rounding::Round { 0.5 } else { 0.0 };
         let mut top = 0;
         let mut counted = vec![];
@@ -143,25 +143,25 @@ impl Residual {
         }
     }
 
-    /// The residual passes as white.
+    /// Whether the residual passes as white.
     pub fn is_white(&self) -> bool {
         self.whiteness_p >= WHITE_P
     }
 
-    /// Quantisation, not noise, makes the residual.
+    /// Whether the residual comes from quantisation and not from noise.
     pub fn is_bound_by_quantisation(&self) -> bool {
         let squared = self.coherence.powi(2);
         squared >= BOUND.powi(2).max(CERTAIN * self.coherence_squared_error)
     }
 
-    /// Squared share of harmonic h of the sawtooth; two standard errors on the safe side.
+    /// Squared share of harmonic h of the sawtooth, plus two standard errors of the squared coherence.
     pub(super) fn harmonic_squared(&self, h: u32) -> f64 {
         let squared = self.coherence.powi(2) + 2.0 * self.coherence_squared_error;
         squared.min(1.0).powi((h * h).cast_signed())
     }
 }
 
-/// Autocorrelation at lags 1, 2, ..., within each record.
+/// Autocorrelation at lags 1, 2, .., within each record.
 fn autocorrelations(pieces: &[Piece<'_>], power: f64) -> [f64; LAGS] {
     let mut correlations = [0.0; LAGS];
     for (index, rho) in correlations.iter_mut().enumerate() {
@@ -173,7 +173,7 @@ fn autocorrelations(pieces: &[Piece<'_>], power: f64) -> [f64; LAGS] {
     correlations
 }
 
-/// The squared share of the sawtooth that is in the residual, and its standard error.
+/// Squared share of the sawtooth in the residual, and its standard error.
 fn coherence_squared(pieces: &[Piece<'_>]) -> (f64, f64) {
     let mut found = vec![];
     for piece in pieces {
@@ -193,7 +193,7 @@ fn coherence_squared(pieces: &[Piece<'_>]) -> (f64, f64) {
     (mean, (variance / blocks).sqrt())
 }
 
-/// Product of the amplitudes of the first harmonic in the even and in the odd rows.
+/// Product of the first harmonic's amplitudes in even and in odd rows.
 fn block(position: &[f64], residual: &[f64]) -> f64 {
     let mut sums = [[0.0; 2]; 2];
     for (row, (x, r)) in position.iter().zip(residual).enumerate() {
@@ -211,7 +211,7 @@ mod tests {
     use super::*;
     use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
 
-    /// Residual of a quantised sweep with noise, counts, and the positions.
+    /// Residual of a quantised sweep with noise, and positions, both in counts.
     fn swept(noise: f64, seed: u64) -> (Vec<f64>, Vec<f64>) {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
         let position: Vec<f64> = (0..20_000).map(|n| 1e-3 * f64::from(n).powf(1.7)).collect();

@@ -1,4 +1,4 @@
-//! The scene of a rotary device with what was identified: its own keys, of which some have other values.
+//! The scene of an identified rotary device. It has its own keys, some with new values.
 
 use toml::{Table, Value};
 
@@ -7,17 +7,17 @@ use crate::{
     scene::{NamedScene, Scene, Units},
 };
 
-/// Tables that an identification makes or changes as a whole.
+/// Tables that an identification makes or replaces as a whole.
 const ELEMENTS: [&str; 6] =
     ["friction", "integrator", "amplifier", "offset", "encoder_error", "uncertainty"];
-/// Digits of what is written: the twelve of every result.
+/// Digits of written numbers; every result has twelve.
 const DIGITS: usize = 12;
 
-/// The tables of `base`'s file with the device, the gain, the latency and the elements of `scene`, which is at the
-/// handle; and what a reader has to know.
+/// The tables of `base`'s file with the device, the gain, the latency and the elements of `scene`, and notes for the
+/// reader. `scene` has its values at the handle.
 ///
 /// # Errors
-/// [`Error::Internal`]: `base` was read before.
+/// [`Error::Internal`] only, because `base` was read before.
 pub(super) fn tables(base: &NamedScene, scene: &Scene) -> Result<(Table, Vec<String>), Error> {
     let internal = |error: String| Error::Internal(format!("cannot write the scene: {error}"));
     let units = base.scene.units;
@@ -60,7 +60,7 @@ pub(super) fn tables(base: &NamedScene, scene: &Scene) -> Result<(Table, Vec<Str
     Ok((tables, notes))
 }
 
-/// The keys of `[rotary]` that say mass, damping, spring, count and gain.
+/// Sets the keys of `[rotary]` for mass, damping, spring, count and gain.
 fn turn(rotary: &mut Table, units: Units, base: &Scene, scene: &Scene, notes: &mut Vec<String>) {
     let read = |rotary: &Table, key: &str| match rotary.get(key) {
         Some(Value::Float(value)) => *value,
@@ -115,7 +115,7 @@ fn turn(rotary: &mut Table, units: Units, base: &Scene, scene: &Scene, notes: &m
     }
 }
 
-/// A table of an element in rad and N m.
+/// The table of an element in rad and N m.
 fn told(units: Units, element: &Table) -> Value {
     let told = element.iter().map(|(key, value)| match (units.key(key), value.as_float()) {
         (Some((renamed, factor)), Some(value)) => {
@@ -126,7 +126,7 @@ fn told(units: Units, element: &Table) -> Value {
     Value::Table(told.collect())
 }
 
-/// Names of keys that stand in lists, as those of correlations.
+/// Renames keys in lists, as in correlations.
 fn renamed(value: &Value) -> Value {
     match value {
         Value::Array(all) => Value::Array(all.iter().map(renamed).collect()),

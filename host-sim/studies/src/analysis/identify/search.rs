@@ -1,7 +1,8 @@
-//! Which terms are in the model: forward selection by the test of [`super::terms`].
+//! Selects the terms of the model: forward selection with the test of [`super::terms`].
 //!
-//! Forward: of all terms that pass beside those that are in, the one that leaves least, the encoder's
-//! error after all others; until none passes. Then backward: a term that no longer passes beside the others goes.
+//! Forward: of all terms that pass the test, the one that leaves the smallest residual is added, until no term passes.
+//! The encoder's error is tried after all other terms. Backward: a term that no longer passes beside the others is
+//! removed.
 
 use std::{cell::OnceCell, f64::consts::TAU};
 
@@ -22,19 +23,20 @@ use super::{
     weighting::Weighting,
 };
 
-/// Friction that a search begins with, as parts of the largest force.
+/// First values of the friction, as parts of the largest force.
 const FRICTION_STARTS: [f64; 3] = [0.02, 0.08, 0.2];
-/// Lag that a search begins with, rows.
+/// First values of the lag, rows.
 const LAG_STARTS: [f64; 2] = [0.5, 3.0];
-/// Starts of a search that are followed.
+/// Number of starts that are followed.
 const STARTS_TAKEN: usize = 3;
-/// From one stride to twice as many rows the force of noise falls by 4, a white one by the root of 2: by half between.
+/// Limit for the force of noise. If the stride doubles, the force of noise falls by 4, and a white force by the root of
+/// 2. The limit is between both.
 const STILL_NOISE: f64 = 0.5;
-/// Longest strides in the shortest record.
+/// Smallest number of longest strides in the shortest record.
 const STRIDES: usize = 20;
-/// How many times shorter and longer the strides beside are.
+/// Factor of the shorter and the longer stride for a comparison.
 const ASIDE: usize = 4;
-/// A step of the search may bring friction to this part of the largest force.
+/// Largest friction after a step of the search, as a part of the largest force.
 const FRICTION_MOST: f64 = 0.5;
 
 /// A model and its fit.
@@ -42,11 +44,11 @@ pub(super) struct Model {
     pub solution: Solution,
     pub weighed: Weighed,
     pub estimates: Estimates,
-    /// Of the derivatives, orthonormal.
+    /// Orthonormal basis of the derivatives.
     pub basis: DMatrix<f64>,
-    /// Cycles of the encoder's error that were looked at.
+    /// Number of examined cycles of the encoder's error.
     cycles: f64,
-    /// Made when it is asked for.
+    /// The misfit, computed on the first request.
     misfit: OnceCell<Option<Misfit>>,
 }
 
@@ -77,12 +79,12 @@ impl Model {
         self.solution.weighed_m.norm_squared()
     }
 
-    /// What of a column the model's own derivatives do not make.
+    /// Part of a column that is orthogonal to the model's own derivatives.
     fn without(&self, column: &DVector<f64>) -> DVector<f64> {
         column - &self.basis * self.basis.tr_mul(column)
     }
 
-    /// The test of a term that is in the model, `candidates` of which are tried.
+    /// The test of a term in the model. `candidates` is the number of tried terms.
     fn tested(&self, term: Term, candidates: usize) -> Tested {
         let Estimates { friction, lag, offset, phase, .. } = self.estimates;
         let value = match term {
@@ -101,17 +103,18 @@ impl Model {
     }
 }
 
-/// The terms that a record can be asked for. The offset is the rest position's unless that is known or there is none.
+/// The terms that a record can show. The offset is a term only if the rest position is known or there is no spring.
+/// Otherwise the rest position includes the offset.
 fn candidates(layout: &Layout) -> Vec<Term> {
     let offset = layout.rest_m.is_some() || !layout.spring;
     Term::ALL.into_iter().filter(|term| *term != Term::Offset || offset).collect()
 }
 
-/// The model of the records: from first values of the plain one, with the terms that `options` ask for, or that the
-/// records tell.
+/// The model of the records. The search begins with first values of the plain model. The terms are those that `options`
+/// request, or those that the records show.
 ///
 /// # Errors
-/// One line: no model describes the records, or they cannot tell parameters apart.
+/// One line: no model describes the records, or the records cannot distinguish parameters.
 pub(super) fn choose(
     records: &[Fitted<'_>],
     values: &Values,
@@ -143,7 +146,7 @@ pub(super) fn choose(
     let tests = search.tests(&model, candidates);
     search.widen(&mut model)?;
     if let Weighting::Force { stride, .. } = search.weighting {
-        // What is not modelled makes the estimates depend on the stride.
+        // If a force is not modelled, the estimates depend on the stride.
         let strides = [(stride / ASIDE).max(1), stride * ASIDE];
         let others = strides.map(|stride| search.by_stride(&model, stride));
         others.iter().flatten().for_each(|other| model.estimates.hold(&other.estimates));
@@ -151,27 +154,27 @@ pub(super) fn choose(
     Ok((model, tests, search.weighting))
 }
 
-/// Fits of the same records with more terms or fewer.
+/// Fits of the same records with more or fewer terms.
 pub(super) struct Search<'a> {
     pub records: &'a [Fitted<'a>],
     pub options: &'a Options,
     pub weighting: Weighting,
 }
 
-/// Orders in which terms that are asked for are taken in: one that hides another may lead astray if it comes first.
+/// Orders in which requested terms are added. A term that hides another may lead to a wrong fit if it is added first.
 const ORDERS: [[Term; 4]; 2] = [
     [Term::Offset, Term::Amplifier, Term::Friction, Term::Phase],
     [Term::Friction, Term::Amplifier, Term::Offset, Term::Phase],
 ];
 
 impl Search<'_> {
-    /// The terms that are asked for, whatever the record tells of them.
+    /// The model with the requested terms, even if the record does not show them.
     fn asked(&self, values: &Values, plain: Option<&Model>) -> Result<Model, String> {
         let asked = |term: &Term| self.options.terms.asks(*term);
         if let Some(model) = self.with_all(asked, values, plain) {
             return Ok(model);
         }
-        // The one without which the others leave least.
+        // The term without which the others leave the smallest residual.
         let without = |one: Term| {
             let others = self.with_all(|term| asked(term) && *term != one, values, plain)?;
             Some((one, others.squares()))
@@ -185,7 +188,7 @@ impl Search<'_> {
         ))
     }
 
-    /// All terms that are asked for; the plain model of none.
+    /// The model with all requested terms, or the plain model if none is requested.
     fn with_all(
         &self,
         asked: impl Fn(&Term) -> bool,
@@ -222,7 +225,7 @@ impl Search<'_> {
                 });
                 tried.min_by(|a, b| a.squares().total_cmp(&b.squares()))
             };
-            // The encoder's error last: what the motion lacks has lines over the position too.
+            // The encoder's error is tried last, because missing parts of the motion also have lines over the position.
             let Some(best) = passing(false).or_else(|| passing(true)) else { break };
             model = Ok(best);
         }
@@ -234,7 +237,7 @@ impl Search<'_> {
             let terms = gone.add(model.layout().terms, false);
             model = self.fit(Layout { terms, ..*model.layout() }, model.values(), 1.0)?;
         }
-        // Friction is in every device: a term that it explains as well is not told.
+        // Friction is in every device. A term that friction explains equally well is not reported.
         let others = [Term::Amplifier, Term::Offset].into_iter();
         for term in others.filter(|_| !model.layout().terms.friction) {
             if !term.is_in(model.layout().terms) {
@@ -260,8 +263,8 @@ impl Search<'_> {
         inside.map(|term| model.tested(term, candidates)).collect()
     }
 
-    /// The best fit with one more term; `None` if there is none that leaves less. A `likely` one only: one that a
-    /// linear step does not promise enough of is not tried.
+    /// The best fit with one more term; `None` if no fit leaves a smaller residual. With `likely`, a term is only tried
+    /// if a linear step promises enough.
     fn with(
         &self,
         term: Term,
@@ -280,7 +283,7 @@ impl Search<'_> {
         if let Some(model) = before.filter(|_| likely) {
             let rows = self.rows(model);
             let is_promised = self.explains(term, model)? / (model.squares() / rows) >= enough();
-            // A handle that rests hides what a small friction would change.
+            // A handle at rest hides the effect of a small friction.
             if !is_promised && (term != Term::Friction || self.is_explained(model)) {
                 return None;
             }
@@ -305,7 +308,7 @@ impl Search<'_> {
                 start
             }));
         }
-        // From those that begin nearest: a far one may end in a valley of its own.
+        // The nearest starts come first, because a far start may end in another minimum.
         let mut starts: Vec<(f64, Values)> = starts
             .into_iter()
             .filter_map(|start| {
@@ -316,7 +319,7 @@ impl Search<'_> {
             .collect();
         starts.sort_by(|a, b| a.0.total_cmp(&b.0));
         starts.truncate(STARTS_TAKEN);
-        // A term that is asked for and is 0 leaves as much as none, but for rounding.
+        // A requested term with the value 0 leaves the same residual as no term, except for rounding.
         let room = if likely { 1.0 } else { 1.0 + 1e-6 };
         let most = room * before.map_or(f64::INFINITY, Model::squares);
         let fits = starts.iter().filter_map(|(_, start)| self.fit(more, start, 1.0).ok());
@@ -325,7 +328,7 @@ impl Search<'_> {
     }
 
     fn with_phase(&self, before: &Model, likely: bool) -> Option<Model> {
-        // At an even speed the quantiser's own sawtooth has lines over the position too.
+        // At constant speed, the quantiser's sawtooth also has lines over the position.
         let residual = &before.weighed.found;
         let is_quantised = residual.is_bound_by_quantisation() && self.is_explained(before);
         if likely && (is_quantised || self.weighting.is_force()) {
@@ -356,14 +359,14 @@ impl Search<'_> {
         {
             model = twice;
         }
-        // An error that rises faster than the position would make the reading run backwards.
+        // If the error rose faster than the position, the reading would run backwards.
         let [first, second, _, cycle] = model.estimates.phase?;
         let is_encoder = TAU * (first.value + 2.0 * second.value.abs()) < cycle.value;
         (is_encoder && model.squares() < before.squares()).then_some(model)
     }
 
-    /// The latency, rows, with which a delay in place of the amplifier's lag leaves as little; `None` if the record tells
-    /// one from the other, or the latency is fitted.
+    /// The latency, rows, of a fit in which a delay replaces the amplifier's lag with an equal residual. `None` if the
+    /// record distinguishes both, or if the latency is fitted.
     pub(super) fn delay_instead(&self, model: &Model) -> Option<f64> {
         let layout = *model.layout();
         let latency_s = layout.latency_s.filter(|_| layout.terms.lag)?;
@@ -379,7 +382,7 @@ impl Search<'_> {
         (more < enough()).then(|| delayed.values().of(Parameter::Latency) / step_s)
     }
 
-    /// By how much a term would lessen the sum of squares, linearly.
+    /// Linear estimate of the reduction of the sum of squares by a term.
     pub(super) fn explains(&self, term: Term, model: &Model) -> Option<f64> {
         let mut more = Layout { terms: term.add(model.layout().terms, true), ..*model.layout() };
         if term == Term::Phase {
@@ -389,7 +392,7 @@ impl Search<'_> {
         self.explains_by(more, term.parameter(), model)
     }
 
-    /// By how much one more parameter would lessen the sum of squares, linearly.
+    /// Linear estimate of the reduction of the sum of squares by one more parameter.
     pub(super) fn explains_by(
         &self,
         layout: Layout,
@@ -401,7 +404,7 @@ impl Search<'_> {
         promised.is_finite().then_some(promised)
     }
 
-    /// The same fit weighed by the force that it lacks.
+    /// The same fit, weighted by the force that is missing in the model.
     fn by_force(&mut self, mut model: Model, values: &Values) -> Result<Model, String> {
         let most = self.records.iter().map(Fitted::rows).min().unwrap_or(0) / STRIDES;
         let is_auto = self.options.terms == Terms::Auto;
@@ -433,25 +436,25 @@ impl Search<'_> {
         Ok(model)
     }
 
-    /// The same fit weighed by the force over so many rows.
+    /// The same fit, weighted by the force over `stride` rows.
     fn by_stride(&self, model: &Model, stride: usize) -> Result<Model, String> {
         let search = Search { weighting: self.force(model, stride), ..*self };
         let mut layout = *model.layout();
         if self.options.terms == Terms::Auto {
-            // What wanders has lines over the position that are not the encoder's.
+            // A wandering residual has lines over the position that do not come from the encoder.
             let terms = Term::Phase.add(layout.terms, false);
             layout = Layout { terms, cycles_per_m: None, ..layout };
         }
         search.fit(layout, model.values(), model.cycles)
     }
 
-    /// The weighting by the force that a model lacks.
+    /// The weighting by the force that is missing in a model.
     fn force(&self, model: &Model, stride: usize) -> Weighting {
         let motion = self.problem(model.values().clone()).motion(0);
         Weighting::of_force(&motion, self.records[0].record.step_s, stride)
     }
 
-    /// What the fit leaves of errors of the rows.
+    /// Part of row errors that the fit does not remove.
     fn left(&self, model: &Model, errors: DVector<f64>) -> DVector<f64> {
         let Weighting::Readings(weights) = &self.weighting else { return model.without(&errors) };
         let weights = DVector::from_iterator(errors.len(), weights.iter().flatten().copied());
@@ -466,18 +469,18 @@ impl Search<'_> {
         Problem { records: self.records, values, weighting: &self.weighting }
     }
 
-    /// The residual is white, or as the quantiser makes it.
+    /// Whether the residual is white, or agrees with quantisation.
     pub(super) fn is_explained(&self, model: &Model) -> bool {
         let residual = &model.weighed.found;
         residual.is_white() || (residual.is_bound_by_quantisation() && self.misfit(model).is_none())
     }
 
-    /// How a model's residual is more than the quantiser makes of it, if so.
+    /// The misfit of a model's residual, if the residual does not agree with quantisation.
     pub(super) fn misfit(&self, model: &Model) -> Option<Misfit> {
         *model.misfit.get_or_init(|| misfit(&model.weighed, |errors| self.left(model, errors)))
     }
 
-    /// Terms that the record can neither show nor exclude: the intervals hold what they would change.
+    /// Widens the intervals by terms that the record can neither show nor exclude.
     fn widen(&self, model: &mut Model) -> Result<(), String> {
         if self.options.terms != Terms::Auto {
             return Ok(());
@@ -507,8 +510,8 @@ impl Search<'_> {
         cycle::strongest(self.records, residual, self.options.cycle_m)
     }
 
-    /// A fit of `layout` from the values of any. Where friction holds the handle at the first row, the speed
-    /// there is 0 and no parameter.
+    /// A fit of `layout` from the values of any layout. If friction holds the handle at the first row, the first speed
+    /// is 0 and not a parameter.
     fn fit(&self, layout: Layout, from: &Values, cycles: f64) -> Result<Model, String> {
         let mut values = self.held(from.within(layout));
         loop {
@@ -520,7 +523,7 @@ impl Search<'_> {
         }
     }
 
-    /// Without the speeds of records that begin with a handle that friction holds.
+    /// The values without the speeds of records that begin at rest in friction.
     fn held(&self, values: Values) -> Values {
         let problem = self.problem(values);
         let (layout, values) = (*problem.values.layout(), &problem.values);
@@ -528,7 +531,7 @@ impl Search<'_> {
         if held == layout { problem.values } else { values.within(held) }
     }
 
-    /// Records that begin with a handle that friction holds, by bit: what it still slides is below a count.
+    /// Bit set of the records that begin at rest in friction: the handle slides less than a count.
     fn resting(&self, problem: &Problem<'_>) -> u64 {
         let least_m = self.options.resolution_m.max(1e-9);
         let rests = |index: usize| {
@@ -543,7 +546,7 @@ impl Search<'_> {
             .fold(0, |bits, index| bits | 1 << index)
     }
 
-    /// Values after one step of Gauss and Newton, and by how much it would lessen the sum of squares.
+    /// Values after one Gauss-Newton step, and the promised reduction of the sum of squares.
     fn linear_step(&self, values: &Values) -> Option<(Values, f64)> {
         let problem = self.problem(values.clone());
         let residual = -problem.residuals()?;
@@ -567,7 +570,7 @@ impl Search<'_> {
         values.vector().iter().all(|value| value.is_finite()).then_some((values, gain))
     }
 
-    /// Values from the windows in motion of the first record.
+    /// Values from the moving windows of the first record.
     fn in_motion(&self, start: &Values, windows: usize) -> Option<Values> {
         let Fitted { record, positions_m, first, added_kg, .. } = &self.records[0];
         let latency = start.of(Parameter::Latency) / record.step_s;
@@ -591,7 +594,7 @@ impl Search<'_> {
         (mass > 0.0).then_some(found)
     }
 
-    /// With friction and lag where they make sense.
+    /// Limits friction and lag to useful values.
     fn bounded(&self, mut values: Values) -> Values {
         let most_n = FRICTION_MOST * self.force_n(&values);
         let step_s = self.records[0].record.step_s;
@@ -612,7 +615,7 @@ impl Search<'_> {
     }
 }
 
-/// Least drop of the squares, in terms of the mean square, that white noise would call certain.
+/// Smallest reduction of the sum of squares, in mean squares, that is significant for white noise.
 fn enough() -> f64 {
     Normal::standard().inverse_cdf(FAMILY_P / Term::ALL.len() as f64).powi(2)
 }

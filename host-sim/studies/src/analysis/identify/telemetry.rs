@@ -1,4 +1,4 @@
-//! The firmware's telemetry as a record: its capture, or the CSV that `telemetry` makes of one.
+//! Makes a record from the firmware's telemetry: from a capture, or from the CSV that `telemetry` makes of a capture.
 
 use zwidth::{
     Output,
@@ -19,20 +19,20 @@ use crate::{
     scene::Scene,
 };
 
-/// Columns of the CSV of `telemetry` that matter here.
+/// The necessary columns of the `telemetry` CSV.
 const COLUMNS: [&str; 5] = ["sample", "position_counts", "force_q30", "command", "flags"];
 
-/// How telemetry's integers become volts and metres.
+/// Conversion of telemetry's integers to volts and metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OutputScale {
     rate_hz: f64,
     resolution_m: f64,
     limit_v: f64,
-    /// Code of no force and codes per full scale; without them the force itself is taken.
+    /// Code of zero force, and codes per full scale. Without them the force itself is used.
     codes: Option<(f64, f64)>,
 }
 
-/// One frame of either form.
+/// One frame of a capture or of a CSV.
 #[derive(Clone, Copy)]
 struct Sent {
     line: usize,
@@ -44,8 +44,8 @@ struct Sent {
 }
 
 impl OutputScale {
-    /// That of a scene: sample rate, count, and the volts of full scale. With an `[output]` table the codes that
-    /// the hardware was given are taken, else the force before it was rounded to them.
+    /// The conversion of a scene: sample rate, count, and volts of full scale. With an `[output]` table the hardware's
+    /// codes are used. Otherwise the force before its rounding to codes is used.
     ///
     /// # Errors
     /// One line: the scene's output is impossible.
@@ -60,7 +60,7 @@ impl OutputScale {
         Ok(Self { rate_hz, resolution_m, limit_v, codes })
     }
 
-    /// Whether the code is that of the force, to its rounding.
+    /// Whether the code agrees with the force within its rounding.
     fn fits(&self, sent: &Sent) -> bool {
         let asked = sent.force / f64::from(Force::FULL_SCALE.bits());
         self.codes
@@ -84,7 +84,7 @@ impl OutputScale {
 /// The record in a binary capture.
 ///
 /// # Errors
-/// One line: no frames, or frames that are no record.
+/// One line: no frames, or frames that make no record.
 pub fn from_capture(
     name: &str,
     bytes: &[u8],
@@ -114,7 +114,7 @@ pub fn from_capture(
     record(name, sent.collect(), scale, span, "frame")
 }
 
-/// Whether a text is what `telemetry --csv` writes: it has counts and no time.
+/// Whether a text is a CSV of `telemetry --csv`: it has counts and no time.
 pub(super) fn is_capture_csv(text: &str) -> bool {
     Table::new(text).is_ok_and(|table| {
         let header = table.header();
@@ -122,10 +122,10 @@ pub(super) fn is_capture_csv(text: &str) -> bool {
     })
 }
 
-/// The record in the CSV that `telemetry --csv` writes.
+/// The record in a CSV of `telemetry --csv`.
 ///
 /// # Errors
-/// One line: what is wrong, and where.
+/// One line: the error and its place.
 pub fn from_capture_csv(
     name: &str,
     text: &str,
@@ -196,7 +196,7 @@ mod tests {
         OutputScale::of_scene(&scene, 1e-6).unwrap()
     }
 
-    /// Frames of every tenth sample from 1 s on, changed by `change`.
+    /// Frames of every tenth sample from 1 s on, modified by `change`.
     fn capture(change: impl Fn(u32, &mut Sample)) -> Vec<u8> {
         let dac = zwidth::actuator::Actuator::new(Output::Dac { bits: 12 }).unwrap();
         let force = Force::saturating_from_bits(-(1 << 28));

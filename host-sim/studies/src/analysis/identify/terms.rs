@@ -1,4 +1,4 @@
-//! Terms beside mass, damping and spring, each taken in only if the record tells it.
+//! Terms in addition to mass, damping and spring. Each is only used if the record shows it.
 //!
 //! | term | model | scene |
 //! |------|-------|-------|
@@ -7,13 +7,13 @@
 //! | offset | a constant force | `[offset]` |
 //! | phase | `first sin(p) + second sin(2 p)` on the reading, `p = 2 pi x / cycle + phase` | `[encoder_error]` |
 //!
-//! **Test.** A model with a term holds the one without (its value 0), so the question is whether the value can be told
-//! from 0: a Wald test, the value over its standard error, where the error is the one of the stated intervals
-//! ([`super::confidence`]), so that it counts with the residual's colour and the quantiser. For one parameter and many
-//! rows it is the likelihood-ratio (F) test with the rows that the colour leaves. One-sided for friction and lag, which
-//! are not below 0; for the phase, whose sine and cosine are tested together, `exp(-z^2 / 2)` for each of the cycles that
-//! were looked at. A term stays if its p-value is below [`FAMILY_P`] divided by the number of candidates (Bonferroni).
-//! [`super::search`] chooses them.
+//! **Test.** A model with a term includes the model without it (value 0). So the question is whether the value differs
+//! from 0. The test is a Wald test: the value divided by its standard error. The standard error is that of the stated
+//! intervals ([`super::confidence`]), so it includes the residual's colour and the quantiser. For one parameter and
+//! many rows, this is the likelihood-ratio (F) test with the effective number of rows. The test is one-sided for
+//! friction and lag, which are not below 0. For the phase, sine and cosine are tested together: `exp(-z^2 / 2)` for
+//! each examined cycle. A term stays if its p-value is below [`FAMILY_P`] divided by the number of candidates
+//! (Bonferroni). [`super::search`] selects the terms.
 
 use statrs::distribution::{ContinuousCDF as _, Normal};
 
@@ -22,10 +22,10 @@ use super::{
     layout::{Included, Parameter},
 };
 
-/// Probability that any term is taken in which is not there, for a residual as the intervals suppose it.
+/// Probability that the model gets any wrong term, for a residual as the intervals assume.
 pub const FAMILY_P: f64 = 0.002;
 
-/// A term beside mass, damping and spring.
+/// A term in addition to mass, damping and spring.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Term {
     /// Coulomb friction of the device.
@@ -41,7 +41,7 @@ pub enum Term {
 impl Term {
     pub const ALL: [Self; 4] = [Self::Friction, Self::Amplifier, Self::Offset, Self::Phase];
 
-    /// Its option on the command line.
+    /// Name of the command line option.
     pub fn name(self) -> &'static str {
         match self {
             Self::Friction => "friction",
@@ -51,7 +51,7 @@ impl Term {
         }
     }
 
-    /// The parameter that is 0 without it; of the encoder's error one of several.
+    /// The parameter that is 0 without the term. For the encoder's error it is one of several.
     pub(super) fn parameter(self) -> Parameter {
         match self {
             Self::Friction => Parameter::Friction,
@@ -80,13 +80,13 @@ impl Term {
     }
 }
 
-/// Which terms are fitted.
+/// Selection of the fitted terms.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Terms {
-    /// Those that the record tells.
+    /// The terms that the record shows.
     #[default]
     Auto,
-    /// These, whether the record tells them or not.
+    /// These terms, even if the record does not show them.
     These {
         friction: bool,
         /// First-order lag of the amplifier.
@@ -102,7 +102,7 @@ impl Terms {
     pub const NONE: Self =
         Self::These { friction: false, amplifier: false, offset: false, phase: false };
 
-    /// Friction may be in the model.
+    /// Whether friction may be in the model.
     pub(super) fn may_have_friction(self) -> bool {
         self == Self::Auto || self.asks(Term::Friction)
     }
@@ -122,7 +122,7 @@ impl Terms {
 pub struct Phase {
     /// Amplitude once per cycle, m.
     pub first_m: Estimate,
-    /// Amplitude twice per cycle, m; 0 without width if the record does not tell it.
+    /// Amplitude twice per cycle, m; 0 without an interval if the record does not show it.
     pub second_m: Estimate,
     /// Phase at position 0, rad.
     pub phase_rad: Estimate,
@@ -130,7 +130,7 @@ pub struct Phase {
     pub cycle_m: Estimate,
 }
 
-/// What was found of the terms; `None` where one is not in the model.
+/// Values of the terms; `None` if a term is not in the model.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Found {
     /// Force of Coulomb friction, N.
@@ -149,13 +149,13 @@ pub struct Found {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tested {
     pub term: Term,
-    /// Value over standard error.
+    /// Value divided by its standard error.
     pub z: f64,
     /// Probability of such a value without the term, for all candidates together.
     pub p: f64,
 }
 
-/// What a sentence calls a term.
+/// Name of a term in a sentence.
 pub(super) fn said(term: Term) -> &'static str {
     match term {
         Term::Friction => "dry friction",

@@ -1,4 +1,4 @@
-//! Any record with any options has an answer or a refusal, whatever is in it.
+//! Any record with any options gives a result or a refusal, never a panic.
 
 use std::panic::catch_unwind;
 
@@ -15,7 +15,7 @@ use crate::{
     scene::{NamedScene, Scene},
 };
 
-/// Cases of the short search; `IDENTIFY_CASES` asks for more.
+/// Number of cases of the short search; `IDENTIFY_CASES` sets another number.
 const CASES: u64 = 150;
 const BASES: [&str; 3] = ["paper-1um", "hapkit", "smartknob"];
 
@@ -27,7 +27,7 @@ impl Dice {
         Self(Xoshiro256PlusPlus::seed_from_u64(case))
     }
 
-    /// From 0 to below 1.
+    /// A random number, at least 0 and below 1.
     fn part(&mut self) -> f64 {
         self.0.random()
     }
@@ -36,7 +36,7 @@ impl Dice {
         low + (high - low) * self.part()
     }
 
-    /// As likely in each decade, of either sign.
+    /// A random number of either sign, with the same probability for each decade.
     fn decades(&mut self, low: f64, high: f64) -> f64 {
         let size = low * (high / low).powf(self.part());
         if self.chance(0.5) { size } else { -size }
@@ -58,14 +58,14 @@ impl Dice {
         self.chance(of).then(|| value(self))
     }
 
-    /// A number as no device has it.
+    /// A number that no device would have.
     fn odd(&mut self) -> f64 {
         let size = self.decades(1e-300, 1e300);
         self.one(&[0.0, -0.0, 1.0, f64::NAN, f64::INFINITY, f64::MAX, 5e-324, 1e-308, size, size])
     }
 }
 
-/// A device with Coulomb friction, perhaps varying with the position, and what drives it.
+/// A device with Coulomb friction, perhaps varying with the position, and its drive.
 struct Driven {
     mass_kg: f64,
     damping: f64,
@@ -75,12 +75,12 @@ struct Driven {
     gain: f64,
     resolution_m: f64,
     step_s: f64,
-    /// Speed that a loop holds, m/s, with its gain, V s/m, and the share of its integral.
+    /// Speed of a speed loop, m/s, its gain, V s/m, and the share of its integral.
     loop_of: Option<[f64; 3]>,
     push_v: f64,
-    /// Rows of a push.
+    /// Length of a push, rows.
     push_rows: usize,
-    /// First and last row at which anything drives it.
+    /// First and last row with a drive.
     driven: (usize, usize),
 }
 
@@ -155,7 +155,7 @@ impl Driven {
     }
 }
 
-/// A record that may be of no device at all.
+/// A record, perhaps of no possible device.
 fn columns(dice: &mut Dice, resolution_m: f64, radius_m: f64, is_odd: bool) -> [Vec<f64>; 3] {
     let rows = if is_odd { dice.below(200) } else { dice.one(&[101, 200, 400, 800]) };
     let driven = Driven::of(dice, rows, resolution_m, radius_m);
@@ -203,7 +203,7 @@ fn columns(dice: &mut Dice, resolution_m: f64, radius_m: f64, is_odd: bool) -> [
     [times, volts, positions]
 }
 
-/// As the board sends it, or as nothing does.
+/// Frames as the board sends them, or impossible frames.
 fn of_telemetry(
     dice: &mut Dice,
     scale: &OutputScale,
@@ -223,7 +223,7 @@ fn record(dice: &mut Dice, base: &Scene, resolution_m: f64) -> Result<Record, St
     let (radius_m, is_odd) = (units.radius_m(), dice.chance(0.3));
     let [times, mut command, position_m] = columns(dice, resolution_m, radius_m, is_odd);
     if is_odd && dice.chance(0.4) {
-        // As another program may make one.
+        // A record that another program could make.
         let step_s =
             if dice.chance(0.2) { dice.odd() } else { times.get(1).copied().unwrap_or(1.0) };
         let may_clip = dice.chance(0.5);
@@ -309,7 +309,7 @@ fn gain(dice: &mut Dice) -> GainAsked {
     }
 }
 
-/// The answer to a case, with all that is made of it.
+/// The result of a case, with all its reports.
 fn answer(case: u64) -> Result<Identification, Error> {
     let dice = &mut Dice::new(case);
     let base = NamedScene::load(dice.one(&BASES))?;
@@ -327,7 +327,7 @@ fn answer(case: u64) -> Result<Identification, Error> {
     let records: Result<Vec<_>, _> =
         (0..records).map(|_| record(dice, &base.scene, resolution_m)).collect();
     let mut records = records.map_err(Error::Input)?;
-    // Another die, so that the cases stay what they were.
+    // Another random generator, so that the old cases stay the same.
     let drive =
         Dice::new(!case).one(&[Drive::Voltage, Drive::Voltage, Drive::Force, Drive::Current]);
     records.iter_mut().for_each(|record| record.drive = drive);
@@ -355,8 +355,8 @@ fn any_record_with_any_options_is_answered_or_refused() {
     assert!(answered * 20 > cases);
 }
 
-/// A knob whose friction varies with its angle, under a loop of its speed. The fit of the encoder's error found that
-/// friction holds it at the first row, and went on with the values of a layout that had a speed there.
+/// A knob whose friction varies with its angle, in a speed loop. The fit of the encoder's error found that friction
+/// holds the knob at the first row. It continued with the values of a layout that had a speed there.
 #[test]
 fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
     const RADIUS_M: f64 = AXIS_M;
@@ -398,7 +398,7 @@ fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
         resolution_m: COUNT_RAD * RADIUS_M,
         ..Options::of_scene(&scene, Gain::Given(GAIN_N_M_PER_V / RADIUS_M))
     };
-    // A friction that goes once round with the angle is no error of the encoder.
+    // A friction with one cycle per turn is no encoder error.
     let found = identify(&[record], &options).unwrap();
     assert!(
         found.terms.phase.is_none()
@@ -408,7 +408,7 @@ fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
     assert!(found.mass_kg.holds(inertia), "{:?} {inertia}", found.mass_kg);
 }
 
-/// A pulse on a mass with damper and spring, with noise; its voltage may be written late.
+/// A pulse on a mass with damper and spring, with noise. Its voltage may be written late.
 fn pulses(seed: u64, late_rows: usize) -> Record {
     const ROWS: usize = 2000;
     let scene = NamedScene::load("paper-1um").unwrap().scene;
@@ -454,7 +454,7 @@ fn a_latency_that_is_0_to_its_interval_is_held_there_with_all_else() {
         if found.warnings.iter().any(|warning| warning.contains("held at 0")) {
             held += 1;
             assert!(found.latency_s.value == 0.0 && found.latency_s.half_width > 0.0);
-            // The first rows, before which a latency that is fitted may reach, are left out.
+            // The first rows are left out, because a fitted latency may need commands from before the record.
             let first = found.fits[0].first;
             let rest = Record {
                 start_s: record.time_s(first),
@@ -476,14 +476,14 @@ fn a_handle_that_moves_before_its_voltage_is_refused() {
     assert!(error.contains("the latency comes out negative, -5.0"), "{error}");
 }
 
-/// Radius of an axis whose angles are records, m.
+/// Radius of the axis, m.
 const AXIS_M: f64 = 0.02;
-/// Of 16,000 counts a turn, and its motor.
+/// Count of the axis (16,000 counts per turn), and gain of its motor.
 const COUNT_RAD: f64 = std::f64::consts::TAU / 16_000.0;
 const GAIN_N_M_PER_V: f64 = 0.387;
 
-/// An axis with Coulomb friction under a proportional loop of its filtered speed at 100 Hz, exact; the loop ends at
-/// `stop`. Inertia, kg m^2, damping, N m s/rad, friction, N m.
+/// An axis with Coulomb friction in a proportional loop of its speed, filtered at 100 Hz; exact. The loop ends at
+/// `stop`. The parameters are inertia, kg m^2, damping, N m s/rad, and friction, N m.
 fn axis([inertia, damping, friction]: [f64; 3], gain: f64, rows: usize, stop: usize) -> Record {
     fn advance([j, b, f]: [f64; 3], [x, v]: [f64; 2], torque: f64, left_s: f64) -> [f64; 2] {
         if v == 0.0 && torque.abs() <= f {
@@ -526,7 +526,7 @@ fn of_axis(record: &Record) -> Result<Identification, String> {
     identify(std::slice::from_ref(record), &options)
 }
 
-/// Inertia, damping and friction of an axis inside their intervals, and no other term.
+/// Checks that inertia, damping and friction of an axis are inside their intervals, and that no other term is found.
 fn holds(record: &Record, truth: [f64; 3]) {
     let found = of_axis(record).unwrap();
     let terms = &found.terms;
@@ -557,7 +557,7 @@ fn no_error_of_the_encoder_is_found_that_its_rows_cannot_show() {
     holds(&axis(truth, 1.0, 1100, 1100), truth);
 }
 
-/// The loop makes friction look like inertia, all but 1 %.
+/// The loop makes friction look like inertia, with a difference of only 1 %.
 #[test]
 fn intervals_hold_a_friction_that_looks_like_inertia() {
     let truth = [0.0192, 0.005, 0.02];
@@ -579,7 +579,7 @@ fn lost_counts_are_named_with_their_row() {
     assert!(found.warnings.iter().any(|warning| warning.contains(wanted)), "{:?}", found.warnings);
 }
 
-/// Motion of one direction cannot tell an offset from friction.
+/// A motion in one direction cannot distinguish an offset from friction.
 #[test]
 fn the_term_that_a_record_does_not_show_is_the_one_that_is_named() {
     let record = axis([0.0192, 5e-4, 0.05], 1.0, 800, 800);

@@ -1,36 +1,37 @@
-//! How the rows of a residual are weighed.
+//! Weights of the rows of a residual.
 //!
-//! **A reading that stays** while a quiet encoder's handle rests is one reading, not as many as it has rows: its error is
-//! the same in all of them. Where the quantiser makes the residual a row weighs 1 over the rows of its reading.
+//! **Constant readings.** If the handle rests and the encoder has no noise, many rows have the same reading and the
+//! same error. They count as one reading. So if the residual comes from the quantiser, the weight of a row is 1 divided
+//! by the number of rows with its reading.
 //!
-//! **Forces.** What drives a handle and is not in the model, friction that is not Coulomb's for example, passes through
-//! its mass twice integrated: the residual wanders, follows the command, and under a loop the command follows it. Least
-//! squares of such a residual are biased. So it is weighed as the force that makes it: with the device's own step over
+//! **Forces.** A force that is not in the model, for example friction that is not Coulomb's, is integrated twice by the
+//! mass. So the residual wanders and follows the command. In a closed loop the command also follows the residual. Then
+//! least squares is biased. So the residual is converted to the force that makes it. With the device's own step over
 //! `stride` rows, `z(n + stride) = P z(n)`,
 //! ```text
 //! e(n) - trace(P) e(n - stride) + det(P) e(n - 2 stride)
 //! ```
-//! is the missing force under a triangle of two strides and nothing of what it was before: a prediction error with the
-//! model of a disturbance at the input, which needs no open loop (Ljung, System Identification, 2nd edition, sections 4.2
-//! and 13.4). A stride that is too short leaves noise of the
-//! positions, one too long nothing of the motion: it is the geometric mean of both ends.
+//! is the missing force, weighted by a triangle of two strides. It does not depend on earlier forces. The weighted
+//! residual is a prediction error with a disturbance model at the input. It is also valid in a closed loop (Ljung,
+//! System Identification, 2nd edition, sections 4.2 and 13.4). With a short stride, noise of the positions dominates.
+//! With a long stride, no motion remains. The stride is the geometric mean of both ends.
 
 use super::motion::Motion;
 
-/// What the rows of a residual weigh.
+/// Weights of the rows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) enum Weighting {
-    /// All the same.
+    /// Equal weights.
     #[default]
     White,
     /// Square roots of the weights, record by record.
     Readings(Vec<Vec<f64>>),
-    /// As the force that is missing: rows of a stride, trace and determinant of the step over it.
+    /// Conversion to the missing force: rows of a stride, and trace and determinant of the step over the stride.
     Force { stride: usize, trace: f64, determinant: f64 },
 }
 
 impl Weighting {
-    /// By readings that stay, each of a record.
+    /// Weights for constant readings, with the readings of each record.
     pub fn of_readings(readings: &[&[f64]]) -> Self {
         let of = |readings: &&[f64]| {
             let stays = readings.chunk_by(|a, b| a == b);
@@ -39,13 +40,13 @@ impl Weighting {
         Self::Readings(readings.iter().map(of).collect())
     }
 
-    /// By the force that makes residuals in a device of that motion.
+    /// Conversion to the missing force in a device with this motion.
     pub fn of_force(motion: &Motion, step_s: f64, stride: usize) -> Self {
         let [trace, determinant] = motion.invariants(stride as f64 * step_s);
         Self::Force { stride, trace, determinant }
     }
 
-    /// Sum of the squares of what errors of the first record weigh, but for those whose past is not known.
+    /// Sum of squares of the first record's weighted errors, without the errors whose past is not known.
     pub fn squares(&self, errors: &[f64]) -> f64 {
         let known = if let Self::Force { stride, .. } = self { 2 * stride } else { 0 };
         self.weighed(0, errors.to_vec()).iter().skip(known).map(|error| error * error).sum()
@@ -55,7 +56,7 @@ impl Weighting {
         matches!(self, Self::Force { .. })
     }
 
-    /// Rows that count.
+    /// Effective number of rows.
     pub fn rows(&self, all: usize) -> f64 {
         match self {
             Self::Readings(weights) => weights.iter().flatten().map(|weight| weight * weight).sum(),
@@ -63,7 +64,7 @@ impl Weighting {
         }
     }
 
-    /// Errors of a record as they weigh. As forces the first, whose past is not known, are as they are.
+    /// Weighted errors of a record. With forces, the first errors stay unchanged, because their past is not known.
     pub fn weighed(&self, record: usize, mut errors: Vec<f64>) -> Vec<f64> {
         match self {
             Self::White => errors,
@@ -85,7 +86,8 @@ impl Weighting {
         }
     }
 
-    /// What an error of each row does, of what it does once it is weighed; not of forces, whose rows are not apart.
+    /// Converts the effect of weighted errors to the effect of row errors. Forces stay unchanged, because each combines
+    /// several rows.
     pub fn of_rows(&self, weighed: &mut [f64]) {
         if let Self::Readings(weights) = self {
             weighed

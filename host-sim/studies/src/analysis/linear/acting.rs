@@ -1,27 +1,27 @@
 //! The states of a plant that act on the handle.
 //!
-//! Bodies that no spring holds, neither to the ground nor to the handle, have a place on which nothing depends: an
-//! eigenvalue of 1 at every K and B, and by its rounding the loop would be unstable or not. What lies behind a joint
-//! without spring and damper does not act at all. Both are left out; of several bodies that float together the places
-//! relative to the first of them stay.
+//! If no spring holds a body, neither to the ground nor to the handle, nothing depends on its position. Its position is
+//! an eigenvalue of 1 at every K and B, and rounding would decide about stability. A body behind a joint without spring
+//! and damper does not act on the handle at all. Both are left out. If several bodies float together, only their
+//! positions relative to the first body are kept.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::scene::element::Chain;
 
-/// Which states of a chain are kept.
+/// The states of a chain that are kept.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Acting {
-    /// States of the chain.
+    /// Number of states of the chain.
     states: usize,
-    /// Those kept, by their place; the handle's position and speed are the first two.
+    /// Indices of the kept states. The handle's position and speed are the first two.
     kept: Vec<usize>,
-    /// A body, and the floating one before it from which its place is taken.
+    /// A floating body, and the floating body before it. The position of the first is taken relative to the second.
     relative: Option<[usize; 2]>,
 }
 
 impl Acting {
-    /// Those of that chain.
+    /// The acting states of a chain.
     pub(super) fn of(chain: &Chain) -> Self {
         let states = chain.states();
         let is_held = chain.arm.is_some_and(|arm| arm.stiffness_n_per_m > 0.0);
@@ -50,12 +50,12 @@ impl Acting {
         Self { states, kept, relative }
     }
 
-    /// How many are kept.
+    /// Number of kept states.
     pub(super) fn states(&self) -> usize {
         self.kept.len()
     }
 
-    /// A step of the chain, `exp(A dt) - 1` and its response to a force, in those states.
+    /// A step of the chain, `exp(A dt) - 1`, and its response to a force, in the kept states.
     pub(super) fn reduce(
         &self,
         step: (DMatrix<f64>, DVector<f64>),
@@ -65,7 +65,7 @@ impl Acting {
             return (less, gamma);
         }
         if let Some([body, from]) = self.relative {
-            // the other columns do not change: where both move alike, nothing does
+            // The other columns stay the same, because nothing changes if both bodies move together.
             let before = less.row(from).clone_owned();
             let mut row = less.row_mut(body);
             row -= before;

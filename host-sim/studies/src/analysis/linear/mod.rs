@@ -1,5 +1,5 @@
-//! Linear stability and passivity of the sampled loop: what the ideal device would allow without quantisation,
-//! saturation and the one-sided wall.
+//! Linear stability and passivity of the sampled loop: the limits of the ideal device without quantisation, saturation
+//! and the one-sided wall.
 //!
 //! ```text
 //! every sample:           v = V(z) x                    estimator, z^-1 = one sample
@@ -7,20 +7,20 @@
 //! latency samples later:  m x'' = F - b x' - k x        exact under the held force
 //! ```
 //!
-//! With `period = 1` and no latency this is the paper's section 2.1, eq. (3) to (5). The force changes only
-//! once per output period, so at the output instants the loop is time-invariant for any period and latency,
-//! and its characteristic equation is affine in K and in B: `1 + K Hx(z) + B Hv(z) = 0`. A root lies on the
-//! unit circle exactly where `K(w) = -(1 + B Hv) / Hx` is real at z = exp(j w); that gives every crossing in
-//! closed form ([`Boundary`]). The eigenvalues of the monodromy matrix over one period ([`Monodromy`]) are built
-//! by stepping the loop and know nothing of the responses; they say which side of a crossing is stable.
+//! With `period = 1` and without latency, this is the paper's section 2.1, eq. (3) to (5). The force changes only once
+//! per output period. So at the output instants the loop is time-invariant for any period and latency. Its
+//! characteristic equation is affine in K and in B: `1 + K Hx(z) + B Hv(z) = 0`. A root lies on the unit circle exactly
+//! if `K(w) = -(1 + B Hv) / Hx` is real at z = exp(j w). This condition gives every crossing in closed form
+//! ([`Boundary`]). The monodromy matrix over one period ([`Monodromy`]) is built independently, by stepping the loop.
+//! Its eigenvalues show which side of a crossing is stable.
 //!
-//! Passivity ([`passivity`]) is the other, stricter criterion (after Colgate and Schenkel): it asks that no motion takes energy
-//! out of the port, and ranks cutoffs in the opposite order.
+//! Passivity ([`passivity`]) is a stricter criterion (after Colgate and Schenkel): no motion may take energy out of the
+//! port. It ranks cutoffs in the opposite order.
 //!
-//! A plant with linear elements ([`Elements`]) takes the place of the mass alone in all of it: the amplifier's lag, a
-//! second mode, an arm. Non-linear elements have no place here.
+//! In all these parts, a plant with linear elements ([`Elements`]) may replace the single mass: the amplifier's lag, a
+//! second mode, an arm. Non-linear elements are not included.
 //!
-//! Units are SI throughout; frequencies in reports are hertz, `omega` is radians per step of the z in question.
+//! Units are SI. Frequencies in reports are in hertz. `omega` is in radians per step of the respective z.
 
 use crate::{
     numerics, scene,
@@ -38,14 +38,14 @@ pub use boundary::{Boundary, Crossing, StiffnessLimit};
 pub use monodromy::Monodromy;
 pub use transfer::{TransferFunction, position_response, transfer_function};
 
-/// Longest latency that the analysis accepts, in samples: ten times the longest a scene may ask for.
+/// Longest allowed latency, in samples: ten times the longest latency of a scene.
 pub const LATENCY_MAX_SAMPLES: f64 = 10_000.0;
-/// Longest output period that the analysis accepts, in samples. The work grows with its square.
+/// Longest allowed output period, in samples. The computing time grows with its square.
 pub const PERIOD_MAX: u32 = 1_000;
 /// Highest order of an estimator.
 pub const ORDER_MAX: usize = 66;
 
-/// Sweeps of an eigenvalue iteration before it gives up; a handful per eigenvalue is usual.
+/// Largest number of iterations for eigenvalues; a few per eigenvalue are usual.
 const SCHUR_ITERATIONS: usize = 10_000;
 
 /// A mass on a spring and a damper: `m x'' = F - b x' - k x`.
@@ -65,7 +65,7 @@ impl Device {
         Self { mass_kg: 0.4160, damping_n_s_per_m: 5.5195, stiffness_n_per_m: 11.0626 };
 }
 
-/// The linear elements on the device; none by default. What each is: [`crate::scene::element`].
+/// The linear elements of the device; none by default. [`crate::scene::element`] describes them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Elements {
     pub amplifier: Option<Amplifier>,
@@ -79,7 +79,7 @@ pub struct Elements {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loop {
     pub device: Device,
-    /// What is on it.
+    /// Linear elements of the device.
     pub elements: Elements,
     /// Sample rate of position and velocity, above 0 Hz.
     pub rate_hz: f64,
@@ -92,17 +92,17 @@ pub struct Loop {
 }
 
 impl Loop {
-    /// The paper's section 2.1: a force with every sample and at once.
+    /// The loop of the paper's section 2.1: a force for every sample, without latency.
     #[must_use]
     pub fn single_rate(device: Device, rate_hz: f64, estimator: TransferFunction) -> Self {
         let elements = Elements::default();
         Self { device, elements, rate_hz, period: 1, latency_samples: 0.0, estimator }
     }
 
-    /// Says whether the analysis can take this loop.
+    /// Checks whether the analysis accepts this loop.
     ///
     /// # Errors
-    /// Names the first quantity that is not a number or out of its range.
+    /// Names the first quantity that is not finite or out of its range.
     pub fn check(&self) -> Result<(), LinearError> {
         let Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = self.device;
         let Elements { amplifier, mode, arm } = self.elements;
@@ -133,7 +133,7 @@ impl Loop {
         self.estimator.check()
     }
 
-    /// The plant as one system, positions from rest.
+    /// The plant as one system. Positions are relative to rest.
     pub(crate) fn chain(&self) -> Chain {
         let Device { mass_kg, damping_n_s_per_m, stiffness_n_per_m } = self.device;
         let Elements { amplifier, mode, arm } = self.elements;
@@ -154,7 +154,7 @@ impl Loop {
         1.0 / self.rate_hz
     }
 
-    /// Latency as whole output periods and the samples that remain, 0 <= rest < period.
+    /// Latency as whole output periods and remaining samples, 0 <= rest < period.
     pub(crate) fn split_latency(&self) -> (usize, f64) {
         let period = f64::from(self.period);
         let whole = (self.latency_samples / period).floor();
@@ -162,13 +162,13 @@ impl Loop {
     }
 }
 
-/// Why a loop cannot be analysed.
+/// The reason why a loop cannot be analysed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LinearError {
-    /// A number is not finite or outside its range.
+    /// A number is not finite or out of its range.
     OutOfRange { name: &'static str, low: f64, high: f64 },
-    /// The estimator has no denominator, a leading zero in it, a coefficient that is no number, or an order
-    /// above [`ORDER_MAX`].
+    /// The estimator has no denominator, a leading zero in the denominator, a coefficient that is not finite, or an
+    /// order above [`ORDER_MAX`].
     Estimator,
 }
 

@@ -1,12 +1,12 @@
-//! The closed loop stepped over one output period, as a matrix: its eigenvalues decide stability.
+//! The matrix of the closed loop over one output period. Its eigenvalues decide about stability.
 
 use super::{LinearError, Loop, SCHUR_ITERATIONS, acting::Acting};
 use crate::scene::element::{Chain, STATES_MAX};
 use nalgebra::{Complex, DMatrix, Schur, linalg::balancing};
 
-/// `state(n+1) = (fixed + K stiff + B damped) state(n)` over one output period. It is the product of the
-/// steps between all instants at which something happens within the period: samples, and the change of the command.
-/// The state is that of the plant at the output instant, the estimator's memory, and the commands on their way.
+/// `state(n+1) = (fixed + K stiff + B damped) state(n)` over one output period. The matrix is the product of the steps
+/// between all events within the period: samples, and the change of the command. The state contains the plant's state
+/// at the output instant, the estimator's memory, and the commands that are delayed by the latency.
 #[derive(Clone, Debug)]
 pub struct Monodromy {
     fixed: DMatrix<f64>,
@@ -15,16 +15,16 @@ pub struct Monodromy {
 }
 
 impl Monodromy {
-    /// Builds the matrices by stepping the loop, one unit of state or of command at a time.
+    /// Builds the matrices by stepping the loop with one unit of each state or of the command.
     ///
     /// # Errors
-    /// As [`Loop::check`].
+    /// An error of [`Loop::check`].
     pub fn new(of: &Loop) -> Result<Self, LinearError> {
         of.check()?;
         let stepper = Stepper::new(of);
         let fixed = stepper.uncontrolled();
-        // Affine in K and B: what one newton of command does, times what the command takes from the state. As a
-        // difference of two matrices it would drown in the ones of the identity.
+        // The matrix is affine in K and B: the effect of one newton of command times the command's dependence on the
+        // state. A difference of two matrices would lose its digits beside the ones of the identity.
         let newton = stepper.after_one_newton();
         let (mut stiff, mut damped) = (fixed.clone() * 0.0, fixed.clone() * 0.0);
         stiff.column_mut(0).copy_from_slice(&newton);
@@ -44,8 +44,8 @@ impl Monodromy {
         self.fixed.nrows()
     }
 
-    /// Eigenvalues at stiffness N/m and damping N s/m; `None` if the iteration does not converge, which numbers
-    /// beyond f64's range can bring about.
+    /// Eigenvalues for a stiffness, N/m, and a damping, N s/m. `None` if the iteration does not converge, for example
+    /// because numbers exceed the range of f64.
     #[must_use]
     pub fn eigenvalues(&self, stiffness: f64, damping: f64) -> Option<Vec<Complex<f64>>> {
         let mut matrix = &self.fixed + &self.stiff * stiffness + &self.damped * damping;
@@ -57,8 +57,7 @@ impl Monodromy {
         Some(schur.complex_eigenvalues().iter().copied().collect())
     }
 
-    /// Largest magnitude of an eigenvalue: the loop is stable where it is below 1. Infinite where it cannot be
-    /// computed.
+    /// Largest magnitude of an eigenvalue. The loop is stable if it is below 1. Infinite if it cannot be computed.
     #[must_use]
     pub fn spectral_radius(&self, stiffness: f64, damping: f64) -> f64 {
         self.eigenvalues(stiffness, damping).map_or(f64::INFINITY, |all| {
@@ -67,15 +66,15 @@ impl Monodromy {
     }
 }
 
-/// One output period of the loop, sample by sample.
+/// Steps the loop through one output period, sample by sample.
 struct Stepper {
     num: Vec<f64>,
     den: Vec<f64>,
     /// Number of the estimator's states.
     order: usize,
-    /// Commands on their way at an output instant, newest first.
+    /// Number of delayed commands at an output instant, newest first.
     queue: usize,
-    /// The command changes within the period and not at its start.
+    /// The command changes within the period, not at its start.
     splits: bool,
     period: u32,
     /// Sample in which the command changes.
@@ -83,16 +82,16 @@ struct Stepper {
     /// States of the plant.
     plant: usize,
     whole: Step,
-    /// The step before and after the change.
+    /// The steps before and after the change.
     parts: [Step; 2],
 }
 
-/// State of the plant; unused places are 0.
+/// State of the plant; unused elements are 0.
 type Plant = [f64; STATES_MAX];
 
 /// One exact step of the plant.
 struct Step {
-    /// Row by row, as many as the plant has states.
+    /// Rows of the matrix, one per state of the plant.
     phi: Vec<Plant>,
     gamma: Plant,
 }
@@ -158,7 +157,7 @@ impl Stepper {
         self.plant + self.order + self.queue
     }
 
-    /// The matrix without wall.
+    /// The matrix without a wall.
     fn uncontrolled(&self) -> DMatrix<f64> {
         let states = self.states();
         let mut matrix = DMatrix::zeros(states, states);
@@ -171,7 +170,7 @@ impl Stepper {
         matrix
     }
 
-    /// The state that one newton of command leaves of nothing.
+    /// The state after one period with one newton of command, from zero.
     fn after_one_newton(&self) -> Vec<f64> {
         let mut state = vec![0.0; self.states()];
         self.advance(&mut state, 1.0);
@@ -185,7 +184,7 @@ impl Stepper {
         z[..self.plant].copy_from_slice(plant);
         let mut commands = vec![command];
         commands.extend_from_slice(queue);
-        // The oldest command acts first; with a latency of whole periods it is also the one that acts on.
+        // The oldest command acts first. With a latency of whole periods it acts over the whole period.
         let before = commands[self.queue];
         let now = if self.splits { commands[self.queue - 1] } else { before };
         for sample in 0..self.period {
@@ -203,7 +202,7 @@ impl Stepper {
         queue.copy_from_slice(&commands[..self.queue]);
     }
 
-    /// Estimator, direct form 2 transposed.
+    /// Updates the estimator, direct form 2 transposed.
     fn remember(&self, memory: &mut [f64], x: f64) {
         let y = self.num[0] * x + memory.first().copied().unwrap_or(0.0);
         for i in 0..self.order {

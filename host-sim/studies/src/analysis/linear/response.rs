@@ -1,21 +1,21 @@
 //! Frequency response of the open loop at the output instants.
 //!
-//! From the force computed at an output instant to the position and the estimated velocity at the output
-//! instants: Hx(z) and Hv(z), z = one output period. Everything is written in `delta = z - 1` with the exact
-//! `phi - 1`, because at low frequency that is where the digits are.
+//! Hx(z) and Hv(z) lead from the force computed at an output instant to the position and the estimated velocity at the
+//! output instants. z is one output period. All equations use `delta = z - 1` and the exact `phi - 1`, because this
+//! keeps the digits at low frequency.
 //!
-//! With `E = phi - 1` over one period, and the period's force made of the previous command (b) up to the
-//! latency's rest and of the present one (a) after it:
+//! Let `E = phi - 1` over one period. The force of the period is the previous command (b) until the rest of the
+//! latency, and the present command (a) after it:
 //! ```text
 //! D = det(delta - E),  n = adj(delta - E) (gamma_a + gamma_b / z)
 //! Hx = z^-q n_x / D,   q whole periods of latency
 //! x at sample i of the period = (phi(i T) n)_x / D + a_i + b_i / z    (times z^-q)
 //! ```
-//! A plant of more states takes the same path with `n = (delta - E)^-1 (..)` from a matrix decomposition in place of
-//! adjugate and determinant.
+//! A plant with more states uses the same equations. There `n = (delta - E)^-1 (..)` comes from a matrix decomposition
+//! instead of adjugate and determinant.
 //!
-//! The estimator sees the samples `x_i z^n`, a sum of the aliases `exp(j (w + 2 pi l) / period)`, and answers
-//! each with its own transfer function.
+//! The input of the estimator is the samples `x_i z^n`, a sum of the aliases `exp(j (w + 2 pi l) / period)`. Its
+//! transfer function applies to each alias.
 
 use super::{LinearError, Loop, acting::Acting, transfer::TransferFunction};
 use crate::{
@@ -25,7 +25,7 @@ use crate::{
 use core::f64::consts::{PI, TAU};
 use nalgebra::{Complex, DMatrix, DVector, Schur};
 
-/// The curve along which a root lies on the unit circle, at one frequency: `K = -(inverse + B velocity)`.
+/// One frequency of the curve on which a root lies on the unit circle: `K = -(inverse + B velocity)`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Point {
     /// Radians per output period.
@@ -37,13 +37,14 @@ pub(super) struct Point {
 }
 
 impl Point {
-    /// The stiffness, complex off the crossings, that puts a root at this frequency.
+    /// The stiffness that puts a root at this frequency. It is complex except at a crossing.
     pub(super) fn stiffness(&self, damping: f64) -> Complex<f64> {
         -(self.inverse + self.velocity * damping)
     }
 }
 
-/// Response of position at one sample within a period: to the state (x, v) at its start and to the two forces.
+/// Response of the position at one sample within a period: to the state (x, v) at the start of the period, and to the
+/// two forces.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     x: f64,
@@ -61,16 +62,16 @@ struct Alone {
     samples: Vec<Sample>,
 }
 
-/// A device with linear elements. Speeds and force are in units of m per period and m per period^2, which
-/// makes the entries of the matrix alike.
+/// A device with linear elements. Speeds and force are in m per period and m per period^2, so the elements of the
+/// matrix have similar sizes.
 #[derive(Clone, Debug)]
 struct Augmented {
     less: DMatrix<f64>,
     now: DVector<f64>,
     before: DVector<f64>,
-    /// Position at the samples: to the state at the period's start, and to the two forces.
+    /// Response of the position at each sample: to the state at the start of the period, and to the two forces.
     samples: Vec<(DVector<f64>, f64, f64)>,
-    /// Frequencies of its poles and zeros, radians per output period, folded to 0..pi.
+    /// Frequencies of the poles and zeros, radians per output period, folded to 0..pi.
     marks: Vec<f64>,
 }
 
@@ -80,11 +81,11 @@ enum Plant {
     Augmented(Augmented),
 }
 
-/// The positions at the samples of a period, the first of them again, and what 1 / Hx times the first is without the
-/// latency's whole periods.
+/// The positions at the samples of a period; the first of these positions; and the product of 1 / Hx with this first
+/// position, without the whole periods of latency.
 type Positions = (Vec<Complex<f64>>, Complex<f64>, Complex<f64>);
 
-/// The open loop, ready to be evaluated.
+/// The open loop, ready for evaluation.
 #[derive(Clone, Debug)]
 pub(super) struct Response {
     plant: Plant,
@@ -93,7 +94,7 @@ pub(super) struct Response {
     estimator: TransferFunction,
 }
 
-/// Adds the identity's part: (phi z).
+/// phi z, from `phi - 1` plus the identity.
 fn through(step: &Increment, z: [f64; 2]) -> [f64; 2] {
     let [[a, b], [c, d]] = step.phi_minus_one;
     [z[0] + a * z[0] + b * z[1], z[1] + c * z[0] + d * z[1]]
@@ -105,7 +106,7 @@ impl Alone {
         let (w2, d) = (of.device.stiffness_n_per_m / mass, of.device.damping_n_s_per_m / mass);
         let step = |samples: f64| oscillator_increment(w2, d, samples * of.sample_s());
         let period = f64::from(of.period);
-        // Forces up to `at` samples into the period: the present command, the previous one.
+        // Response to the forces up to `at` samples into the period: to the present command, and to the previous one.
         let forces = |at: f64| {
             if at <= rest {
                 ([0.0, 0.0], step(at).gamma)
@@ -189,7 +190,7 @@ impl Augmented {
                 + if row == column { delta } else { 0.0.into() }
         });
         let gamma = DVector::from_fn(states, |row, _| z_inverse * self.before[row] + self.now[row]);
-        // On a pole without rounding the response is infinite, and so are its parts.
+        // Exactly on a pole the response is infinite, and so are its parts.
         let state = matrix
             .lu()
             .solve(&gamma)
@@ -203,7 +204,8 @@ impl Augmented {
     }
 }
 
-/// Where the response of a chain turns fast: at its poles, and at its zeros, which are its poles with the device held.
+/// Frequencies at which the response of a chain turns fast: its poles, and its zeros. The zeros are the poles of the
+/// chain with the device held.
 fn marks(chain: &Chain, period_s: f64) -> Vec<f64> {
     let a = chain.matrix();
     let held = a.clone().remove_rows(0, 2).remove_columns(0, 2);
@@ -233,7 +235,7 @@ impl Response {
         Ok(Self { plant, late, estimator: of.estimator.clone() })
     }
 
-    /// Frequencies around which the response turns fast, radians per output period.
+    /// Frequencies near which the response turns fast, radians per output period.
     pub(super) fn marks(&self) -> &[f64] {
         match &self.plant {
             Plant::Alone(_) => &[],
@@ -241,14 +243,14 @@ impl Response {
         }
     }
 
-    /// At z = exp(j omega).
+    /// The response at z = exp(j omega).
     pub(super) fn at(&self, omega: f64) -> Point {
         self.at_radius(omega, 0.0)
     }
 
-    /// At z = (1 + outside) exp(j omega).
+    /// The response at z = (1 + outside) exp(j omega).
     pub(super) fn at_radius(&self, omega: f64, outside: f64) -> Point {
-        // z = -1 is real: PI's rounding would be a response where the sampling zero lies there
+        // z = -1 is real. The rounding of PI would give a false response at the sampling zero there.
         let sin = if omega == PI { 0.0 } else { libm::sin(omega) };
         let half = libm::sin(0.5 * omega);
         let delta = Complex::new(-2.0 * half * half, sin); // exp(j omega) - 1 without cancellation
@@ -266,7 +268,7 @@ impl Response {
         Point { omega, inverse, velocity }
     }
 
-    /// Estimated velocity at the output instants for the positions at the samples of a period.
+    /// Estimated velocity at the output instants, from the positions at the samples of a period.
     fn lifted(&self, omega: f64, outside: f64, positions: &[Complex<f64>]) -> Complex<f64> {
         let period = positions.len() as f64;
         let shrink = libm::pow(1.0 + outside, -1.0 / period);

@@ -1,8 +1,8 @@
-//! Values worked out once more in double precision by another program, and the corners of the accepted range.
+//! Compares with values that another program computed in double precision, and tests the ends of the accepted range.
 
 use super::*;
 
-/// The printed values carry four to eight digits.
+/// Tolerance for the printed values, which have four to eight digits.
 const PRINTED: f64 = 1e-3;
 
 fn paper(cutoff: Option<f64>) -> TransferFunction {
@@ -22,7 +22,7 @@ fn assert_printed(ours: f64, printed: f64, what: &str) {
 
 #[test]
 fn single_rate_boundary_as_printed() {
-    // C3: the paper's section 2.1 at 10 kHz.
+    // The paper's section 2.1 at 10 kHz.
     let dampings = [0.0, 10.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0];
     let table: [(Option<f64>, [f64; 8]); 10] = [
         (Some(20.0), [110_414., 97_717., 3_883., 0., 0., 0., 0., 0.]),
@@ -94,7 +94,7 @@ fn single_rate_boundary_as_printed() {
 
 #[test]
 fn latency_as_printed() {
-    // C2: 1 kHz, plain difference, whole samples of latency.
+    // 1 kHz, plain difference, whole samples of latency.
     let table: [(f64, &[(f64, f64)]); 5] = [
         (
             0.0,
@@ -127,12 +127,12 @@ fn latency_as_printed() {
     }
 }
 
-/// Pairs of damping and printed limit.
+/// Pairs of a damping and a printed limit.
 type Row = [(f64, f64); 4];
 
 #[test]
 fn multirate_boundary_as_printed() {
-    // C4: estimate at 10 kHz, force at 1 kHz.
+    // Estimate at 10 kHz, force at 1 kHz.
     let table: [(Option<f64>, Row); 6] = [
         (Some(50.0), [(0., 11_064.), (20., 19_684.), (50., 18_661.), (100., 11_183.)]),
         (Some(100.0), [(0., 11_064.), (20., 35_174.), (50., 47_614.), (100., 46_923.)]),
@@ -153,7 +153,6 @@ fn multirate_boundary_as_printed() {
 
 #[test]
 fn passivity_as_printed() {
-    // C1.
     let at = |stiffness: f64, damping: f64, rate: f64, estimator: &TransferFunction| {
         passivity::tests::demand(stiffness, damping, rate, estimator).unwrap().damping_n_s_per_m
     };
@@ -182,7 +181,7 @@ fn passivity_as_printed() {
         21.0,
         "10 kHz, unfiltered",
     );
-    // First-order filter by the backward mapping, tau in samples.
+    // First-order filter by the backward mapping; tau is in samples.
     for (tau, positive, negative) in [(1.0, 2.1667, 5.5), (5.0, 0.9545, 5.5)] {
         let gain = 1e3 / (1.0 + tau);
         let filtered =
@@ -194,7 +193,7 @@ fn passivity_as_printed() {
             "backward mapping, negative damping",
         );
     }
-    // K_passive at B = 0 is 2 b / T.
+    // The largest passive K at B = 0 is 2 b / T.
     let b = Device::PAPER.damping_n_s_per_m;
     for (rate, printed) in [(1e3, 11_039.0), (1e4, 110_390.0)] {
         assert_printed(at(printed, 0.0, rate, &plain), b, "2 b / T");
@@ -230,7 +229,7 @@ fn extremes_give_numbers() {
                         assert!(
                             limit.phase_crossings.iter().all(|c| c.stiffness_n_per_m.is_finite())
                         );
-                        // Filtered far below the spring's own frequency even this much damping can be stable.
+                        // If the filter is far below the frequency of the spring, even this damping can be stable.
                         if damping == 1e12 && cutoff.is_none() {
                             assert_eq!(limit.stiffness_max, 0.0, "{of:?}");
                         }
@@ -250,7 +249,7 @@ fn undamped_device_needs_virtual_damping() {
         let boundary = Boundary::new(&of).unwrap();
         let without = boundary.at(0.0).unwrap();
         assert!(without.stiffness_max == 0.0 && without.unstable_at_zero, "{without:?}");
-        // Damping carries B / (T/2) and then some of it away.
+        // With damping B, the limit is about B / (T/2).
         let with = boundary.at(10.0).unwrap().stiffness_max;
         assert!((with / 2e5 - 1.0).abs() < 0.02, "k {stiffness_n_per_m}: {with}");
         assert_eq!(boundary.at(-1.0).unwrap().stiffness_max, 0.0);

@@ -8,7 +8,7 @@ use zwidth::{
     velocity::{ButterworthDesign, FirDesign, KalmanDesign, TrackingLoop},
 };
 
-/// `(num[0] + num[1] z^-1 + ..) / (den[0] + den[1] z^-1 + ..)`. As an estimator its unit is m/s per m = 1/s.
+/// `(num[0] + num[1] z^-1 + ..) / (den[0] + den[1] z^-1 + ..)`. The unit of an estimator is m/s per m = 1/s.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransferFunction {
     /// Numerator, ascending powers of z^-1.
@@ -18,7 +18,7 @@ pub struct TransferFunction {
 }
 
 impl TransferFunction {
-    /// The difference of two samples over the time between them: `(1 - z^-1) rate`.
+    /// The difference of two samples divided by the time between them: `(1 - z^-1) rate`.
     #[must_use]
     pub fn finite_difference(rate_hz: f64) -> Self {
         Self { num: vec![rate_hz, -rate_hz], den: vec![1.0] }
@@ -27,19 +27,19 @@ impl TransferFunction {
     /// Finite difference followed by a Butterworth low-pass of second order, not pre-warped: the paper's estimator.
     ///
     /// # Errors
-    /// The core does not take that cutoff.
+    /// The core refuses the cutoff.
     pub fn paper(rate_hz: f64, cutoff_hz: f64) -> Result<Self, SettingsError> {
         let low_pass = LowPass::from(ButterworthDesign::new(cutoff_hz, rate_hz, false)?);
         Ok(Self::finite_difference(rate_hz).then(&low_pass.into()))
     }
 
-    /// This one followed by another.
+    /// A series of this transfer function and the next one.
     #[must_use]
     pub fn then(&self, next: &Self) -> Self {
         Self { num: multiply(&self.num, &next.num), den: multiply(&self.den, &next.den) }
     }
 
-    /// Number of past samples it depends on (states of a realisation).
+    /// Number of past samples on which the output depends (states of a realisation).
     #[must_use]
     pub fn order(&self) -> usize {
         self.num.len().max(self.den.len()).max(1) - 1
@@ -50,7 +50,7 @@ impl TransferFunction {
         polynomial(&self.num, z_inverse) / polynomial(&self.den, z_inverse)
     }
 
-    /// Number of poles with |z| above a radius; all of them if they cannot be computed.
+    /// Number of poles with |z| above a radius. If the poles cannot be computed, the number of all poles.
     pub(super) fn poles_beyond(&self, radius: f64) -> u32 {
         let order = self.den.len().saturating_sub(1);
         if order == 0 {
@@ -75,7 +75,7 @@ impl TransferFunction {
         })
     }
 
-    /// Says whether it can be analysed.
+    /// Checks whether the transfer function can be analysed.
     pub(super) fn check(&self) -> Result<(), LinearError> {
         let finite = self.num.iter().chain(&self.den).all(|c| c.is_finite());
         let leads = self.den.first().is_some_and(|lead| *lead != 0.0);
@@ -93,8 +93,8 @@ impl From<LowPass> for TransferFunction {
     }
 }
 
-/// The estimator from position to velocity, m/s per m; `None` if it is not linear, or if it looks
-/// at more than the position.
+/// The estimator from position to velocity, m/s per m. `None` if it is not linear, or if it has other inputs than the
+/// position.
 ///
 /// # Errors
 /// A parameter is out of range.
@@ -109,9 +109,9 @@ pub fn transfer_function(
     })
 }
 
-/// What the estimator makes of the position when it knows nothing else: the observers with a known
-/// acceleration of 0. Adaptive windowing with its longest window in use, time stamps with an edge in
-/// every sample. `None` for Levant's differentiator, which is linear nowhere.
+/// Response of the estimator to the position alone. An observer has a known acceleration of 0. Adaptive windowing uses
+/// its longest window, time stamps have an edge in every sample. `None` for Levant's differentiator, which is not
+/// linear anywhere.
 ///
 /// # Errors
 /// A parameter is out of range.
@@ -140,7 +140,7 @@ fn response(equation: Equation, rate_hz: f64) -> Result<Option<TransferFunction>
         Equation::Kalman(KalmanDesign { alpha, beta, gamma }) => {
             difference.then(&kalman([alpha, beta, gamma]))
         }
-        // the same recursion, its disturbance in the place of the acceleration
+        // The same recursion, with the disturbance instead of the acceleration.
         Equation::Observer(design) | Equation::Fusion(design) => {
             difference.then(&kalman(design.gains))
         }
@@ -154,10 +154,9 @@ fn response(equation: Equation, rate_hz: f64) -> Result<Option<TransferFunction>
     }))
 }
 
-/// From the difference to the velocity, of the core's recursion (its module has it): with
-/// `q = z^-1`, `v = (beta (1-q) + gamma q) / D` and
-/// `D = (1-q)^2 (1 - q + alpha q) + q (1-q) (beta + gamma/2) + gamma q^2`; with gamma = 0 a factor
-/// `1 - q` is common.
+/// Transfer function from the difference to the velocity, for the core's recursion (see its module). With `q = z^-1`,
+/// `v = (beta (1-q) + gamma q) / D` and `D = (1-q)^2 (1 - q + alpha q) + q (1-q) (beta + gamma/2) + gamma q^2`. With
+/// gamma = 0 the factor `1 - q` cancels.
 fn kalman([alpha, beta, gamma]: [f64; 3]) -> TransferFunction {
     let (num, den) = if gamma == 0.0 {
         (vec![beta], vec![1.0, alpha + beta - 2.0, 1.0 - alpha])
@@ -169,7 +168,7 @@ fn kalman([alpha, beta, gamma]: [f64; 3]) -> TransferFunction {
     TransferFunction { num, den }
 }
 
-/// What the handle moved in so many samples over their time.
+/// Motion of the handle over `samples` samples, divided by their time.
 fn ends(samples: u32, rate_hz: f64) -> TransferFunction {
     let mut num = vec![0.0; samples as usize + 1];
     num[0] = rate_hz / f64::from(samples);
@@ -177,7 +176,7 @@ fn ends(samples: u32, rate_hz: f64) -> TransferFunction {
     TransferFunction { num, den: vec![1.0] }
 }
 
-/// Polynomial with ascending coefficients, by Horner.
+/// Value of a polynomial with ascending coefficients, by Horner's method.
 pub(super) fn polynomial(coefficients: &[f64], x: Complex<f64>) -> Complex<f64> {
     coefficients.iter().rev().fold(Complex::new(0.0, 0.0), |sum, c| sum * x + c)
 }
@@ -200,9 +199,9 @@ mod tests {
 
     use super::*;
 
-    /// A handful of roundings; the golden values carry 17 digits.
+    /// Allows a few rounding errors. The golden values have 17 digits.
     const COEFFICIENT_TOLERANCE: f64 = 4.0 * f64::EPSILON;
-    /// 1 + a1 + a2 is what the rounding of a1 and a2 leaves of b0 at the lowest cutoff: 1e-16 / 6e-9.
+    /// At the lowest cutoff, 1 + a1 + a2 has the rounding error of a1 and a2 relative to b0: 1e-16 / 6e-9.
     const HALF_POWER_TOLERANCE: f64 = 1e-6;
 
     fn rows(golden: &str) -> Vec<Vec<f64>> {
@@ -224,11 +223,11 @@ mod tests {
             for row in rows(golden) {
                 let (rate, cutoff) = (row[0], row[1]);
                 let Ok(filter) = ButterworthDesign::new(cutoff, rate, prewarp) else {
-                    continue; // the core does not take it
+                    continue; // the core refuses it
                 };
                 let filter = TransferFunction::from(LowPass::from(filter));
                 used += 1;
-                // tan near half the rate amplifies the rounding of its argument.
+                // Near half the rate, tan amplifies the rounding error of its argument.
                 let tolerance = COEFFICIENT_TOLERANCE
                     * if prewarp && cutoff > 0.4 * rate { 100.0 } else { 1.0 };
                 for (ours, exact) in filter.num.iter().chain(&filter.den[1..]).zip(&row[2..7]) {
@@ -277,7 +276,8 @@ mod tests {
 
     #[test]
     fn estimators_measure_a_ramp() {
-        // A ramp of 1 m/s: V(z) (z^-1 T) / (1 - z^-1)^2, so the final velocity is the value of num / (1 - z^-1) at 1.
+        // The response to a ramp of 1 m/s is V(z) (z^-1 T) / (1 - z^-1)^2. So the final velocity is num / (1 - z^-1) at
+        // z = 1.
         let estimator = TransferFunction::paper(1e4, 500.0).unwrap();
         let (mut x, mut y) = (vec![0.0; 4], vec![0.0; 4]);
         for n in 0..1000 {

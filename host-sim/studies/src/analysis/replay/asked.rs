@@ -1,4 +1,4 @@
-//! What a person asks of a capture; the command line and Python ask the same.
+//! The options of a replay. Command line and Python share them.
 
 use std::{path::Path, sync::atomic::AtomicBool};
 
@@ -13,11 +13,11 @@ use crate::{
     scene::Scene,
 };
 
-/// The estimator of that name at the cutoff of the scene's filter, or that filter; what else tunes it is the default.
-/// `option` is what messages call the name.
+/// The named estimator at the cutoff of the scene's filter; without a name, the scene's filter. Other parameters have
+/// their defaults. Messages call the name `option`.
 ///
 /// # Errors
-/// There is no such estimator, or a capture does not have what it looks at.
+/// The name is unknown, or a capture does not have the necessary inputs.
 pub fn velocity(
     own: VelocitySettings,
     estimator: Option<&str>,
@@ -44,10 +44,10 @@ pub fn velocity(
     Ok(velocity)
 }
 
-/// Runs it over the capture in a file.
+/// Runs the estimator over the capture in a file.
 ///
 /// # Errors
-/// Its tuning is out of range, the file cannot be read or has no stretch of samples, or `stop` was set.
+/// The tuning is out of range, the file cannot be read or has no stretch of samples, or `stop` was set.
 pub fn replay(
     path: &Path,
     scene: &Scene,
@@ -76,12 +76,12 @@ pub fn replay(
     })
 }
 
-/// A step of the core's velocity, m/s.
+/// LSB of the core's velocity, m/s.
 pub fn lsb_m_per_s(scene: &Scene) -> f64 {
     scene.encoder.resolution_m * scene.control.rate_hz / 65_536.0
 }
 
-/// What is told of it; docs/telemetry.md has the keys.
+/// The report of a replay; docs/telemetry.md has the keys.
 #[derive(Clone, Debug, Serialize)]
 pub struct Told {
     /// Name of the estimator.
@@ -91,11 +91,11 @@ pub struct Told {
     pub samples: usize,
     /// Number of the first sample.
     pub first_sample: u64,
-    /// First sample from which on both say the same to the last bit, up to the end.
+    /// First sample from which both velocities are equal to the last bit, up to the end.
     pub same_from_sample: Option<u64>,
-    /// RMS of the difference to the board's.
+    /// RMS of the difference from the board's velocity.
     pub difference_rms_m_per_s: f64,
-    /// By how much it is later than the board's; `None` if nothing moved.
+    /// Delay relative to the board's velocity; `None` if nothing moved.
     pub later_s: Option<f64>,
     /// RMS of the board's change from sample to sample.
     pub board_change_rms_m_per_s: f64,
@@ -104,7 +104,7 @@ pub struct Told {
 }
 
 impl Told {
-    /// With the units of a scene.
+    /// Makes the report in the units of a scene.
     ///
     /// # Errors
     /// `stop` was set.
@@ -126,7 +126,7 @@ impl Told {
             first_sample: replayed.first,
             same_from_sample: replayed.same_from(),
             difference_rms_m_per_s: replayed.difference() * lsb,
-            later_s: later.map(|samples| samples / scene.control.rate_hz + 0.0), // no minus before a zero
+            later_s: later.map(|samples| samples / scene.control.rate_hz + 0.0), // avoids a minus before a zero
             board_change_rms_m_per_s: board,
             change_rms_m_per_s: here,
         })

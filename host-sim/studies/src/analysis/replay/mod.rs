@@ -1,4 +1,4 @@
-//! What an estimator makes of the counts that a board has recorded: the core's own, run over a capture.
+//! Runs an estimator of the core over the counts that a board has recorded.
 
 mod asked;
 
@@ -16,31 +16,32 @@ use super::recompute::{Recomputed, Row};
 
 pub use asked::{Told, lsb_m_per_s, replay, velocity};
 
-/// Longest delay between two estimators that is looked for, samples.
+/// Longest delay between two estimators that the search covers, samples.
 const LAG: usize = 500;
-/// Samples that are left out of comparisons, a tenth at most: it begins from rest, where the board was moving.
+/// Samples at the beginning that are not compared, at most a tenth. The estimator begins from rest, but the board was
+/// moving.
 const SETTLE: usize = 1_000;
-/// Fewest samples that say anything.
+/// Smallest number of samples for a comparison.
 const LEAST: usize = 100;
 
-/// An estimator beside the one that the board had.
+/// The velocities of an estimator and of the board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Replayed {
-    /// The first of the samples, which follow each other.
+    /// Number of the first sample. The samples are consecutive.
     pub first: u64,
     /// Position of each sample.
     pub positions: Vec<Position>,
-    /// The board's own velocity of each: told with an output, or computed from its keys and counts.
+    /// Velocity of the board at each sample: from an output, or computed from keys and counts.
     pub board: Vec<Velocity>,
-    /// What the estimator says to each.
+    /// Velocity of the estimator at each sample.
     pub velocities: Vec<Velocity>,
 }
 
 impl Replayed {
-    /// Runs it over the longest stretch of a capture in which no sample is missing, from rest.
+    /// Runs the estimator from rest over the longest stretch without a missing sample.
     ///
     /// # Errors
-    /// The capture has no such stretch: how many samples there are from one to the next that it tells.
+    /// The capture has no such stretch. The error is the number of samples between two samples in the capture.
     pub fn of(capture: &Recomputed, control: &LoopParameters) -> Result<Self, u64> {
         Self::of_rows(&capture.rows, control)
     }
@@ -79,26 +80,26 @@ impl Replayed {
         self.velocities.is_empty()
     }
 
-    /// First sample from which on both say the same to the last bit, up to the end.
+    /// First sample from which both velocities are equal to the last bit, up to the end.
     pub fn same_from(&self) -> Option<u64> {
         let both = self.board.iter().zip(&self.velocities).rev();
         let same = both.take_while(|(board, here)| board == here).count() as u64;
         (same > 0).then(|| self.first + self.len() as u64 - same)
     }
 
-    /// RMS of the difference to the board's, LSB.
+    /// RMS of the difference from the board's velocity, LSB.
     pub fn difference(&self) -> f64 {
         rms(self.pairs().map(|[board, here]| here - board))
     }
 
-    /// RMS of the change from sample to sample, the board's and the estimator's, LSB.
+    /// RMS of the change from sample to sample, LSB: of the board, and of the estimator.
     pub fn roughness(&self) -> [f64; 2] {
         let pairs: Vec<[f64; 2]> = self.pairs().collect();
         [0, 1].map(|n| rms(pairs.windows(2).map(|two| two[1][n] - two[0][n])))
     }
 
-    /// By how many samples it is later than the board's: the shift at which the two differ least, between samples by a
-    /// parabola. None if nothing moved, any value once `stop` is set.
+    /// Delay relative to the board, samples: the shift with the smallest difference, interpolated by a parabola. `None`
+    /// if nothing moved; any value once `stop` is set.
     pub fn later(&self, stop: &AtomicBool) -> Option<f64> {
         let pairs: Vec<[f64; 2]> = self.pairs().collect();
         let moved = pairs.iter().any(|[board, here]| *board != 0.0 && *here != 0.0);
@@ -121,13 +122,13 @@ impl Replayed {
         Some(lag(best) as f64 + bend)
     }
 
-    /// The board's and the estimator's, LSB, once it has settled.
+    /// Velocities of the board and of the estimator, LSB, after the estimator has settled.
     fn pairs(&self) -> impl Iterator<Item = [f64; 2]> {
         let both = self.board.iter().zip(&self.velocities).skip(SETTLE.min(self.len() / 10));
         both.map(|(board, here)| [board, here].map(|v| f64::from(v.bits())))
     }
 
-    /// As a table, in the integers of the control.
+    /// A table in the integers of the control.
     pub fn csv(&self) -> String {
         let mut text = String::from("sample,position_counts,board_velocity_lsb,velocity_lsb\n");
         let both = self.board.iter().zip(&self.velocities);
@@ -168,7 +169,8 @@ mod tests {
         Row { sample, position, velocity: None, force: None, told: Some(velocity) }
     }
 
-    /// What a board with that cutoff would record of a handle that swings at 5 Hz, from its 1000th sample on.
+    /// Counts that a board with this cutoff would record of a handle that oscillates at 5 Hz, from the 1000th sample
+    /// on.
     fn recorded(cutoff_hz: f64, samples: u32) -> Vec<Row> {
         let control = control(cutoff_hz);
         let mut sampler = Sampler::new(0, CounterWidth::Bits32);
@@ -189,7 +191,7 @@ mod tests {
         let same = Replayed::of_rows(&run, &control(500.0)).unwrap();
         assert!(same.difference() < 3e3, "{}", same.difference());
         assert!(same.later(&NEVER).unwrap().abs() < 0.05);
-        // A second-order Butterworth is late by sqrt 2 / w.
+        // The delay of a second-order Butterworth filter is sqrt 2 / w.
         let slow = Replayed::of_rows(&run, &control(100.0)).unwrap();
         let wanted = 2f64.sqrt() / std::f64::consts::TAU * (1.0 / 100.0 - 1.0 / 500.0) * 1e4;
         let later = slow.later(&NEVER).unwrap();
@@ -220,7 +222,7 @@ mod tests {
     fn a_capture_without_every_sample_says_how_many_are_missing() {
         let tenth: Vec<Row> = recorded(500.0, 9_000).into_iter().step_by(10).collect();
         assert_eq!(Replayed::of_rows(&tenth, &control(500.0)), Err(10));
-        // Of two stretches the longer one counts.
+        // Of two stretches, the longer one is used.
         let mut run = recorded(500.0, 9_000);
         run.remove(3_000);
         let replayed = Replayed::of_rows(&run, &control(500.0)).unwrap();

@@ -1,4 +1,4 @@
-//! `STUDY.toml`: what is measured, of which scenes, with which of their keys changed.
+//! Reads `STUDY.toml`: the measurement, the scenes, and the changes of their keys.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use crate::{
     study::list::{self, List},
 };
 
-/// What is made at each point.
+/// Measurement at each point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Measure {
@@ -19,12 +19,12 @@ pub enum Measure {
     Walk,
     /// A hit at one wall.
     Hit,
-    /// Walks at every cutoff, and the ideal one.
+    /// Walks at every cutoff, and the ideal cutoff.
     Sweep,
 }
 
 impl Measure {
-    /// Its name in files.
+    /// Name in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Walk => "walk",
@@ -34,20 +34,20 @@ impl Measure {
     }
 }
 
-/// Keys of a scene and what they are set to.
+/// Keys of a scene and their new values.
 pub type Changes = Vec<(String, Value)>;
 
 /// The keys of the file.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Keys {
-    /// What is made at each point.
+    /// Measurement at each point.
     pub measure: Measure,
-    /// Built-in names and paths.
+    /// Names of built-in scenes, and paths.
     pub scenes: Vec<String>,
     #[serde(default)]
     estimators: Vec<Value>,
-    /// `None`: the scenes' own.
+    /// `None` for the scenes' own cutoffs.
     #[serde(default, deserialize_with = "numbers")]
     pub cutoffs_hz: Option<Vec<f64>>,
     #[serde(default, deserialize_with = "numbers")]
@@ -57,7 +57,7 @@ pub struct Keys {
     #[serde(default, deserialize_with = "numbers")]
     dampings: Option<Vec<f64>>,
     repeat: Option<u32>,
-    /// `None`: as many as take some seconds.
+    /// `None` for as many points as take some seconds.
     pub points_per_unit: Option<u64>,
     #[serde(default)]
     product: Table,
@@ -65,25 +65,25 @@ pub struct Keys {
     list: Vec<Table>,
 }
 
-/// A study as it is asked for; what depends on its scenes is still to be checked.
+/// A study as requested. Checks that depend on its scenes are not yet made.
 #[derive(Clone, Debug)]
 pub struct StudyFile {
-    /// What errors call it.
+    /// Name in error messages.
     pub origin: String,
     pub text: String,
-    /// Where the scenes are that it names by a relative path.
+    /// Folder of scenes with a relative path.
     pub folder: PathBuf,
     pub keys: Keys,
-    /// `[velocity]` of each; empty: the scenes' own.
+    /// `[velocity]` of each estimator; empty for the scenes' own.
     pub estimators: Vec<Table>,
     /// Every key of `[product]` with its values.
     pub product: Vec<(String, Vec<Value>)>,
-    /// Every `[[list]]`; one without changes if there is none.
+    /// Every `[[list]]`. Without any list, one entry without changes.
     pub list: Vec<Changes>,
 }
 
 impl Keys {
-    /// Starts, counts beyond the scene's own.
+    /// Starts, counts from the scene's own start.
     pub fn starts_counts(&self) -> &[f64] {
         self.starts_counts.as_deref().unwrap_or(&[0.0])
     }
@@ -128,7 +128,7 @@ fn as_number(value: &Value) -> Option<f64> {
     }
 }
 
-/// The kind of a value that a key may be changed to.
+/// Kind of a value to which a key may be changed.
 fn kind(value: &Value) -> Option<&'static str> {
     match value {
         Value::Integer(_) | Value::Float(_) => Some("number"),
@@ -142,17 +142,17 @@ impl StudyFile {
     /// Reads the file at `path`.
     ///
     /// # Errors
-    /// [`Error::Input`] with file, key, value and what is allowed.
+    /// [`Error::Input`] with file, key, value, and what is allowed.
     pub fn load(path: &Path) -> Result<Self, Error> {
         let text = input::read_text(path, input::STUDY)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         Self::parse(text, &path.display().to_string(), folder)
     }
 
-    /// Reads `text`; `origin` is what errors call it, `folder` where the scenes are that it names.
+    /// Reads `text`. Errors call it `origin`. `folder` contains the scenes with a relative path.
     ///
     /// # Errors
-    /// As [`load`](Self::load).
+    /// An error of [`load`](Self::load).
     pub fn parse(text: String, origin: &str, folder: &Path) -> Result<Self, Error> {
         let keys: Keys = toml::from_str(&text).map_err(|error| {
             let start = error.span().map_or(0, |span| span.start);
@@ -174,15 +174,15 @@ impl StudyFile {
     }
 }
 
-/// Walks of each cutoff of a sweep.
+/// Default number of walks of each cutoff of a sweep.
 const REPEAT: u32 = 4;
-/// Most walks of each cutoff.
+/// Largest number of walks of each cutoff.
 const REPEAT_MAX: u32 = 1000;
-/// Most points of a unit.
+/// Largest number of points of a unit.
 const PER_UNIT_MAX: u64 = 1_000_000;
 
 impl Keys {
-    /// What is there without reading a scene.
+    /// Checks that need no scene.
     fn check(&self) -> Result<(), String> {
         if self.scenes.is_empty() {
             return Err("scenes is empty, allowed built-in names and scene files".into());
@@ -218,7 +218,7 @@ impl Keys {
         }
     }
 
-    /// The estimators as tables of a scene.
+    /// The estimators as `[velocity]` tables of a scene.
     fn estimators(&self) -> Result<Vec<Table>, String> {
         let table = |value: &Value| match value {
             Value::String(name) => {
@@ -298,7 +298,7 @@ impl Keys {
     }
 }
 
-/// Refuses keys that have a place of their own.
+/// Refuses keys that belong elsewhere in the study.
 fn may_change(table: &str, key: &str) -> Result<(), String> {
     let place = match key {
         "velocity.estimator" => "the key `estimators` of the study",
@@ -310,7 +310,7 @@ fn may_change(table: &str, key: &str) -> Result<(), String> {
     Err(format!("{table} has {key}, allowed for that: {place}"))
 }
 
-/// Refuses values that cannot stand in one column.
+/// Refuses values of different kinds, because they share one column.
 fn one_kind(table: &str, key: &str, values: &[Value]) -> Result<(), String> {
     let first = values.first().and_then(kind);
     match values.iter().find(|value| kind(value) != first || first.is_none()) {
@@ -321,7 +321,7 @@ fn one_kind(table: &str, key: &str, values: &[Value]) -> Result<(), String> {
     }
 }
 
-/// The values below a table by their dotted keys, in alphabetical order.
+/// The values below a table with dotted keys, in alphabetical order.
 fn flat(name: &str, table: &Table) -> Result<Changes, String> {
     let mut leaves = vec![];
     flatten("", table, &mut leaves);
@@ -332,7 +332,7 @@ fn flat(name: &str, table: &Table) -> Result<Changes, String> {
     }
 }
 
-/// The values below a table by their dotted keys.
+/// Adds the values below a table with dotted keys.
 fn flatten(above: &str, table: &Table, leaves: &mut Changes) {
     for (key, value) in table {
         let key = if above.is_empty() { key.clone() } else { format!("{above}.{key}") };

@@ -1,9 +1,10 @@
-//! A study of many points: scenes, estimators, changed keys, cutoffs, starts and walls, in units of work.
+//! A study of many points, in units of work. A point has a scene, an estimator, changed keys, a cutoff, a start and a
+//! wall.
 //!
-//! Points are numbered, so that a study of a million takes no memory. The order: scenes, estimators, `[[list]]`,
-//! the keys of `[product]` in alphabetical order, cutoffs, starts, B, K; the last runs fastest. A scene with one
-//! estimator is a [`Block`]; a unit is a row of points of one block. `docs/scenes.md` has the file, [`mod@unit`]
-//! what a unit is.
+//! Points are numbered, so a study of a million points needs no memory for them. The order is: scenes, estimators,
+//! `[[list]]`, the keys of `[product]` in alphabetical order, cutoffs, starts, B, K. The last one changes fastest. A
+//! scene with one estimator is a [`Block`]. A unit is a row of points of one block. `docs/scenes.md` describes the
+//! file, and [`mod@unit`] the unit.
 
 mod file;
 pub mod trial;
@@ -24,23 +25,23 @@ use crate::{
     study::asked::{self, Names, Walls},
 };
 
-/// Version of the keys of units and of what stands in their files.
+/// Version of the units' keys and of the contents of their files.
 pub const SCHEMA: u32 = 1;
-/// The program text that makes the bits: SHA-256 of the sources of core and simulator.
+/// SHA-256 of the sources of core and simulator, which determine the bits of a result.
 pub const SOURCES: &str = env!("ZWIDTH_SOURCES");
 
-/// Most points of a study.
+/// Largest number of points of a study.
 pub const POINTS_MAX: u64 = 1_000_000_000;
-/// Most scenes with changes: each is checked before the first hit.
+/// Largest number of changed scenes, because each is checked before the first hit.
 pub const VARIANTS_MAX: u64 = 1_000_000;
-/// Most units of a study.
+/// Largest number of units of a study.
 pub const UNITS_MAX: u64 = 100_000;
-/// Samples of a unit where the study does not say its points: some seconds in lanes, less than a minute without.
+/// Default number of samples in a unit: some seconds in lanes, less than a minute without lanes.
 const SAMPLES_PER_UNIT: f64 = 1e9;
-/// Hits of a walk, for that; those of the paper's devices are 40 to 160.
+/// Estimated hits of a walk for this default. The paper's devices need 40 to 160.
 const HITS_PER_WALK: f64 = 100.0;
 
-/// What a study calls what a command calls its options.
+/// Names of options in a study's messages.
 const NAMES: Names = Names {
     cutoff: "cutoffs_hz",
     stiffness: "stiffnesses",
@@ -48,55 +49,55 @@ const NAMES: Names = Names {
     start_offset: "starts_counts",
 };
 
-/// A scene with one estimator, and its points.
+/// A scene with one estimator, and their points.
 #[derive(Clone, Debug)]
 pub struct Block {
     /// Name of the scene.
     pub name: String,
     /// The scene's file with the estimator, before any change.
     pub table: Table,
-    /// Text of its felt curve, if it names one.
+    /// Text of the scene's felt curve, if it names one.
     pub curve: Option<String>,
     pub units: Units,
     /// Name of the estimator.
     pub estimator: &'static str,
-    /// Nominal cutoffs, Hz; one `None` for an estimator without one.
+    /// Nominal cutoffs, Hz; one `None` for an estimator without a cutoff.
     pub cutoffs_hz: Vec<Option<f64>>,
-    /// Number of its first point in the study.
+    /// Number of the block's first point in the study.
     pub first_point: u64,
-    /// Number of its first unit in the study.
+    /// Number of the block's first unit in the study.
     pub first_unit: u64,
     pub points: u64,
-    /// Points of each of its units but the last.
+    /// Points of each unit of the block except the last one.
     pub points_per_unit: u64,
 }
 
 #[derive(Clone, Debug)]
 pub struct Study {
-    /// What was asked for.
+    /// The requested study.
     pub file: StudyFile,
-    /// Its scenes with their estimators.
+    /// The scenes with their estimators.
     pub blocks: Vec<Block>,
     pub points: u64,
     pub units: u64,
-    /// The files that its scenes were read from.
+    /// The files of the scenes.
     pub files: Vec<PathBuf>,
 }
 
-/// One point: a scene and what is done with it.
+/// One point: a scene, and its cutoff, wall and start.
 #[derive(Clone, Debug, Default)]
 pub struct Point {
     /// Number in the study.
     pub number: u64,
-    /// Which scene with changes of its block.
+    /// Index of the changed scene in its block.
     pub variant: u64,
-    /// Nominal cutoff, Hz; `None` of an estimator without one, and of a sweep.
+    /// Nominal cutoff, Hz; `None` for an estimator without a cutoff, and for a sweep.
     pub cutoff_hz: Option<f64>,
-    /// K, in the scene's units; of a hit only.
+    /// K, in the scene's units; only for a hit.
     pub stiffness: f64,
-    /// B, in the scene's units; of a hit only.
+    /// B, in the scene's units; only for a hit.
     pub damping: f64,
-    /// Counts beyond the scene's start.
+    /// Distance from the scene's start, counts.
     pub start_offset_counts: f64,
 }
 
@@ -106,7 +107,7 @@ fn filter(scene: &Scene, cutoff_hz: Option<f64>) -> VelocitySettings {
 }
 
 impl Point {
-    /// Its hit in that scene.
+    /// The hit of this point in a scene.
     fn hit(&self, scene: &Scene) -> WallHit {
         WallHit {
             velocity: filter(scene, self.cutoff_hz),
@@ -121,7 +122,7 @@ impl Study {
     /// Reads the scenes and checks every point.
     ///
     /// # Errors
-    /// [`Error::Input`] with file, key, value and what is allowed.
+    /// [`Error::Input`] with file, key, value, and what is allowed.
     pub fn new(file: StudyFile) -> Result<Self, Error> {
         let mut study = Self { file, blocks: vec![], points: 0, units: 0, files: vec![] };
         let file = &study.file;
@@ -176,7 +177,7 @@ impl Study {
         }
         (study.blocks, study.points, study.units, study.files) = (blocks, points, units, files);
         for block in &study.blocks {
-            // The first in order, not the first in time.
+            // Reports the error that is first in order, not first in time.
             let check = |variant| study.checked(block, variant).err();
             if let Some(error) = (0..variants).into_par_iter().find_map_first(check) {
                 return Err(error);
@@ -185,10 +186,10 @@ impl Study {
         Ok(study)
     }
 
-    /// A scene of a block with its changes.
+    /// A changed scene of a block.
     ///
     /// # Errors
-    /// [`Error::Input`] with the changes, key, value and what is allowed.
+    /// [`Error::Input`] with the changes, key, value, and what is allowed.
     pub fn scene(&self, block: &Block, variant: u64) -> Result<NamedScene, Error> {
         let file = &self.file;
         let changes = file.changes(variant);
@@ -201,7 +202,7 @@ impl Study {
         NamedScene::of_table(block.name.clone(), table, &origin)
     }
 
-    /// A scene of a block with its changes, with every cutoff, wall and start of its points checked.
+    /// A changed scene of a block. Every cutoff, wall and start of its points is checked.
     fn checked(&self, block: &Block, variant: u64) -> Result<NamedScene, Error> {
         let scene = self.scene(block, variant)?;
         let named = |error: Error| error.of(&self.described(block, variant));
@@ -226,18 +227,18 @@ impl Study {
         Ok(scene)
     }
 
-    /// How errors call a scene with its changes.
+    /// Name of a changed scene in errors.
     pub fn described(&self, block: &Block, variant: u64) -> String {
         format!("{}: {}", self.file.origin, described(block, &self.file.changes(variant)))
     }
 
-    /// The block that has the unit.
+    /// The block that contains the unit.
     pub fn block_of(&self, unit: u64) -> &Block {
         let after = self.blocks.partition_point(|block| block.first_unit <= unit);
         &self.blocks[after.saturating_sub(1)]
     }
 
-    /// The block's point of that number within it.
+    /// The point with the number `within` in its block.
     #[expect(clippy::cast_possible_truncation, reason = "remainders by lengths")]
     pub fn point(&self, block: &Block, within: u64) -> Point {
         let file = &self.file;
@@ -285,7 +286,7 @@ fn change(table: &mut Table, key: &str, value: Value) -> Result<(), String> {
 }
 
 impl StudyFile {
-    /// A scene's name, or its path from the study's file.
+    /// A scene's name, or its path relative to the study's file.
     fn place_of(&self, name: &str) -> String {
         let is_built_in = crate::scene::BUILT_IN.iter().any(|(known, _)| {
             name.strip_prefix(known).is_some_and(|rest| rest.is_empty() || rest.starts_with(':'))
@@ -297,13 +298,13 @@ impl StudyFile {
         }
     }
 
-    /// How many scenes with changes each scene is.
+    /// Number of changed scenes for each scene.
     pub fn variants(&self) -> u64 {
         let product = self.product.iter().map(|(_, values)| values.len() as u64);
         product.fold(self.list.len() as u64, u64::saturating_mul)
     }
 
-    /// The changes of that number.
+    /// The changes with this number.
     #[expect(clippy::cast_possible_truncation, reason = "remainders by lengths")]
     pub fn changes(&self, variant: u64) -> Changes {
         let mut rest = variant;
@@ -317,7 +318,7 @@ impl StudyFile {
         changes
     }
 
-    /// A scene with an estimator (no key: its own), its points not yet numbered.
+    /// A scene with an estimator (an empty table: its own). Its points have no numbers yet.
     fn block(&self, scene: &NamedScene, estimator: &Table) -> Result<Block, Error> {
         let mut table = scene.table()?;
         if !estimator.is_empty() {

@@ -1,5 +1,5 @@
-//! What a study would take: some runs of its points are made, spread evenly over all of them. A run is points of one
-//! scene, as a unit has them side by side.
+//! Estimates the cost of a study from some runs of its points, spread evenly over all points. A run is points of one
+//! scene in parallel, as in a unit.
 
 use std::time::{Duration, Instant};
 
@@ -11,39 +11,39 @@ use crate::{
     table::{Cell, csv_line},
 };
 
-/// Parts of a trial, each with a time of its own: their spread says how sure the time is.
+/// Number of parts of a trial. Each part has its own time. Their spread gives the uncertainty of the time.
 const BATCHES: usize = 4;
-/// Most points of a run.
+/// Largest number of points of a run.
 const RUN_MAX: u64 = 64;
-/// A trial as long as this is enough.
+/// Duration after which a trial ends.
 const LONG: Duration = Duration::from_secs(2);
 
-/// A figure for the whole study, from the spread over the points of the trial, or over its parts.
+/// A figure for the whole study, estimated from the spread over the trial's points or parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// Expected value of the figure.
     pub value: f64,
-    /// Half of the interval of 95 %; 0 where every point was made, or all are alike.
+    /// Half of the 95 % interval; 0 if every point was made, or if all are equal.
     pub uncertainty: f64,
 }
 
-/// What the study would take, on this machine.
+/// Cost of the study on this machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trial {
-    /// Points that were made.
+    /// Number of points in the trial.
     pub points: u64,
     pub hits: Estimate,
     /// Time on all threads, s.
     pub time_s: Estimate,
-    /// Bytes of the parts as CSV.
+    /// Bytes of the result as CSV.
     pub bytes: Estimate,
 }
 
 impl Study {
-    /// Makes points until some seconds are over.
+    /// Makes points for some seconds.
     ///
     /// # Errors
-    /// As of a unit.
+    /// An error of [`run`](Self::run).
     pub fn trial(&self, how: How<'_>) -> Result<Trial, Error> {
         let of_variant = self.blocks.iter().map(|block| block.points / self.file.variants());
         let length = of_variant.max().unwrap_or(1).clamp(1, RUN_MAX);
@@ -60,7 +60,7 @@ impl Study {
     }
     fn tried(&self, runs: u64, length: u64, how: How<'_>) -> Result<Trial, Error> {
         let all = u128::from(self.points.div_ceil(length));
-        // In the middle of as many equal parts.
+        // Runs begin in the middle of equal parts of all points.
         let first = |run: u64| {
             let at = (2 * u128::from(run) + 1) * all / (2 * u128::from(runs));
             u64::try_from(at).unwrap_or(0) * length

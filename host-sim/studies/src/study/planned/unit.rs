@@ -1,5 +1,5 @@
-//! A unit of work: a scene, a list of points, the program text and the schema. Its key is the SHA-256 of all that; its
-//! result is one table. It may be made twice or anywhere: the bits are the same.
+//! A unit of work: a scene, a list of points, the program's sources and the schema. Its key is the SHA-256 of these
+//! parts. Its result is one table. A unit that is made again, on any machine, gives the same bits.
 
 use rayon::prelude::*;
 use sha2::{Digest as _, Sha256};
@@ -20,19 +20,19 @@ use crate::{
     table::{Cell, Column, Kind, Table},
 };
 
-/// Scenes with changes that are in memory at once.
+/// Largest number of changed scenes in memory.
 const AT_ONCE: usize = 256;
 
-/// What was made of some points.
+/// Result of some points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Made {
-    /// Rows of these points.
+    /// Rows of the points.
     pub table: Table,
-    /// Hits that were asked for.
+    /// Number of requested hits.
     pub hits: u64,
 }
 
-/// SHA-256 of parts, each with its length before it.
+/// SHA-256 of parts; each part is preceded by its length.
 #[derive(Clone, Debug, Default)]
 struct Hash(Sha256);
 
@@ -53,7 +53,7 @@ pub fn sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// A scene with its estimator: name, keys in alphabetical order, and what its felt curve holds in place of its path.
+/// A scene with its estimator: name, keys in alphabetical order, and the content of its felt curve instead of its path.
 fn scene_part(hash: &mut Hash, block: &Block) {
     let mut table = block.table.clone();
     if let Some(Value::Table(hit)) = table.get_mut("wall_hit") {
@@ -64,7 +64,7 @@ fn scene_part(hash: &mut Hash, block: &Block) {
     hash.part(block.curve.as_deref().unwrap_or_default());
 }
 
-/// One 0 for an estimator without a cutoff.
+/// The cutoffs. An estimator without a cutoff gives one 0.
 fn cutoffs_part(hash: &mut Hash, block: &Block) {
     let cutoffs_hz = block.cutoffs_hz.iter().map(|hz| hz.unwrap_or_default());
     numbers_part(hash, &cutoffs_hz.collect::<Vec<_>>());
@@ -85,7 +85,7 @@ impl Study {
         hash
     }
 
-    /// Key of the study: two studies of one key have the same units with the same bits.
+    /// Key of the study. Two studies with the same key have the same units with the same bits.
     pub fn key(&self, numeric: Numeric) -> String {
         let mut hash = self.head_part(numeric);
         let file = &self.file;
@@ -201,10 +201,10 @@ impl Study {
         columns
     }
 
-    /// Makes points of a block, on all threads of the current pool.
+    /// Makes points of a block on all threads of the current pool.
     ///
     /// # Errors
-    /// As [`run`](Self::run).
+    /// An error of [`run`](Self::run).
     pub fn make(&self, block: &Block, points: &[Point], how: How<'_>) -> Result<Made, Error> {
         let columns = self.columns(block);
         let mut made = Made { table: Table { columns, rows: vec![] }, hits: 0 };
@@ -217,7 +217,7 @@ impl Study {
                 let name = self.described(block, points[0].variant);
                 Ok(Variant { study: self, block, scene, prepared, name, points })
             };
-            // the error that is the first in order, not the first in time
+            // Reports the error that is first in order, not first in time.
             let variants: Vec<Result<Variant<'_>, Error>> =
                 variants.par_iter().map(prepare).collect();
             let variants = variants.into_iter().collect::<Result<Vec<_>, _>>()?;
@@ -239,13 +239,13 @@ fn kind_of(value: &Value) -> Kind {
     }
 }
 
-/// A scene with changes, and its points.
+/// A changed scene, and its points.
 struct Variant<'a> {
     study: &'a Study,
     block: &'a Block,
     scene: NamedScene,
     prepared: PreparedScene,
-    /// What errors call it.
+    /// Name in error messages.
     name: String,
     points: &'a [Point],
 }
@@ -270,7 +270,7 @@ impl Variant<'_> {
         cells
     }
 
-    /// A number of that column in the units of the scene.
+    /// A number of the column in the units of the scene.
     fn told(&self, column: &str, value: f64) -> Cell {
         let factor = self.scene.scene.units.key(column).map_or(1.0, |(_, factor)| factor);
         Cell::Number(Units::told(value, factor))
@@ -307,9 +307,9 @@ fn walk(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), E
     Ok(())
 }
 
-/// How a walk ended whose first wall is unstable; its area is 0.
+/// End of a walk whose first wall is unstable. Its area is 0.
 const UNSTABLE: &str = "first_unstable";
-/// The verdict of a hit in which the handle left the core's range.
+/// Verdict of a hit in which the handle left the core's range.
 const OUT_OF_RANGE: &str = "out_of_range";
 
 fn hit(variants: &[Variant<'_>], how: How<'_>, made: &mut Made) -> Result<(), Error> {

@@ -1,9 +1,10 @@
-//! The walls at which a share of the draws holds, and a trial of it on fresh draws.
+//! The walls at which a share of the draws is stable, and a test of these walls with fresh draws.
 //!
-//! At each B of a map the contour is the longest run of K at which at least the share holds, between cells by a straight line.
-//! A share of a few draws is rough, and so is its contour. So that of the firmware is fitted once more: fresh draws, each at a place of
-//! its own on the contour, try it with all of its intervals shortened to 70 to 110 % of their length, and the length at which
-//! 95 % hold is taken. What holds along the result is then measured with [`TRIED`] other draws.
+//! At each B of a map, the contour is the longest run of K at which at least the share is stable. It is interpolated
+//! linearly between cells. With few draws the share is rough, and the contour too. So the firmware's contour is fitted
+//! with fresh draws. Each draw has its own place on the contour, and tries it with all intervals shortened to 70 to 110
+//! % of their length. The length at which 95 % are stable is used. Then [`TRIED`] other draws measure the stable share
+//! along the result.
 
 use rayon::prelude::*;
 use statrs::distribution::{Beta, ContinuousCDF as _};
@@ -18,29 +19,30 @@ use crate::{
     study::envelope::Interval,
 };
 
-/// The share that holds along the firmware's contour.
+/// Share of stable draws along the firmware's contour.
 pub const SHARE: f64 = 0.95;
-/// Draws that a contour is tried with.
+/// Number of draws that test a contour.
 pub const TRIED: u32 = 2000;
-/// Draws that its length is fitted with.
+/// Number of draws that fit the length.
 const FITTED: u32 = 4000;
-/// Lengths that are tried, of the map's.
+/// Tried lengths, as a multiple of the map's.
 const LENGTHS: [f64; 9] = [0.70, 0.75, 0.80, 0.85, 0.90, 0.95, 1.0, 1.05, 1.10];
-/// A length is fitted as closely as this.
+/// Accuracy of the fitted length.
 const LAST: f64 = 0.002;
-/// Where on the contour a draw is tried.
+/// Seed of the places on the contour.
 const PLACES: u64 = 0x5eed_0003;
-/// Chance that the interval of a share misses it.
+/// Probability that the interval of a share misses the true share.
 const MISS: f64 = 0.05;
 
-/// The intervals of K at which at least `share` of the draws hold, by B, from the first at which any wall is held so to the last without a gap.
+/// The intervals of K at which at least `share` of the draws is stable, by B. They begin at the first B with such a
+/// wall and end before the first gap.
 pub fn contour(map: &Map, share: f64) -> Vec<Interval> {
     let [cells, columns] = map.cells;
     let of_column = |column: u32| {
         let at = |cell: u32| f64::from(map.held([cell, column])) / f64::from(map.trials);
         let [_, damping_n_s_per_m] = map.wall([0, column]);
         let k = |cell: u32| map.wall([cell, column])[0];
-        // where the line from one cell's share to the next one's crosses
+        // The share is interpolated linearly between two cells.
         let crossing = |inside: u32, outside: u32| {
             let (a, b) = (at(inside), at(outside));
             k(inside) + (k(outside) - k(inside)) * ((a - share) / (a - b)).clamp(0.0, 1.0)
@@ -72,7 +74,7 @@ pub fn contour(map: &Map, share: f64) -> Vec<Interval> {
         }
         longest
     };
-    // a wall may need some damping
+    // A wall may need a minimum damping, so the first B may be skipped.
     (0..columns).map(of_column).skip_while(Option::is_none).map_while(|one| one).collect()
 }
 
@@ -80,25 +82,25 @@ fn length(interval: &Interval) -> f64 {
     interval.stiffness_high_n_per_m - interval.stiffness_low_n_per_m
 }
 
-/// A contour that was tried.
+/// A contour that was tested.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tried {
     pub intervals: Vec<Interval>,
-    /// Length of the intervals over that of the map's contour.
+    /// Length of the intervals divided by that of the map's contour.
     pub length: f64,
-    /// Fresh draws that tried it, and those that hold.
+    /// Number of fresh draws in the test, and number of stable ones.
     pub draws: u32,
     pub held: u32,
 }
 
 impl Tried {
-    /// The share that holds, and its 95 % interval (Clopper and Pearson, Biometrika 26, 1934).
+    /// The stable share, and its 95 % interval (Clopper and Pearson, Biometrika 26, 1934).
     pub fn share(&self) -> [f64; 3] {
         let (held, draws) = (f64::from(self.held), f64::from(self.draws));
         let missed = draws - held;
         let bound = |a: f64, b: f64, at: f64, else_: f64| match Beta::new(a, b) {
             Ok(beta) => beta.inverse_cdf(at),
-            Err(_) => else_, // none or all hold
+            Err(_) => else_, // none or all are stable
         };
         let low = bound(held, missed + 1.0, MISS / 2.0, 0.0);
         let high = bound(held + 1.0, missed, 1.0 - MISS / 2.0, 1.0);
@@ -106,7 +108,7 @@ impl Tried {
     }
 }
 
-/// A draw at its place: `[K low, K high]` of that place, and B.
+/// The place of a draw on the contour: `[K low, K high]`, and B.
 fn place(intervals: &[Interval], number: u64) -> Option<([f64; 2], f64)> {
     let along = random::uniform(PLACES, number) * (intervals.len() as f64 - 1.0);
     let before = whole(along);
@@ -116,7 +118,7 @@ fn place(intervals: &[Interval], number: u64) -> Option<([f64; 2], f64)> {
     Some((ends, between(|i| i.damping_n_s_per_m)))
 }
 
-/// How many of the fresh draws hold at the upper ends of the intervals, at each of those lengths.
+/// For each length, the number of fresh draws that are stable at the upper ends of the intervals.
 fn tried(
     how: How<'_>,
     draws: &Draws,
@@ -125,7 +127,7 @@ fn tried(
     lengths: &[f64],
     numbers: std::ops::Range<u32>,
 ) -> Result<Vec<u32>, Error> {
-    // in parts, since each draw may be a device of its own
+    // The draws are processed in parts, because each draw may be a separate device.
     const PART: usize = 500;
     let numbers: Vec<u64> = numbers.map(u64::from).collect();
     let mut counts = vec![0; lengths.len()];
@@ -151,7 +153,8 @@ fn tried(
     Ok(counts)
 }
 
-/// The contour along which [`SHARE`] of the draws hold, fitted and tried on fresh ones; `None` without any wall that holds.
+/// The contour along which [`SHARE`] of the draws is stable, fitted and tested with fresh draws; `None` if no wall is
+/// stable.
 ///
 /// # Errors
 /// A setting is out of range, or the run was interrupted.
@@ -177,7 +180,7 @@ pub fn fitted(how: How<'_>, draws: &Draws, map: &Map) -> Result<Option<Tried>, E
     Ok(Some(Tried { intervals, length, draws: TRIED, held }))
 }
 
-/// The longest of [`LENGTHS`] up to which enough hold, and the next one.
+/// The longest of [`LENGTHS`] up to which enough draws are stable, and the next length.
 fn bracket(enough: &[bool]) -> [f64; 2] {
     let last = LENGTHS.len() - 1;
     match enough.iter().position(|enough| !enough) {
@@ -215,7 +218,8 @@ mod tests {
             ends.map(|i| [i.damping_n_s_per_m, i.stiffness_low_n_per_m, i.stiffness_high_n_per_m])
                 .collect::<Vec<_>>()
         };
-        // 20 -> 10 crosses 19 after a tenth of a cell, 0 -> 20 after 19 of 20
+        // The line from 20 to 10 crosses 19 after a tenth of a cell. The line from 0 to 20 crosses 19 after 19 of 20
+        // parts.
         assert_eq!(of(0.95), [[5.0, 0.0, 360.0], [15.0, 145.0, 350.0], [25.0, 345.0, 550.0]]);
         assert_eq!(of(0.5)[0], [5.0, 0.0, 450.0]);
     }
@@ -223,7 +227,7 @@ mod tests {
     #[test]
     fn the_interval_of_a_share_is_that_of_clopper_and_pearson() {
         let tried = |held, draws| Tried { intervals: vec![], length: 1.0, draws, held }.share();
-        // published: 8 of 10, 44.4 to 97.5 %; 0 of 10, up to 30.8 %
+        // Published intervals: 44.4 to 97.5 % for 8 of 10, and up to 30.8 % for 0 of 10.
         let [share, low, high] = tried(8, 10);
         assert!(share == 0.8 && (low - 0.4439).abs() < 1e-4 && (high - 0.9748).abs() < 1e-4);
         let [_, low, high] = tried(0, 10);

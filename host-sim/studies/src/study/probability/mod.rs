@@ -1,17 +1,19 @@
-//! How sure a wall holds: the share of starts, and of devices that are drawn, that are stable at it.
+//! Probability that a wall is stable: the share of starts, and of drawn devices, that are stable at this wall.
 //!
-//! A walk finds one boundary from one start. Near it the verdict depends on the start, by a part of a count, and on numbers
-//! of the device that nobody knows exactly. So every cell of a grid of K and B ([`Map`]) is hit by the same draws, and the share that
-//! holds is the wall's probability; its integral over K and B is an area that counts each wall as far as it holds. A draw's own
-//! area is that of the cells at which it holds: the spread of areas, and of the cutoff that is ideal, is that of the draws.
+//! A walk finds one boundary from one start. Near the boundary the verdict depends on the start, by a part of a count,
+//! and on device parameters that are not known exactly. So the same draws hit every cell of a grid of K and B
+//! ([`Map`]). The stable share is the wall's probability. Its integral over K and B is an area in which each wall
+//! counts with its probability. A draw's own area is that of its stable cells. The spread of areas and of the ideal
+//! cutoff is that of the draws.
 //!
-//! **How sure the quantiles are.** Devices that are drawn are independent, the starts of one are spread evenly: no sample, so
-//! quantiles over the starts of the scene's own device have no interval. Of drawn devices a quantile's interval
-//! is that of the ranks between which it lies for as many devices ([`ranks`]); from fewer than [`DRAWS_MIN`] of them the
-//! worst 5 % have no lower bound. Which cutoff is best in the worst draws is asked of devices drawn again from those that
-//! were (bootstrap): what leads in too many of these cannot be told from the best.
+//! **Intervals of quantiles.** Drawn devices are independent. The starts of one device are spread evenly, which is no
+//! random sample. So quantiles over the starts of the scene's own device have no interval. For drawn devices, order
+//! statistics give the interval of a quantile ([`ranks`]). With fewer than [`DRAWS_MIN`] devices, the worst 5 % have no
+//! lower bound. The best cutoff in the worst draws is tested by bootstrap: devices are drawn again from the drawn
+//! devices. A cutoff that leads in too many of these cannot be distinguished from the best.
 //!
-//! The contour of 95 % ([`contour`]) is what a firmware may render. It is made on fresh draws and tried on others.
+//! The contour of 95 % ([`contour`]) shows what a firmware may render. It is fitted with fresh draws and tested with
+//! others.
 
 pub mod contour;
 
@@ -34,36 +36,36 @@ use crate::{
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
-/// Cells between 0 and the extent of the walks, in each direction.
+/// Number of cells between 0 and the extent of the walks, in each direction.
 const CELLS: u32 = 40;
-/// How far the map goes beyond the walks at first.
+/// First extent of the map, as a multiple of the walks' extent.
 const BEYOND: f64 = 1.1;
-/// Rows and columns that are added where walls still hold at its edge.
+/// Rows and columns that are added if walls at the edge are still stable.
 const MORE: u32 = 8;
-/// Seeds of what is drawn.
+/// Seeds of devices, of starts, and of the bootstrap.
 const DEVICES: u64 = 0x5eed_0001;
 const STARTS: u64 = 0x5eed_0002;
 const AGAIN: u64 = 0x5eed_0003;
-/// The share of draws that a recommendation is for.
+/// Share of the worst draws on which a recommendation is based.
 pub const WORST: f64 = 0.05;
-/// Devices from which on [`WORST`] of them has a lower bound.
+/// Smallest number of devices with a lower bound for [`WORST`].
 pub const DRAWS_MIN: u32 = 72;
-/// What an interval leaves out on either side, and the share of the draws made again in which a cutoff has to lead.
+/// Part outside an interval on each side. Also the smallest share of bootstrap samples in which a cutoff must lead.
 const MISS: f64 = 0.025;
-/// Times that the devices are drawn again.
+/// Number of bootstrap samples.
 const TIMES: u64 = 1000;
 
 /// Devices and starts that are drawn.
 #[derive(Clone, Debug)]
 pub struct Draws {
     scene: Scene,
-    /// Devices; 0: the scene's own.
+    /// Number of devices; 0 for the scene's own.
     devices: u32,
-    /// Starts of each device.
+    /// Number of starts of each device.
     starts: u32,
 }
 
-/// A device with the starts of its hits, counts.
+/// A device, and the starts of its hits, counts.
 #[derive(Clone, Debug)]
 pub struct Drawn {
     prepared: PreparedScene,
@@ -71,10 +73,10 @@ pub struct Drawn {
 }
 
 impl Draws {
-    /// Of so many devices (0: the scene's own) from so many starts each.
+    /// Draws of `devices` devices (0 for the scene's own) with `starts` starts each.
     ///
     /// # Errors
-    /// Devices are asked for, and the scene has no `[uncertainty]`.
+    /// Devices are requested, but the scene has no `[uncertainty]`.
     pub fn new(scene: &Scene, devices: u32, starts: u32) -> Result<Self, Error> {
         if devices > 0 && scene.uncertainty.is_none() {
             return Err(Error::input(
@@ -88,7 +90,7 @@ impl Draws {
         self.devices.max(1) * self.starts
     }
 
-    /// Starts are spread evenly over a count; each device shifts its own.
+    /// All draws. Starts are spread evenly over a count, and each device shifts its own starts.
     fn all(&self) -> Result<Vec<Drawn>, Error> {
         (0..u64::from(self.devices.max(1)))
             .into_par_iter()
@@ -101,7 +103,7 @@ impl Draws {
             .collect()
     }
 
-    /// A fresh draw: none of [`all`](Self::all).
+    /// A fresh draw, which is not in [`all`](Self::all).
     fn fresh(&self, number: u64) -> Result<Drawn, Error> {
         let number = u64::from(u32::MAX) + number;
         Ok(Drawn { prepared: self.device(number)?, starts: vec![random::uniform(STARTS, number)] })
@@ -116,7 +118,7 @@ impl Draws {
     }
 }
 
-/// Whether each wall of each scene holds; on all threads.
+/// Whether each wall of each scene is stable, on all threads.
 pub(super) fn held(
     how: How<'_>,
     tasks: &[(&PreparedScene, Vec<WallHit>)],
@@ -133,14 +135,14 @@ pub(super) fn held(
         how.run(prepared, Depth::Verdict, hits, sink)?;
         Ok(held)
     };
-    // the error that is the first in order, not the first in time
+    // Reports the error that is first in order, not first in time.
     let all: Vec<Result<Vec<bool>, Error>> =
         tasks.par_iter().with_max_len(1).map(of_scene).collect();
     interrupt::unless(how.stop)?;
     all.into_iter().collect()
 }
 
-/// Which draws hold at each of those walls, `[K, B]`: by wall, then by draw (devices, each with its starts).
+/// For each wall `[K, B]`, which draws are stable: by wall, then by draw (devices, each with its starts).
 ///
 /// # Errors
 /// A setting is out of range, or the run was interrupted.
@@ -183,21 +185,21 @@ fn holds(
     Ok((0..walls.len()).map(of_wall).collect())
 }
 
-/// The share that holds, over K and B at one cutoff.
+/// The stable share over K and B at one cutoff.
 #[derive(Clone, Debug)]
 pub struct Map {
     /// Nominal cutoff of the filter, Hz.
     pub cutoff_hz: f64,
     pub velocity: VelocitySettings,
-    /// Size of a cell: K, N/m, and B, N s/m. A wall stands in the middle of its cell.
+    /// Size of a cell: K, N/m, and B, N s/m. A wall is in the middle of its cell.
     pub step: [f64; 2],
     /// Cells in K and in B.
     pub cells: [u32; 2],
     /// Number of all draws.
     pub trials: u32,
-    /// Devices among them, each with as many starts in a row; 0: starts of the scene's own.
+    /// Number of devices, each with the same number of consecutive starts; 0 for starts of the scene's own device.
     pub devices: u32,
-    /// Of each draw, the area at which it holds, N^2 s/m^2.
+    /// For each draw, its stable area, N^2 s/m^2.
     pub areas: Vec<f64>,
     /// The map is cut at a cap of `[walk]`.
     pub is_capped: bool,
@@ -210,19 +212,19 @@ impl Map {
         [(f64::from(k) + 0.5) * self.step[0], (f64::from(b) + 0.5) * self.step[1]]
     }
 
-    /// How many draws hold there.
+    /// Number of stable draws in a cell.
     pub fn held(&self, [k, b]: [u32; 2]) -> u32 {
         self.held.get(&(k, b)).copied().unwrap_or(0)
     }
 
-    /// Integral of the share that holds, N^2 s/m^2.
+    /// Integral of the stable share, N^2 s/m^2.
     pub fn area(&self) -> f64 {
         let held: u32 = self.held.values().sum();
         f64::from(held) / f64::from(self.trials) * self.step[0] * self.step[1]
     }
 
-    /// Share of the cells at which more than one draw in twenty holds and more than one does not, of those at which more
-    /// than one holds.
+    /// Share of undecided cells among the cells in which more than one draw in twenty is stable. In an undecided cell
+    /// more than one draw in twenty is also unstable.
     pub fn undecided_share(&self) -> f64 {
         let few = WORST * f64::from(self.trials);
         let (hold, fail) =
@@ -232,18 +234,18 @@ impl Map {
         some as f64 / any.max(1) as f64
     }
 
-    /// That quantile of the draws' areas, N^2 s/m^2.
+    /// A quantile of the draws' areas, N^2 s/m^2.
     pub fn quantile(&self, share: f64) -> f64 {
         quantile(&self.areas, share)
     }
 
-    /// The 95 % interval of that quantile; without an end where too few devices are drawn.
+    /// The 95 % interval of a quantile. With too few devices, an end is missing.
     pub fn interval(&self, share: f64) -> [Option<f64>; 2] {
         let ends = ranks(self.devices, share);
         ends.map(|end| end.map(|share| quantile(&self.areas, share)))
     }
 
-    /// The areas of devices that are drawn again from those that were, the same for each map.
+    /// The areas of one bootstrap sample of the devices. The sample is the same for each map.
     fn again(&self, time: u64) -> Vec<f64> {
         let devices = u64::from(self.devices);
         let starts = u64::from(self.trials) / devices;
@@ -255,18 +257,18 @@ impl Map {
     }
 }
 
-/// The shares of the sorted draws between which a quantile lies with 95 %, whatever their distribution (Conover, *Practical
-/// Nonparametric Statistics*, 1999, section 3.2); `None` where no draw bounds it.
+/// The 95 % interval of a quantile, as places in the sorted draws, for any distribution (Conover, *Practical
+/// Nonparametric Statistics*, 1999, section 3.2). `None` if no draw is a bound.
 pub fn ranks(draws: u32, share: f64) -> [Option<f64>; 2] {
     let Ok(below) = Binomial::new(share, draws.into()) else { return [None; 2] };
-    // rank r of 1 to n is at the share (r - 1) / (n - 1)
+    // Rank r of 1 to n has the place (r - 1) / (n - 1).
     let at = |rank: u32| (f64::from(rank) - 1.0) / (f64::from(draws) - 1.0).max(1.0);
     let low = (1..=draws).rev().find(|rank| below.cdf(u64::from(rank - 1)) <= MISS);
     let high = (1..=draws).find(|rank| below.cdf(u64::from(rank - 1)) >= 1.0 - MISS);
     [low.map(at), high.map(at)]
 }
 
-/// By linear interpolation between the sorted values.
+/// A quantile, by linear interpolation between the sorted values.
 fn quantile(values: &[f64], share: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -277,7 +279,7 @@ fn quantile(values: &[f64], share: f64) -> f64 {
     sorted[below] + (sorted[above] - sorted[below]) * at.fract()
 }
 
-/// Maps at the cutoffs of a sweep, whose walks say how far they must reach. `done` is called after each.
+/// Maps at the cutoffs of a sweep. The walks of the sweep give the extent of the maps. `done` is called after each map.
 ///
 /// # Errors
 /// A setting is out of range, or the run was interrupted.
@@ -307,7 +309,7 @@ fn map(
 ) -> Result<Map, Error> {
     let walk = &draws.scene.walk;
     let caps = [walk.stiffness_max_n_per_m, walk.damping_max_n_s_per_m];
-    // a boundary of one wall, or of none, still has a map around it
+    // A boundary with one wall or none also gets a map.
     let least = [walk.stiffness_step_n_per_m, walk.damping_step_n_s_per_m];
     let step = [0, 1].map(|n| BEYOND * extent[n].max(least[n]).min(caps[n]) / f64::from(CELLS));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "of some cells")]
@@ -357,20 +359,20 @@ fn map(
     }
 }
 
-/// What the draws say of the cutoffs.
+/// Results of the draws for the cutoffs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verdicts {
-    /// Draws for which each cutoff has the largest area.
+    /// Number of draws for which each cutoff has the largest area.
     pub best: Vec<u32>,
-    /// Draws for which each is ideal: the lowest within 2 % of the largest area.
+    /// Number of draws for which each cutoff is ideal: the lowest one within 2 % of the largest area.
     pub ideal: Vec<u32>,
-    /// The cutoff whose area is largest in the worst 5 % of the draws; `None` if no wall holds.
+    /// The cutoff with the largest area in the worst 5 % of the draws; `None` if no wall is stable.
     pub leading: Option<usize>,
-    /// The cutoffs that the draws cannot tell from that one.
+    /// The cutoffs that the draws cannot distinguish from the leading one.
     pub alike: Vec<usize>,
 }
 
-/// Of maps of the same draws, cutoffs ascending.
+/// The verdicts from maps of the same draws. The cutoffs are ascending.
 pub fn verdicts(maps: &[Map]) -> Verdicts {
     let (mut best, mut ideal) = (vec![0; maps.len()], vec![0; maps.len()]);
     let draws = maps.first().map_or(0, |map| map.areas.len());
@@ -400,7 +402,7 @@ pub fn verdicts(maps: &[Map]) -> Verdicts {
     Verdicts { best, ideal, leading, alike }
 }
 
-/// Where the largest area is, if there is any.
+/// Index of the largest area, if it is above 0.
 fn leader(areas: impl Iterator<Item = f64>) -> Option<usize> {
     let largest = areas.enumerate().max_by(|(_, a), (_, b)| a.total_cmp(b));
     largest.filter(|(_, area)| *area > 0.0).map(|(place, _)| place)

@@ -1,8 +1,9 @@
-//! What other systems make of the position by default, untuned, in the core's arithmetic at the scene's rate.
+//! Default velocity estimates of other systems, untuned, in the core's arithmetic at the scene's rate.
 //!
-//! Poles and zeros are theirs in the sampled plane. Tracking loops stand twice: as a loop that is read before it is
-//! stepped, and as the source orders its steps, since a sample decides where little else is late. What is left out: what they do to a count before (ODrive floors its
-//! estimate and takes small speeds for none), and the rates at which they run, 1 to 30 kHz.
+//! Poles and zeros are those of the source in the z-plane. Each tracking loop has two rows: one reads the state before
+//! the step, the other uses the order of the source. A delay of one sample matters if other delays are small. The
+//! changes that these systems make to a count before the estimate are not included (ODrive floors its estimate and sets
+//! small speeds to zero). Their own rates, 1 to 30 kHz, are not included either.
 
 mod table;
 
@@ -28,9 +29,10 @@ use crate::{
 
 pub use table::PeerArea;
 
-/// The limits where nobody names others, as they are typed.
+/// Default limits, as typed by a user.
 pub const LIMITS: &str = "quiet,15e-6,1e-6,felt";
-/// Cutoffs of the scene's own estimator, Hz: for what is felt as a faint hum, and for the paper's limit.
+/// Cutoffs of the scene's own estimator, Hz: one for a limit that is felt as a faint hum, and one for the paper's
+/// limit.
 const OWN_HZ: [f64; 2] = [500.0, 1500.0];
 
 /// A default of another system.
@@ -41,24 +43,24 @@ pub struct Peer {
     pub does: &'static str,
     /// Source that states this default.
     pub source: &'static str,
-    /// The default in the core, at that rate in Hz; `None` where it is unstable.
+    /// The default as settings of the core at a rate in Hz; `None` if unstable at this rate.
     settings: fn(f64) -> Option<VelocitySettings>,
 }
 
 /// A low-pass with these poles, the slower one first.
 fn poles([slow, fast]: [f64; 2], rate_hz: f64) -> Option<VelocitySettings> {
     let cutoff_hz = -slow.ln() * rate_hz / (2.0 * PI);
-    let ratio = (fast.ln() / slow.ln()).clamp(*RATIO.start(), *RATIO.end()); // none: infinite
+    let ratio = (fast.ln() / slow.ln()).clamp(*RATIO.start(), *RATIO.end()); // no second pole: infinite
     Some(VelocitySettings::Smoothing { cutoff_hz, ratio })
 }
 
-/// A loop with `kp = 2 w` and `ki = w^2` in explicit steps, which has both poles at `1 - w T`; `lead` is in samples.
+/// A loop with `kp = 2 w` and `ki = w^2` in explicit steps. Both poles are at `1 - w T`. `lead` is in samples.
 fn tracking(w: f64, lead: f64, rate_hz: f64) -> Option<VelocitySettings> {
     let bandwidth_hz = -(1.0 - w / rate_hz).ln() * rate_hz / (2.0 * PI);
     (w < rate_hz).then_some(VelocitySettings::TrackingLead { bandwidth_hz, lead })
 }
 
-/// The same with the position predicted before it is compared: two poles apart.
+/// A loop as in `tracking`, but the position is predicted before the comparison. It has two different poles.
 fn predicting(w: f64, rate_hz: f64) -> Option<VelocitySettings> {
     let g = w / rate_hz;
     let middle = 1.0 - g - g * g / 2.0;
@@ -67,9 +69,9 @@ fn predicting(w: f64, rate_hz: f64) -> Option<VelocitySettings> {
     if both[1] > 0.0 { poles(both, rate_hz) } else { None }
 }
 
-/// Lead of a velocity that is a sample late, samples.
+/// Lead of a velocity that is one sample late, samples.
 const LATE: f64 = -1.0;
-/// pll_filter_hz of 400, rad/s.
+/// The default of 400 for pll_filter_hz, as rad/s.
 const MOTEUS_W: f64 = 2.0 * PI * 400.0;
 
 fn window(seconds: f64, rate_hz: f64) -> Option<VelocitySettings> {
@@ -169,10 +171,10 @@ pub const PEERS: [Peer; 13] = [
     },
 ];
 
-/// The scene in its own loop, and in those of the boards: their latency and output in place of the scene's.
+/// The scene with its own loop, and with the latency and the output of each board.
 ///
 /// # Errors
-/// The scene is out of range with a board's output.
+/// The scene is not allowed with a board's output.
 pub fn loops(scene: &NamedScene) -> Result<Vec<(String, Scene)>, Error> {
     let mut loops = vec![(scene.name.clone(), scene.scene.clone())];
     for of_board in boards(&scene.scene)? {
@@ -183,26 +185,26 @@ pub fn loops(scene: &NamedScene) -> Result<Vec<(String, Scene)>, Error> {
     Ok(loops)
 }
 
-/// One row in one loop.
+/// One row of the table in one loop.
 #[derive(Clone, Debug)]
 pub struct Row {
-    /// Place of its loop.
+    /// Index of the loop.
     pub of_loop: usize,
     pub name: String,
     pub does: String,
-    /// Where that stands; empty for the scene's own.
+    /// Source of the default; empty for the scene's own estimator.
     pub source: &'static str,
-    /// Boundaries by limit, in the order of the question.
+    /// Boundaries for each limit, in the order of the question.
     pub boundaries: Vec<Boundaries>,
 }
 
 #[derive(Clone, Debug)]
 pub struct PeerQuestion {
-    /// Names, and the scene in each: its own loop, and those with the output stage of a board.
+    /// Names and scenes: the scene's own loop, and the loops with a board's output stage.
     pub loops: Vec<(String, Scene)>,
-    /// The limits: of the RMS of the motion, of what is felt.
+    /// The limits, by the RMS of the motion or by what a hand feels.
     pub limits: Vec<Limit>,
-    /// The scene's own estimator, at some cutoffs.
+    /// The scene's own estimator at several cutoffs.
     pub own: Vec<VelocitySettings>,
     /// Grid and caps of the walks.
     pub walk: Walk,
@@ -211,10 +213,10 @@ pub struct PeerQuestion {
 }
 
 impl PeerQuestion {
-    /// Those limits of a scene, with those steps of K and B.
+    /// A question for these limits, with these steps of K and B.
     ///
     /// # Errors
-    /// The scene cannot have one of them.
+    /// The scene does not allow one of the limits.
     pub fn of(
         scene: &NamedScene,
         limits: &[LimitAsked],
@@ -231,7 +233,7 @@ impl PeerQuestion {
         Ok(Self { loops: loops(scene)?, limits, own, walk, repeats })
     }
 
-    /// Walks that it takes.
+    /// Number of walks of the question.
     pub fn walks(&self) -> u64 {
         let rows = (PEERS.len() + self.own.len() + 1) * self.loops.len();
         (rows * self.limits.len()) as u64 * u64::from(self.repeats)
@@ -241,21 +243,21 @@ impl PeerQuestion {
 #[derive(Clone, Debug)]
 pub struct PeerStudy {
     pub question: PeerQuestion,
-    /// By loop: the peers, the scene's own, the true velocity.
+    /// For each loop: the peers, the scene's own estimator, and the true velocity.
     pub rows: Vec<Row>,
-    /// What a reader must know beside the numbers.
+    /// Notes for the reader.
     pub notes: Vec<String>,
 }
 
 impl PeerStudy {
-    /// Mean area of the true velocity in that loop at that limit, N^2 s/m^2.
+    /// Mean area with the true velocity in a loop at a limit, N^2 s/m^2.
     pub fn told_area(&self, of_loop: usize, limit: usize) -> Option<f64> {
         let told = self.rows.iter().find(|row| row.of_loop == of_loop && row.name == TOLD);
         told?.boundaries.get(limit).map(Boundaries::area)
     }
 }
 
-/// Name of the row of the true velocity.
+/// Row name of the true velocity.
 pub const TOLD: &str = "true-velocity";
 
 /// Walks every default, the scene's own estimator and the true velocity in all loops. `done` is called after each walk.
@@ -296,7 +298,7 @@ pub fn compare_peers(
             jobs.push((row(name, does, ""), scene.clone(), velocity));
         }
     }
-    // the last row of each loop brings the true velocity
+    // The last row of each loop also gets the true velocity.
     let last = |at: usize| jobs.get(at + 1).is_none_or(|next| next.0.of_loop != jobs[at].0.of_loop);
     let ask = |at: usize| -> Result<Vec<LimitResult>, Error> {
         let (_, scene, velocity) = &jobs[at];

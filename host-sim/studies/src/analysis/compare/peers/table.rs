@@ -1,4 +1,4 @@
-//! The areas of other systems' defaults as a table and as JSON.
+//! Areas of other systems' defaults, as a table and as JSON.
 
 use serde::{Serialize, Serializer};
 
@@ -11,7 +11,7 @@ use crate::{
     table::{Cell, Kind, Table, Told},
 };
 
-/// The area of a row at a limit, by its place.
+/// The area of a row at a limit, by index.
 #[derive(Clone, Copy, Debug)]
 pub struct PeerArea<'a> {
     study: &'a PeerStudy,
@@ -24,13 +24,13 @@ impl PeerArea<'_> {
         &self.row.boundaries[self.limit]
     }
 
-    /// Area over that of the true velocity in this loop, at this limit.
+    /// Area divided by the area of the true velocity in the same loop at the same limit.
     pub fn share_of_true_velocity(&self) -> Option<f64> {
         let told = self.study.told_area(self.row.of_loop, self.limit).filter(|told| *told > 0.0);
         told.map(|told| self.boundaries().area() / told)
     }
 
-    /// The limit's number, with the unit.
+    /// Number and unit of the limit.
     fn limit(&self) -> (f64, &'static str) {
         self.study.question.limits[self.limit].told()
     }
@@ -74,12 +74,12 @@ impl PeerStudy {
         self.rows.iter().flat_map(of).collect()
     }
 
-    /// That of a row at the limit of that place.
+    /// The area of a row at the limit with this index.
     pub fn area<'a>(&'a self, row: &'a Row, limit: usize) -> PeerArea<'a> {
         PeerArea { study: self, row, limit }
     }
 
-    /// Every area, with walks and grid.
+    /// Every area, with the number of walks and the grid.
     pub fn table(&self) -> Table {
         let mut table = Table::of(&PeerArea::COLUMNS, &self.areas());
         let numbers = GRID.map(|name| (name, Kind::Number));

@@ -1,8 +1,8 @@
-//! Fidelity as a limit: the area of the walls that are stable *and* rendered as they were commanded.
+//! Fidelity as a limit: the area of the walls that are stable *and* rendered as commanded.
 //!
-//! A wall is usable within a limit where the magnitude of its rendered impedance is off by no more than that, 1 to 30 Hz
-//! ([`Rendered`]). The usable area of a boundary is the part of its area below which the walls are usable; its walks are those
-//! of the plain area, so it costs no further hit. Each estimator is tuned anew for each limit, by the search of
+//! A wall is usable within a limit if the magnitude of its rendered impedance is correct within the limit, from 1 to 30
+//! Hz ([`Rendered`]). The usable area is the part of a boundary's area with usable walls. Its walks are those of the
+//! plain area, so it costs no further hit. Each estimator is tuned again for each limit, with the search of
 //! [`search`](super::search) and from the same starts.
 
 mod table;
@@ -29,14 +29,14 @@ use crate::{
     study::sweep::starts,
 };
 
-/// Parts of a column of K whose error is looked at.
+/// Number of parts of a K column at which the error is computed.
 const PARTS: u32 = 100;
 
 pub use table::{UsableArea, UsableStudy, parameters};
 
-/// Limits where nobody names others, %, as they are typed.
+/// Default limits, %, as typed by a user.
 pub const PERCENTS: &str = "5,10,20";
-/// Those that are compared where nobody names one: of each kind the usual ones, the slowest first.
+/// Default estimators: the usual ones of each kind, the slowest first.
 const USUAL: [EstimatorName; 10] = [
     EstimatorName::Observer,
     EstimatorName::Butterworth,
@@ -50,16 +50,16 @@ const USUAL: [EstimatorName; 10] = [
     EstimatorName::FoawBest,
 ];
 
-/// The estimators that are compared where nobody names one: the usual ones that the scene can feed.
+/// The default estimators that the scene can feed.
 pub fn usual(scene: &Scene) -> Vec<Entry> {
     let all = Entry::all(scene);
     USUAL.map(Entry::Tuned).into_iter().filter(|entry| all.contains(entry)).collect()
 }
 
-/// Limits in percent, ascending, each once. `name` is what messages call them.
+/// Limits in percent, ascending, each once. Messages call the list `name`.
 ///
 /// # Errors
-/// One is out of range.
+/// A limit is out of range.
 pub fn percents(asked: &[f64], name: &str) -> Result<Vec<f64>, Error> {
     for &percent in asked {
         within(name, percent, 0.1..=1000.0).map_err(Error::Input)?;
@@ -73,20 +73,20 @@ pub fn percents(asked: &[f64], name: &str) -> Result<Vec<f64>, Error> {
 #[derive(Clone, Debug)]
 pub struct UsableQuestion {
     pub entries: Vec<Entry>,
-    /// Limits of the error, as a share; infinite: any error.
+    /// Limits of the error, as a share. Infinity allows any error.
     pub limits: Vec<f64>,
-    /// What each search may cost.
+    /// Limits on the cost of each search.
     pub budget: Budget,
 }
 
 impl UsableQuestion {
-    /// Those estimators within those [`percents`], and with any error beside them.
+    /// A question for these estimators within these [`percents`], and with any error.
     pub fn of(entries: Vec<Entry>, percents: &[f64], budget: Budget) -> Self {
         let limits = percents.iter().map(|percent| percent / 100.0).chain([f64::INFINITY]);
         Self { entries, limits: limits.collect(), budget }
     }
 
-    /// Most walks that it takes.
+    /// Largest number of walks of the question.
     pub fn most_walks(&self) -> u64 {
         let search = u64::from(OF_TWO * self.budget.tunings * WALKS_OF_A_TRY);
         let each = self.limits.len() as u64 * (search + u64::from(self.budget.repeats));
@@ -101,19 +101,19 @@ pub struct Usable {
     /// Limit of the error, as a share.
     pub limit: f64,
     pub settings: VelocitySettings,
-    /// The search ended because nothing near is better.
+    /// The search ended because no neighbour is better.
     pub settled: bool,
     /// Boundaries of the stable walls, one for each start.
     pub boundaries: Boundaries,
-    /// The usable part of the area of each, N^2 s/m^2.
+    /// Usable part of each boundary's area, N^2 s/m^2.
     pub areas: Vec<f64>,
-    /// Largest usable K of any, N/m.
+    /// Largest usable K of all boundaries, N/m.
     pub stiffness_peak_n_per_m: f64,
-    /// Mean error of the stable walls of all, each wall alike.
+    /// Mean error over the stable walls of all boundaries, with equal weights.
     pub error_mean: f64,
-    /// The largest usable K at each B of the first boundary.
+    /// Largest usable K at each B of the first boundary.
     pub outline: Vec<BoundaryPoint>,
-    /// Hits that its walks took, but for those that the limits before had made.
+    /// Hits of the walks. Hits that were already made for earlier limits are not counted.
     pub hits: u64,
 }
 
@@ -129,7 +129,7 @@ impl Usable {
     }
 }
 
-/// What is usable of a boundary, for each limit, and the mean error.
+/// Usable part of a boundary for each limit, and the mean error.
 #[derive(Clone, Debug, Default)]
 struct Parts {
     areas: Vec<f64>,
@@ -138,7 +138,7 @@ struct Parts {
     errors: f64,
 }
 
-/// A boundary, and what is usable of it.
+/// A boundary with its usable parts.
 type Judged = (Parts, Boundary);
 
 fn parts(boundary: &Boundary, rendered: &Rendered, limits: &[f64]) -> Parts {
@@ -153,7 +153,7 @@ fn parts(boundary: &Boundary, rendered: &Rendered, limits: &[f64]) -> Parts {
         return parts;
     }
     for &BoundaryPoint { damping_n_s_per_m, stiffness_n_per_m } in &boundary.points {
-        // so that all columns add up to the boundary's own area
+        // The factor makes the sum of all columns equal to the boundary's area.
         let column = boundary.area * stiffness_n_per_m / sum;
         let mut highest = vec![0.0; limits.len()];
         for part in 0..PARTS {
@@ -215,7 +215,7 @@ fn of_entry(
             settings.par_iter().zip(made).map(|(one, made)| judged(one, made)).collect();
         Ok(judged.into_iter().collect::<Result<Vec<_>, Error>>()?.concat())
     };
-    // every tuning that any limit's search has tried
+    // Every tuning that was tried for any limit.
     let looked: RefCell<Looked<Parts>> = RefCell::default();
     let start = settings_of(entry, scene);
     let has_lanes = walker.has_lanes(&start)?;
@@ -271,7 +271,7 @@ mod tests {
     use crate::scene::NamedScene;
     use zwidth::experiment::Ended;
 
-    /// Columns of one height.
+    /// A boundary of columns with the same height.
     fn rectangle(stiffness_n_per_m: f64, dampings: u32) -> Boundary {
         let points = (1..=dampings)
             .map(|n| BoundaryPoint { damping_n_s_per_m: 10.0 * f64::from(n), stiffness_n_per_m });
@@ -291,7 +291,7 @@ mod tests {
         assert!(parts.areas[1] < 0.9 * parts.areas[0] && parts.areas[2] < 0.8 * parts.areas[1]);
         assert_eq!((parts.areas[3], parts.peaks[3], parts.outlines[3].len()), (0.0, 0.0, 0));
         assert_eq!(parts.peaks[..2], [40_000.0; 2], "at small B any K is rendered");
-        // by hand: K / B of the sector's two edges, the same at every B
+        // Computed directly: K / B at both edges of the usable sector, the same at every B.
         let within = |ratio: f64| rendered.error(ratio * 100.0, 100.0) <= 0.1;
         let ratios = (1..200_000).map(|n| 0.02 * f64::from(n));
         let share = |b: f64| {

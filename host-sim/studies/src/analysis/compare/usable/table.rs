@@ -5,7 +5,7 @@ use serde::{Serialize, Serializer};
 use super::{super::table::value_and_unit, Usable, UsableQuestion};
 use crate::table::{Cell, Kind, Table, Told};
 
-/// One estimator within one limit: its place by the mean area, from 1, and the walks of each.
+/// One estimator within one limit: its rank by the mean area, from 1, and the number of walks.
 #[derive(Clone, Copy, Debug)]
 pub struct UsableArea<'a> {
     place: usize,
@@ -14,7 +14,7 @@ pub struct UsableArea<'a> {
 }
 
 impl UsableArea<'_> {
-    /// A value of its tuning, and its unit.
+    /// A tuned value and its unit.
     fn parameter(&self, n: usize) -> [Cell; 2] {
         value_and_unit(&self.usable.settings, n)
     }
@@ -25,7 +25,7 @@ impl UsableArea<'_> {
 }
 
 impl UsableArea<'_> {
-    /// All of them; the number of walks is no part of the JSON.
+    /// All columns. The number of walks is not in the JSON.
     const COLUMNS: [Told<Self>; 17] = [
         ("within_percent", Kind::Number, |a| {
             Cell::number(a.usable.limit.is_finite().then_some(100.0 * a.usable.limit))
@@ -59,19 +59,19 @@ impl Serialize for UsableArea<'_> {
 #[derive(Clone, Debug)]
 pub struct UsableStudy {
     pub question: UsableQuestion,
-    /// By estimator, then by limit.
+    /// Results by estimator, then by limit.
     pub found: Vec<Usable>,
 }
 
 impl UsableStudy {
-    /// Within one limit, the largest area first.
+    /// Results within one limit, the largest area first.
     pub fn ranked(&self, limit: f64) -> Vec<&Usable> {
         let mut ranked: Vec<&Usable> = self.found.iter().filter(|u| u.limit == limit).collect();
         ranked.sort_by(|a, b| b.area().total_cmp(&a.area()));
         ranked
     }
 
-    /// Every area, by limit and place.
+    /// Every area, by limit and rank.
     pub fn areas(&self) -> Vec<UsableArea<'_>> {
         let walks = self.question.budget.repeats;
         let of_limit = |&limit: &f64| {
@@ -84,13 +84,13 @@ impl UsableStudy {
         self.question.limits.iter().flat_map(of_limit).collect()
     }
 
-    /// The same as rows.
+    /// The areas as table rows.
     pub fn table(&self) -> Table {
         Table::of(&UsableArea::COLUMNS, &self.areas())
     }
 }
 
-/// The values that its tuning has, with units.
+/// The tuned values, with units.
 pub fn parameters(usable: &Usable) -> [Option<(f64, &'static str)>; 2] {
     [0, 1].map(|n| usable.settings.parameter(n).map(|(of, value)| (value, of.unit)))
 }

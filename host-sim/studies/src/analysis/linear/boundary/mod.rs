@@ -1,13 +1,13 @@
 //! The stiffest wall that is linearly stable, for each virtual damping.
 //!
-//! Along `K(w) = -(1/Hx + B Hv/Hx)` ([`super::response`]) a root lies on the unit circle; it does so for a real K
-//! where Im K = 0. There, by implicit differentiation, `d ln|z| / dK = (d Im K / dw) / |dK / dw|^2`: the pair of
-//! roots leaves the circle with rising K where Im K rises with w, and enters where it falls. The crossings with
-//! K > 0 cut the K axis into intervals of constant count of unstable roots; eigenvalues give the count in the
-//! interval where they speak clearest, the crossings give the others.
+//! On the curve `K(w) = -(1/Hx + B Hv/Hx)` ([`super::response`]) a root lies on the unit circle. K must be real, so Im
+//! K = 0. At such a crossing, implicit differentiation gives `d ln|z| / dK = (d Im K / dw) / |dK / dw|^2`. If Im K
+//! rises with w, the pair of roots leaves the circle with rising K. If Im K falls, the pair enters. The crossings with
+//! K > 0 divide the K axis into intervals with a constant number of unstable roots. Eigenvalues give this number in the
+//! interval where the result is clearest. The crossings give the numbers in the other intervals.
 //!
-//! The paper's gain margin, eq. (5), is the smallest of these crossings. It is the boundary only when the loop is
-//! stable as K tends to 0, and then it says nothing about stable intervals above; [`StiffnessLimit`] reports both.
+//! The paper's gain margin, eq. (5), is the smallest of these crossings. It is the boundary only if the loop is stable
+//! as K tends to 0. Even then it gives no information about stable intervals above. [`StiffnessLimit`] reports both.
 
 use super::{
     LinearError, Loop,
@@ -17,83 +17,85 @@ use super::{
 };
 use core::f64::consts::PI;
 
-/// Lowest frequency searched, radians per output period. A crossing with K > 0 below it would mean a stiffness of
-/// about m (1e-8 rate)^2: 4e-9 N/m for the paper's device.
+/// Lowest frequency of the search, radians per output period. A crossing with K > 0 below this frequency would have a
+/// stiffness of about m (1e-8 rate)^2: 4e-9 N/m for the paper's device.
 const OMEGA_MIN: f64 = 1e-8;
-/// Search points per decade. Crossings closer than this are found as dips of |Im K| between points.
+/// Search points per decade. Closer crossings are found as minima of |Im K| between points.
 const PER_DECADE: u32 = 32;
-/// Search points per turn of the latency's phase, and at least per half circle.
+/// Search points per turn of the latency's phase, and smallest number of points per half circle.
 const PER_TURN: f64 = 16.0;
 const PER_HALF_CIRCLE: f64 = 128.0;
-/// Nearest search points to a resonance, radians per output period.
+/// Smallest distance of search points from a resonance, radians per output period.
 const MARK_MIN: f64 = 1e-10;
-/// Refinements of the search when counts of roots contradict each other.
+/// Refinements of the search if the numbers of roots contradict each other.
 const REFINEMENTS: u32 = 2;
-/// A crossing below this share of the terms that K is the difference of is the rounding of K = 0.
+/// K is a difference of terms. A crossing below this share of these terms is a rounding error of K = 0.
 const ZERO_STIFFNESS: f64 = 1e-12;
-/// So is one below this share of the loop's own stiffnesses: where nothing damps every wall is unstable, and the first
-/// crossings are of rounding.
+/// A crossing below this share of the loop's own stiffnesses is a rounding error. Without any damping, every wall is
+/// unstable and the first crossings are rounding errors.
 const ROUNDING: f64 = 1e-12;
-/// Crossings above this many times the loop's own stiffnesses (k, b/T, m/T^2, B/T) lie where roots have left for
-/// good: a root passing near z = -1 on its way to the sampling zero there.
+/// Crossings above this multiple of the loop's own stiffnesses (k, b/T, m/T^2, B/T) are left out. There all roots have
+/// left for good, and a root passes near z = -1 on its way to the sampling zero.
 const FAR_STIFFNESS: f64 = 1e3;
-/// Distance from the unit circle above which eigenvalues are believed against the count of crossings.
+/// Distance from the unit circle above which eigenvalues are more reliable than the count of crossings.
 const CLEAR_MARGIN: f64 = 1e-6;
-/// States up to which eigenvalues are computed; beyond (long latency) the winding number counts the roots.
+/// Largest number of states for eigenvalues. With more states (long latency) the winding number counts the roots.
 const EIGENVALUE_STATES: usize = 64;
-/// The winding number is taken just outside the circle, so that undamped poles on it lie inside.
+/// Distance of the winding number's path outside the circle, so that undamped poles on the circle are inside.
 const OUTSIDE: f64 = 1e-9;
 
 /// A stiffness at which roots cross the unit circle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crossing {
-    /// Frequency of the oscillation there, up to half the output rate.
+    /// Frequency of the oscillation at the crossing, up to half the output rate.
     pub frequency_hz: f64,
     /// Stiffness, above 0 N/m.
     pub stiffness_n_per_m: f64,
-    /// Roots leave the circle with rising stiffness; false: they enter it.
+    /// With rising stiffness, roots leave the circle (true) or enter it (false).
     pub outward: bool,
-    /// 2, or 1 at half the output rate.
+    /// Number of roots: 2, or 1 at half the output rate.
     pub roots: u32,
 }
 
-/// What is stable at one virtual damping.
+/// The stable stiffnesses at one virtual damping.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StiffnessLimit {
-    /// Upper end of the stable interval that starts at K = 0: the loop is stable for every K above 0 and below it,
-    /// N/m. 0 if there is none; infinite if no stiffness destabilises the loop.
+    /// Upper end of the stable interval from K = 0, N/m: the loop is stable for every K between 0 and this value. 0 if
+    /// there is no such interval; infinite if no stiffness makes the loop unstable.
     pub stiffness_max: f64,
-    /// The loop is unstable as K tends to 0: virtual damping alone destabilises it, and a gain margin means nothing.
+    /// The loop is unstable as K tends to 0, because virtual damping alone makes it unstable. Then a gain margin has no
+    /// meaning.
     pub unstable_at_zero: bool,
-    /// All K > 0 with roots on the circle, rising in K: where the phase of the paper's eq. (5) is -180 degrees. Left
-    /// out are stiffnesses a thousand times beyond the loop's own (k + b/T + m/T^2 + B/T), where nothing is stable.
+    /// All K > 0 with roots on the circle, in ascending order: there the phase of the paper's eq. (5) is -180 degrees.
+    /// Stiffnesses a thousand times above the loop's own (k + b/T + m/T^2 + B/T) are left out, because nothing is
+    /// stable there.
     pub phase_crossings: Vec<Crossing>,
     /// Further stable intervals (low, high) of K, N/m, above `stiffness_max`.
     pub further_stable: Vec<(f64, f64)>,
 }
 
 impl StiffnessLimit {
-    /// The gain margin of eq. (5) as tools compute it: the smallest crossing. `None` without a crossing, when they call
-    /// it infinite.
+    /// The gain margin of eq. (5) as tools compute it: the smallest crossing. `None` without a crossing; tools call
+    /// this case infinite.
     #[must_use]
     pub fn gain_margin(&self) -> Option<f64> {
         self.phase_crossings.first().map(|crossing| crossing.stiffness_n_per_m)
     }
 
-    /// Whether eq. (5) answers correctly: stable from 0 up to the gain margin, and nowhere above.
+    /// Whether eq. (5) gives the correct answer: stable from 0 to the gain margin, and nowhere above.
     #[must_use]
     pub fn gain_margin_holds(&self) -> bool {
         self.gain_margin() == Some(self.stiffness_max) && self.further_stable.is_empty()
     }
 }
 
-/// Stability boundary of one loop: prepared once, asked for any damping.
+/// Stability boundary of one loop. It is prepared once and then evaluated for any damping.
 #[derive(Clone, Debug)]
 pub struct Boundary {
     response: Response,
     monodromy: Option<Monodromy>,
     points: Vec<Point>,
-    /// Unstable poles of the estimator by itself.
+    /// Number of the estimator's own unstable poles.
     estimator_poles: u32,
     output_hz: f64,
     /// k + b/T + m/T^2 with T the output period, N/m.
@@ -104,7 +106,7 @@ impl Boundary {
     /// Prepares the boundary of a loop.
     ///
     /// # Errors
-    /// As [`Loop::check`].
+    /// An error of [`Loop::check`].
     pub fn new(of: &Loop) -> Result<Self, LinearError> {
         let response = Response::new(of)?;
         let states = 1 + Acting::of(&of.chain()).states() + of.estimator.order() + response.late;
@@ -122,7 +124,7 @@ impl Boundary {
     /// The stable stiffnesses at virtual damping B, N s/m (any sign).
     ///
     /// # Errors
-    /// If the damping is not finite.
+    /// The damping is not finite.
     pub fn at(&self, damping_n_s_per_m: f64) -> Result<StiffnessLimit, LinearError> {
         if !damping_n_s_per_m.is_finite() {
             return Err(LinearError::OutOfRange {
@@ -147,7 +149,7 @@ impl Boundary {
         self.count(&self.points, stiffness, damping).0
     }
 
-    /// Unstable roots, and how far the nearest lies from the circle.
+    /// Number of unstable roots, and distance of the nearest root from the circle.
     fn count(&self, points: &[Point], stiffness: f64, damping: f64) -> (u32, f64) {
         let eigenvalues = self.monodromy.as_ref().and_then(|m| m.eigenvalues(stiffness, damping));
         let Some(eigenvalues) = eigenvalues else {
@@ -155,7 +157,7 @@ impl Boundary {
         };
         let (mut unstable, mut margin) = (0, f64::INFINITY);
         for z in eigenvalues {
-            // |z|^2 - 1 in a form that keeps the digits next to the circle
+            // |z|^2 - 1, written so that the digits near the circle are kept.
             let beyond = (z.re - 1.0) * (z.re + 1.0) + z.im * z.im;
             unstable += u32::from(beyond > 0.0);
             margin = beyond.abs().min(margin);
@@ -163,7 +165,7 @@ impl Boundary {
         (unstable, margin)
     }
 
-    /// Unstable roots by the argument principle: the turns of `1 + K Hx + B Hv` along the circle.
+    /// Number of unstable roots by the argument principle: turns of `1 + K Hx + B Hv` along the circle.
     fn winding(&self, points: &[Point], stiffness: f64, damping: f64) -> u32 {
         let value = |omega: f64| {
             let p = self.response.at_radius(omega, OUTSIDE);
@@ -200,7 +202,7 @@ impl Boundary {
         let mut crossings = self.crossings(points, damping);
         crossings.sort_by(|a, b| a.stiffness_n_per_m.total_cmp(&b.stiffness_n_per_m));
         let ends: Vec<f64> = crossings.iter().map(|c| c.stiffness_n_per_m).collect();
-        // One stiffness inside every interval.
+        // One stiffness in each interval.
         let inside: Vec<f64> = (0..=ends.len())
             .map(|i| match (i.checked_sub(1).map(|j| ends[j]), ends.get(i)) {
                 (None, None) => self.own_stiffness,
@@ -209,11 +211,12 @@ impl Boundary {
                 (Some(low), Some(high)) => (low * high).sqrt(),
             })
             .collect();
-        // A winding number costs a sweep: then only the two lowest intervals are counted.
+        // A winding number costs a sweep of frequencies, so only the two lowest intervals are counted.
         let few = if self.monodromy.is_some() { inside.len() } else { inside.len().min(2) };
         let counted: Vec<(u32, f64)> =
             inside[..few].iter().map(|k| self.count(points, *k, damping)).collect();
-        // Trust the count where all roots are farthest from the circle, and walk from there.
+        // The count is most reliable where the nearest root is farthest from the circle. The other counts follow from
+        // this one.
         let anchor =
             (0..few).rev().max_by(|a, b| counted[*a].1.total_cmp(&counted[*b].1)).unwrap_or(0);
         let change = |c: &Crossing| {
@@ -239,7 +242,7 @@ impl Boundary {
         Intervals { crossings, unstable, consistent }
     }
 
-    /// All K > 0 where Im K = 0.
+    /// All crossings: K > 0 with Im K = 0.
     fn crossings(&self, points: &[Point], damping: f64) -> Vec<Crossing> {
         let imaginary = |omega: f64| self.response.at(omega).stiffness(damping).im;
         let values: Vec<f64> = points.iter().map(|p| p.stiffness(damping).im).collect();
@@ -291,7 +294,7 @@ impl Boundary {
 
 struct Intervals {
     crossings: Vec<Crossing>,
-    /// Unstable roots below the first crossing, between each two, and above the last.
+    /// Number of unstable roots below the first crossing, between crossings, and above the last one.
     unstable: Vec<i64>,
     consistent: bool,
 }
@@ -332,11 +335,11 @@ fn grid(response: &Response, refinement: u32) -> Vec<Point> {
         omegas.push(omega);
         omega = (omega * ratio).min(omega + step);
     }
-    // Towards pi the sampling zero may lie close: the same from the other end, to 1e-6.
+    // The sampling zero may be close to pi, so the points near pi mirror those near 0, down to 1e-6.
     let below: Vec<f64> = omegas.iter().rev().filter(|w| **w > 1e-6).map(|w| PI - w).collect();
     omegas.extend(below);
     omegas.push(PI);
-    // Around a resonance the response turns within its damping's width, however narrow.
+    // Near a resonance the response turns within the width of its damping, which may be very small.
     for mark in response.marks() {
         let mut distance = step;
         while distance > MARK_MIN {
@@ -351,14 +354,14 @@ fn grid(response: &Response, refinement: u32) -> Vec<Point> {
     omegas.into_iter().map(|omega| response.at(omega)).collect()
 }
 
-/// Whether |value| is smallest in the middle of three of one sign.
+/// Whether |value| is smallest in the middle of three values with the same sign.
 fn dips(before: f64, here: f64, after: f64) -> bool {
     let sign = here.signum();
     let (before, here, after) = (before * sign, here * sign, after * sign);
     before > here && after > here
 }
 
-/// Root of a function that changes sign between two arguments: regula falsi with Illinois' halving, to the last
+/// Root of a function that changes sign between two arguments: regula falsi with the Illinois modification, to the last
 /// digits.
 fn root(of: &impl Fn(f64) -> f64, low: f64, high: f64, at_low: f64, at_high: f64) -> f64 {
     let (mut a, mut b, mut fa, mut fb) = (low, high, at_low, at_high);
@@ -367,7 +370,7 @@ fn root(of: &impl Fn(f64) -> f64, low: f64, high: f64, at_low: f64, at_high: f64
             break;
         }
         let secant = (a * fb - b * fa) / (fb - fa);
-        // Every fourth step halves, so that steep ends cannot hold it up.
+        // Every fourth step is a bisection, because a steep end can slow the secant down.
         let c = if iteration % 4 == 3 || !(secant > a.min(b) && secant < a.max(b)) {
             0.5 * (a + b)
         } else {
@@ -390,7 +393,7 @@ pub(super) fn minimum(of: impl Fn(f64) -> f64, low: f64, high: f64) -> f64 {
     let (mut a, mut b) = (low, high);
     let (mut x, mut y) = (b - GOLDEN * (b - a), a + GOLDEN * (b - a));
     let (mut fx, mut fy) = (of(x), of(y));
-    // 50 sections shrink the bracket by 3e-11; a minimum is flat over 1e-8 of its argument anyway.
+    // 50 sections reduce the bracket by a factor of 3e-11. A minimum is flat over 1e-8 of its argument.
     for _ in 0..50 {
         if fx < fy {
             (b, y, fy) = (y, x, fx);

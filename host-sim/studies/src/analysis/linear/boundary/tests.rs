@@ -1,4 +1,4 @@
-//! The boundary against eigenvalues that know nothing of it, over random and extreme loops.
+//! Compares the boundary with independent eigenvalues, for random and extreme loops.
 
 use super::{
     super::{Device, Elements, Loop, TransferFunction},
@@ -14,13 +14,13 @@ use crate::{
 
 const LOOPS: u32 = 400;
 
-/// Step to either side of a crossing at which the eigenvalues must have changed sides.
+/// Relative step to both sides of a crossing at which the number of unstable eigenvalues must have changed.
 const ASIDE: f64 = 1e-4;
 
-/// Eigenvalues of a matrix whose largest is about a hundred times the one compared.
+/// Tolerance for an eigenvalue on the circle. The largest eigenvalue of the matrix is about a hundred times larger.
 const ON_CIRCLE: f64 = 1e-8;
 
-/// Numbers in [0, 1) from a 64-bit linear congruential generator (Knuth's MMIX).
+/// Random numbers in [0, 1) from a 64-bit linear congruential generator (Knuth's MMIX).
 struct Dice(u64);
 
 impl Dice {
@@ -39,7 +39,7 @@ impl Dice {
         (0..n).rev().find(|i| f64::from(*i) <= n_f).unwrap_or(0)
     }
 
-    /// A believable device with any estimator, rate, period and latency.
+    /// A realistic device with any estimator, rate, period and latency.
     fn of(&mut self) -> Loop {
         let rate_hz = [1e3, 1e4, 5e4][self.below(3) as usize];
         let device = Device {
@@ -70,7 +70,7 @@ impl Dice {
         Loop { device, elements, rate_hz, period, latency_samples, estimator }
     }
 
-    /// The same with at least one linear element.
+    /// A realistic loop with at least one linear element.
     fn augmented(&mut self) -> Loop {
         let of = self.of();
         let which = 1 + self.below(7);
@@ -98,7 +98,7 @@ impl Dice {
         Loop { elements, ..of }
     }
 
-    /// A damping between far too little and far too much.
+    /// A damping between much too small and much too large.
     fn damping(&mut self, of: &Loop) -> f64 {
         let scale = of.device.mass_kg * of.rate_hz / f64::from(of.period);
         if self.below(5) == 0 { 0.0 } else { scale * self.logarithmic(1e-4, 3.0) }
@@ -116,7 +116,7 @@ fn eigenvalues_agree_on_both_sides_of_every_crossing_with_linear_elements() {
     figure("sim_studies/crossings/found", agree_at_crossings(Dice(4), Dice::augmented));
 }
 
-/// How many crossings there were.
+/// Checks the crossings of many loops, and returns their number.
 fn agree_at_crossings(mut dice: Dice, roll: fn(&mut Dice) -> Loop) -> u32 {
     let (mut crossings, mut unstable_at_zero, mut further, mut inconsistent) = (0, 0, 0, 0);
     for _ in 0..LOOPS {
@@ -174,7 +174,8 @@ fn agree_at_crossings(mut dice: Dice, roll: fn(&mut Dice) -> Loop) -> u32 {
 
 #[test]
 fn a_body_that_no_spring_holds_does_not_make_the_loop_unstable() {
-    // Next to nothing in place of a spring of 0 is the same loop; at 0 the body's position is an eigenvalue of 1.
+    // A spring of almost 0 gives the same loop as a spring of 0. With exactly 0, the body's position is an eigenvalue
+    // of 1.
     let arm = Arm {
         mass_kg: 1.2,
         damping_n_s_per_m: 12.0,
@@ -195,7 +196,7 @@ fn a_body_that_no_spring_holds_does_not_make_the_loop_unstable() {
         (Some(Mode { stiffness_n_per_m: 6e4, ..mode }), Some(arm), None),
         (None, Some(apart), None),
         (Some(Mode { damping_n_s_per_m: 0.0, ..mode }), Some(arm), amplifier),
-        // a spring to the ground holds what it is on, and nothing that it cannot reach
+        // A spring to the ground holds its own body, and all bodies that it can reach.
         (Some(mode), Some(Arm { stiffness_n_per_m: 300.0, ..apart }), amplifier),
         (Some(mode), Some(Arm { stiffness_n_per_m: 300.0, ..arm }), None),
         (Some(mode), Some(Arm { stiffness_n_per_m: 300.0, ..gripped }), None),
@@ -221,7 +222,8 @@ fn a_body_that_no_spring_holds_does_not_make_the_loop_unstable() {
 
 #[test]
 fn what_nothing_damps_holds_no_wall() {
-    // Two bodies joined by a spring or a damper, nothing to the ground: by its rounding 1e-12 N/m would be held.
+    // Two bodies joined by a spring or a damper, without a connection to the ground. By rounding they could seem to be
+    // held by 1e-12 N/m.
     let device = Device { mass_kg: 1.3, damping_n_s_per_m: 0.0, stiffness_n_per_m: 0.0 };
     let joined = |stiffness_n_per_m, damping_n_s_per_m| {
         Some(Mode { mass_kg: 0.18, stiffness_n_per_m, damping_n_s_per_m })
@@ -244,7 +246,8 @@ fn what_nothing_damps_holds_no_wall() {
 
 #[test]
 fn half_the_rate_is_no_crossing_where_the_sampling_zero_lies() {
-    // An undamped device answers nothing at z = -1; by the rounding of pi a root went in there, at 4 m/T^2.
+    // The response of an undamped device is 0 at z = -1. By the rounding of pi, a root once seemed to enter there, at 4
+    // m/T^2.
     let device = Device { mass_kg: 1.5725, damping_n_s_per_m: 0.0, stiffness_n_per_m: 177.4748 };
     let (mass_kg, damping_n_s_per_m) = (0.88, 0.0);
     let mode = Some(Mode { mass_kg, stiffness_n_per_m: 110.4708, damping_n_s_per_m });
@@ -298,7 +301,7 @@ fn narrow_resonances_are_not_stepped_over() {
 
 #[test]
 fn no_interval_escapes_a_scan() {
-    // Eigenvalues on a dense grid of K find no stable or unstable stretch that the crossings do not.
+    // Eigenvalues on a dense grid of K find no stable or unstable interval that the crossings miss.
     let mut dice = Dice(2);
     for roll in 0..100 {
         let of = if roll < 60 { dice.of() } else { dice.augmented() };
@@ -344,7 +347,7 @@ fn winding_number_counts_as_eigenvalues_do() {
 
 #[test]
 fn long_latency_follows_gils_rule() {
-    // K < b / (T/2 + latency) for low damping (Gil et al. 2009): within 2 % here, at 200 and 1000 samples.
+    // K < b / (T/2 + latency) for low damping (Gil et al. 2009). Here it is within 2 % at 200 and 1000 samples.
     for latency_samples in [50.0, 200.5, 1000.0] {
         let device = Device { mass_kg: 10.0, damping_n_s_per_m: 1.0, stiffness_n_per_m: 0.0 };
         let estimator = TransferFunction::finite_difference(1e4);
@@ -357,7 +360,7 @@ fn long_latency_follows_gils_rule() {
 
 #[test]
 fn latency_is_split_exactly() {
-    // The limit is continuous in the latency, also across whole samples and whole periods.
+    // The limit is continuous in the latency, also at whole samples and whole periods.
     let estimator = TransferFunction::paper(1e4, 500.0).unwrap();
     let at = |latency_samples: f64| {
         let of = Loop {
@@ -379,7 +382,7 @@ fn latency_is_split_exactly() {
 
 #[test]
 fn lower_cutoff_never_helps_from_100_hz_up() {
-    // The paper's figure 2: largest K by exact eigenvalues, from another program.
+    // Figure 2 of the paper: largest K by exact eigenvalues from another program.
     for damping in [10.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0] {
         let mut last = 0.0;
         for step in 0..60 {
@@ -457,8 +460,8 @@ fn crossings_and_winding_number_count_alike_for_long_latency() {
 
 #[test]
 fn stable_interval_is_followed_until_it_closes() {
-    // A filter far slower than a sprung device: with growing damping the loop becomes unstable at K = 0 first, a stable
-    // interval remains above, and shrinks to a point, where two crossings meet between search points.
+    // The filter is far slower than the device with its spring. With growing damping the loop first becomes unstable at
+    // K = 0. A stable interval remains above and shrinks to a point, where two crossings meet between search points.
     let device = Device { mass_kg: 0.4, damping_n_s_per_m: 5.0, stiffness_n_per_m: 1e4 };
     let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0).unwrap());
     let boundary = Boundary::new(&of).unwrap();
@@ -479,7 +482,7 @@ fn stable_interval_is_followed_until_it_closes() {
     let (low, high) = interval(open).unwrap();
     println!("closes at B {open} with K {low} to {high}");
     assert!(boundary.at(open).unwrap().unstable_at_zero && low > 0.0);
-    // The width falls as the root of the distance, here 1e-12 of B.
+    // The width falls as the root of the distance in B, which is 1e-12 here.
     assert!((high - low) / low < 1e-4, "{low} {high}");
     let wider = interval(open - 0.1).unwrap();
     let k = 0.5 * (wider.0 + wider.1);

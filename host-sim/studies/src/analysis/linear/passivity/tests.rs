@@ -1,4 +1,4 @@
-//! Colgate and Schenkel's condition by its own formula, which [`Passivity`](super::Passivity) is held against.
+//! Colgate and Schenkel's condition by its own formula, for comparison with [`Passivity`](super::Passivity).
 
 use core::f64::consts::PI;
 
@@ -9,17 +9,17 @@ use super::{
     PER_DECADE, PassivityDemand, STABLE_RADIUS,
 };
 
-/// Lowest frequency, radians per sample: below it every estimator that the core accepts (poles above 1e-4) is at its
-/// limit for w = 0, which is a point of its own.
+/// Lowest frequency, radians per sample. Below it, every estimator that the core accepts (poles above 1e-4) is at its
+/// limit for w = 0, which is a separate point.
 const OMEGA_MIN: f64 = 1e-7;
-/// Points of a linear search over 0 to pi.
+/// Number of search points from 0 to pi.
 const LINEAR: u32 = 512;
 
-/// Device damping that a wall of stiffness K N/m and damping B N s/m (any sign) asks for, at any frequency. Infinite
-/// if the estimator has a pole on the unit circle or outside, for which the condition does not hold.
+/// Necessary device damping for a wall with stiffness K, N/m, and damping B, N s/m (any sign), over all frequencies.
+/// Infinite if the estimator has a pole on or outside the unit circle, because the condition does not hold then.
 ///
 /// # Errors
-/// If a number is not finite, the rate not above 0, or the estimator not usable.
+/// A number is not finite, the rate is not above 0, or the estimator is not usable.
 pub(in super::super) fn demand(
     stiffness_n_per_m: f64,
     damping_n_s_per_m: f64,
@@ -48,7 +48,7 @@ pub(in super::super) fn demand(
     let one = Complex::new(1.0, 0.0);
     let dc = estimator.at(one).re;
     let slope = slope(estimator, dc);
-    // What damping B costs at one frequency.
+    // Necessary damping for B at one frequency.
     let cost = |omega: f64| {
         let back = Complex::new(libm::cos(omega), -libm::sin(omega));
         let w = polynomial(&slope, back) / polynomial(&estimator.den, back);
@@ -78,7 +78,7 @@ pub(in super::super) fn demand(
     })
 }
 
-/// Numerator of W in `V = dc + (1 - z^-1) W`, over the same denominator: running sums divide by `1 - z^-1`.
+/// Numerator of W in `V = dc + (1 - z^-1) W`, over the same denominator. Running sums divide by `1 - z^-1`.
 fn slope(estimator: &TransferFunction, dc: f64) -> Vec<f64> {
     let mut sum = 0.0;
     let mut sums: Vec<f64> = (0..=estimator.order())
@@ -87,11 +87,11 @@ fn slope(estimator: &TransferFunction, dc: f64) -> Vec<f64> {
             sum
         })
         .collect();
-    sums.pop(); // the remainder: rounding of 0
+    sums.pop(); // the remainder is 0 with a rounding error
     sums
 }
 
-/// 0, then logarithmic and linear points to pi, rising.
+/// The point 0, then logarithmic and linear points up to pi, ascending.
 fn grid() -> Vec<f64> {
     let ratio = libm::pow(10.0, 1.0 / f64::from(PER_DECADE));
     let step = PI / f64::from(LINEAR);
@@ -105,14 +105,14 @@ fn grid() -> Vec<f64> {
     omegas
 }
 
-/// A golden section finds the top of a parabola to about 1e-16 of its height.
+/// A golden section finds the maximum of a parabola to about 1e-16 of its height.
 const PEAK_TOLERANCE: f64 = 1e-9;
 
 fn damping(k: f64, b: f64, rate: f64, estimator: &TransferFunction) -> f64 {
     demand(k, b, rate, estimator).unwrap().damping_n_s_per_m
 }
 
-/// The condition as published, on a dense grid away from its 0/0.
+/// The condition as published, on a dense grid without its 0/0.
 fn swept(k: f64, b: f64, rate: f64, estimator: &TransferFunction) -> f64 {
     let points = 200_000;
     (1..=points)
@@ -127,7 +127,7 @@ fn swept(k: f64, b: f64, rate: f64, estimator: &TransferFunction) -> f64 {
 
 #[test]
 fn maximum_is_at_least_that_of_a_dense_sweep() {
-    // A narrow resonance falls between the points of any grid; the refinement finds its top.
+    // A narrow resonance falls between the points of any grid. The refinement finds its maximum.
     let (radius, angle) = (0.9995_f64, 0.7123_f64);
     let gain = 1e3 * (1.0 - radius);
     let resonant = TransferFunction {
@@ -142,7 +142,7 @@ fn maximum_is_at_least_that_of_a_dense_sweep() {
         for b in [-3.0, 5.0] {
             let (ours, sweep) =
                 (damping(1000.0, b, 1e3, &estimator), swept(1000.0, b, 1e3, &estimator));
-            // The published quotient itself cancels to 1e-16 / w^2 next to w = 0.
+            // Near w = 0, cancellation in the published quotient causes an error of 1e-16 / w^2.
             assert!(
                 ours >= sweep * (1.0 - 1e-6) && ours <= sweep * (1.0 + 1e-3),
                 "{ours} against {sweep}"
@@ -153,7 +153,8 @@ fn maximum_is_at_least_that_of_a_dense_sweep() {
 
 #[test]
 fn limits_at_both_ends_are_taken() {
-    // The plain difference binds at half the rate for B > 0, at zero frequency for B < 0: exactly |B|.
+    // For the plain difference, the strictest frequency is half the rate for B > 0, and zero for B < 0. The result is
+    // exactly |B|.
     let plain = TransferFunction::finite_difference(1e4);
     let positive = demand(0.0, 7.0, 1e4, &plain).unwrap();
     assert!(
@@ -184,7 +185,7 @@ fn extremes_give_numbers() {
             );
         }
     }
-    // 1 / (1 - z^-1) V: a pole on the circle.
+    // V / (1 - z^-1) has a pole on the circle.
     let integrator = TransferFunction { num: vec![1.0], den: vec![1.0, 1.0] };
     assert_eq!(damping(0.0, -1.0, 1e3, &integrator), f64::INFINITY);
     let plain = TransferFunction::finite_difference(1e3);
@@ -193,7 +194,7 @@ fn extremes_give_numbers() {
 
 #[test]
 fn lower_cutoff_relaxes_passivity() {
-    // The opposite order of the stability boundary.
+    // The order is opposite to that of the stability boundary.
     let at = |hz| damping(20_000.0, 20.0, 1e4, &TransferFunction::paper(1e4, hz).unwrap());
     let demands = [50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 4000.0].map(at);
     assert!(demands.is_sorted(), "{demands:?}");

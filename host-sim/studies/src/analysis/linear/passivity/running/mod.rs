@@ -1,27 +1,28 @@
-//! Passivity of the wall of a loop as it runs: estimator at the sample rate, force at the output rate, late.
+//! Passivity of a wall in the real loop: estimator at the sample rate, force at the output rate, with latency.
 //!
-//! The loop repeats itself with the output period T, and so may a hand: it is asked of the port alone, whatever moves it,
-//! linear or not. A motion of frequency w holds the aliases `w_n = w + 2 pi n / T` of speed v_n, free of each other. The
-//! command takes one number of them, and the force is that number, held:
+//! The loop is periodic with the output period T, and the hand may be too. So the condition is on the port alone, for
+//! any motion, from a linear or a non-linear hand. A motion of frequency w contains the aliases `w_n = w + 2 pi n / T`
+//! with independent speeds v_n. The command depends on one weighted sum of these speeds, and the force is this command,
+//! held:
 //! ```text
 //! u = - sum over n of C(w_n) v_n / (j w_n),     F_n = u (1 - e^(-jwT)) e^(-j w_n t_d) / (j w_n T),   C = K + B V(e^(j w_n T_s))
 //! ```
-//! The power that comes out is a Hermitian form of rank two in v, of vectors p and q of these two sums; the damper b of
-//! the device takes `b |v|^2`. So no motion takes energy out of both exactly if b is at least the form's largest eigenvalue,
-//! `1/2 (sqrt(|p|^2 |q|^2 - Im^2 <p, q>) - Re <p, q>)`, at every w:
+//! The power out of the wall is a Hermitian form of rank two in v, given by vectors p and q of these two sums. The
+//! damper b of the device takes `b |v|^2`. So no motion takes energy out of both exactly if b is at least the largest
+//! eigenvalue of the form, `1/2 (sqrt(|p|^2 |q|^2 - Im^2 <p, q>) - Re <p, q>)`, at every w:
 //! ```text
 //! c = -(1 - e^(-jwT)) / 2T  sum C e^(-j w_n t_d) / w_n^2,     r^2 = |1 - e^(-jwT)|^2 / 4T^2  sum |C|^2 / w_n^2  sum 1 / w_n^2
 //! b > max over w of  -Re c + sqrt(r^2 - (Im c)^2)
 //! ```
-//! The largest eigenvalue's vector is the worst motion. With a force for every sample, at once, C is the same at all
-//! aliases that matter, r = |c|, and this is Colgate and Schenkel's condition. A hand that does not change with time is weaker: its
-//! aliases answer each by itself, and r is only the sum of `|C| / w_n^2` (by Cauchy and Schwarz no larger). For V = 0 and a
-//! latency of whole periods it is `K < b / (T/2 + t_d)`, the line of Gil, Sanchez,
-//! Hulin, Preusche and Hirzinger (JCISE 9(1) 011005, 2009). Sampled-data passivity of this kind: Fardad and Bamieh, IEEE
-//! TAC 54(10), 2009.
+//! The eigenvector of the largest eigenvalue is the worst motion. With a force for every sample and without latency, C
+//! is the same at all relevant aliases and r = |c|. Then the condition is that of Colgate and Schenkel. For a
+//! time-invariant hand the condition is weaker: its aliases respond independently, and r is only the sum of
+//! `|C| / w_n^2` (not larger, by Cauchy and Schwarz). For V = 0 and a latency of whole periods, the result is
+//! `K < b / (T/2 + t_d)`, the line of Gil, Sanchez, Hulin, Preusche and Hirzinger (JCISE 9(1) 011005, 2009).
+//! Sampled-data passivity of this kind: Fardad and Bamieh, IEEE TAC 54(10), 2009.
 //!
-//! C has the period of the sampling, so the sum is over `period` aliases, each with a sum in closed form over those
-//! that the sampler cannot tell apart. With `t = w_n T_s` and a latency of d + f samples, 0 <= f < 1:
+//! C is periodic with the sample rate. So the sum has `period` terms. Each term is a sum in closed form over the
+//! frequencies that the sampler cannot distinguish. With `t = w_n T_s` and a latency of d + f samples, 0 <= f < 1:
 //! ```text
 //! sum over l of e^(-j (t + 2 pi l)(d + f)) / (t + 2 pi l)^2 = e^(-j t d) ((1 - f) + f e^(-j t)) / (4 sin^2(t/2))
 //! ```
@@ -33,24 +34,24 @@ use nalgebra::Complex;
 use super::{PER_DECADE, PassivityDemand, STABLE_RADIUS};
 use crate::analysis::linear::{LinearError, Loop, boundary::minimum, transfer::TransferFunction};
 
-/// Lowest frequency, radians per output period: rounding grows towards 0 as 1e-16 over it.
+/// Lowest frequency, radians per output period. Towards 0 the rounding error grows as 1e-16 divided by the frequency.
 const OMEGA_MIN: f64 = 1e-6;
-/// Points of a linear search over 0 to pi, and of one turn of the latency's phase.
+/// Search points from 0 to pi, and search points per turn of the latency's phase.
 const LINEAR: f64 = 512.0;
 const PER_TURN: f64 = 32.0;
-/// Halvings of a stiffness or a damping that is searched for.
+/// Number of halvings in a search for a stiffness or a damping.
 const HALVINGS: u32 = 40;
 
-/// The wall of a loop at its port.
+/// The wall of a loop, seen at its port.
 #[derive(Clone, Debug)]
 pub struct Passivity {
     period: u32,
-    /// Whole samples of latency, and the rest.
+    /// Whole samples of latency, and the remaining part of a sample.
     late: f64,
     rest: f64,
     sample_s: f64,
     estimator: TransferFunction,
-    /// The estimator has a pole on the unit circle or outside.
+    /// The estimator has a pole on or outside the unit circle.
     unstable: bool,
     points: Vec<Point>,
 }
@@ -62,24 +63,24 @@ struct Point {
     aliases: Vec<Alias>,
 }
 
-/// One alias: what K and B make of c, per unit, and of r.
+/// One alias: its terms of c and r for given K and B.
 #[derive(Clone, Copy, Debug)]
 struct Alias {
-    /// Its part of -c with C = 1.
+    /// Term of -c for C = 1.
     part: Complex<f64>,
-    /// Its part of r with |C| = 1.
+    /// Term of r for |C| = 1.
     most: f64,
-    /// `most - |part|`, free of cancellation.
+    /// `most - |part|`, computed without cancellation.
     less: f64,
-    /// Response of the estimator there.
+    /// Response of the estimator at this alias.
     velocity: Complex<f64>,
 }
 
 impl Passivity {
-    /// Of that loop; its device and elements do not matter.
+    /// The wall of a loop. The device and the elements of the loop are not used.
     ///
     /// # Errors
-    /// As [`Loop::check`].
+    /// An error of [`Loop::check`].
     pub fn new(of: &Loop) -> Result<Self, LinearError> {
         of.check()?;
         let late = of.latency_samples.floor();
@@ -104,7 +105,7 @@ impl Passivity {
         Ok(passivity)
     }
 
-    /// At a frequency in radians per output period.
+    /// The point at a frequency in radians per output period.
     fn at(&self, omega: f64) -> Point {
         let period = f64::from(self.period);
         // (1 - e^(-j omega)) T_s^2 / 2T
@@ -130,11 +131,11 @@ impl Passivity {
         Point { omega, aliases: aliases.collect() }
     }
 
-    /// Device damping that a wall of stiffness K N/m and damping B N s/m (any sign) asks for. Infinite if the
-    /// estimator has a pole on the unit circle or outside, for which the condition does not hold.
+    /// Necessary device damping for a wall with stiffness K, N/m, and damping B, N s/m (any sign). Infinite if the
+    /// estimator has a pole on or outside the unit circle, because the condition does not hold then.
     ///
     /// # Errors
-    /// If a number is not finite.
+    /// A number is not finite.
     pub fn demand(
         &self,
         stiffness_n_per_m: f64,
@@ -160,11 +161,11 @@ impl Passivity {
         Ok(PassivityDemand { damping_n_s_per_m: worst, frequency_hz: at / (2.0 * PI) * output_hz })
     }
 
-    /// Largest K, N/m, up to which every wall from K = 0 on is passive on a device of that damping; `None` if
-    /// K = 0 is not.
+    /// Largest K, N/m, such that every wall from K = 0 to this K is passive on a device with this damping. `None` if K
+    /// = 0 is not passive.
     ///
     /// # Errors
-    /// If a number is not finite.
+    /// A number is not finite.
     pub fn stiffness_max(
         &self,
         device_damping_n_s_per_m: f64,
@@ -175,7 +176,7 @@ impl Passivity {
         if asks(0.0)? > device_damping_n_s_per_m {
             return Ok(None);
         }
-        // K = b / T is beyond K < b / (T/2 + t_d) for a latency of half a period, and B moves it.
+        // K = b / T is above the limit K < b / (T/2 + t_d) for a latency of half a period. B changes this limit.
         let mut high = (device_damping_n_s_per_m / self.sample_s).max(1.0);
         while asks(high)? <= device_damping_n_s_per_m {
             high *= 2.0;
@@ -183,32 +184,33 @@ impl Passivity {
         last(high, |k| Ok(asks(k)? <= device_damping_n_s_per_m)).map(Some)
     }
 
-    /// Largest B, N s/m, at which K = 0 is passive on a device of that damping. Below it every B is: a wall that is
-    /// passive is so at any fraction of its K and B, since the disc of a fraction lies in that of the whole.
+    /// Largest B, N s/m, at which K = 0 is passive on a device with this damping. Every smaller B is also passive. A
+    /// passive wall stays passive if K and B are multiplied by a factor below 1, because its disc lies in the disc of
+    /// the whole wall.
     ///
     /// # Errors
-    /// If a number is not finite.
+    /// A number is not finite.
     pub fn damping_max(&self, device_damping_n_s_per_m: f64) -> Result<f64, LinearError> {
-        // What B costs is in proportion to it.
+        // The necessary damping is proportional to B.
         Ok(device_damping_n_s_per_m / self.demand(0.0, 1.0)?.damping_n_s_per_m)
     }
 }
 
 impl Point {
-    /// Device damping that the condition asks for at this frequency.
+    /// Necessary device damping at this frequency.
     fn cost(&self, k: f64, b: f64) -> f64 {
         let wall = |alias: &Alias| alias.velocity * b + k;
         let mut aliases = self.aliases.iter();
         let Some(first) = aliases.next() else { return 0.0 };
-        // The first alias outweighs all others at low frequency. Turned to its phase, r - |c| is a sum without
-        // the difference of large numbers.
+        // The first alias dominates at low frequency. If all terms are turned to its phase, r - |c| is a sum without a
+        // difference of large numbers.
         let main = first.part * wall(first);
         let size = main.norm();
         let turn = if size > 0.0 { main.conj() / size } else { Complex::new(1.0, 0.0) };
         let length = wall(first).norm();
         let (mut sum, mut along, mut across) = (main, size, 0.0);
         let (mut most, mut less) = (first.most * length, first.less * length);
-        // spread of |C| over the aliases, about that of the first, weighted as the sums are
+        // Spread of |C| over the aliases around the first one, with the weights of the sums.
         let (mut weight, mut apart, mut squares) = (first.most, 0.0, 0.0);
         for alias in aliases {
             let wall = wall(alias);
@@ -225,7 +227,7 @@ impl Point {
             apart += alias.most * off;
             squares += alias.most * off * off;
         }
-        // r^2 - |c|^2: of a hand that does not change with time, and what Cauchy and Schwarz add to its r^2
+        // r^2 - |c|^2 for a time-invariant hand. Then r^2 is increased by the Cauchy-Schwarz difference.
         let still = less * (most + along) - across * across;
         let free = (still + (weight * squares - apart * apart)).max(0.0);
         sum.re + (free + sum.re * sum.re).sqrt()
@@ -241,7 +243,7 @@ fn finite(stiffness: f64, damping: f64) -> Result<(), LinearError> {
     Ok(())
 }
 
-/// The last value from 0 to `high` that passes; 0 does, `high` does not.
+/// The largest value from 0 to `high` that passes. 0 passes, and `high` does not.
 fn last(high: f64, passes: impl Fn(f64) -> Result<bool, LinearError>) -> Result<f64, LinearError> {
     let (mut good, mut bad) = (0.0, high);
     for _ in 0..HALVINGS {

@@ -33,7 +33,7 @@ fn with_a_force_for_every_sample_at_once_it_is_colgate_and_schenkels() {
     }
 }
 
-/// K < b / (T/2 + t_d) by hand: T = 1 ms, t_d = 0, 1, 2, 3 ms on the paper's b.
+/// K < b / (T/2 + t_d), computed by hand: T = 1 ms, t_d = 0, 1, 2, 3 ms, and the paper's b.
 #[test]
 fn a_spring_behind_whole_periods_of_latency_is_passive_up_to_the_known_line() {
     for (period, latency, limit) in [
@@ -47,13 +47,13 @@ fn a_spring_behind_whole_periods_of_latency_is_passive_up_to_the_known_line() {
         let found = of.stiffness_max(5.5195, 0.0).unwrap().unwrap();
         assert!((found / limit - 1.0).abs() < 1e-5, "{period} {latency}: {found}");
     }
-    // Half a period: at w = 0 the terms are T/4 + t_d/2 = T/2, and r^2 - |c|^2 = T^2/16.
+    // With half a period of latency, at w = 0 the terms are T/4 + t_d/2 = T/2, and r^2 - |c|^2 = T^2/16.
     let of = Passivity::new(&running(1e4, 10, 5.0, 1500.0)).unwrap();
     let asks = 1e-3 * 0.5 * (1.0 + 1.25f64.sqrt());
     assert!(of.demand(1.0, 0.0).unwrap().damping_n_s_per_m >= asks * (1.0 - 1e-5));
 }
 
-/// The sums of the condition, term by term.
+/// Compares the closed sums of the condition with sums term by term.
 #[test]
 fn the_sums_in_closed_form_are_those_over_the_aliases() {
     let of = running(1e4, 4, 6.3, 700.0);
@@ -76,7 +76,7 @@ fn the_sums_in_closed_form_are_those_over_the_aliases() {
     }
 }
 
-/// No passive thing that is hung on the device may make a passive wall unstable. Sprung masses and arms try.
+/// No passive load on the device may make a passive wall unstable. The test uses sprung masses and arms.
 #[test]
 fn a_passive_wall_is_stable_whatever_hangs_on_it() {
     for (period, latency, cutoff_hz, b) in [
@@ -124,8 +124,8 @@ fn a_passive_wall_is_stable_whatever_hangs_on_it() {
     }
 }
 
-/// Of an independent program, in normalised differences: the paper's device and loop, an output every 10 samples
-/// at once, 1500 Hz. A hand that does not change with time is safe up to 4340, 4407, 3421 and 1437 N/m.
+/// Limits from an independent program, in normalised differences: the paper's device and loop, an output every 10
+/// samples without latency, 1500 Hz. With a time-invariant hand the limits are 4340, 4407, 3421 and 1437 N/m.
 #[test]
 fn the_ports_of_the_papers_loop_are_passive_up_to_the_known_stiffnesses() {
     let of = Passivity::new(&running(1e4, 10, 10.0, 1500.0)).unwrap();
@@ -136,22 +136,22 @@ fn the_ports_of_the_papers_loop_are_passive_up_to_the_known_stiffnesses() {
     }
 }
 
-/// Output periods of the record, after as many that settle.
+/// Output periods of the record. The same number of periods before it lets the loop settle.
 const PERIODS: u32 = 4000;
 
-/// A motion as its increments over the samples of an output period; those of the next are turned by `omega`.
+/// A motion as its speeds at the samples of an output period. In the next period the speeds are turned by `omega`.
 struct Motion {
     omega: f64,
     speeds: Vec<Complex<f64>>,
 }
 
-/// The motion that takes most energy out of a wall and a damper, by the loop's own kernels over a period, and what
-/// damping it asks for. Nothing of it is a sum over aliases.
+/// The necessary damping, and the motion that takes most energy out of a wall and a damper. The result comes from the
+/// loop's own kernels over a period, without any sum over aliases.
 fn worst(of: &Loop, k: f64, b: f64, omega: f64) -> (f64, Motion) {
     let period = of.period as usize;
     let sample_s = of.sample_s();
     let turn = |periods: f64| Complex::from_polar(1.0, -omega * periods);
-    // what a unit speed in the sample that many samples ago is in the command
+    // Part of the command that comes from a unit speed in the sample that many samples ago.
     let response = step_response(&of.estimator, 400 * period);
     let mut command: Vec<Complex<f64>> = vec![turn(1.0) / (turn(1.0) * -1.0 + 1.0) * k; period];
     for (ago, value) in (1..).zip(&response) {
@@ -166,7 +166,7 @@ fn worst(of: &Loop, k: f64, b: f64, omega: f64) -> (f64, Motion) {
         let periods = late / period + usize::from(sample < late % period);
         -turn(periods as f64)
     };
-    // power out: Re(conj(v_i) F_i), F = force * sum of command v
+    // Power out of the port: Re(conj(v_i) F_i), where F = force * sum of command v.
     let form = nalgebra::DMatrix::from_fn(period, period, |i, j| {
         (force(i) * command[j] + (force(j) * command[i]).conj()) * (0.5 * sample_s)
     });
@@ -176,13 +176,14 @@ fn worst(of: &Loop, k: f64, b: f64, omega: f64) -> (f64, Motion) {
     (eigen.eigenvalues[highest], Motion { omega, speeds })
 }
 
-/// Sums of the estimator's impulse response: what a unit step of the position that many samples ago is in V.
+/// Sums of the estimator's impulse response: part of V that comes from a unit step of the position that many samples
+/// ago.
 fn step_response(of: &TransferFunction, samples: usize) -> Vec<f64> {
     let mut loops = Difference::new(of);
     (0..samples).map(|_| loops.next(1.0)).collect()
 }
 
-/// The estimator, sample by sample.
+/// Runs the estimator, sample by sample.
 struct Difference {
     of: TransferFunction,
     inputs: Vec<f64>,
@@ -205,15 +206,15 @@ impl Difference {
     }
 }
 
-/// Steps the loop under that motion and adds up the energy that leaves the wall and the damper, J, over the last of
-/// many periods, for one that the damper takes.
+/// Steps the loop with this motion. Returns the energy that leaves the wall and the damper, divided by the energy that
+/// the damper takes. Both are sums over the second half of the periods.
 fn energy_out(of: &Loop, k: f64, b: f64, motion: &Motion) -> f64 {
     let (period, sample_s) = (of.period as usize, of.sample_s());
     let mut estimator = Difference::new(&of.estimator);
     let mut commands = std::collections::VecDeque::new();
     let (mut position, mut acting) = (0.0, 0.0);
     let (mut out, mut taken) = (0.0, 0.0);
-    // over a period the motion comes back to where it was: its mean is that of position
+    // After a period the motion returns to its start, so the mean speed gives the position.
     let drift: Complex<f64> = motion.speeds.iter().sum::<Complex<f64>>() * sample_s;
     let start = drift / (Complex::from_polar(1.0, motion.omega) - 1.0);
     position += start.re;
@@ -251,7 +252,7 @@ fn a_constructed_motion_takes_energy_out_just_outside_and_none_just_inside() {
         for (share, outside) in [(1.02, true), (0.98, false)] {
             let k = share * limit;
             let demand = passivity.demand(k, b).unwrap();
-            // whole turns in the record, so that what is only stored comes back
+            // The record has whole turns, so stored energy returns.
             let wanted = demand.frequency_hz * f64::from(period) / 1e4 * f64::from(PERIODS);
             let omega = 2.0 * PI * wanted.round().max(1.0) / f64::from(PERIODS);
             let (asks, motion) = worst(&of, k, b, omega);
