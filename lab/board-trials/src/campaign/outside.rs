@@ -1,5 +1,5 @@
-//! Faults outside the chip, at its host and in RTT's control block, and pairs of faults: the emergency stop with another
-//! fault.
+//! Faults outside the chip, at its host and in RTT's control block, and pairs of faults: the emergency stop with
+//! another fault.
 
 use virtual_board::{
     board::{Board, Force, Powered},

@@ -13,8 +13,8 @@ use super::{
 };
 use crate::random::Random;
 
-/// Longest time for which a flip is watched, samples. If the force is right at half of this time, the flip is watched no
-/// longer. Half of this time is longer than the independent watchdog takes.
+/// Longest time for which a flip is watched, samples. If the force is right at half of this time, the watch ends there.
+/// Half of this time is longer than the independent watchdog takes.
 pub const WATCHED: u64 = 1_200;
 /// Count of start times in each situation.
 pub const STARTS: usize = 16;
