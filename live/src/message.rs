@@ -11,7 +11,6 @@ use crate::trigger::Trigger;
 pub enum FromPage {
     /// A line for the console; only from the owner. `stopped`: the count of stops that the page knows. After a further
     /// stop the line is refused.
-    /// another.
     Command { line: String, stopped: Option<u64> },
     /// Switches the force off at once; from any page. `id` identifies the answer.
     Stop { id: u64 },

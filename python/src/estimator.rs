@@ -265,8 +265,8 @@ impl Estimator {
     /// Raises
     /// ------
     /// ValueError
-    ///     What the estimator needs is missing, is no whole number, or has another length; or the counter's width is
-    ///     none that an encoder has, or another one than that of the block before.
+    ///     An input that the estimator needs is missing, is not whole, or has another length. Or the counter's width is
+    ///     not an encoder's, or differs from the width in the block before.
     ///
     /// Notes
     /// -----

@@ -250,7 +250,7 @@ result! { table
     /// Raises
     /// ------
     /// ValueError
-    /// No scene can have this device; the message gives the reason.
+    ///     No scene can have this device; the message gives the reason.
     #[getter]
     fn scene<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, Scene>> {
         let made = self.scene_or_reason.0.bind(py);

@@ -112,7 +112,7 @@ impl Scene {
     /// Raises
     /// ------
     /// ValueError
-    /// The resulting scene is not allowed; the error gives key, value and what is allowed.
+    ///     The resulting scene is not allowed; the error gives key, value and what is allowed.
     ///
     /// Examples
     /// --------

@@ -113,7 +113,7 @@ result! { plain
     /// Raises
     /// ------
     /// ValueError
-    /// The bytes have no frame.
+    ///     The bytes have no frame.
     ///
     /// Examples
     /// --------

@@ -5,7 +5,6 @@
 //! functions) counts as a call of **every** function whose address is in the image: in a constant, after code, or built
 //! in a register. That is more than can happen, so no call is missed. It also proves that no panic's address is stored
 //! anywhere.
-//! happen, so nothing is overlooked; it also says that no panic's address is kept anywhere.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -33,8 +33,8 @@ fn scene(latency: f64, stiffness_n_per_m: f64) -> Scene {
     scene
 }
 
-/// Whether the oscillation grows. It grows if it reaches a size at which the handle is still in the wall, or if it is
-/// larger after six seconds than after one. It decays if it comes near the counts.
+/// Whether the oscillation grows. It grows if its size reaches a limit at which the handle is still in the wall. It
+/// also grows if it is larger after six seconds than after one. It decays if it comes near the counts.
 fn grows(latency: f64, cutoff_hz: f64, damping_n_s_per_m: f64, stiffness_n_per_m: f64) -> bool {
     const LARGE_M: f64 = 6e-4;
     const SMALL_M: f64 = 1e-6;

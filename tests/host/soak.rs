@@ -57,8 +57,8 @@ fn a_day_in_contact_at_50_khz_does_not_drift() {
     }
 }
 
-/// The filter's sums at constant speed stay within the ripple of the counts for ever, since its gain at 0 Hz is exactly
-/// one, to the last bit.
+/// The filter's sums at constant speed always stay within the ripple of the counts: its gain at 0 Hz is exactly one, to
+/// the last bit.
 #[test]
 #[ignore = "a minute; CI runs it"]
 fn a_day_at_constant_speed_the_velocitys_sum_is_the_way_to_one_count() {

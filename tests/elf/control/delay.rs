@@ -117,8 +117,8 @@ fn a_logger_with_a_critical_section_would_be_noticed() {
     assert!(spreads[0] <= SPREAD && spreads[1] > 10 * SPREAD, "{spreads:?}");
 }
 
-/// No machine code of the sampling task, or of functions that it calls (rare cases of the guard), disables interrupts,
-/// raises a mask or calls through a pointer.
+/// Checks the machine code of the sampling task and of the functions that it calls (rare cases of the guard). No
+/// instruction disables interrupts, raises a mask or calls through a pointer.
 fn the_sampling_task_enters_no_critical_section(board: Board) {
     let elf = Firmware::of(board).elf;
     let code = Code::of(&elf);

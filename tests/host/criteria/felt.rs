@@ -32,8 +32,8 @@ fn unfelt(scene: &Scene) -> Option<[f64; 2]> {
 }
 
 /// `cargo test --release --test host criteria::felt -- --ignored --nocapture`: finds the coarsest encoder, in quarters
-/// of an octave from 16 um down, with which 20,000 N/m stays below 0 dB from four starts, at some cutoff and some B of
-/// 10 to 300 N s/m. The curve is moved by -12, 0 and +12 dB. The motor pushes, in the loops of the paper and of the
+/// of an octave from 16 um down. With it, 20,000 N/m must stay below 0 dB from four starts, at some cutoff and some B
+/// of 10 to 300 N s/m. The curve is moved by -12, 0 and +12 dB. The motor pushes, in the loops of the paper and of the
 /// NUCLEO.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]

@@ -145,8 +145,8 @@ fn by_hand_another_estimator_is_best() {
 
 /// `cargo test --release --test host criteria::tables::table_of_limits -- --ignored --nocapture`: the motor pushes, RMS
 /// of the motion, K from 500 in steps of 500, B from 5 in steps of 5. Expected: an independent program in `f64`, one
-/// start. Outside are limits from 2 um to below 5 um at 1500 Hz, within our twin's range, and below 1 um at 500 Hz,
-/// where the area falls with the 3.7th power of the cutoff.
+/// start. Two cells of the 2 um encoder are outside. At the limit of 5 um and 1500 Hz, the value is within our twin's
+/// range. At the limit of 1 um and 500 Hz, the area falls with the 3.7th power of the cutoff.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]
 fn table_of_limits() {

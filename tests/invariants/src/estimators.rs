@@ -106,8 +106,8 @@ crate::properties! {
         }
     }
 
-    /// The same motion at another place, also across a wrap of the count, gives the same velocities bit for bit, also
-    /// through a counter of 16 bits.
+    /// The same motion at another place gives the same velocities bit for bit. It holds across a wrap of the count, and
+    /// for a counter of 16 bits.
     shifted(400, (tuned, pieces, by, seed) in (
         tuned(),
         prop_oneof![any::motion(20_000.0), any::nonsense()],

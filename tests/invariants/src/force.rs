@@ -211,9 +211,9 @@ crate::properties! {
         }
     }
 
-    /// From one output to the next, with the handle at the same place and speed, the force steps by at most 5 % of full
-    /// scale per millisecond, or per output if outputs are rarer. It holds for any change, zero and arming; switching
-    /// off is the exception.
+    /// Compares two outputs with the handle at the same place and speed. The force steps by at most 5 % of full scale
+    /// per millisecond, or per output if outputs are rarer. It holds for any change, zero and arming; switching off is
+    /// the exception.
     slew(250, (design, armed, events) in (
         design(),
         any::<bool>(),

@@ -57,7 +57,7 @@ impl LiveBoard {
     /// Switches a board on.
     ///
     /// # Errors
-    /// The image is none of this firmware, or refuses what it was told.
+    /// The image is not of this firmware, or refuses a command.
     pub fn start(session: Session, begin: Begin) -> Result<Self, Failed> {
         Self::with_gdb(session, begin, None)
     }

@@ -89,7 +89,6 @@ pub(super) const FLAGS: usize = 10;
 
 /// Longest time of programming a word and of erasing 16 KiB, 32 bits at a time (data sheets of STM32F446 and STM32F407,
 /// 6.3.12 and 5.3.12: flash memory programming).
-/// 6.3.12 and 5.3.12: flash memory programming).
 const PROGRAM_US: u64 = 100;
 const ERASE_MS: u64 = 500;
 

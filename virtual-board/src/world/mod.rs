@@ -176,7 +176,7 @@ impl<'a> World<'a> {
             return Err("[jitter]: a board samples when it samples; leave it out".to_owned());
         }
         let hit = &scene.wall_hit;
-        // Counts stand for the motion that nobody sees.
+        // A board knows only its counts, so only the counts can be judged.
         let judged = match hit.criterion {
             Criterion::Rms => hit.rms_of() == RmsOf::Counts,
             Criterion::Quiet => true,
