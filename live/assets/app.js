@@ -1,4 +1,4 @@
-// The page: what is shown of the board, and what a person can do to it.
+// The page: display of the board's state, and controls for a person.
 import { link } from "./connect.js";
 import { Console } from "./console.js";
 import { Field, number } from "./field.js";
@@ -17,13 +17,13 @@ const log = new Console(by("lines"), by("type"), by("line"), (line) => link.comm
 
 let units = new Units();
 let hello = null, now = null, settings = {}, walked = "", frame = {}, frames = 0, span = 5, paused = false;
-// Lines that were said before this page was there are still to come.
+// True until the lines from before this page have come.
 let backlog = true;
 
-// Stop: before anything else on the page has a say.
+// Stop: it comes before all other handlers of the page.
 let stops = Date.now();
 const stopAt = new Map();
-let armed = null; // where Arm was pressed and is to be answered: how many stops there had been
+let armed = null; // count of stops when Arm was pressed, until its reply comes; null: no Arm waits
 function stop() {
   const id = ++stops;
   stopAt.set(id, performance.now());
@@ -43,7 +43,7 @@ window.addEventListener("keydown", (event) => {
   }
 }, { capture: true });
 
-// Theme: the system's until one is chosen.
+// Theme: the system's theme until the user selects one.
 const dark = matchMedia("(prefers-color-scheme: dark)");
 function paint(theme) {
   document.documentElement.dataset.theme = theme;
@@ -89,7 +89,7 @@ function armTrigger() {
 for (const id of ["trigger", "level", "rising"]) by(id).onchange = armTrigger;
 by("again").onclick = armTrigger;
 
-// What the buttons and fields do is what the console does. What the board answers stands below the buttons.
+// Buttons and fields send console commands. The board's reply is shown below the buttons.
 const asked = new Map();
 function ask(line, said, stops) {
   const sent = link.command(line, stops);
@@ -118,8 +118,8 @@ fields.estimator = new Field(by("estimator"), send, () => "estimator");
 fields.tuning = new Field(by("cutoff"), send, () => tuned()?.frequency ? "cutoff" : "tuning", /arming/);
 const each = (does) => Object.values(fields).forEach(does);
 
-// A K that the envelope does not allow waits, so that the force can be on without it. Not behind a stop that came since Arm
-// was pressed.
+// If the envelope does not allow the present K, K waits, so that the force can be switched on without it. Not after a
+// stop that came since Arm was pressed.
 const STIFFNESS = /envelope: (no k|k at this b)/;
 function armWithout(why) {
   const stops = armed;
@@ -129,7 +129,7 @@ function armWithout(why) {
   ask("arm", document.querySelector("#force .said"), stops);
 }
 
-// A cutoff that is dragged, over ratios: a few times a second, and at the end.
+// Dragging the cutoff on a logarithmic scale: sent a few times per second, and at the end.
 const CUTOFFS = [20, 4000]; // Hz
 by("slide").oninput = () => slide(false);
 by("slide").onchange = () => slide(true);
@@ -155,7 +155,7 @@ by("unlock").onclick = (event) => {
   event.preventDefault();
   if (!now?.record?.unlocked) by("sure").show();
 };
-// Not by `confirm`: while that waits nothing on the page can stop, and the server takes it for silent.
+// Not by `confirm`: while it waits, the page cannot stop, and the server takes the page for absent.
 by("sure").onclose = () => {
   if (by("sure").returnValue === "allow") link.command("unlock envelope");
   by("sure").returnValue = "";
@@ -164,7 +164,8 @@ by("switch").onchange = () => link.send({ type: "emergency_stop", open: by("swit
 by("svg").onclick = () => saveFigures(plots, plane, `${hello?.scene} on ${hello?.board}, ${new Date().toISOString()}: ${now?.settings ?? ""}`);
 by("csv").onclick = async () => { const why = await saveRows(plots, link); if (why) alarm(why); };
 
-// A point that is dragged: gains in the order in which they stay inside, a few times a second, and at the end.
+// Dragging a point: the gains are sent in the order that stays inside the envelope, a few times per second and at the
+// end.
 let proposed = 0;
 function propose({ k, b }, last) {
   if (!("k" in settings)) return;
@@ -179,7 +180,7 @@ function propose({ k, b }, last) {
 
 function tuned() { return hello?.estimators.find(({ name }) => name === settings.estimator)?.tuning; }
 
-// `ok get k 0 N/m, b 0 N s/m, wall 0.07 m, ..`: names and numbers as they stand there.
+// `ok get k 0 N/m, b 0 N s/m, wall 0.07 m, ..`: names and values from the reply.
 function parse(text) {
   const found = {};
   for (const part of text.replace(/^ok get /, "").split(", ")) {
@@ -221,7 +222,7 @@ function alarm(text) {
   by("alarm").textContent = text;
 }
 
-// Another board or another device: nothing of the one before is shown any more.
+// Another board or another device: clear everything of the previous one.
 link.on("fresh", () => {
   [settings, frame, now] = [{}, {}, null];
   each((field) => field.forget());
@@ -264,19 +265,19 @@ link.on("refused", ({ line, why }) => {
   hear(line, `error: ${why}`, 0);
 });
 
-// What has become of a command.
+// Shows the reply to a command.
 function hear(line, text, number) {
   each((field) => field.hear(line, text, number));
   const said = asked.get(line);
   if (!said) return;
   asked.delete(line);
   const isBad = !text.startsWith("ok");
-  // What the force does is said above.
+  // The force's state is shown above.
   tell(said, isBad ? text.replace(/^error: /, "") : said.closest("#force") ? "" : text, isBad);
   if (line === "arm" && armed !== null) armWithout(isBad ? text : "");
 }
 
-// Who has no control sees the settings in force, and cannot set them.
+// A page without control shows the settings and cannot change them.
 function hold(mine) {
   handle.allowed = plane.allowed = mine;
   for (const item of document.querySelectorAll("#left button, #left input, #left select, #line")) {
@@ -291,7 +292,7 @@ function hold(mine) {
   }
 }
 
-// The estimators that the image has, and the one in force; all until it says them.
+// The estimators of the image, and the present one. All estimators are listed until the board sends its list.
 function showEstimators(names) {
   const known = hello.estimators.map(({ name }) => name);
   const list = [...new Set([...(names.length ? names : known), ...(settings.estimator ? [settings.estimator] : [])])];
@@ -325,7 +326,7 @@ link.on("state", (state) => {
     if (from === "board") plane.hear(text);
     if (backlog) continue;
     if (answers) hear(answers, text, number);
-    // Nobody wants any more what waited before.
+    // Waiting fields are out of date now.
     if (answers === "load" || from === "server" && text === "the board was reset") each((field) => field.giveUp());
     if (from !== "board") continue;
     if (/^(ok hit [su n]|hit push |walk |error: (hit|walk)|calibrate|ok calibrate over|ok walk over)/.test(text)) tell(by("result"), text.replace(/^ok /, ""), text.startsWith("error"));
@@ -350,7 +351,7 @@ link.on("state", (state) => {
       control.append(button);
     }
   }
-  // Also where nothing has changed: a field may show more than was taken.
+  // Also if nothing else has changed: a field may show more than the board has taken.
   if (state.other_record !== frame.other_record) {
     frame.other_record = state.other_record;
     alarm(state.other_record);
@@ -362,7 +363,8 @@ link.on("state", (state) => {
     showSettings(state.settings, state.settings_after);
   }
   if (hello) showEstimators(state.estimators);
-  // What waits is sent again where something has changed; not once walls of all sizes are taken or the force has gone off.
+  // Waiting fields are sent again after a change of settings. They are not if the envelope is unlocked or the force has
+  // gone off.
   if (record?.unlocked) each((field) => field.giveUp());
   if (before?.on && !record?.on) each((field) => { if (field.state === "waits") field.release(); });
   if (state.settings !== frame.settings || record?.armed && !before?.armed) each((field) => field.again());
@@ -416,5 +418,5 @@ function drawHandle() {
 }
 requestAnimationFrame(draw);
 hold(false); // until the board is there
-// For measurements from outside.
+// For tests and measurements from outside the page.
 window.zwidth = { get frames() { return frames; }, get state() { return now; }, get settings() { return settings; }, get hello() { return hello; }, alarm, plots, plane, handle, link };

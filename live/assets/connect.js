@@ -1,4 +1,4 @@
-// Whom the page talks to: the server that it came from. The page without a server has another file in this place.
+// The page's connection: to the server that sent it. The page without a server replaces this file.
 import { SocketLink } from "./link.js";
 
 export const link = new SocketLink(new URLSearchParams(location.search).get("token") ?? "");

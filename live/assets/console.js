@@ -1,10 +1,11 @@
-// Log and console: everything that the board's console can, this can.
+// Log and console. All commands of the board's console work here.
 const KEPT = 800;
 
 export class Console {
   constructor(list, form, input, send) {
     Object.assign(this, { list, past: [], place: 0, follows: true, tall: 0 });
-    // A person who has scrolled up stays there. A list that has become lower, as by a message above it, is followed.
+    // The list does not scroll if a person has scrolled up. It scrolls to the end after its height has shrunk, for
+    // example by a message above it.
     list.onscroll = () => {
       if (list.clientHeight === this.tall) this.follows = list.scrollHeight - list.scrollTop - this.tall < 30;
     };

@@ -1,7 +1,7 @@
-// A field and the setting behind it. It shows what is in force, or is marked as what it is instead: being typed, sent,
-// refused, or waiting until the board allows it; the board's sentence stands below it.
+// A field and its setting. It shows the value in force, or is marked: being typed, sent, refused, or waiting until the
+// board allows the value. The board's reply is shown below it.
 
-// What a person has typed, with a decimal comma too; null: nothing, NaN: no number.
+// The number that a person has typed, also with a decimal comma; null: empty, NaN: not a number.
 export function number(text) {
   const plain = text.trim().replace(",", ".");
   if (!plain) return null;
@@ -9,7 +9,8 @@ export function number(text) {
 }
 
 export class Field {
-  // `command`: its name on the console. `awaits`: the refusals after which it waits; none: it is chosen from a list.
+  // `command`: its name on the console. `awaits`: refusals after which the value waits; none: the value is chosen from
+  // a list.
   constructor(input, send, command, awaits) {
     Object.assign(this, { input, send, command, awaits, state: "", inForce: undefined, since: 0, value: null, line: "" });
     this.said = document.createElement("small");
@@ -27,7 +28,7 @@ export class Field {
     this.said.hidden = !why;
   }
 
-  // What was typed.
+  // Takes the typed value.
   take() {
     const value = this.awaits ? number(this.input.value) : this.input.value;
     if (value === null) this.release();
@@ -42,7 +43,7 @@ export class Field {
     if (!this.send(this.line)) this.mark("refused", "not connected");
   }
 
-  // What has become of a command, and the number of the line that says so.
+  // Handles the reply to a command, with the number of its line.
   hear(line, text, number) {
     if (line !== this.line || !["sent", "waits"].includes(this.state)) return;
     this.since = number;
@@ -56,7 +57,7 @@ export class Field {
     if (!this.awaits) this.input.value = this.inForce;
   }
 
-  // What the board says is in force, after so many lines: nothing new if the last command was answered later.
+  // Shows the value in force as of line `after`. Older than the reply to the last command, the value is ignored.
   show(value, after) {
     if (after < this.since) return;
     const changed = value !== this.inForce;
@@ -65,7 +66,7 @@ export class Field {
     if (!this.state && value !== undefined) this.input.value = value;
   }
 
-  // Out of the way of what is being done, and to be sent again: `instead` is in force until then.
+  // Sets the value aside, to be sent again later: `instead` is in force until then.
   wait(instead, why) {
     [this.value, this.inForce, this.since] = [this.inForce, instead, Infinity];
     this.line = `${this.command()} ${instead}`;
@@ -75,7 +76,7 @@ export class Field {
 
   again() { if (this.state === "waits") this.set(this.value); }
 
-  // Waits no longer.
+  // Stops waiting.
   giveUp() { if (this.state === "waits") this.mark("refused", this.said.textContent); }
 
   release() {
@@ -84,7 +85,7 @@ export class Field {
     this.show(this.inForce);
   }
 
-  // Another board.
+  // Clears the field for another board.
   forget() {
     this.inForce = undefined;
     this.release();

@@ -1,9 +1,9 @@
-// The device: a handle, the wall, and a finger that pulls through a spring; all in m and N at the handle. The device's
-// travel fills it.
+// The device: a handle, the wall, and a finger that pulls through a spring. Values are in m and N at the handle. The
+// drawing shows the device's whole travel.
 import { context, roundUp } from "./plots.js";
 import { Units } from "./units.js";
 
-// Length of the arrow of the whole force, pixels.
+// Length of the arrow of the full force, pixels.
 const ARROW = 83;
 
 export class Handle {
@@ -54,7 +54,7 @@ export class Handle {
       d.beginPath(); d.moveTo(at, height - 18); d.lineTo(at, height - 13); d.stroke();
       if (at > 12 && at < width - 12) d.fillText(+(n * step).toPrecision(3), at, height - 3);
     }
-    // the wall: full where force is on
+    // the wall: solid while the force is on
     const surface = x(wall);
     d.save(); d.beginPath(); d.rect(surface, 0, width - surface, height - 19); d.clip();
     d.globalAlpha = on ? .9 : .3; d.fillStyle = contact && on ? style("--contact") : style("--grid");

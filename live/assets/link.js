@@ -1,6 +1,6 @@
-// What the page says and is told, whoever is at the other end.
+// Messages between the page and the board's side, whatever that side is.
 export class Link extends EventTarget {
-  // A message as it comes: JSON with its type, or numbers to plot with theirs in the head.
+  // A received message: JSON with its type, or values to plot with their type in the head.
   receive(data) {
     if (typeof data === "string") {
       const message = JSON.parse(data);
@@ -14,11 +14,11 @@ export class Link extends EventTarget {
 
   on(name, what) { this.addEventListener(name, (event) => what(event.detail)); }
 
-  // `stopped`: how many stops the page knows of, where the command is not to come behind another.
+  // `stopped`: the count of stops that the page knows. After a further stop the command is refused.
   command(line, stopped) { return this.send({ type: "command", line, stopped }); }
 }
 
-// A server over its socket. It comes back by itself after a loss; it never arms.
+// A server and its socket. After a loss the socket is opened again automatically; it never arms the board.
 export class SocketLink extends Link {
   constructor(token) {
     super();
@@ -47,7 +47,7 @@ export class SocketLink extends Link {
     return this.connected;
   }
 
-  // Rows as a table; throws what is wrong.
+  // Rows as text of a table; throws an error.
   async rows(from, rows) {
     const answer = await fetch(`rows.csv?token=${this.token}&from=${from}&rows=${rows}`);
     const text = await answer.text();

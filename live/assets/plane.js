@@ -1,6 +1,5 @@
-// The (K, B) plane: envelope of the image, boundaries that the simulator predicts, by the scene's criterion and (dashed) of
-// quiet walls, the board's own walk, the wall in force;
-// all as the console has them.
+// The (K, B) plane: the image's envelope, the simulator's boundaries by the scene's criterion and (dashed) of quiet
+// walls, the board's own walk, and the wall in force; all in the console's units.
 import { context, roundUp } from "./plots.js";
 import { Units } from "./units.js";
 
@@ -36,7 +35,7 @@ export class Plane {
     this.draw();
   }
 
-  // The axes hold all that is predicted, with round ends.
+  // The axes cover all predictions, and end at round numbers.
   fit() {
     const all = [...(this.predicted?.points ?? []), ...(this.predicted?.envelope ?? []).map(([b, , k]) => [b, k]), ...this.walk, ...this.hits];
     if (this.wall) all.push([this.wall.b, this.wall.k]);
@@ -99,13 +98,13 @@ export class Plane {
     if (full) d.fill(); else d.stroke();
   }
 
-  // Nothing is known of the device.
+  // Clears everything of the previous device.
   clear() {
     Object.assign(this, { predicted: null, wall: null, walk: [], hits: [], drag: null });
     this.draw();
   }
 
-  // What the board says of its walk.
+  // Handles a line of the board's walk.
   hear(text) {
     const hit = this.units.hit.exec(text);
     if (hit) this.hits.push([+hit[2], +hit[1], hit[3] === "stable"]);

@@ -1,7 +1,7 @@
 // Curves over time, spectrum and phase plane.
 import { Units } from "./units.js";
 
-// `least`: what a curve's axis has above and below it at least, at the handle.
+// `least`: smallest margin of a curve's axis above and below the curve, in units at the handle.
 export const SIGNALS = [
   { name: "position", least: 2e-6, colour: "--blue" },
   { name: "velocity", least: 1e-3, colour: "--green" },
@@ -23,7 +23,7 @@ export function context(canvas) {
   return { drawing, width, height, style };
 }
 
-// What a message of curves holds.
+// Contents of a message with curves.
 export function curves(bytes, rate) {
   const head = new DataView(bytes);
   const count = head.getUint32(4, true);
@@ -89,7 +89,7 @@ export class Plots {
 
   columns() { return Math.max(200, Math.min(2000, this.parents[0].clientWidth - 80)); }
 
-  // Contact behind the curves; where the actuator could not give all, a line under the force.
+  // Shows contact behind the curves, and a line under the force where the actuator was saturated.
   shade(plot, n) {
     const seen = this.seen;
     if (!seen) return;
@@ -124,7 +124,7 @@ export class Plots {
       let turn = 0;
       for (let k = 0; k < seen.count; k++) {
         const a = low[k] * factor, b = high[k] * factor;
-        // The end that is nearer to the last point first, so that a smooth curve stays one.
+        // The extreme that is nearer to the last point comes first, so that a smooth curve stays smooth.
         const up = k === 0 || Number.isNaN(turn) || Math.abs(a - turn) <= Math.abs(b - turn);
         values[2 * k] = Number.isNaN(a) ? null : up ? a : b;
         values[2 * k + 1] = Number.isNaN(a) ? null : up ? b : a;
@@ -173,13 +173,13 @@ export class Plots {
   }
 }
 
-// The next round number.
+// The next larger round number.
 export function roundUp(value, rounds = [1, 1.5, 2, 3, 4, 5, 6, 8, 10]) {
   const power = 10 ** Math.floor(Math.log10(value));
   return rounds.map((n) => n * power).find((round) => round >= value);
 }
 
-// Two digits, or all before the point.
+// Two significant digits, or all digits before the decimal point.
 function short(value) { return Math.abs(value) < 100 ? value.toPrecision(2) : value.toFixed(0); }
 
 function powers(_, all) { return all.map((value) => value == null ? "" : Math.log10(value) % 1 ? "" : value.toExponential(0)); }

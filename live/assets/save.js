@@ -1,4 +1,4 @@
-// Figures as SVG, the view as CSV.
+// Saves figures as SVG, and the view as CSV.
 import { SIGNALS } from "./plots.js";
 
 export function give(name, kind, text) {

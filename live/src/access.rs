@@ -1,13 +1,13 @@
-//! Whose requests are answered: those of the page that this server served, on this machine.
+//! Access rules: only the page of this server, on this machine, gets answers.
 
 /// Longest message from a page, bytes.
 pub const MESSAGE_MAX: usize = 4096;
-/// Pages at a time.
+/// Largest count of open pages.
 pub const PAGES_MAX: usize = 16;
-/// Messages of a page in a second: a mouse moves 125 times.
+/// Largest count of messages of a page per second: a mouse sends 125.
 pub const MESSAGES_PER_S: u32 = 400;
 
-/// The secret of this run, and where it listens.
+/// The secret token of this run, and the server's port.
 #[derive(Clone, Debug)]
 pub struct Access {
     token: String,
@@ -20,23 +20,23 @@ impl Access {
         Self { token, port }
     }
 
-    /// What a person opens.
+    /// The address that a person opens.
     pub fn address(&self) -> String {
         format!("http://127.0.0.1:{}/?token={}", self.port, self.token)
     }
 
-    /// The name that the request is for is this machine's own: no other name may be made to point here.
+    /// Whether the request's host name is this machine's own name. So no foreign name can point to this server.
     pub fn is_our_host(&self, host: Option<&str>) -> bool {
         let ours = |name: &str| host == Some(format!("{name}:{}", self.port).as_str());
         ours("127.0.0.1") || ours("localhost")
     }
 
-    /// The page that asks is ours. A browser says so with every socket.
+    /// Whether the request comes from this server's page. A browser sends the origin when it opens a socket.
     pub fn is_our_origin(&self, origin: Option<&str>) -> bool {
         self.is_our_host(origin.and_then(|origin| origin.strip_prefix("http://")))
     }
 
-    /// The secret is ours. As long whatever it is.
+    /// Whether the token is right. The comparison takes the same time for every token.
     pub fn is_our_token(&self, token: Option<&str>) -> bool {
         let token = token.unwrap_or_default().as_bytes();
         let differs = self.token.bytes().enumerate().fold(0, |differs, (n, byte)| {

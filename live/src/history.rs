@@ -1,5 +1,5 @@
-//! Every sample of the last minutes, and quick answers to what it looks like from afar: smallest and largest values of
-//! bins of 8, 64 and 512 samples stand beside it.
+//! Every sample of the last minutes, with smallest and largest values of bins of 8, 64 and 512 samples. The bins make
+//! plots of long times fast.
 
 /// Rows that are kept: two minutes at 10 kHz.
 pub const KEPT: usize = 1_200_000;
@@ -8,7 +8,7 @@ const LEVELS: [usize; 4] = [1, 8, 64, 512];
 /// Signals of a row.
 pub const SIGNALS: usize = 3;
 
-/// One sample: position, velocity, force in the integers of the control.
+/// One sample: position, velocity and force as the integers of the control loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Row {
     /// Position, counts; velocity, 2^-16 counts per sample; force, 2^-30 of full scale.
@@ -17,19 +17,19 @@ pub struct Row {
     pub flags: u16,
 }
 
-/// Rows that follow each other, seen together.
+/// Bin of consecutive rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bin {
-    /// Smallest and largest value of each signal; the smallest is larger than the largest where there is no row.
+    /// Smallest and largest value of each signal. In an empty bin the smallest value is larger than the largest.
     pub ends: [[i32; 2]; SIGNALS],
-    /// Flags of any of them.
+    /// Flags that any row of the bin has.
     pub flags: u16,
 }
 
 impl Bin {
     pub const EMPTY: Self = Self { ends: [[i32::MAX, i32::MIN]; SIGNALS], flags: 0 };
 
-    /// There is no row in it.
+    /// Whether the bin has no row.
     pub fn is_empty(&self) -> bool {
         self.ends[0][0] > self.ends[0][1]
     }
@@ -47,7 +47,7 @@ impl Bin {
     }
 }
 
-/// The rows, by their number: sample divided by [`step`](Self::step).
+/// The rows by number. The number of a row is its sample divided by [`step`](Self::step).
 #[derive(Debug)]
 pub struct History {
     /// Samples from row to row.
@@ -67,7 +67,7 @@ impl Default for History {
 }
 
 impl History {
-    /// Forgets everything; rows come every `step` samples from now on.
+    /// Clears the history. Rows come every `step` samples from now on.
     pub fn restart(&mut self, step: u64) {
         *self = Self { step: step.max(1), ..Self::default() };
     }
@@ -77,13 +77,13 @@ impl History {
         self.step
     }
 
-    /// Numbers of the rows that are kept, the end not included.
+    /// Numbers of the oldest row, and of the row after the newest.
     pub fn rows(&self) -> [u64; 2] {
         [self.begin, self.end]
     }
 
-    /// Takes the row of that sample. Rows that are missing before it are gaps; a sample that goes back is a board that
-    /// was reset, and everything begins anew.
+    /// Adds the row of a sample. Missing rows before it become gaps. A smaller sample number means that the board was
+    /// reset, and clears the history.
     pub fn push(&mut self, sample: u64, row: &Row) {
         let number = sample / self.step;
         if number < self.end || number - self.end > KEPT as u64 {
@@ -103,7 +103,7 @@ impl History {
         let number = self.end;
         for (level, rows) in self.levels.iter_mut().zip(LEVELS) {
             let place = &mut level[place_of(number, rows)];
-            // The first row of a bin takes the place of one that is two minutes old.
+            // The first row of a bin replaces a bin that is two minutes old.
             if number.is_multiple_of(rows as u64) || number == self.begin {
                 *place = Bin::EMPTY;
             }
@@ -113,7 +113,7 @@ impl History {
         self.begin = self.begin.max(self.end.saturating_sub((KEPT - LEVELS[3]) as u64));
     }
 
-    /// Bins of `stride` rows, a power of two, that begin at `first`, a multiple of it.
+    /// Bins of `stride` rows from `first` on. `stride` is a power of two, and `first` is a multiple of it.
     pub fn bins(&self, first: u64, stride: u64, count: usize) -> Vec<Bin> {
         let level = LEVELS.iter().rposition(|&rows| rows as u64 <= stride).unwrap_or(0);
         let rows = LEVELS[level] as u64;
@@ -132,14 +132,14 @@ impl History {
         (0..count as u64).map(bin).collect()
     }
 
-    /// The row of that number.
+    /// The row with this number.
     pub fn row(&self, number: u64) -> Option<Row> {
         let bin = self.bins(number, 1, 1)[0];
         (!bin.is_empty())
             .then(|| Row { values: bin.ends.map(|[value, _]| value), flags: bin.flags })
     }
 
-    /// Smallest power of two with which `rows` rows are no more than `columns` bins.
+    /// Smallest power of two that puts `rows` rows into at most `columns` bins.
     pub fn stride(rows: u64, columns: u64) -> u64 {
         rows.div_ceil(columns.max(1)).max(1).next_power_of_two()
     }
@@ -161,7 +161,7 @@ mod tests {
         Row { values: [value, -value, value / 3], flags: 1 << (n % 5) }
     }
 
-    /// What the bins say is what the rows say, at every stride, across the ends of what is kept and after it has
+    /// Bins equal the extremes of their rows: at every stride, across the ends of the history, and after it has
     /// wrapped.
     #[test]
     fn bins_are_the_ends_of_their_rows() {
@@ -204,7 +204,7 @@ mod tests {
         history.push(20, &row(20));
         assert_eq!((history.rows(), history.step()), ([2, 3], 10));
         assert_eq!(history.row(0), None);
-        // A jump beyond all that is kept leaves nothing old behind.
+        // A jump beyond the whole history leaves no old row.
         history.push(10 * (KEPT as u64 + 100), &row(7));
         assert_eq!(history.rows()[1] - history.rows()[0], 1);
     }

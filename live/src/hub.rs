@@ -1,5 +1,6 @@
-//! The board's side: a [`Talk`] talks to it over a [`Link`], one command at a time, and the [`Hub`] keeps what it says.
-//! With a server that has a thread of its own, in a page without threads whoever moves the board calls it.
+//! The board's side. A [`Talk`] sends commands over a [`Link`], one at a time, and the [`Hub`] keeps what the board
+//! sends. A server runs it in a thread of its own. In a page without threads the caller runs it together with the
+//! board.
 
 use std::{
     collections::VecDeque,
@@ -25,32 +26,32 @@ mod tests;
 
 pub use known::{From, Known, Line, Stopped};
 
-/// Between two looks at the link.
+/// Time between two looks at the link.
 const LOOK: Duration = Duration::from_millis(1);
-/// A reply that has not come by then does not come; that to `save` waits for an erase of the flash.
+/// Longest wait for a reply. `save` has a longer wait, since it erases flash.
 const REPLY: Duration = Duration::from_millis(500);
 const SAVED: Duration = Duration::from_secs(3);
-/// The board's promise, and how often it is kept.
+/// Time after which the board switches off without `alive`, and the period of `alive`.
 const PROMISE_MS: u32 = 200;
 const WORD: Duration = Duration::from_millis(50);
-/// Between two questions for the state.
+/// Time between two `status` commands.
 const STATUS: Duration = Duration::from_millis(500);
-/// Commands that may wait.
+/// Largest count of waiting commands.
 const WAITING: usize = 64;
-/// Ends a line that was begun so that it is no command.
+/// Ends an incomplete line so that it is not a command.
 const NO_COMMAND: &[u8] = b"?\n";
-/// A name that no estimator has, and what the refusal begins with: the names that the image has stand behind it.
+/// A command with an unknown estimator, and the beginning of its refusal. The refusal lists the image's estimators.
 const ESTIMATORS: [&str; 2] = ["estimator ?", "error: unknown estimator, allowed "];
-/// What is asked at first, and of a board that was reset.
+/// Commands that are sent first, and after a reset of the board.
 const GREETING: [&str; 4] = ["version", ESTIMATORS[0], "get", "status"];
-/// The finger of a person: stiffness and damping of one that holds a handle lightly, and what it can do at most.
+/// A person's finger: stiffness and damping of a light grip, and its largest force.
 const FINGER: Finger =
     Finger { target_m: 0.0, stiffness_n_per_m: 400.0, damping_n_s_per_m: 3.0, limit_n: 12.0 };
 
-/// What people can do to the virtual board behind the link, if it is one.
+/// Access to the virtual board behind the link, if the board is virtual.
 pub type Virtual = Option<Arc<Wires>>;
 
-/// Takes the telemetry as it comes.
+/// Receives the telemetry as it comes.
 pub type Tape = Box<dyn FnMut(&[u8]) -> Result<(), String> + Send>;
 
 /// Clock: returns the time since it was started.
@@ -61,7 +62,7 @@ pub struct Hub {
     history: Mutex<History>,
     known: Mutex<Known>,
     asked: Mutex<Asked>,
-    /// The owner's page is there, so the board may get the `alive` command.
+    /// Whether the owner's page is there, so that the board may get the `alive` command.
     pub attended: AtomicBool,
     ended: AtomicBool,
     board: Virtual,
@@ -72,18 +73,18 @@ pub struct Hub {
 struct Asked {
     lines: VecDeque<String>,
     stops: Vec<(u64, Duration)>,
-    /// How many stops there were.
+    /// Count of stops.
     stopped: u64,
 }
 
-/// What it guards, whatever has panicked with it.
+/// Locks the mutex, even if a thread has panicked with it.
 pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Hub {
-    /// Talks to a board from now on, in a thread of its own. `elf`: the program, to read its log by. `record`: where the
-    /// telemetry goes as well.
+    /// Talks to a board from now on, in a thread of its own. `elf`: the program, needed to read its log. `record`: an
+    /// additional receiver of the telemetry.
     pub fn start(
         link: Box<dyn Link>,
         board: Virtual,
@@ -117,7 +118,7 @@ impl Hub {
         let talk = Talk {
             hub: Arc::clone(&hub),
             link,
-            // Its table is kept for good: the decoder borrows it, and there is one of each program.
+            // The table of messages is never freed: the decoder borrows it, and each program has only one.
             log: elf
                 .and_then(|elf| log::table(elf).ok())
                 .map(|table| log::Decoder::new(Box::leak(Box::new(table)))),
@@ -141,25 +142,25 @@ impl Hub {
         (hub, talk)
     }
 
-    /// The time since it began.
+    /// Time since the hub started.
     pub fn now(&self) -> Duration {
         (self.clock)()
     }
 
-    /// What is known now.
+    /// The present knowledge of the board.
     pub fn known(&self) -> MutexGuard<'_, Known> {
         lock(&self.known)
     }
 
-    /// Every row that has come.
+    /// All rows that have come.
     pub fn history(&self) -> MutexGuard<'_, History> {
         lock(&self.history)
     }
 
-    /// A line for the console. `stopped`: how many [stops](Self::stopped) its author knows of.
+    /// Queues a line for the console. `stopped`: the count of [stops](Self::stopped) that its author knows.
     ///
     /// # Errors
-    /// There is no room, or a stop that its author does not know of came first.
+    /// The queue is full, or there was a stop that the author does not know.
     pub fn command(&self, line: &str, stopped: Option<u64>) -> Result<(), &'static str> {
         let mut asked = lock(&self.asked);
         if stopped.is_some_and(|known| known != asked.stopped) {
@@ -172,7 +173,7 @@ impl Hub {
         Ok(())
     }
 
-    /// Force off before everything else; what waits is not sent.
+    /// Switches the force off before everything else. Waiting lines are not sent.
     pub fn stop(&self, id: u64) {
         let forgotten = {
             let mut asked = lock(&self.asked);
@@ -186,31 +187,32 @@ impl Hub {
         }
     }
 
-    /// How many stops there were.
+    /// Count of stops.
     pub fn stopped(&self) -> u64 {
         lock(&self.asked).stopped
     }
 
-    /// The finger on a virtual board's handle; `target_m` in the board's positions.
+    /// Sets the finger on a virtual board's handle. `target_m` is in the board's positions.
     pub fn touch(&self, target_m: Option<f64>, resolution_m: f64) {
         let Some(board) = &self.board else { return };
         let offset_m = self.offset_m(resolution_m);
         board.touch(target_m.map(|target_m| Finger { target_m: target_m + offset_m, ..FINGER }));
     }
 
-    /// The switch of a virtual board's emergency stop.
+    /// Opens or closes a virtual board's emergency stop.
     pub fn emergency_stop(&self, open: bool) {
         if let Some(board) = &self.board {
             board.emergency_stop(open);
         }
     }
 
-    /// What a person would see of a virtual board.
+    /// The visible state of a virtual board.
     pub fn seen(&self) -> Option<Seen> {
         self.board.as_ref().map(|board| board.seen())
     }
 
-    /// From the board's positions to the scene's, to the millimetre: the handle moves between the two readings.
+    /// Offset from the board's positions to the scene's, rounded to 1 mm, since the handle moves between the two
+    /// readings.
     fn offset_m(&self, resolution_m: f64) -> f64 {
         let record = self.known().record;
         let (Some(seen), Some(record)) = (self.seen(), record) else { return 0.0 };
@@ -218,24 +220,24 @@ impl Hub {
         (offset_m * 1e3).round() / 1e3
     }
 
-    /// Says something to all pages.
+    /// Sends a message to all pages.
     pub fn note(&self, text: &str) {
         self.known().say(From::Server, text.to_owned(), None);
     }
 
-    /// Force off and the end of the thread.
+    /// Switches the force off and ends the thread.
     pub fn end(&self) {
         self.ended.store(true, Relaxed);
     }
 }
 
-/// What was sent last and is to be answered.
+/// The last command, which waits for its reply.
 struct Pending {
     line: String,
-    /// What the reply begins with; none: whatever is a reply. Of a question that the board always answers: replies to
-    /// what was sent before it are not taken for its own.
+    /// Beginning of the reply; none: any reply counts. It is given for a question of this program, so that replies to
+    /// earlier commands are not taken for its reply.
     begins: Option<String>,
-    /// A person is told the reply.
+    /// Whether a person gets the reply.
     loud: bool,
     since: Duration,
 }
@@ -243,7 +245,7 @@ struct Pending {
 impl Pending {
     fn is_answered_by(&self, line: &str) -> bool {
         match &self.begins {
-            // A board whose device record is refused answers the first question, and no other.
+            // A board that refuses its device record answers only the first question.
             Some(begins) => {
                 let may_refuse = !self.loud && self.line != GREETING[0];
                 line.starts_with(begins) || may_refuse && line.starts_with("error")
@@ -257,31 +259,31 @@ impl Pending {
     }
 }
 
-/// The conversation with a board.
+/// The communication with a board.
 pub struct Talk {
     hub: Arc<Hub>,
     link: Box<dyn Link>,
     log: Option<log::Decoder<'static>>,
-    /// What has come of the log since it was last read.
+    /// Bytes of the log that have come since it was last read.
     logged: Vec<u8>,
     record: Option<Tape>,
     decoder: telemetry::Decoder,
     pending: Option<Pending>,
     /// Bytes that the board had no room for.
     unsent: Vec<u8>,
-    /// The board has a part of a line; at first perhaps that of a host before this one.
+    /// Whether the board has an incomplete line. At first it may come from an earlier host.
     begun: bool,
-    /// Pieces of a line.
+    /// Bytes of an incomplete reply.
     replies: Vec<u8>,
-    /// Words whose replies are to come.
+    /// Count of `alive` commands without a reply.
     words: u32,
-    /// The board has a promise.
+    /// Whether the board expects `alive`.
     promised: bool,
     word_at: Duration,
     status_at: Duration,
     quiet: VecDeque<&'static str>,
     stops: Vec<(u64, Duration)>,
-    /// Lines of the console whose copy in the log is still to come.
+    /// Console lines whose copies in the log have not come yet.
     twice: VecDeque<String>,
     settings: Option<u16>,
     last: Option<Record>,
@@ -296,7 +298,8 @@ impl Talk {
             thread::sleep(LOOK);
         }
         self.disarm();
-        // Until it is out, for a board that has little room; one that takes nothing has its promise.
+        // Wait until all bytes are sent, since the board may have little room. A board that reads nothing switches off
+        // without `alive`.
         let end = Instant::now() + REPLY;
         while !self.unsent.is_empty() && Instant::now() < end {
             thread::sleep(LOOK);
@@ -305,7 +308,7 @@ impl Talk {
         thread::sleep(10 * LOOK);
     }
 
-    /// Hears what the board has said, and says what is next; whether there still is a board.
+    /// Reads the board's bytes and sends the next command. Returns whether the board is still there.
     pub fn turn(&mut self) -> bool {
         let lost = self.link.lost();
         if lost.is_some() {
@@ -319,7 +322,7 @@ impl Talk {
         true
     }
 
-    /// Force off before everything that waits.
+    /// Sends `disarm` before all waiting bytes.
     fn disarm(&mut self) {
         self.unsent.clear();
         self.send("disarm");
@@ -380,7 +383,7 @@ impl Talk {
         if loud {
             self.hub.known().say(From::Person, line.clone(), None);
             if line.trim() == "arm" {
-                // Before it, so that no moment of force is without it.
+                // `alive` is sent before `arm`, so that the force is never on without its time limit.
                 self.promise(PROMISE_MS, now);
             }
         } else if line == "status" {
@@ -395,14 +398,14 @@ impl Talk {
         self.pending = Some(Pending { line, begins, loud, since: now });
     }
 
-    /// The reply that is waited for does not come.
+    /// Stops waiting for the reply.
     fn give_up(&mut self, why: &str) {
         if let Some(Pending { line, .. }) = self.pending.take().filter(|pending| pending.loud) {
             self.hub.known().say(From::Server, format!("no reply to {line}: {why}"), Some(line));
         }
     }
 
-    /// The board has begun anew: what it was asked is forgotten there, and nothing that is known of it need hold.
+    /// Handles a reset of the board: it has lost the last command, and its old state is not valid any more.
     fn meet_again(&mut self) {
         self.give_up("the board was reset");
         self.hub.note("the board was reset");
@@ -410,8 +413,8 @@ impl Talk {
         (self.settings, self.promised, self.words) = (None, false, 0);
     }
 
-    /// While the force is on and the owner is there, the board hears so; without the owner it is switched off, and if
-    /// this program ends it is silence that switches off.
+    /// Sends `alive` while the force is on and the owner is there. Without the owner, switches the force off. If this
+    /// program ends, the board switches off without `alive`.
     fn keep_the_promise(&mut self, now: Duration) {
         if now.saturating_sub(self.word_at) < WORD {
             return;
@@ -423,7 +426,7 @@ impl Talk {
         } else if on && self.promised {
             self.hub.note("nobody is there who may command: force off");
             self.hub.stop(0);
-            self.word_at = now + 20 * WORD; // again if it is still on, or the end of the promise
+            self.word_at = now + 20 * WORD; // send it again if the force is still on, or end the time limit
         } else if self.promised && !on && now.saturating_sub(self.word_at) > 10 * WORD {
             self.promise(0, now);
         }
@@ -482,7 +485,7 @@ impl Talk {
             _ => {}
         }
         if let Some(names) = line.strip_prefix(ESTIMATORS[1]) {
-            // Of a list that is cut off the last name is in doubt.
+            // The last name of a list that is cut off may be incomplete.
             let whole = names
                 .strip_suffix('~')
                 .map_or(names, |cut| cut.rsplit_once(' ').unwrap_or_default().0);
@@ -496,7 +499,7 @@ impl Talk {
                 }
             }
             Some(_) => {}
-            // What was asked by a host before this one.
+            // A reply to an earlier host's command.
             None if !is_report
                 && self.pending.as_ref().is_some_and(|asked| asked.line == GREETING[0]) => {}
             None => known.say(From::Board, line, None),
@@ -504,13 +507,13 @@ impl Talk {
     }
 
     fn read_log(&mut self) {
-        // Those lines that were complete when it was last looked at: the replies that have come with them have been read by now.
+        // Decode only the bytes of the previous look: the replies that came with them have been read by now.
         let bytes = std::mem::take(&mut self.logged);
         self.link.read(LOG, &mut self.logged);
         let Some(log) = &mut self.log else { return };
-        // A log that makes no sense, of another program or begun in the middle, is passed over.
+        // Log bytes that cannot be decoded are ignored: they may be another program's, or begin inside a frame.
         for line in log.feed(&bytes).unwrap_or_default() {
-            // What the console says stands in the log too; a long line comes there in pieces.
+            // The log repeats the console's lines. A long line comes in pieces there.
             let piece = line.strip_suffix('~').unwrap_or(&line);
             if let Some(place) = self.twice.iter().position(|known| known.contains(piece)) {
                 let rest = self.twice[place].replacen(piece, "", 1);
@@ -570,7 +573,7 @@ impl Talk {
     }
 }
 
-/// What an experiment says by itself, as no answer to a command.
+/// Whether a line is an experiment's own report and not a reply.
 fn is_report(line: &str) -> bool {
     const REPORTS: [&str; 10] = [
         "ok walk over",

@@ -1,6 +1,5 @@
-//! `cargo live`: a board in the browser. The library holds what needs no network: the history that the plots are cut
-//! from, the board's side, who may do what. It needs no threads either where somebody else calls it: the page without a
-//! server.
+//! `cargo live`: a board in the browser. The library has the parts that need no network: the history of the plots, the
+//! board's side, and the control by one of several pages. The page without a server uses it without threads.
 #![forbid(unsafe_code)]
 
 pub mod access;

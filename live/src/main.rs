@@ -121,7 +121,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
                 Ok::<_, Error>((LiveBoard::start(session, begin)?, elf))
             };
             let started = start(&record_bytes).or_else(|error| {
-                // An image has not every estimator of a scene.
+                // The image may lack an estimator of the scene.
                 if cli.device.is_some() {
                     return Err(error);
                 }
@@ -138,7 +138,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
         Some(bytes) => device::read(bytes, board)?,
         None => *device::built_in(board),
     };
-    let tape = Arc::new(Mutex::new(outputs)); // whole when the program ends
+    let tape = Arc::new(Mutex::new(outputs)); // the file is complete when the program ends
     let written = record.map(|place| {
         let tape = Arc::clone(&tape);
         let write =
@@ -155,8 +155,8 @@ fn execute(cli: Cli) -> Result<(), Error> {
     tape.map_or(Ok(()), Outputs::commit).and(served)
 }
 
-/// The record of a scene on that board, as `cargo sim prepare` makes it, or without an envelope where that refuses the
-/// scene. None for the board's own scene.
+/// The record of a scene on that board, as `cargo sim prepare` makes it. If `prepare` refuses the scene, the record has
+/// no envelope. `None` for the board's own scene.
 fn made(scene: &NamedScene, board: Board) -> Result<Option<Vec<u8>>, Error> {
     if device::is_built_in(scene, board) {
         return Ok(None);
@@ -167,7 +167,7 @@ fn made(scene: &NamedScene, board: Board) -> Result<Option<Vec<u8>>, Error> {
     let how = How { engine, numeric, stop: interrupt::flag() };
     let with_envelope = || {
         let of = &on_board.scene;
-        fitting(&on_board, &facts, first_settings(of, None)?, true)?; // before any walk
+        fitting(&on_board, &facts, first_settings(of, None)?, true)?; // checked before any walk
         let quiet = (!says_first(of)).then(|| {
             note(&format!("looking for the cutoff to begin with: quiet walls of {}", scene.name));
             let first = with_first_estimator(&on_board)?;

@@ -1,4 +1,4 @@
-//! What a page may say, in JSON.
+//! Messages from a page, in JSON.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -9,28 +9,29 @@ use crate::trigger::Trigger;
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum FromPage {
-    /// A line for the console. The owner's only. `stopped`: how many stops the page knows of, where it is not to come behind
-    /// another.
+    /// A line for the console; only from the owner. `stopped`: the count of stops that the page knows. After a further
+    /// stop the line is refused.
     Command { line: String, stopped: Option<u64> },
-    /// Force off, at once; from any page. `id`: to know the answer by.
+    /// Switches the force off at once; from any page. `id` identifies the answer.
     Stop { id: u64 },
-    /// Where the finger wants the handle, m, in the board's positions; none: it lets go. The owner's only; of a virtual board.
+    /// Target of the finger in the board's positions, m; none releases the handle. Only from the owner, for a virtual
+    /// board.
     Finger { target_m: Option<f64> },
-    /// The switch of the emergency stop. The owner's only; of a virtual board.
+    /// Opens or closes the emergency stop. Only from the owner, for a virtual board.
     EmergencyStop { open: bool },
-    /// This page would like to command.
+    /// The page asks for control.
     Ask {},
     /// The owner gives control to the page that asked.
     Give {},
-    /// Part of the rows to plot: its length, the number of bins at most, and not to go on with time.
+    /// Rows to plot: their time span, the largest count of bins, and whether the view stays at the same time.
     View { span_s: f64, columns: u64, paused: bool },
-    /// When to stop and look.
+    /// The trigger that stops the view.
     Trigger { on: Trigger },
-    /// The boundary that the simulator predicts.
+    /// Asks for the boundary that the simulator predicts.
     Predict(Question),
 }
 
-/// The boundary that a page wants to know.
+/// The boundary for which a page asks.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Question {
     pub estimator: String,
@@ -39,13 +40,13 @@ pub struct Question {
 }
 
 impl FromPage {
-    /// Reads a message: its keys, and `type`, which says what it is.
+    /// Reads a message. Its key `type` gives its kind.
     ///
     /// # Errors
-    /// It is none, or has a value that cannot be; one line.
+    /// The text is not a message, or a value is not allowed; one line.
     pub fn read(text: &str) -> Result<Self, String> {
-        // Not as serde's tagged enum: that makes maps of what is to be a number where any crate of the build asks
-        // serde_json for arbitrary precision.
+        // serde's tagged enum is not used. It reads numbers as maps if any crate of the build enables serde_json's
+        // arbitrary precision.
         let mut keys: Map<String, Value> =
             serde_json::from_str(text).map_err(|error| error.to_string())?;
         let Some(Value::String(kind)) = keys.remove("type") else {

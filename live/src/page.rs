@@ -1,5 +1,4 @@
-//! What a page is told and what it may ask for, whether a server or a worker of the page itself stands between it and the
-//! board.
+//! Messages to a page and requests from a page. The code is the same behind a server and in a worker of the page.
 
 use std::{
     sync::{Arc, Mutex, MutexGuard},
@@ -20,20 +19,20 @@ use crate::{
     trigger::Watch,
 };
 
-/// Between two calls of [`Page::tick`].
+/// Time between two calls of [`Page::tick`].
 pub const TICK: Duration = Duration::from_millis(30);
-/// Part of a triggered view that lies before the trigger.
+/// Fraction of a triggered view before the trigger.
 const BEFORE: f64 = 0.25;
 
-/// What all pages share.
+/// State that all pages share.
 pub struct Shared {
     pub hub: Arc<Hub>,
     pub scene: NamedScene,
     /// Which board it is.
     pub board: Board,
-    /// Device of the record that the board should have; `None`: whatever record it has.
+    /// Device of the record that the board should have. `None`: the board may have any record.
     pub device: Option<Device<'static>>,
-    /// From the control's integers to SI units.
+    /// Factors from the control loop's integers to SI units.
     pub scale: Scale,
     seats: Mutex<Seats>,
 }
@@ -49,7 +48,8 @@ impl Shared {
         Self { hub, scene, board, device, scale, seats: Mutex::default() }
     }
 
-    /// What is wrong where the board has another device record, or nothing runs on it: by what its `version` says.
+    /// Error text if the board has another device record or cannot run with its record, according to its `version`
+    /// reply.
     fn other_record(&self, version: &str) -> Option<String> {
         let device = self.device.as_ref()?;
         let (scene, envelope) = (device.scene_hash, device.envelope.hash());
@@ -72,30 +72,30 @@ impl Shared {
         lock(&self.seats)
     }
 
-    /// Rows as a table.
+    /// Rows as text of a table.
     pub fn table(&self, from: u64, count: u64) -> String {
         picture::table(&self.hub, &self.scale, self.scene.scene.units, from, count)
     }
 }
 
-/// What a page looks at.
+/// View of a page, and what the page has received.
 struct Looks {
     view: View,
     paused: bool,
     watch: Watch,
-    /// The last line that the page was told, the number of stops, and how often it was told anything.
+    /// The last line that the page received, the count of stops, and the count of ticks.
     line: u64,
     stops: u64,
     ticks: u32,
 }
 
-/// What the page has to be told next.
+/// Messages that the page gets next.
 pub struct Tick {
-    /// Numbers to plot, as binary messages.
+    /// Values to plot, as binary messages.
     pub pictures: Vec<Vec<u8>>,
     /// State of the board as JSON.
     pub state: Option<String>,
-    /// A look whether it is there is due.
+    /// Whether to check that the page is still there.
     pub ping: bool,
 }
 
@@ -106,7 +106,7 @@ pub struct Page {
 }
 
 impl Page {
-    /// A page has come.
+    /// Adds a page.
     pub fn enter(shared: &Arc<Shared>) -> Self {
         let id = shared.seats().enter(shared.hub.now());
         let view = View { span_s: 5.0, columns: 800, end: None };
@@ -115,12 +115,12 @@ impl Page {
         Self { shared: Arc::clone(shared), id, looks: Mutex::new(looks) }
     }
 
-    /// The page has gone.
+    /// Removes the page.
     pub fn leave(&self) {
         let Shared { hub, scale, .. } = &*self.shared;
         let owned = self.shared.seats().leave(self.id);
         if owned {
-            // Nobody is there who may command: at once, not only when the promise is broken.
+            // Without an owner, the force goes off at once, and not only when `alive` is missing.
             hub.touch(None, scale.resolution_m);
             let on = hub.known().is_on();
             if on {
@@ -130,20 +130,20 @@ impl Page {
         }
     }
 
-    /// The page has answered.
+    /// Notes an answer of the page.
     pub fn hear(&self) {
         self.shared.seats().hear(self.id, self.shared.hub.now());
     }
 
-    /// It has not answered for so long that it is no page any more.
+    /// Whether the page has not answered for so long that it counts as gone.
     pub fn is_gone(&self) -> bool {
         self.shared.seats().is_gone(self.id, self.shared.hub.now())
     }
 
-    /// Reads a message and does what it says; a prediction is left to the caller.
+    /// Reads a message and carries it out. A prediction is left to the caller.
     ///
     /// # Errors
-    /// It is none, not for this page, or not now: what the page is to be told.
+    /// The message is not valid, not allowed for this page, or not possible now; text for the page.
     pub fn take(&self, message: &str) -> Result<Option<Question>, String> {
         let refused = |line: Option<String>, why: &str| {
             json!({ "type": "refused", "line": line, "why": why }).to_string()
@@ -182,7 +182,7 @@ impl Page {
                 if !given {
                     return Err("nobody asks for control");
                 }
-                // Who takes over begins with the force off.
+                // A new owner begins with the force off.
                 hub.touch(None, scale.resolution_m);
                 hub.stop(0);
             }
@@ -208,7 +208,7 @@ impl Page {
         Ok(None)
     }
 
-    /// What has come since the last tick.
+    /// Messages since the last tick.
     pub fn tick(&self) -> Tick {
         let mut looks = lock(&self.looks);
         looks.ticks = looks.ticks.wrapping_add(1);
@@ -241,7 +241,7 @@ impl Page {
         made
     }
 
-    /// What does not change: m and N at the handle, and where its axis is.
+    /// Constant data: values in m and N at the handle, and the distance of the handle's axis.
     pub fn hello(&self) -> String {
         let Shared { scene, board, scale, hub, .. } = &*self.shared;
         let limits = scene.scene.on_board().safety;
@@ -328,7 +328,7 @@ impl Page {
     }
 }
 
-/// What to do about a fault: the last column of its row in the book.
+/// The remedy of a fault: the last column of its row in the documentation.
 fn remedy(code: u8) -> &'static str {
     const PAGE: &str = include_str!("../../docs/troubleshooting.md");
     let is_its = |line: &&str| {
@@ -361,7 +361,7 @@ mod tests {
         }
     }
 
-    /// Two pages of a board that says nothing.
+    /// Two pages of a board that sends nothing.
     fn pages() -> (Arc<Shared>, VecDeque<Page>) {
         let (hub, _) = Hub::new(Box::new(Nothing), None, None, Box::new(|| Duration::ZERO));
         let scene = NamedScene::load("nucleo-f446re").unwrap();

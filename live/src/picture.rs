@@ -1,4 +1,4 @@
-//! What a page plots, cut out of the history: numbers in SI units, in a few bytes.
+//! Plots of a page, made from the history: values in SI units, in short binary messages.
 #![expect(
     clippy::cast_possible_truncation,
     clippy::cast_precision_loss,
@@ -24,7 +24,7 @@ const SPECTRUM_ROWS: u16 = 8192;
 const PHASE_ROWS: u64 = 2048;
 const BANDS: u32 = 240;
 
-/// From the control's integers to SI units.
+/// Factors from the control loop's integers to SI units.
 #[derive(Clone, Copy, Debug)]
 pub struct Scale {
     /// One LSB of position, velocity, force: m, m/s, N.
@@ -51,24 +51,24 @@ impl Scale {
     }
 }
 
-/// What is to be seen.
+/// View of a page.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
     /// Length of the view, s.
     pub span_s: f64,
-    /// Most columns of the picture.
+    /// Largest count of columns of the picture.
     pub columns: u64,
-    /// Number of the row at which it ends; the newest one if there is none.
+    /// Number of the row at the end of the view; none: the newest row.
     pub end: Option<u64>,
 }
 
-/// Rows of a stretch of time.
+/// Count of rows in a time span.
 pub fn rows_of(history: &History, scale: &Scale, span_s: f64) -> u64 {
     (span_s * scale.rate_hz / history.step() as f64).ceil() as u64
 }
 
-/// Smallest and largest values in columns: a head of 32 bytes (1, columns, first row, rows a column, samples a row),
-/// then six arrays of f32, then the flags as f32.
+/// Smallest and largest values in columns: a head of 32 bytes (1, columns, first row, rows per column, samples per
+/// row), then six arrays of f32, then the flags as f32.
 pub fn curves(history: &History, scale: &Scale, view: &View) -> Vec<u8> {
     let rows = rows_of(history, scale, view.span_s);
     let stride = History::stride(rows, view.columns);
@@ -94,8 +94,8 @@ pub fn curves(history: &History, scale: &Scale, view: &View) -> Vec<u8> {
     bytes
 }
 
-/// Amplitudes of velocity and force before `end`: a head (2, number of velocity, number of force, 0), then frequency and
-/// amplitude of each.
+/// Amplitudes of velocity and force before `end`: a head (2, count for velocity, count for force, 0), then pairs of
+/// frequency and amplitude.
 pub fn spectra(history: &History, scale: &Scale, end: Option<u64>) -> Option<Vec<u8>> {
     let end = end.unwrap_or(history.rows()[1]);
     let bins = history.bins(end.checked_sub(SPECTRUM_ROWS.into())?, 1, SPECTRUM_ROWS.into());
@@ -120,7 +120,7 @@ pub fn spectra(history: &History, scale: &Scale, end: Option<u64>) -> Option<Vec
     Some(bytes)
 }
 
-/// The last positions and velocities: a head (3, number), then both arrays.
+/// The last positions and velocities: a head (3, count), then both arrays.
 pub fn phase(history: &History, scale: &Scale, end: Option<u64>) -> Vec<u8> {
     let [begin, newest] = history.rows();
     let end = end.unwrap_or(newest);
@@ -143,7 +143,7 @@ fn put<const N: usize>(bytes: &mut Vec<u8>, numbers: [usize; N]) {
     }
 }
 
-/// Rows as a table, in the units of the scene.
+/// Rows as text of a table, in the units of the scene.
 pub fn table(hub: &Hub, scale: &Scale, units: Units, from: u64, count: u64) -> String {
     let history = hub.history();
     let [begin, end] = history.rows();

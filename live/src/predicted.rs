@@ -1,5 +1,5 @@
-//! What the simulator predicts for the page's (K, B) plane: the boundary of one estimator and tuning, by the same walk as
-//! `cargo sim walk`, and the envelope that the board has.
+//! The simulator's prediction for the page's (K, B) plane: the boundary of one estimator and tuning, by the walk of
+//! `cargo sim walk`, and the board's envelope.
 
 use std::sync::atomic::AtomicBool;
 
@@ -17,7 +17,7 @@ use zwidth::{
     velocity::{EstimatorName, VelocitySettings},
 };
 
-/// A boundary, for the page: in m and N at the handle.
+/// A boundary for the page, in m and N at the handle.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Predicted {
     pub estimator: String,
@@ -28,19 +28,20 @@ pub struct Predicted {
     pub area: f64,
     /// Boundary of the quiet walls, whatever the scene's criterion; empty if the grid has no quiet wall.
     pub quiet: Vec<[f64; 2]>,
-    /// Their area, N^2 s/m^2.
+    /// Area under the quiet boundary, N^2 s/m^2.
     pub quiet_area: f64,
-    /// B, lowest and highest K of the envelope that the board has.
+    /// B, lowest and highest K of the rows of the board's envelope.
     pub envelope: Vec<[f64; 3]>,
     /// Delay of the estimated velocity at constant acceleration, s.
     pub delay_s: Option<f64>,
-    /// RMS of its error at 20 mm/s, from whole counts alone, m/s.
+    /// RMS error of the estimated velocity at 20 mm/s, from whole counts alone, m/s.
     pub noise_m_per_s: Option<f64>,
-    /// Why there is no boundary.
+    /// Reason why there is no boundary.
     pub error: Option<String>,
 }
 
-/// Walks in the simulator; takes a second or so. `device`: of the board's record; none if that has no envelope.
+/// Walks in the simulator, in about a second. `device`: the device of the board's record; none if the record has no
+/// envelope.
 pub fn predict(
     scene: &NamedScene,
     device: Option<&Device<'_>>,
@@ -78,13 +79,13 @@ pub fn predict(
 
 /// Speed at which the noise is measured, m/s.
 pub const SPEED: f64 = 0.02;
-/// Rise of the speed for the delay, m/s^2.
+/// Acceleration for the measurement of the delay, m/s^2.
 const RISE: f64 = 1.0;
-/// Samples that are left out, and looked at.
+/// Samples before the measurement, and samples of the measurement.
 const SETTLE: u32 = 5_000;
 const LOOKED_AT: u32 = 5_000;
 
-/// B, lowest and highest K of that filter's rows in the envelope of a device, at its own output period.
+/// B, lowest and highest K of a filter's rows in a device's envelope, at the device's own output period.
 fn envelope(device: &Device<'_>, estimator: &str, cutoff_hz: f64) -> Vec<[f64; 3]> {
     let same = |other: f64| (other - cutoff_hz).abs() <= 1e-9 * other.abs().max(cutoff_hz.abs());
     let is_its = |key: &Key| {
@@ -99,7 +100,7 @@ fn envelope(device: &Device<'_>, estimator: &str, cutoff_hz: f64) -> Vec<[f64; 3
         .collect()
 }
 
-/// What the core's estimator makes of a motion, as counts: delay and noise.
+/// Delay and noise of the core's estimator for a motion that is read as counts.
 fn quality(scene: &Scene, velocity: VelocitySettings) -> Option<(f64, f64)> {
     let (rate_hz, resolution_m) = (scene.control.rate_hz, scene.encoder.resolution_m);
     let wall = WallSettings {
@@ -151,8 +152,8 @@ mod tests {
     use super::*;
     use virtual_board::{board::NUCLEO_F446RE, device};
 
-    /// A second-order Butterworth lags by sqrt 2 / w at low frequencies, the difference by half a sample; and what is
-    /// predicted is what the simulator walks.
+    /// A second-order Butterworth lags by sqrt 2 / w at low frequencies, and the difference lags by half a sample. The
+    /// prediction equals the simulator's walk.
     #[test]
     fn delay_and_noise_are_the_filters() {
         let scene = NamedScene::load("nucleo-f446re").unwrap();

@@ -1,24 +1,25 @@
-//! Who may command: one page owns the board, the others watch. Control passes by what people do, never by itself.
+//! Control of the board: one page owns the board, and the others watch. Control changes only by a person's action or
+//! when a page leaves.
 
 use std::time::Duration;
 
-/// A page that has not answered for so long is not there: the force goes off.
+/// A page without an answer for so long counts as absent: the force goes off.
 pub const ABSENT: Duration = Duration::from_secs(1);
-/// After this time without an answer the page is gone, and its control with it, even if its socket is still open.
+/// A page without an answer for so long counts as gone and loses control, even if its socket is still open.
 pub const GONE: Duration = Duration::from_secs(2);
 
 #[derive(Debug, Default)]
 pub struct Seats {
-    /// Pages, and when each last answered.
+    /// Pages, and the time of each page's last answer.
     pub pages: Vec<(u64, Duration)>,
     last: u64,
     pub owner: Option<u64>,
-    /// The page that asks for control.
+    /// The page that has asked for control.
     pub asking: Option<u64>,
 }
 
 impl Seats {
-    /// A page has come. It owns the board if nobody does.
+    /// Adds a page. It owns the board if no other page does.
     pub fn enter(&mut self, now: Duration) -> u64 {
         self.last += 1;
         self.pages.push((self.last, now));
@@ -28,7 +29,8 @@ impl Seats {
         self.last
     }
 
-    /// A page has gone; whether it was the owner. Then control goes to the page that asked for it, if one has.
+    /// Removes a page. Returns whether it was the owner. Control then goes to the page that has asked for it, if there
+    /// is one.
     pub fn leave(&mut self, page: u64) -> bool {
         self.pages.retain(|(other, _)| *other != page);
         self.asking = self.asking.filter(|other| *other != page);
@@ -39,7 +41,7 @@ impl Seats {
         owned
     }
 
-    /// A page would like to command; whether it waits for the owner, who has been asked.
+    /// Notes that a page asks for control. Returns whether it has to wait for the owner.
     pub fn ask(&mut self, page: u64) -> bool {
         let waits = self.owner.is_some_and(|owner| owner != page);
         match waits {
@@ -49,7 +51,7 @@ impl Seats {
         waits
     }
 
-    /// The owner gives control to the page that asked for it; whether it did.
+    /// Gives control from the owner to the page that has asked for it. Returns whether it changed.
     pub fn give(&mut self, page: u64) -> bool {
         let gives = self.owns(page) && self.asking.is_some();
         if gives {
@@ -62,29 +64,29 @@ impl Seats {
         (self.owner, self.asking) = (page, None);
     }
 
-    /// A page has answered.
+    /// Notes an answer of a page.
     pub fn hear(&mut self, page: u64, now: Duration) {
         self.pages.iter_mut().filter(|(other, _)| *other == page).for_each(|seat| seat.1 = now);
     }
 
-    /// For how long the page has been silent; none: there is no such page.
+    /// Time since the page's last answer; none: there is no such page.
     fn silence(&self, page: u64, now: Duration) -> Option<Duration> {
         let seat = self.pages.iter().find(|(other, _)| *other == page);
         seat.map(|(_, heard)| now.saturating_sub(*heard))
     }
 
-    /// Whether the owner is there: then the board may be told so.
+    /// Whether the owner is there, so that the board may get `alive`.
     pub fn is_attended(&self, now: Duration) -> bool {
         let silence = self.owner.and_then(|owner| self.silence(owner, now));
         silence.is_some_and(|silence| silence < ABSENT)
     }
 
-    /// Whether that page is there no longer, though its socket may be open.
+    /// Whether the page is gone, even if its socket is open.
     pub fn is_gone(&self, page: u64, now: Duration) -> bool {
         self.silence(page, now).is_none_or(|silence| silence >= GONE)
     }
 
-    /// Whether that page may command.
+    /// Whether the page owns the board.
     pub fn owns(&self, page: u64) -> bool {
         self.owner == Some(page)
     }
@@ -107,7 +109,7 @@ mod tests {
         assert!(seats.owns(first));
         assert!(seats.give(first));
         assert!(seats.owns(second) && !seats.owns(first));
-        // Who goes leaves it to who has asked, else to nobody.
+        // A page that leaves passes control to the page that has asked for it. Otherwise no page owns the board.
         assert!(seats.ask(first));
         assert!(seats.leave(second));
         assert!(seats.owns(first));

@@ -34,16 +34,16 @@ use live::{
 };
 use tokio::sync::Semaphore;
 
-/// Between two looks at who is there.
+/// Time between two checks of the pages.
 const LOOK: Duration = Duration::from_millis(20);
-/// Rows of a table that a page may save.
+/// Largest count of rows in a saved table.
 const ROWS_MAX: u64 = 200_000;
-/// Predictions that are kept.
+/// Largest count of kept predictions.
 const PREDICTIONS: usize = 200;
 
 macro_rules! assets {
     ($($name:literal: $kind:literal),*) => {
-        /// Name, media type and bytes.
+        /// Name, media type and bytes of each file.
         const ASSETS: &[(&str, &str, &[u8])] = &[
             $(($name, $kind, include_bytes!(concat!("../assets/", $name)))),*
         ];
@@ -62,11 +62,11 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'u
                       img-src 'self' data: blob:; connect-src 'self'; form-action 'none'; base-uri 'none'; \
                       frame-ancestors 'none'";
 
-/// What the requests share.
+/// State that the requests share.
 pub struct App {
     shared: Arc<Shared>,
     access: Access,
-    /// Room for sockets that are open or about to be.
+    /// Count of further sockets that may be opened.
     room: Arc<Semaphore>,
     predictions: Mutex<HashMap<String, Arc<Predicted>>>,
     predicting: Semaphore,
@@ -74,7 +74,7 @@ pub struct App {
 }
 
 impl App {
-    /// What the simulator predicts, walked once for each estimator and cutoff.
+    /// The simulator's prediction. Each estimator and cutoff is walked only once.
     async fn predict(self: &Arc<Self>, question: Question) -> Option<Arc<Predicted>> {
         let Question { estimator, cutoff_hz } = question;
         let key = format!("{estimator} {cutoff_hz}");
@@ -144,7 +144,7 @@ async fn listen(shared: Shared, port: u16) -> Result<(), Error> {
     }
 }
 
-/// Looks who is there, and whether to go on.
+/// Checks the pages, and whether to continue.
 async fn attend(app: &App) -> Result<(), Error> {
     let mut look = tokio::time::interval(LOOK);
     loop {
@@ -158,7 +158,7 @@ async fn attend(app: &App) -> Result<(), Error> {
     }
 }
 
-/// Requests for another name than this machine's are refused, whatever they are for.
+/// Refuses each request whose host is not this machine's name.
 async fn only_here(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
     if !app.access.is_our_host(text(request.headers(), header::HOST)) {
         return (StatusCode::FORBIDDEN, "another host").into_response();
@@ -182,7 +182,7 @@ fn text(headers: &HeaderMap, name: header::HeaderName) -> Option<&str> {
 
 type Words = Query<HashMap<String, String>>;
 
-/// All but what anybody may have needs the secret.
+/// Requires the secret token for everything except the public files.
 async fn with_token(
     State(app): State<Arc<App>>,
     words: Words,
@@ -203,7 +203,7 @@ async fn asset(Path(name): Path<String>) -> Response {
     }
 }
 
-/// The rows of a view: `from`, `rows`.
+/// The rows of a view; the query has `from` and `rows`.
 async fn rows(State(app): State<Arc<App>>, words: Words) -> Response {
     let number = |name: &str| words.get(name).and_then(|word| word.parse::<u64>().ok());
     let (Some(from), Some(count)) = (number("from"), number("rows").filter(|n| *n <= ROWS_MAX))
@@ -214,7 +214,7 @@ async fn rows(State(app): State<Arc<App>>, words: Words) -> Response {
     ([(header::CONTENT_TYPE, "text/csv")], app.shared.table(from, count)).into_response()
 }
 
-/// A socket is opened to a page that this server served, and to nobody else.
+/// Opens a socket only to a page of this server.
 async fn upgrade(
     State(app): State<Arc<App>>,
     headers: HeaderMap,

@@ -1,11 +1,11 @@
-//! When to stop and look: a view that ends some time after something has happened.
+//! Triggers: a view stops some time after an event.
 
 use serde::Deserialize;
 use zwidth::telemetry::Flags;
 
 use crate::history::{History, Row, SIGNALS};
 
-/// What is waited for.
+/// The event of a trigger.
 #[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Trigger {
@@ -15,19 +15,19 @@ pub enum Trigger {
     Contact,
     /// A fault is latched.
     Fault,
-    /// A signal passes a level upwards, or downwards.
+    /// A signal crosses a level.
     Level {
-        /// 0 position, 1 velocity, 2 force.
+        /// Index of the signal: 0 position, 1 velocity, 2 force.
         signal: usize,
-        /// In the integers of the control.
+        /// The level as an integer of the control loop.
         level: i32,
-        /// It passes the level upwards.
+        /// Whether the signal must cross the level upwards.
         rising: bool,
     },
 }
 
 impl Trigger {
-    /// Whether it is allowed.
+    /// Whether the trigger's values are allowed.
     pub fn is_valid(&self) -> bool {
         !matches!(self, Self::Level { signal, .. } if *signal >= SIGNALS)
     }
@@ -47,26 +47,26 @@ impl Trigger {
     }
 }
 
-/// Looks at rows once each.
+/// Checks each row once for the trigger.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Watch {
     trigger: Trigger,
     next: u64,
-    /// Number of the row at which it was met.
+    /// Number of the row at which the trigger was met.
     pub met: Option<u64>,
 }
 
 impl Watch {
-    /// Waits for it from now on.
+    /// Arms the trigger from now on.
     pub fn arm(&mut self, trigger: Trigger, history: &History) {
         *self = Self { trigger, next: history.rows()[1], met: None };
     }
 
-    /// Looks at what has come since.
+    /// Checks the new rows.
     pub fn look(&mut self, history: &History) {
         let [begin, end] = history.rows();
         if self.next > end {
-            self.next = end; // a board that was reset
+            self.next = end; // the board was reset
         }
         self.next = self.next.max(begin + 1);
         while self.met.is_none() && self.trigger != Trigger::Off && self.next < end {

@@ -1,4 +1,5 @@
-// Keeps the page's files, so that it opens without a network. A newer page takes over once no tab shows this one.
+// Stores the page's files, so that the page opens without a network. A newer version starts when no tab shows the old
+// one.
 const OURS = `zwidth ${self.registration.scope} `;
 const NAME = `${OURS}VERSION`;
 const FILES = ["FILES"];

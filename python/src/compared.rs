@@ -37,19 +37,19 @@ use crate::{
     work::{raised, run},
 };
 
-/// What a search may cost, checked as the command line does.
+/// Checks the costs of a search, as the command line does.
 fn budget_of(tunings: u32, repeats: u32, fewest_repeats: u32) -> PyResult<Budget> {
     in_range("budget", tunings, 3..=1000)?;
     in_range("repeat", repeats, fewest_repeats..=1000)?;
     Ok(Budget { tunings, repeats })
 }
 
-/// What walls are ranked by.
+/// The criterion by which walls are ranked.
 fn criterion_of(name: &str) -> PyResult<Criterion> {
     named("criterion", name, Criterion::ALL, Criterion::name)
 }
 
-/// The scene as it is ranked, checked.
+/// The checked scene by which walls are ranked.
 fn ranked_of(
     engine: Engine,
     scene: &NamedScene,
@@ -62,7 +62,7 @@ fn ranked_of(
     ranked(how, scene, by, rms_of).map_err(|error| error.of(&scene.name))
 }
 
-/// Those that are named, each once; none where nobody names one.
+/// The named estimators, each once. `None` if no names are given.
 fn entries_of(named: Option<Texts>, scene: &NamedScene) -> PyResult<Option<Vec<Entry>>> {
     let Some(Several(named)) = named else { return Ok(None) };
     not_empty("estimators", &named)?;
@@ -70,7 +70,7 @@ fn entries_of(named: Option<Texts>, scene: &NamedScene) -> PyResult<Option<Vec<E
 }
 
 result! { value
-    /// Who is best by a criterion, among the estimators that look at the same.
+    /// The best estimators by a criterion, among the estimators with the same inputs.
     Winner {
         /// The criterion, a column of `Comparison.table`.
         criterion: String,
@@ -78,11 +78,12 @@ result! { value
         looks_at: String,
         /// The estimators with the best mean.
         best: Tuple<String>,
-        /// Those that the repeats cannot tell apart from it.
+        /// Estimators that the repeats cannot distinguish from the best one.
         not_told_apart: Tuple<String>,
-        /// Its value, in the unit of the column.
+        /// Value of the best estimator, in the unit of the column.
         value: f64,
-        /// 1 and how many are shown to be better than finite difference and Butterworth; None if that is not among them.
+        /// 1 plus the count of estimators that are shown to be better than finite difference and Butterworth; None if
+        /// that one is not compared.
         butterworth_rank: Option<u32>,
     }
 }
@@ -96,23 +97,23 @@ result! { table(table)
         table: Told,
         /// What the searches tried, as in `tuning.csv`.
         tunings: Told,
-        /// Every point of every walk at their results, as in `boundary.csv`.
+        /// Every point of every walk at the found tunings, as in `boundary.csv`.
         boundaries: Told,
         /// Impedance errors by wall and frequency, as in `fidelity.csv`.
         fidelity: Told,
-        /// K of the wall at which force is compared, N/m.
+        /// K of the wall at which forces are compared, N/m.
         stiffness_n_per_m: f64,
-        /// Its B, at which K is read off each boundary too, N s/m.
+        /// B of the wall at which forces are compared, N s/m; K of each boundary is read at this B too.
         damping_n_s_per_m: f64,
         /// The three walls at which the impedance is compared: `stiffness_n_per_m`, `damping_n_s_per_m`.
         walls: Told,
-        /// Mean area of the true velocity in place of an estimate, N^2 s/m^2.
+        /// Mean area with the true velocity in place of an estimate, N^2 s/m^2.
         true_velocity_area_n2_s_per_m2: f64,
         /// Impedance error of hold and latency alone, with the true velocity.
         impedance_error_of_loop: f64,
         /// The best by each criterion.
         winners: Tuple<Part<Winner>>,
-        /// What a reader must know beside the numbers.
+        /// Notes that a reader needs to understand the numbers.
         notes: Tuple<String>,
     }
 }
@@ -141,7 +142,8 @@ result! { table(table)
 /// engine, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called with the walks done and the most that there can be, from this thread; what it raises ends the work.
+///     Called from this thread with the count of finished walks and the largest possible count. An exception in it
+///     ends the work.
 ///
 /// Raises
 /// ------
@@ -302,7 +304,7 @@ pub fn explain(
 
 const NAMES: Names = Names { limits: "limits", steps: "steps" };
 
-/// A limit as Python has it: metres, or words as on the command line.
+/// A limit from Python: metres, or a word of the command line.
 #[derive(FromPyObject)]
 pub enum LimitGiven {
     Metres(f64),
@@ -324,15 +326,16 @@ result! { table(table)
         scene: String,
         /// One row for each loop, estimator and limit, with the columns of the command line's `peers.csv`.
         table: Told,
-        /// What a reader must know beside the numbers: defaults that cannot run at the scene's rate.
+        /// Notes that a reader needs to understand the numbers: defaults that cannot run at the scene's rate.
         notes: Tuple<String>,
     }
 }
 
 /// Walk with the velocity filters that other systems have by default, untuned.
 ///
-/// Beside them stand the scene's own estimator, at 500 and 1500 Hz if it has a cutoff, and the true velocity; in the
-/// scene's own loop, and with the latency and output of each board. With the scene's own steps it takes minutes.
+/// The results also have the scene's own estimator, at 500 and 1500 Hz if it has a cutoff, and the true velocity. All
+/// run in the scene's own loop, and with the latency and output of each board. With the scene's own steps it takes
+/// minutes.
 ///
 /// Parameters
 /// ----------
@@ -349,7 +352,8 @@ result! { table(table)
 /// engine, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called with the walks done and the most that there can be, from this thread; what it raises ends the work.
+///     Called from this thread with the count of finished walks and the largest possible count. An exception in it
+///     ends the work.
 ///
 /// Raises
 /// ------

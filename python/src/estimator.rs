@@ -30,7 +30,7 @@ use crate::{
     work::raised,
 };
 
-/// A velocity estimator of the control core, with its state: what the firmware would say to these counts.
+/// A velocity estimator of the control core, with its state. It gives the firmware's velocities for recorded counts.
 ///
 /// Parameters
 /// ----------
@@ -51,7 +51,7 @@ use crate::{
 ///
 /// Notes
 /// -----
-/// A copy (`copy.copy`) goes on by itself from the state at which it was made.
+/// A copy (`copy.copy`) continues independently, from the state at which it was made.
 ///
 /// Examples
 /// --------
@@ -72,12 +72,13 @@ pub struct Estimator {
     state: Option<(CounterWidth, Sampler)>,
 }
 
-/// Counts between two looks at the interpreter's signals: some milliseconds.
+/// Counts between two checks for the interpreter's signals: some milliseconds.
 const BLOCK: usize = 1 << 16;
 const NAMES: Names =
     Names { cutoff: "cutoff", stiffness: "", damping: "", start_offset: "start_offset" };
 
-/// The scene's table `[velocity]` for the estimator of that name: what it says itself, else defaults and the device's mass.
+/// The scene's table `[velocity]` for the estimator of this name: the scene's own keys, otherwise defaults and the
+/// device's mass.
 fn velocity_table(name: &str, scene: &NamedScene) -> PyResult<toml::Table> {
     let found = EstimatorName::ALL.iter().find(|known| known.text() == name);
     let found = found.ok_or_else(|| {
@@ -106,7 +107,7 @@ fn velocity_table(name: &str, scene: &NamedScene) -> PyResult<toml::Table> {
     Ok(table)
 }
 
-/// That scene with another table `[velocity]`, swept over that cutoff alone.
+/// The scene with another table `[velocity]` and with this cutoff as its only one.
 fn with_estimator(
     scene: &NamedScene,
     velocity: toml::Table,
@@ -125,7 +126,7 @@ fn with_estimator(
     NamedScene::parse(other.name.clone(), text, &other.name).map_err(raised)
 }
 
-/// An array, or what makes one.
+/// An array, or an object that converts to one.
 pub struct ArrayLike<'py>(Bound<'py, PyUntypedArray>);
 
 impl<'py> FromPyObject<'_, 'py> for ArrayLike<'py> {
@@ -139,13 +140,13 @@ impl<'py> FromPyObject<'_, 'py> for ArrayLike<'py> {
 }
 
 impl<'py> ArrayLike<'py> {
-    /// Signed or unsigned, and bytes of a number, if it is whole.
+    /// For whole numbers: whether they are signed, and bytes of a number.
     fn whole(&self) -> Option<usize> {
         let dtype = self.0.dtype();
         matches!(dtype.kind(), b'i' | b'u').then(|| dtype.itemsize())
     }
 
-    /// The numbers as that type, which must hold each of them.
+    /// Converts the numbers to this type, which must hold each of them.
     fn numbers<T: Element>(
         &self,
         length: usize,
@@ -174,7 +175,7 @@ impl<'py> ArrayLike<'py> {
     }
 }
 
-/// What the core takes beside counts.
+/// Format of the core's inputs beside the counts.
 const FORMAT: &str = "whole numbers of 32 bits in the core's format (docs/estimators.md)";
 
 #[pymethods]
@@ -205,7 +206,7 @@ impl Estimator {
         Ok(Self { scene, cutoff_hz, parameters, design, sense, state: None })
     }
 
-    /// The scene with this estimator in it, swept over this cutoff alone.
+    /// The scene with this estimator, and with this cutoff as its only one.
     #[getter]
     fn scene(&self) -> Scene {
         Scene(Arc::clone(&self.scene))
@@ -217,13 +218,13 @@ impl Estimator {
         self.cutoff_hz
     }
 
-    /// What it needs beside the counts: "force", "acceleration", "edge times" or None.
+    /// Required input beside the counts: "force", "acceleration", "edge times" or None.
     #[getter]
     fn needs(&self) -> Option<&'static str> {
         self.sense.map(Sense::text)
     }
 
-    /// Velocity of one bit of the core's format, m/s.
+    /// Velocity of one LSB of the core's format, m/s.
     #[getter]
     fn lsb_m_per_s(&self) -> f64 {
         1.0 / lsb_per_m_per_s(&self.design)
@@ -242,7 +243,7 @@ impl Estimator {
         self.clone()
     }
 
-    /// Velocities at these counts; the next block goes on where this one ended.
+    /// Velocities at these counts. The next block continues where this one ended.
     ///
     /// Parameters
     /// ----------
@@ -264,8 +265,8 @@ impl Estimator {
     /// Raises
     /// ------
     /// ValueError
-    ///     What the estimator needs is missing, is no whole number, or has another length; or the counter's width is
-    ///     none that an encoder has, or another one than that of the block before.
+    ///     An input that the estimator needs is missing, is not whole, or has another length. Or the counter's width is
+    ///     not an encoder's, or differs from the width in the block before.
     ///
     /// Notes
     /// -----
@@ -277,7 +278,7 @@ impl Estimator {
     /// >>> estimator = Estimator("butterworth", Scene.load("paper-1um"), cutoff=500)
     /// >>> estimator.process(np.arange(4)).round(6).tolist()
     /// [0.0, 0.000198, 0.000903, 0.002077]
-    /// >>> estimator.process(np.arange(4, 8)).round(6).tolist()  # it goes on
+    /// >>> estimator.process(np.arange(4, 8)).round(6).tolist()  # it continues
     /// [0.00346, 0.004868, 0.00618, 0.007328]
     #[pyo3(signature = (
         counts, *, force = None, acceleration = None, edge_age = None, edge_up = None, bits = false
@@ -346,7 +347,7 @@ impl Estimator {
             let reading = counts[n] as u32;
             let (_, sampler) = state.get_or_insert_with(|| (width, Sampler::new(reading, width)));
             let edge = match (age, up) {
-                // an age below 0: no edge yet
+                // a negative age: no edge yet
                 (Some(age), Some(up)) => {
                     u32::try_from(age[n]).ok().map(|age| Edge { age, up: up[n] })
                 }
@@ -366,7 +367,7 @@ impl Estimator {
                 true => raw.extend(block.map(&mut at)),
                 false => metres.extend(block.map(|n| f64::from(at(n)) * lsb_m_per_s)),
             });
-            py.check_signals()?; // which leaves the state as it was
+            py.check_signals()?; // an exception leaves the state as it was
         }
         let made = if bits {
             Velocities::Bits(Array::writable(py, raw))

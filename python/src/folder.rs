@@ -1,4 +1,4 @@
-//! A study in a folder: its units, made anywhere, and their parts, written here.
+//! A study in a folder. Its units can run on any machine; this process writes their parts.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -17,17 +17,17 @@ use crate::{
     work::{raised, run},
 };
 
-/// Text, origin and folder of a study: what a worker needs to read it again.
+/// Text, origin and folder of a study, which a worker needs to read it again.
 #[pyfunction]
 pub fn study_text(py: Python<'_>, study: Asked) -> PyResult<(String, String, PathBuf)> {
     text_of(study.0.bind(py))
 }
 
-/// A study that was read and checked, and its units.
+/// A study that was read and checked, with its units.
 #[pyclass(frozen, module = "zwidth._native")]
 pub struct StudyUnits {
     study: Arc<Study>,
-    /// The study's file, if it is one.
+    /// Path of the study's file, if it was read from a file.
     origin: PathBuf,
 }
 
@@ -40,7 +40,7 @@ impl StudyUnits {
         Ok(Self { study: Arc::new(study), origin: origin.into() })
     }
 
-    /// Makes a unit: its key, its part, rows and hits of that.
+    /// Runs a unit. Returns its key, its part, and the part's rows and hits.
     fn make(
         &self,
         py: Python<'_>,
@@ -63,7 +63,7 @@ impl StudyUnits {
     }
 }
 
-/// The folder of a study, as `cargo sim study --out` writes it; one at a time has it.
+/// The folder of a study, as `cargo sim study --out` writes it. Only one process at a time may use it.
 #[pyclass(module = "zwidth._native")]
 pub struct StudyFolder {
     #[pyo3(get)]
@@ -100,13 +100,13 @@ impl StudyFolder {
         })
     }
 
-    /// Units whose parts are not there.
+    /// Units whose parts are missing.
     fn missing(&self) -> PyResult<Vec<u64>> {
         let done = self.open()?.done();
         Ok((0..self.units).filter(|unit| !done.contains_key(unit)).collect())
     }
 
-    /// Writes the part of a unit and enters it.
+    /// Writes the part of a unit and adds it to the manifest.
     fn add(&mut self, unit: u64, key: &str, csv: String, rows: u64, hits: u64) -> PyResult<()> {
         let own = self.study.unit_key(unit, self.numeric);
         if own != key {
@@ -118,7 +118,7 @@ impl StudyFolder {
         folder.add(unit, own, &Part { csv, rows, hits }).map_err(raised)
     }
 
-    /// Puts the manifest in order; rows, hits and bytes of all parts.
+    /// Sorts the manifest. Returns rows, hits and bytes of all parts.
     fn finish(&mut self) -> PyResult<(u64, u64, u64)> {
         let done = self.folder.take().ok_or_else(closed)?.finish().map_err(raised)?;
         Ok(done.values().fold((0, 0, 0), |(rows, hits, bytes), entry| {

@@ -1,4 +1,4 @@
-//! What functions are given.
+//! Arguments of the functions.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -17,7 +17,7 @@ const ITERABLE: PyStaticExpr = type_hint_identifier!("collections.abc", "Iterabl
 const TEXT: PyStaticExpr = type_hint_identifier!("builtins", "str");
 const INT: PyStaticExpr = type_hint_identifier!("builtins", "int");
 
-/// A scene that a caller gives.
+/// A scene from the caller.
 pub struct Given(pub Arc<NamedScene>);
 
 impl FromPyObject<'_, '_> for Given {
@@ -34,15 +34,15 @@ impl FromPyObject<'_, '_> for Given {
     }
 }
 
-/// Several of these: a list or an array, of which a text is none.
+/// A list or an array of items. A text is not a list.
 pub struct Several<T>(pub Vec<T>);
 
 pub type Numbers = Several<f64>;
 pub type Texts = Several<String>;
 
-/// What there may be several of.
+/// Type of an item of [`Several`].
 pub trait Item: for<'a, 'py> FromPyObject<'a, 'py> {
-    /// As a refusal calls them.
+    /// Name of the items in an error message.
     const NAMES: &str;
 }
 
@@ -63,7 +63,7 @@ impl<T: Item> FromPyObject<'_, '_> for Several<T> {
     }
 }
 
-/// The items of what is no text.
+/// The items of an argument that is not a text.
 pub fn several<T: for<'a, 'py> FromPyObject<'a, 'py>>(
     of: &Bound<'_, PyAny>,
     names: &str,
@@ -79,7 +79,7 @@ pub fn several<T: for<'a, 'py> FromPyObject<'a, 'py>>(
     items.map(|item| item?.extract().map_err(Into::into)).collect()
 }
 
-/// What is called with the pieces of work that are done and those in all.
+/// A callable that gets the count of finished pieces of work and the count of all.
 pub struct Progress(pub Py<PyAny>);
 
 impl FromPyObject<'_, '_> for Progress {
@@ -95,7 +95,7 @@ impl FromPyObject<'_, '_> for Progress {
     }
 }
 
-/// A path that a caller gives.
+/// A path from the caller.
 pub struct Place(pub PathBuf);
 
 impl FromPyObject<'_, '_> for Place {

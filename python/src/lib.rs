@@ -1,5 +1,5 @@
-//! The extension module `zwidth._native`: scenes, studies, estimators and their results for Python, with the texts of
-//! their help. Its type stubs are made from it when a wheel is built. Units are SI.
+//! The extension module `zwidth._native`: scenes, studies, estimators and results for Python, with their help texts.
+//! Type stubs are made from the module when a wheel is built. Units are SI.
 #![warn(missing_docs)]
 #![expect(clippy::too_many_arguments, reason = "keywords of functions")]
 

@@ -1,5 +1,5 @@
-//! What was measured on a device: records that identify it, walks beside those of a scene, estimators
-//! over a capture.
+//! Measured data of a device: records for identification, walks compared with those of a scene, and estimators on a
+//! capture.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -26,7 +26,7 @@ use crate::{
     work::{Course, raised, run},
 };
 
-/// What the studies call an option of `identify`, and its argument here.
+/// Each option of `identify` in the studies, and its argument in Python.
 const ARGUMENTS: [(&str, &str); 15] = [
     ("--no-spring", "spring=False"),
     ("--torque-constant", "torque_constant"),
@@ -45,12 +45,12 @@ const ARGUMENTS: [(&str, &str); 15] = [
     ("--to", "to"),
 ];
 
-/// A line of the studies with the names of arguments.
+/// A message of the studies with the names of arguments in place of options.
 fn with_arguments(line: &str) -> String {
     ARGUMENTS.iter().fold(line.to_owned(), |line, (option, name)| line.replace(option, name))
 }
 
-/// The error with them.
+/// The error with the names of arguments.
 fn here(error: Error) -> Error {
     match error {
         Error::Input(line) => Error::Input(with_arguments(&line)),
@@ -80,7 +80,7 @@ fn terms_of(names: &[String]) -> PyResult<Terms> {
     })
 }
 
-/// What is fitted beside mass, damping and spring: one word, or names.
+/// Terms that are fitted beside mass, damping and spring: one word, or names.
 pub struct TermsAsked(Terms);
 
 impl FromPyObject<'_, '_> for TermsAsked {
@@ -124,8 +124,8 @@ impl FromPyObject<'_, '_> for Places {
 }
 
 result! { value
-    /// A value that was fitted, with its 95 % interval; both ends are the value where it was given. The unit is in the name
-    /// of the attribute that holds it.
+    /// A fitted value with its 95 % interval. If the value was given, both ends are the value. The attribute that holds
+    /// the estimate has the unit in its name.
     Estimate {
         /// The fitted value, or the given one.
         value: f64,
@@ -153,7 +153,7 @@ result! { value
 }
 
 result! { value
-    /// How a term was told from none.
+    /// Evidence that a term is present.
     TermTest {
         /// `friction`, `amplifier`, `offset` or `phase`.
         term: String,
@@ -165,23 +165,23 @@ result! { value
 }
 
 result! { value
-    /// What a fit leaves.
+    /// Residual of a fit.
     Residual {
         /// RMS of the residual, m.
         rms_m: f64,
-        /// Whether it is white.
+        /// Whether the residual is white.
         white: bool,
         /// p-value of the Ljung-Box test.
         whiteness_p: f64,
         /// Autocorrelation from row to row.
         autocorrelation: f64,
-        /// Whether quantisation, not noise, makes it.
+        /// Whether quantisation, and not noise, makes the residual.
         bound_by_quantisation: bool,
-        /// Part of the quantiser's sawtooth that is left, 0 to 1.
+        /// Fraction of the quantiser's sawtooth in the residual, 0 to 1.
         coherence: f64,
         /// Largest residual over the RMS.
         peak_per_rms: f64,
-        /// RMS, counts; None for a sensor without counts.
+        /// RMS in counts; None for a sensor without counts.
         rms_counts: Option<f64>,
         /// Noise before the quantiser that explains it, counts; None for a sensor without counts.
         noise_counts: Option<f64>,
@@ -189,7 +189,8 @@ result! { value
 }
 
 result! { table
-    /// The device of records, at the handle, of a rotary device too. As a table it is the first record's fit.
+    /// The identified device, with lengths and forces at the handle, also for a rotary device. As a table it is the
+    /// first record's fit.
     Identification {
         /// Names of the records.
         logs: Tuple<String>,
@@ -197,11 +198,11 @@ result! { table
         rows: u64,
         /// Time from row to row, s.
         step_s: f64,
-        /// That of the intervals, 0.95.
+        /// Confidence of the intervals, 0.95.
         confidence: f64,
-        /// What the command of the records is: `voltage`, `force` or `current`.
+        /// Command in the records: `voltage`, `force` or `current`.
         drive: String,
-        /// `given`, `motor`, `weight`, `added_mass`, or `force` where the records have the force.
+        /// Source of the gain: `given`, `motor`, `weight`, `added_mass`, or `force` if the records have the force.
         gain_source: String,
         /// Mass of the device, kg.
         mass_kg: Part<Estimate>,
@@ -209,13 +210,13 @@ result! { table
         damping_n_s_per_m: Part<Estimate>,
         /// Stiffness, N/m; None without a spring.
         stiffness_n_per_m: Option<Part<Estimate>>,
-        /// Where the spring rests, m; None without one.
+        /// Rest position of the spring, m; None without a spring.
         rest_position_m: Option<Part<Estimate>>,
         /// Force per volt, N/V; None of records without a voltage.
         gain_n_per_v: Option<Part<Estimate>>,
         /// Force per ampere, N/A; None of records without a current.
         gain_n_per_a: Option<Part<Estimate>>,
-        /// From a row's time to its command's effect, s.
+        /// Time from a row's time stamp to its command's effect, s.
         latency_s: Part<Estimate>,
         /// Dry friction, N; None where it is not in the model.
         friction_n: Option<Part<Estimate>>,
@@ -223,24 +224,24 @@ result! { table
         amplifier_lag_s: Option<Part<Estimate>>,
         /// Constant force, N; None where it is not in the model.
         offset_n: Option<Part<Estimate>>,
-        /// None where it is not in the model.
+        /// Periodic error of the encoder; None if it is not in the model.
         encoder_error: Option<Part<EncoderTerm>>,
-        /// Of each of these terms that is in the model.
+        /// Test of each of these terms that is in the model.
         tests: Tuple<Part<TermTest>>,
         /// `time_s`, `position_m`, `speed_m_per_s` at the first fitted row of each record.
         initial: Table,
-        /// What the fit leaves.
+        /// Residual of the fit.
         residual: Part<Residual>,
         /// Largest ratio of a stated interval to that of white noise.
         widening: f64,
-        /// What a reader should know of the fit.
+        /// Warnings about the fit.
         warnings: Tuple<String>,
-        /// What a reader should know of the scene.
+        /// Notes about the scene.
         notes: Tuple<String>,
         /// Of each record: `time_s`, the command (`voltage_v`, `force_n` or `current_a`), `position_m`, `model_m`, `residual_m`; the residual is the position, with
         /// half a count added for a floor encoder, less the model.
         fits: Tuple<Table>,
-        /// The base scene with the device, or why no scene may have it.
+        /// The base scene with the device, or the reason why no scene can have it.
         scene_or_reason: Any,
     }
 
@@ -249,7 +250,7 @@ result! { table
     /// Raises
     /// ------
     /// ValueError
-    ///     No scene may have this device; the line says why.
+    ///     No scene can have this device; the message gives the reason.
     #[getter]
     fn scene<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, Scene>> {
         let made = self.scene_or_reason.0.bind(py);
@@ -267,25 +268,25 @@ result! { table(pulses)
     Plan {
         /// Name of the scene.
         scene: String,
-        /// Where each pulse starts, m.
+        /// Start of each pulse, m.
         start_m: f64,
         /// The train's force, N.
         push_n: f64,
-        /// In their order: force `push_n`, N, duration `seconds`, s, and by the scene's device how far it goes from the
-        /// start, `excursion_m`, m, and how fast, `speed_m_per_s`, m/s.
+        /// The pulses in order: force `push_n`, N, and duration `seconds`, s. By the scene's device: distance from the
+        /// start `excursion_m`, m, and largest speed `speed_m_per_s`, m/s.
         pulses: Table,
         /// RMS of the force over the whole train, pauses included, N.
         force_rms_n: f64,
-        /// What the motor stands for ever, N.
+        /// Continuous force that the motor allows, N.
         continuous_force_n: f64,
-        /// Limits that are not in the scene: guesses, in the scene's units.
+        /// Limits that the scene does not have: guesses, in the scene's units.
         guessed: Tuple<String>,
-        /// Lines for the board's console, in the scene's units; all else is at the handle.
+        /// Lines for the board's console, in the scene's units. All other values are at the handle.
         console: Tuple<String>,
     }
 }
 
-/// Rows as dictionaries become columns.
+/// Converts rows (dictionaries) to columns.
 fn turn<'py, const N: usize>(
     told: &Bound<'py, PyAny>,
     rows: &str,
@@ -302,15 +303,15 @@ fn turn<'py, const N: usize>(
 
 /// Find mass, damping, stiffness and more of a device in recorded voltage and position.
 ///
-/// One record cannot tell them from the force per volt: that is given in one of four ways, but for a rotary base scene,
-/// which has its own. Lengths and forces are at the handle, of a rotary scene too.
+/// One record cannot distinguish these values from the force per volt. So give the force per volt in one of four ways,
+/// except for a rotary base scene, which has its own. Lengths and forces are at the handle, also for a rotary scene.
 ///
 /// Parameters
 /// ----------
 /// records : path or iterable of path
 ///     Logs, telemetry captures, or the CSV of one. Several of one device are fitted at once.
 /// base : Scene
-///     Gives encoder, voltage limit, latency and sample rate, and all else that a scene needs.
+///     Gives encoder, voltage limit, latency, sample rate, and all other values that a scene needs.
 /// gain : float, optional
 ///     Force per volt, N/V; of records with a current per ampere, N/A; of records with a force there is none.
 /// torque_constant, amplifier_gain, drum_radius : float, optional
@@ -320,26 +321,27 @@ fn turn<'py, const N: usize>(
 /// added_mass : float, optional
 ///     The second of two records was made with this much more mass, kg: the force per volt is found too.
 /// latency : float, optional
-///     From a row's time to its command's effect, rows of the log; by default the base scene's time.
+///     Time from a row's time stamp to its command's effect, rows of the log; by default the base scene's time.
 /// fit_latency : bool
-///     Find the latency too, beginning with that.
+///     Find the latency too, starting from `latency`.
 /// spring : bool
 ///     Whether the device has a spring.
 /// terms : {"auto", "none"} or iterable of {"friction", "amplifier", "offset", "phase"}
-///     What is fitted beside mass, damping and spring: what the records tell, nothing, or these.
+///     Terms that are fitted beside mass, damping and spring: those that the records show, none, or these.
 /// rest_position : float, optional
-///     Where the spring rests without any other force, m: a constant force can then be told from it.
+///     Rest position of the spring without any other force, m. With it, a constant force can be distinguished.
 /// encoder_cycle : float, optional
 ///     Travel per cycle of the encoder's signals, m; by default the base scene's, else it is looked for.
 /// resolution : float, optional
 ///     Size of a count, m; 0 for a sensor without counts. By default the base scene's.
 /// span : tuple of float or None
-///     From and to which time stamp the records are used, s; None is their end.
+///     First and last time stamp of the records that is used, s; None is the record's end.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     Something is out of range, a file cannot be read, or the records do not tell: the line says why.
+///     Something is out of range, a file cannot be read, or the records do not determine the device; the message
+///     gives the reason.
 #[pyfunction]
 #[pyo3(signature = (
     records, *, base, gain = None, torque_constant = None, amplifier_gain = None, drum_radius = None,
@@ -391,7 +393,7 @@ pub fn identify(
     };
     let identified = move |course: &Course| {
         let of_base = (&*base, base.name.as_str());
-        // Lengths and forces are said at the handle, of a rotary scene too.
+        // Lengths and forces are at the handle, also for a rotary scene.
         let (read, options) = records::read_all(&logs, of_base, (&asked, &gain), Units::Linear)?;
         let mut found = records::identify_in(base.scene.units, &read, &options, &course.stop)?;
         found.warnings.iter_mut().for_each(|warning| *warning = with_arguments(warning));
@@ -431,8 +433,8 @@ pub fn identify(
 
 /// Plan the pulses that identify a scene's device: as strong as travel, speed and motor allow.
 ///
-/// **It moves.** The plan takes the scene's own mass, damping, spring and friction: with a first guess of a device
-/// begin with a tenth of the force, hands off and clear of the whole way.
+/// **The device moves.** The plan uses the scene's own mass, damping, spring and friction. If these are a first guess,
+/// begin with a tenth of the force, and keep hands and objects away from the whole travel.
 ///
 /// Parameters
 /// ----------
@@ -468,25 +470,25 @@ result! { value
         key: String,
         /// The unit of its numbers.
         unit: String,
-        /// The value that explains most.
+        /// The value that explains most of the difference.
         value: f64,
-        /// Lowest of those that explain as much, of what was tried.
+        /// Lowest tried value that explains as much.
         low: f64,
-        /// Highest of those that explain as much.
+        /// Highest tried value that explains as much.
         high: f64,
-        /// The range ends with what was tried.
+        /// Whether the range ends at an end of the tried values.
         at_edge: bool,
-        /// Distance that it leaves, N/m.
+        /// Remaining distance with this value, N/m.
         left_n_per_m: f64,
         /// Whether it explains all of the difference.
         explains: bool,
-        /// What the scene says; None if it has none.
+        /// Value in the scene; None if the scene has none.
         scene: Option<f64>,
     }
 }
 
 result! { table(walls)
-    /// A measured walk beside the one that a scene predicts. As a table it is `walls`.
+    /// A measured walk and the predicted walk of a scene. As a table it is `walls`.
     Agreement {
         /// Name of the scene.
         scene: String,
@@ -496,24 +498,25 @@ result! { table(walls)
         cutoff_hz: Option<f64>,
         /// Whether the measured walk is no farther from the prediction than the scene's own walks are.
         agrees: bool,
-        /// Step of K, which a walk cannot tell, N/m.
+        /// Step of K, which is the resolution of a walk, N/m.
         stiffness_step_n_per_m: f64,
         /// Distance of the measured walk beyond that step, N/m.
         distance_n_per_m: f64,
-        /// The largest of the scene's own walks, N/m.
+        /// Largest distance among the scene's own walks, N/m.
         scatter_n_per_m: f64,
         /// For each B: `damping_n_s_per_m`, predicted K with its range over the starts (`predicted_n_per_m`,
         /// `predicted_low_n_per_m`, `predicted_high_n_per_m`), `measured_n_per_m`, and with the best suspect
         /// `explained_n_per_m`, NaN if the walks agree. K is 0 where a walk does not reach that B.
         walls: Table,
-        /// What leaves least first; empty if they agree.
+        /// The suspects, the smallest remaining distance first; empty if the walks agree.
         suspects: Tuple<Part<Suspect>>,
         /// The answer in words.
         answers: Tuple<String>,
     }
 }
 
-/// Say whether a measured walk agrees with the scene's, and if not, which number explains the difference best.
+/// Check whether a measured walk agrees with the scene's walks. If not, find the number that explains the difference
+/// best.
 ///
 /// Parameters
 /// ----------
@@ -524,7 +527,8 @@ result! { table(walls)
 /// engine, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called with the walks done and the most that there can be, from this thread; what it raises ends the work.
+///     Called from this thread with the count of finished walks and the largest possible count. An exception in it
+///     ends the work.
 ///
 /// Raises
 /// ------
@@ -554,34 +558,34 @@ pub fn agree(
 }
 
 result! { table(table)
-    /// Another estimator over the counts of a capture, beside the board's own. As a table it is `table`.
+    /// Another estimator on the counts of a capture, compared with the board's own. As a table it is `table`.
     Replay {
         /// Name of the estimator.
         estimator: String,
         /// Nominal cutoff of the estimator, Hz.
         cutoff_hz: f64,
-        /// How many samples, which follow each other.
+        /// Count of consecutive samples.
         samples: u64,
-        /// The number of the first.
+        /// Number of the first sample.
         first_sample: u64,
-        /// First sample from which on both say the same to the last bit, up to the end.
+        /// First sample from which both velocities are equal to the last bit, up to the end.
         same_from_sample: Option<u64>,
-        /// RMS of the difference to the board's, m/s.
+        /// RMS of the difference from the board's velocity, m/s.
         difference_rms_m_per_s: f64,
-        /// By how much it is later than the board's, s; None if nothing moved.
+        /// Delay relative to the board's velocity, s; None if nothing moved.
         later_s: Option<f64>,
-        /// RMS of the board's change from sample to sample, m/s.
+        /// RMS of the change of the board's velocity from sample to sample, m/s.
         board_change_rms_m_per_s: f64,
-        /// RMS of the estimator's, m/s.
+        /// RMS of the change of the estimator's velocity from sample to sample, m/s.
         change_rms_m_per_s: f64,
-        /// One of the velocities' integers, m/s.
+        /// One LSB of the velocities, m/s.
         lsb_m_per_s: f64,
-        /// `sample`, `position_counts`, `board_velocity_lsb`, `velocity_lsb`, in the integers of the control.
+        /// `sample`, `position_counts`, `board_velocity_lsb`, `velocity_lsb`, as the integers of the control loop.
         table: Table,
     }
 }
 
-/// Run an estimator over the counts of all samples of a capture, from rest, beside the board's own.
+/// Run an estimator on the counts of all samples of a capture, from rest, and compare it with the board's own.
 ///
 /// Parameters
 /// ----------
@@ -592,13 +596,13 @@ result! { table(table)
 /// estimator : str, optional
 ///     One of `ESTIMATORS`; the scene's by default.
 /// cutoff : float
-///     Nominal cutoff, Hz; what else tunes it is the scene's, or the default.
+///     Nominal cutoff, Hz; other parameters are the scene's, or the defaults.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     There is no such estimator, its cutoff is out of range, it looks at more than counts, or the capture has no
-///     stretch of all samples.
+///     There is no such estimator, its cutoff is out of range, it needs more than counts, or the capture has no
+///     range in which all samples are present.
 #[pyfunction]
 #[pyo3(signature = (scene, capture, *, estimator = None, cutoff = 1500.0))]
 pub fn replay(

@@ -1,4 +1,4 @@
-//! The cutoff to dial in.
+//! The recommended cutoff.
 
 use std::sync::Arc;
 
@@ -15,36 +15,37 @@ use crate::{
 };
 
 result! { value
-    /// The cutoff with the largest area of quiet walls, and what goes with it.
+    /// The cutoff with the largest area of quiet walls, with its results.
     Recommended {
         /// Name of the scene.
         scene: String,
-        /// The cutoff to dial in, Hz.
+        /// The recommended cutoff, Hz.
         cutoff_hz: f64,
-        /// The cutoffs beside it that are as good, Hz.
+        /// Lowest and highest cutoff with an equally good area, Hz.
         range_hz: (f64, f64),
-        /// The range goes on to the first or the last cutoff that was tried.
+        /// Whether the range reaches the first or the last cutoff that was tried.
         range_is_open: (bool, bool),
         /// K of the stiffest quiet wall, N/m.
         stiffness_n_per_m: f64,
-        /// Its B, N s/m.
+        /// B of the stiffest quiet wall, N s/m.
         damping_n_s_per_m: f64,
         /// Largest B of a quiet wall, N s/m.
         damping_max_n_s_per_m: f64,
         /// Area of the quiet walls, N^2 s/m^2.
         area: f64,
-        /// A cap of the walk cuts that area.
+        /// Whether a largest value of the walk limits the area.
         is_cut: bool,
-        /// By each other protocol the largest K of a quiet wall with that B, N/m; None where none is, or none can be tried.
+        /// For each other protocol, the largest K of a quiet wall with that B, N/m; None if there is none, or none can
+        /// be tried.
         protocols: Tuple<(String, Option<f64>)>,
         /// RMS of the output while the handle rests in free air, N.
         hum_n: f64,
-        /// What the command line says.
+        /// Text of the command line.
         sentences: Tuple<String>,
     }
 }
 
-/// Look for the cutoff to dial in: the one with the largest area of walls that are quiet, by motion and force.
+/// Find the recommended cutoff: the cutoff with the largest area of walls that are quiet, by motion and force.
 ///
 /// Parameters
 /// ----------
@@ -56,7 +57,8 @@ result! { value
 /// engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called with the walks done and 0, since nobody knows how many it takes; what it raises ends the search.
+///     Called with the count of finished walks and 0, since the count of all is unknown. An exception in it ends the
+///     search.
 ///
 /// Raises
 /// ------

@@ -1,4 +1,4 @@
-//! What results are made of: frozen classes, arrays that cannot be written, tuples and tables.
+//! Building blocks of results: frozen classes, read-only arrays, tuples and tables.
 
 use std::borrow::Borrow;
 
@@ -12,9 +12,9 @@ use pyo3::{
 };
 use sim_studies::table::{Cell, Column, Kind};
 
-/// A frozen class of Python's whose attributes are these fields: its constructor takes them, its text names those that are
-/// short, and it can be pickled. Of a `value` equal fields make equals, a `table` has `columns` of its own, a
-/// `table(FIELD)` those of that field, `arrays` have their attributes as columns.
+/// A frozen Python class with these fields as attributes. Its constructor takes the fields, its text shows the short
+/// ones, and it can be pickled. Objects of a `value` with equal fields are equal. A `table` has its own `columns`; a
+/// `table(FIELD)` has the columns of that field; `arrays` have their attributes as columns.
 macro_rules! result {
     (table($table:ident) $(#[$of:meta])* $name:ident $fields:tt $($methods:tt)*) => {
         $crate::result::result! { table $(#[$of])* $name $fields
@@ -86,7 +86,7 @@ macro_rules! methods {
                 Self { $($field),* }
             }
 
-            /// The attributes by name: `vars(of)`.
+            /// The attributes by name, for `vars()`.
             #[getter]
             fn __dict__(slf: &Bound<'_, Self>) -> PyResult<$crate::result::Keys> {
                 $crate::result::attributes(slf)
@@ -107,13 +107,13 @@ macro_rules! methods {
 }
 pub(crate) use {methods, result};
 
-/// A class that is made of its attributes.
+/// A class that is built from its attributes.
 pub trait Fields: PyClass {
     /// Names of the attributes.
     const FIELDS: &[&str];
 }
 
-/// An object of that class from attributes by name; one that is left out is None.
+/// An object of the class from attributes by name. A missing attribute is None.
 pub fn made<T: Fields>(attributes: &Bound<'_, PyAny>) -> PyResult<Py<T>> {
     let attributes = attributes.cast::<PyDict>()?;
     for name in T::FIELDS {
@@ -144,10 +144,10 @@ pub fn attributes<T: Fields>(of: &Bound<'_, T>) -> PyResult<Keys> {
     columns(of.py(), values.collect::<PyResult<Vec<_>>>()?)
 }
 
-/// Longest text of an attribute that the text of its object repeats.
+/// Longest text of an attribute that is shown in the object's text.
 const SHORT: usize = 120;
 
-/// The object's text: an array as its shape, and of what is long what it is and how much.
+/// The object's text. An array is shown by its shape, and a long attribute by its type and size.
 pub fn text<T: Fields>(of: &Bound<'_, T>) -> PyResult<String> {
     let told = T::FIELDS.iter().map(|name| {
         let value = of.as_any().getattr(*name)?;
@@ -170,13 +170,13 @@ pub fn text<T: Fields>(of: &Bound<'_, T>) -> PyResult<String> {
     ))
 }
 
-/// What `module.name` makes of the columns.
+/// Calls `module.name` with the columns.
 pub fn columns_to(of: &Bound<'_, impl PyClass>, module: &str, name: &str) -> PyResult<Py<PyAny>> {
     let columns = of.as_any().call_method0("columns")?;
     of.py().import(module)?.call_method1(name, (columns,)).map(Bound::unbind)
 }
 
-/// An object of Python's, with its type in the stubs.
+/// A Python object with its type in the stubs.
 macro_rules! typed {
     ($($name:ident: $hint:expr;)*) => { $(
         pub struct $name(pub Py<PyAny>);
@@ -233,7 +233,7 @@ typed! {
 }
 
 impl Table {
-    /// Of columns by name.
+    /// A table from columns by name.
     pub fn new(py: Python<'_>, columns: Keys) -> PyResult<Self> {
         let class = py.import("zwidth.table")?.getattr("Table")?;
         Ok(Self(class.call1((columns,))?.unbind()))
@@ -244,7 +244,7 @@ impl Table {
         Self::of_rows(py, &table.columns, &table.rows)
     }
 
-    /// Rows of the studies: a number that there is not is NaN, a text empty.
+    /// A table from rows of the studies. A missing number is NaN, and a missing text is empty.
     pub fn of_rows<C: Borrow<Column>>(
         py: Python<'_>,
         names: impl IntoIterator<Item = C>,
@@ -290,9 +290,9 @@ impl Table {
     }
 }
 
-/// Type of an array's numbers.
+/// Element type of an array.
 pub trait Number: Element {
-    /// Its type in the stubs.
+    /// The array's type in the stubs.
     const ARRAY: PyStaticExpr;
 }
 
@@ -310,31 +310,31 @@ number! {
     f64: "float64"; bool: "bool_"; u8: "uint8"; u16: "uint16"; u32: "uint32"; u64: "uint64"; i32: "int32"; i64: "int64";
 }
 
-/// An array of numpy's that cannot be written.
+/// A read-only array of numpy.
 pub struct Array<T>(Py<PyArrayDyn<T>>);
 
 impl<T: Number> Array<T> {
-    /// Of these values, without a copy.
+    /// An array of these values, without a copy.
     pub fn new(py: Python<'_>, values: Vec<T>) -> PyResult<Self> {
         Self::of(values.into_pyarray(py).to_dyn().clone())
     }
 
-    /// What each of these rows has.
+    /// An array with one value from each of these rows.
     pub fn each<R>(py: Python<'_>, rows: &[R], of: impl Fn(&R) -> T) -> PyResult<Self> {
         Self::new(py, rows.iter().map(of).collect())
     }
 
-    /// Of these values, and somebody else's from then on: it can be written.
+    /// A writable array of these values; the caller owns it.
     pub fn writable(py: Python<'_>, values: Vec<T>) -> Self {
         Self(values.into_pyarray(py).to_dyn().clone().unbind())
     }
 
-    /// Of these values in rows.
+    /// An array of these values with this shape.
     pub fn shaped(py: Python<'_>, values: Vec<T>, shape: &[usize]) -> PyResult<Self> {
         Self::of(values.into_pyarray(py).reshape(shape)?)
     }
 
-    /// The array as Python's object.
+    /// The array as a Python object.
     pub fn bound<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
         self.0.bind(py).clone().into_any()
     }
@@ -376,7 +376,7 @@ impl<T: Number + 'static> FromPyObject<'_, '_> for Array<T> {
     }
 }
 
-/// An object of a class of ours; what Python gives may be its attributes by name.
+/// An object of one of this module's classes. Python may also give its attributes by name.
 pub struct Part<T>(pub Py<T>);
 
 impl<'py, T: Fields> IntoPyObject<'py> for &Part<T> {
@@ -439,7 +439,7 @@ impl<'py, T: for<'a> FromPyObject<'a, 'py>> FromPyObject<'_, 'py> for Tuple<T> {
     }
 }
 
-/// A dictionary of columns, in their order.
+/// A dictionary of columns in order.
 pub fn columns<'py>(
     py: Python<'py>,
     columns: impl IntoIterator<Item = (&'static str, Bound<'py, PyAny>)>,

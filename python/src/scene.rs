@@ -23,7 +23,7 @@ use crate::{
 
 /// A device, its controller and its experiments, checked.
 ///
-/// Made by `load`, `parse` and `replace`; it does not change. Scenes can be compared and pickled.
+/// Made by `load`, `parse` and `replace`; a scene never changes. Scenes can be compared and pickled.
 #[pyclass(frozen, module = "zwidth")]
 pub struct Scene(pub Arc<NamedScene>);
 
@@ -45,7 +45,7 @@ impl Scene {
     /// Raises
     /// ------
     /// ValueError
-    ///     There is no such scene, or the file says something that is not allowed: file, line, key, value and what is
+    ///     There is no such scene, or the file has a value that is not allowed: file, line, key, value and what is
     ///     allowed.
     ///
     /// Examples
@@ -62,7 +62,7 @@ impl Scene {
         NamedScene::load(text).map(Self::from).map_err(raised)
     }
 
-    /// Read a scene from the text of a scene file; `name` is what results and errors call it.
+    /// Read a scene from the text of a scene file; `name` is its name in results and errors.
     #[staticmethod]
     #[pyo3(signature = (text, name = "scene"))]
     fn parse(text: String, name: &str) -> PyResult<Self> {
@@ -75,13 +75,13 @@ impl Scene {
         &self.0.name
     }
 
-    /// The text that it was read from, comments included.
+    /// The text of the scene file, with comments.
     #[getter]
     fn text(&self) -> &str {
         &self.0.text
     }
 
-    /// The scene as the text of a scene file, with every default written out; a rotary one as it was read.
+    /// The scene as the text of a scene file, with every default. A rotary scene has the text that was read.
     fn to_toml(&self) -> PyResult<String> {
         if self.0.scene.units.is_rotary() {
             return Ok(self.0.text.clone());
@@ -89,8 +89,8 @@ impl Scene {
         toml::to_string(&self.0.scene).map_err(|error| PyRuntimeError::new_err(error.to_string()))
     }
 
-    /// The scene as nested dictionaries, with every default. Of a rotary scene everything is at the handle, and its
-    /// table `rotary`, from which that follows, stands beside it.
+    /// The scene as nested dictionaries, with every default. For a rotary scene all values are at the handle, and the
+    /// dictionary also has the scene's table `rotary` as it was read.
     fn to_dict(&self, py: Python<'_>) -> PyResult<Keys> {
         let keys = serialized(py, &self.0.scene)?;
         if let Some(rotary) = self.0.table().map_err(raised)?.get("rotary") {
@@ -99,7 +99,7 @@ impl Scene {
         Ok(Keys(keys.unbind()))
     }
 
-    /// Another scene with some values exchanged.
+    /// Another scene with some values changed.
     ///
     /// Parameters
     /// ----------
@@ -112,7 +112,7 @@ impl Scene {
     /// Raises
     /// ------
     /// ValueError
-    ///     The scene that comes out is not allowed: key, value and what is allowed.
+    ///     The resulting scene is not allowed; the error gives key, value and what is allowed.
     ///
     /// Examples
     /// --------
@@ -167,7 +167,7 @@ impl Scene {
         parts.into_py_any(slf.py()).map(Any)
     }
 
-    /// The text with the path of a curve such that it is found without the scene's own file.
+    /// The text with a path of its curve file that does not depend on the scene's own file.
     #[pyo3(name = "_portable_text")]
     fn portable_text(&self) -> PyResult<String> {
         if self.0.files.len() < 2 {
@@ -184,7 +184,7 @@ impl Scene {
     }
 }
 
-/// Sets `value` at the dotted `key`, or leaves the key out.
+/// Sets `value` at the dotted `key`, or removes the key.
 fn change(table: &mut Table, key: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
     let mut parts: Vec<&str> = key.split('.').collect();
     let last = parts.pop().filter(|last| !last.is_empty());
@@ -220,7 +220,7 @@ pub fn of_python(value: &Bound<'_, PyAny>) -> PyResult<Value> {
     } else if let Ok(item) = value.getattr("item")
         && value.getattr("ndim").is_ok_and(|ndim| ndim.extract::<usize>().is_ok_and(|n| n == 0))
     {
-        return of_python(&item.call0()?); // a number of numpy's
+        return of_python(&item.call0()?); // a number of numpy
     } else if let Ok(items) = value.try_iter() {
         let items = items.map(|item| of_python(&item?));
         Value::Array(items.collect::<PyResult<_>>()?)
@@ -230,7 +230,7 @@ pub fn of_python(value: &Bound<'_, PyAny>) -> PyResult<Value> {
     })
 }
 
-/// The dictionary of what is an object in the command line's JSON, with its keys; what is null there is left out.
+/// A dictionary with the keys of the command line's JSON object. Keys with null are left out.
 pub fn serialized<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
     let table =
         Table::try_from(value).map_err(|error| PyRuntimeError::new_err(error.to_string()))?;

@@ -43,7 +43,7 @@ const LISTS: Names =
 /// Names of the codes in `Grid.verdict`.
 pub const VERDICTS: [&str; 4] = ["stable", "unstable", "no_contact", "out_of_range"];
 
-/// The one of that name.
+/// The value with this name.
 pub fn named<T: Copy, const N: usize>(
     what: &str,
     name: &str,
@@ -66,7 +66,7 @@ pub fn engine_of(name: &str) -> PyResult<Engine> {
         .map(|name| if name == "core" { Engine::Core } else { Engine::lanes() })
 }
 
-/// Refuses a count that the command line would refuse.
+/// Refuses a count that the command line would refuse too.
 pub fn in_range(name: &str, value: u32, range: RangeInclusive<u32>) -> PyResult<()> {
     let range = f64::from(*range.start())..=f64::from(*range.end());
     within(name, f64::from(value), range).map_err(PyValueError::new_err)
@@ -80,7 +80,7 @@ pub fn not_empty<T>(name: &str, list: &[T]) -> PyResult<()> {
     }
 }
 
-/// So many times the cutoff; NaN without one.
+/// The cutoff repeated for each row; NaN without a cutoff.
 fn cutoffs(py: Python<'_>, cutoff_hz: Option<f64>, rows: usize) -> PyResult<Bound<'_, PyAny>> {
     Array::new(py, vec![cutoff_hz.unwrap_or(f64::NAN); rows])?.into_bound_py_any(py)
 }
@@ -92,17 +92,18 @@ result! { arrays
         time_s: Array<f64>,
         /// True position of the handle, m.
         position_m: Array<f64>,
-        /// What the encoder counted.
+        /// Count of the encoder.
         count: Array<i32>,
         /// The controller's velocity, m/s.
         velocity_m_per_s: Array<f64>,
-        /// Force that the controller asks for, held from output to output, N.
+        /// Force that the controller commands, held from output to output, N.
         force_n: Array<f64>,
         /// Force on the handle at the end of the sample, after latency and the output's quantisation, N.
         output_n: Array<f64>,
         /// Sum of 1 (inside the wall), 2 (an output was computed) and 4 (the last output saturated).
         flags: Array<u8>,
-        /// What the wall has taken in this contact, by its force and the counts, J; below 0 it has given.
+        /// Energy that the wall has absorbed in this contact, by its force and the counts, J; negative: it has supplied
+        /// energy.
         port_energy_j: Array<f64>,
     }
 }
@@ -122,35 +123,36 @@ result! { value
         verdict: String,
         /// RMS of the counts about their mean over the window, m.
         rms_m: f64,
-        /// The same of the true motion, m.
+        /// RMS of the true motion about its mean over the window, m.
         rms_motion_m: f64,
         /// Mean position of the counts over the window, m.
         mean_m: f64,
-        /// Deepest place behind the surface during the whole hit, m.
+        /// Largest penetration behind the surface during the whole hit, m.
         peak_penetration_m: f64,
-        /// Share of the hit's outputs that saturated.
+        /// Fraction of the hit's outputs that saturated.
         saturated_fraction: f64,
-        /// Share of the window in contact.
+        /// Fraction of the window in contact.
         contact_fraction: f64,
-        /// Share of the samples with a velocity at the end of its range.
+        /// Fraction of the samples with a velocity at the end of its range.
         velocity_clipped_fraction: f64,
-        /// Share of the window's outputs at the actuator's limit.
+        /// Fraction of the window's outputs at the actuator's limit.
         window_at_limit_fraction: f64,
-        /// Level of the window's motion over what a hand feels, dB; None if the window has none.
+        /// Level of the window's motion above the threshold of feeling, dB; None if the window has no motion.
         sensation_db: Option<f64>,
-        /// RMS of the window's outputs about their mean, N; of several pushes the one that decides.
+        /// RMS of the window's outputs about their mean, N; with several pushes that of the deciding push.
         force_rms_n: f64,
-        /// K times the mean penetration over the wall's mean force: 1 for a wall that stands; None where it has no force.
+        /// K times the mean penetration divided by the wall's mean force: 1 for a wall at rest; None if the wall has no
+        /// force.
         penetration_ratio: Option<f64>,
-        /// What the wall has taken in the last contact, by its force and the counts, J.
+        /// Energy that the wall has absorbed in the last contact, by its force and the counts, J.
         port_taken_j: f64,
-        /// The most that the wall had given beyond what it had taken, in any contact, J.
+        /// Largest energy that the wall had supplied beyond the absorbed energy, in any contact, J.
         port_given_j: f64,
-        /// Share of the outputs in contact that the passivity controller has changed; None without one.
+        /// Fraction of the outputs in contact that the passivity controller has changed; None without the controller.
         port_limited_fraction: Option<f64>,
-        /// Share of the wall's force that the passivity controller has withheld; None without one.
+        /// Fraction of the wall's force that the passivity controller has withheld; None without the controller.
         port_withheld_fraction: Option<f64>,
-        /// Every sample, if it was asked for.
+        /// Every sample, if `trace` was set.
         trace: Option<Part<Trace>>,
     }
 
@@ -161,7 +163,7 @@ result! { value
     }
 }
 
-/// Hit one wall and say whether it is stable.
+/// Hit one wall and judge whether it is stable.
 ///
 /// Parameters
 /// ----------
@@ -271,11 +273,11 @@ result! { table
         damping_n_s_per_m: Array<f64>,
         /// The largest stable K at each B, N/m.
         stiffness_n_per_m: Array<f64>,
-        /// Area under it, N^2 s/m^2.
+        /// Area under the boundary, N^2 s/m^2.
         area: f64,
-        /// Wall hits that it took.
+        /// Count of wall hits of the walk.
         hits: u64,
-        /// Why it ends where it does; None if its first point is unstable.
+        /// Reason for the end of the walk; None if its first point is unstable.
         ended_by: Option<String>,
         /// Largest K of the boundary, N/m; 0 if it is empty.
         stiffness_peak_n_per_m: f64,
@@ -374,7 +376,7 @@ result! { table
         scene: String,
         /// Nominal cutoffs, ascending, Hz.
         cutoffs_hz: Array<f64>,
-        /// Where the discrete filter's -3 dB really are, Hz.
+        /// True -3 dB frequencies of the discrete filters, Hz.
         true_cutoffs_hz: Array<f64>,
         /// Mean area over the repeats, N^2 s/m^2.
         area: Array<f64>,
@@ -384,11 +386,11 @@ result! { table
         walks: Tuple<Tuple<Part<Walk>>>,
         /// Lowest cutoff whose mean area is at least 98 % of the largest, Hz; None where every walk failed.
         ideal_cutoff_hz: Option<f64>,
-        /// Lowest and highest cutoff that the repeats cannot tell from it, Hz.
+        /// Lowest and highest cutoff that the repeats cannot distinguish from the ideal one, Hz.
         ideal_range_hz: Option<(f64, f64)>,
         /// What the range is based on.
         ideal_basis: Option<String>,
-        /// What a reader must know beside the numbers.
+        /// Notes that a reader needs to understand the numbers.
         notes: Tuple<String>,
     }
 
@@ -425,7 +427,8 @@ result! { table
 /// engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called with the walks done and the walks in all, from this thread; what it raises ends the sweep.
+///     Called from this thread with the count of finished walks and the count of all. An exception in it ends the
+///     sweep.
 ///
 /// Raises
 /// ------
@@ -508,15 +511,15 @@ result! { table
     Grid {
         /// Name of the scene.
         scene: String,
-        /// Axis of the cutoffs, Hz.
+        /// Cutoffs of the grid, Hz.
         cutoffs_hz: Array<f64>,
-        /// Axis of B, N s/m.
+        /// B of the grid, N s/m.
         dampings_n_s_per_m: Array<f64>,
-        /// Axis of K, N/m.
+        /// K of the grid, N/m.
         stiffnesses_n_per_m: Array<f64>,
-        /// Codes, places in `zwidth.VERDICTS`; shape (cutoffs, dampings, stiffnesses).
+        /// Verdicts as indices of `zwidth.VERDICTS`; shape (cutoffs, dampings, stiffnesses).
         verdict: Array<u8>,
-        /// RMS of the counts, m, same shape; NaN where there is none.
+        /// RMS of the counts, m, same shape; NaN without an RMS.
         rms_m: Array<f64>,
         /// Which walls are stable, same shape.
         stable: Array<bool>,
@@ -558,7 +561,8 @@ result! { table
 /// start_offset, engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called with the walls done and the walls in all, from this thread; what it raises ends the grid.
+///     Called from this thread with the count of finished walls and the count of all. An exception in it ends the
+///     grid.
 ///
 /// Raises
 /// ------
@@ -643,7 +647,7 @@ pub fn grid(
     })
 }
 
-/// The place in [`VERDICTS`].
+/// The index in [`VERDICTS`].
 fn code(verdict: Verdict) -> u8 {
     match verdict {
         Verdict::Stable => 0,
@@ -662,14 +666,14 @@ result! { table
         cutoff_hz: Option<f64>,
         /// B of the wall, N s/m.
         damping_n_s_per_m: Array<f64>,
-        /// Stable for every K from 0 to this, N/m; infinite if no K is unstable.
+        /// Largest K such that every K from 0 up to it is stable, N/m; infinite if no K is unstable.
         stiffness_max_n_per_m: Array<f64>,
-        /// Whether the paper's gain-margin method gives the same.
+        /// Whether the paper's gain-margin method gives the same result.
         gain_margin_holds: Array<bool>,
-        /// Largest K up to which no motion takes energy out of wall and damper, N/m; 0 if none is. None if it was not asked
-        /// for.
+        /// Largest K up to which no motion extracts energy from wall and damper, N/m; 0 if there is none. None without
+        /// `passivity`.
         stiffness_passive_n_per_m: Option<Array<f64>>,
-        /// Tables of the scene that have no place in a linear analysis.
+        /// Tables of the scene that a linear analysis ignores.
         left_out: Tuple<String>,
     }
 

@@ -24,8 +24,8 @@ use crate::{
     work::{raised, run},
 };
 
-/// Text of a study, what errors call it, and the folder of its scenes: of a dictionary with the keys of a study's file, or
-/// of the file at a path.
+/// Text of a study, its name in errors, and the folder of its scenes. The argument is a dictionary with the keys of a
+/// study's file, or the path of the file.
 pub fn text_of(asked: &Bound<'_, PyAny>) -> PyResult<(String, String, PathBuf)> {
     if let Ok(keys) = asked.cast::<PyMapping>() {
         let own = PyDict::new(asked.py());
@@ -51,7 +51,7 @@ result! { table(table)
         units: u64,
         /// Number of hits of all points.
         hits: u64,
-        /// The columns of the command line's parts, one row a point (of a sweep: a cutoff of a point), in their order.
+        /// The columns of the command line's parts, one row per point (for a sweep: per cutoff of a point), in order.
         table: Table,
     }
 }
@@ -65,7 +65,8 @@ result! { table(table)
 /// engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called with the units done and the units in all, from this thread; what it raises ends the study.
+///     Called from this thread with the count of finished units and the count of all. An exception in it ends the
+///     study.
 ///
 /// Raises
 /// ------

@@ -21,9 +21,9 @@ use crate::{
 };
 
 result! { arrays
-    /// One row an output, in the integers of the control: the columns of `cargo sim telemetry --csv`.
+    /// One row per output, as the integers of the control loop: the columns of `cargo sim telemetry --csv`.
     Outputs {
-        /// Number of the frame that told it.
+        /// Number of the frame with this output.
         sequence: Array<u32>,
         /// Sample since the board's reset.
         sample: Array<u64>,
@@ -31,11 +31,11 @@ result! { arrays
         position_counts: Array<i32>,
         /// Velocity, 2^-16 counts per sample.
         velocity_q16: Array<i32>,
-        /// Force, 2^-30 of full scale, into the wall positive.
+        /// Force, 2^-30 of full scale; positive into the wall.
         force_q30: Array<i32>,
-        /// Code of DAC or PWM.
+        /// Code of the DAC or the PWM.
         command: Array<i32>,
-        /// Facts as bits (docs/telemetry.md).
+        /// Flags (docs/telemetry.md).
         flags: Array<u16>,
         /// Number of the settings in force.
         settings: Array<u16>,
@@ -45,17 +45,17 @@ result! { arrays
 }
 
 result! { arrays
-    /// One row a sample, as `cargo sim telemetry --samples` has them.
+    /// One row per sample, as in `cargo sim telemetry --samples`.
     Samples {
         /// Sample since the board's reset.
         sample: Array<u64>,
         /// Position of the handle, counts.
         position_counts: Array<i32>,
-        /// Velocity that the core computes, 2^-16 counts per sample; 0 where it cannot.
+        /// Velocity that the core computes, 2^-16 counts per sample; 0 if it cannot be computed.
         velocity_q16: Array<i32>,
-        /// Force that acts from the last output on, 2^-30 of full scale; 0 before the first.
+        /// Force of the last output, 2^-30 of full scale; 0 before the first output.
         force_q30: Array<i32>,
-        /// Whether there was an output.
+        /// Whether the sample has an output.
         output: Array<bool>,
         /// Whether the velocity is known.
         computed: Array<bool>,
@@ -72,37 +72,37 @@ result! { plain
     /// >>> told = Telemetry.load("examples/samples.bin")  # doctest: +SKIP
     /// >>> told.outputs.force_q30 / 2**30 * told.full_scale_n  # doctest: +SKIP
     Telemetry {
-        /// The bytes as they came.
+        /// The received bytes.
         capture: Bytes,
         /// One row for every output.
         outputs: Part<Outputs>,
         /// One row for every sample.
         samples: Part<Samples>,
-        /// Frames that are missing between those that came.
+        /// Count of frames that are missing between received frames.
         dropped: u64,
-        /// Bytes that belong to no frame, such as the end of the one that was under way at the beginning.
+        /// Count of bytes outside frames, such as the end of a frame that began before the capture.
         garbage_bytes: u64,
-        /// Codes of the faults that were latched meanwhile.
+        /// Codes of the faults that were latched during the capture.
         faults: Tuple<u32>,
-        /// First and last sample of what was not told.
+        /// First and last sample of each gap in the outputs.
         gaps: Tuple<(u64, u64)>,
-        /// Stretches of which the core computes nothing: first sample, last sample, and why.
+        /// Ranges of samples that the core cannot compute: first sample, last sample, and reason.
         unknown: Tuple<(u64, u64, String)>,
-        /// Samples that the core has computed.
+        /// Count of samples that the core has computed.
         computed: u64,
-        /// Velocities that are the board's, bit for bit.
+        /// Count of velocities that equal the board's bit for bit.
         velocities_equal: u64,
-        /// Forces that are the board's, bit for bit.
+        /// Count of forces that equal the board's bit for bit.
         forces_equal: u64,
-        /// States of the estimator that are.
+        /// Count of estimator states that equal the board's bit for bit.
         states_equal: u64,
-        /// Energies at the port that are.
+        /// Count of port energies that equal the board's bit for bit.
         energies_equal: u64,
-        /// The first that is not, or None.
+        /// The first difference from the board, or None.
         first_difference: Option<String>,
-        /// Samples a second, of the first settings that were told; None if none were.
+        /// Sample rate of the first received settings, Hz; None without settings.
         rate_hz: Option<f64>,
-        /// Metres a count, at the handle, of a rotary device too; None without settings.
+        /// Length of a count at the handle, m, also for a rotary device; None without settings.
         resolution_m: Option<f64>,
         /// Force at full command, N; None without settings.
         full_scale_n: Option<f64>,
@@ -113,7 +113,7 @@ result! { plain
     /// Raises
     /// ------
     /// ValueError
-    ///     There is no frame in them.
+    ///     The bytes have no frame.
     ///
     /// Examples
     /// --------
@@ -144,7 +144,7 @@ result! { plain
     }
 }
 
-/// The exception that Python's own functions raise.
+/// The exception of Python's own file functions.
 fn of_file(error: &io::Error, path: &Path) -> PyErr {
     let text = error.to_string().split(" (os error").next().unwrap_or_default().to_owned();
     PyOSError::new_err((error.raw_os_error(), text, path.display().to_string()))
@@ -200,7 +200,7 @@ fn outputs(py: Python<'_>, frames: &[Frame]) -> PyResult<Outputs> {
     })
 }
 
-/// What is not known is 0, with a column that says so.
+/// An unknown value is 0, and a column marks it.
 fn samples(py: Python<'_>, all: &Recomputed) -> PyResult<Samples> {
     let rows = &all.rows;
     Ok(Samples {

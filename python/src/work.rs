@@ -1,4 +1,4 @@
-//! Work without the interpreter's lock, that Ctrl-C ends and that says how far it is.
+//! Runs work without the interpreter's lock. Ctrl-C ends the work, and the work reports its progress.
 
 use std::{
     any::Any,
@@ -21,20 +21,20 @@ use sim_loop::error::Error;
 
 use crate::given::Progress;
 
-/// Time between two looks at the interpreter's signals; Ctrl-C is an exception that much later.
+/// Time between two checks for the interpreter's signals. Ctrl-C raises its exception within this time.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// What work is told and tells.
+/// Shared state of running work: the request to stop, and the progress.
 #[derive(Default)]
 pub struct Course {
-    /// Set once it shall end: nobody waits for it any more.
+    /// Set when the work shall stop, since no caller waits for it any more.
     pub stop: AtomicBool,
-    /// Pieces that are done.
+    /// Count of finished pieces.
     done: AtomicU64,
 }
 
 impl Course {
-    /// So many pieces more are done.
+    /// Adds finished pieces.
     pub fn add(&self, pieces: u64) {
         self.done.fetch_add(pieces, Relaxed);
     }
@@ -51,14 +51,14 @@ pub fn raised(error: Error) -> PyErr {
     }
 }
 
-/// Does `work` on another thread, and on `threads` threads if that is not all of them. `progress` is called with
-/// pieces done and `total` (0: not known) as they change; what it raises ends the work.
+/// Runs `work` on another thread, and on `threads` threads unless it uses all cores. Calls `progress` with the finished
+/// pieces and `total` (0: not known) when they change. An exception of `progress` ends the work.
 ///
-/// An exception of `progress` or of a signal comes out at once. The work then ends when it looks at `stop`: it owns
-/// what it needs, has nothing of Python's, and must not write a file.
+/// An exception of `progress` or of a signal is raised at once. The work ends when it checks `stop`. So the work must
+/// own its data, must not use Python objects, and must not write a file.
 ///
 /// # Errors
-/// Of the work, of `progress`, or a signal's.
+/// The error of the work, of `progress`, or of a signal.
 pub fn run<T: Send + 'static>(
     py: Python<'_>,
     threads: Option<usize>,
@@ -79,11 +79,11 @@ pub fn run<T: Send + 'static>(
             None => work(&of_work),
             Some(pool) => pool.install(|| work(&of_work)),
         };
-        let _ = sender.send(made); // nobody waits after an exception
+        let _ = sender.send(made); // after an exception no caller waits
     })?;
     let mut told = u64::MAX;
     let made = loop {
-        let receiver = &mut receiver; // one that another thread may look at too has no such waiting
+        let receiver = &mut receiver; // a receiver that is shared between threads cannot wait like this
         match py.detach(move || receiver.recv_timeout(LOOK)) {
             Ok(made) => break made,
             Err(RecvTimeoutError::Disconnected) => return Err(panicked(py, worker)),
@@ -101,16 +101,16 @@ pub fn run<T: Send + 'static>(
     Ok(made)
 }
 
-/// A pool of so many threads; 0: of all cores.
+/// A pool of this count of threads; 0: of all cores.
 fn pool_of(threads: usize) -> PyResult<ThreadPool> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     pool.map_err(|error| PyRuntimeError::new_err(error.to_string()))
 }
 
-/// The pool of a process that was forked after the first work: it has none of the threads of rayon's own, and would wait
-/// for them. Any other process has none but rayon's own.
+/// The pool of a process that was forked after the first work. Such a process has no threads of rayon's global pool,
+/// and would wait for them for ever. Any other process uses only rayon's global pool.
 ///
-/// It is only looked at with the interpreter's lock, as a process only forks, so a child never finds it locked.
+/// It is read only with the interpreter's lock. A process forks only with this lock, so a child never finds it locked.
 fn of_child() -> PyResult<Option<Arc<ThreadPool>>> {
     static FIRST: OnceLock<u32> = OnceLock::new();
     static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
@@ -126,7 +126,7 @@ fn of_child() -> PyResult<Option<Arc<ThreadPool>>> {
     }
     let made = Arc::new(pool_of(0)?);
     if let Some((_, of_parent)) = pool.replace((own, Arc::clone(&made))) {
-        mem::forget(of_parent); // which would wait for threads that are not there
+        mem::forget(of_parent); // dropping it would wait for threads that do not exist
     }
     Ok(Some(made))
 }
@@ -146,7 +146,7 @@ fn tell(
     Ok(())
 }
 
-/// What a worker's panic said.
+/// Message of a worker's panic.
 fn panicked(py: Python<'_>, worker: thread::JoinHandle<()>) -> PyErr {
     let said = py.detach(|| worker.join()).err();
     let of = |said: &Box<dyn Any + Send>| {

@@ -1,4 +1,4 @@
-//! The unmodified release ELF of each board: its layout in flash, its boot, the same run twice.
+//! The unmodified release ELF of each board: its layout in flash, its boot, and two equal runs.
 
 use std::{ops::Range, path::Path};
 
@@ -77,7 +77,7 @@ fn a_handle_that_moves_at_a_boot_has_not_jumped(board: Board) {
     }
 }
 
-/// `zero` to `status`: what a person sees, what telemetry says, where the handle is in the end.
+/// From `zero` to `status`: the visible state, the telemetry, and the handle's last position.
 fn session(firmware: &Firmware) -> (Vec<String>, Vec<u8>, u64, u64) {
     let mut world = firmware.armed();
     ok(&mut world, "hit");
@@ -121,7 +121,7 @@ fn an_unknown_board_has_no_name() {
     assert_eq!(Board::named("nucleo"), None);
 }
 
-/// The wires carry what the scene's encoder gets wrong.
+/// The encoder's signals include the errors of the scene's encoder.
 #[test]
 fn the_encoders_error_and_noise_reach_the_board_and_what_it_has_not_is_refused() {
     let mut firmware = Firmware::of(NUCLEO_F446RE);
@@ -155,7 +155,7 @@ fn the_encoders_error_and_noise_reach_the_board_and_what_it_has_not_is_refused()
     let square = |count: &i32| f64::from(count - 100).powi(2);
     #[expect(clippy::cast_precision_loss, reason = "a hundred")]
     let rms = (noisy.iter().map(square).sum::<f64>() / noisy.len() as f64).sqrt();
-    assert!((1.0..6.0).contains(&rms), "{rms}"); // the zero has an error of its own
+    assert!((1.0..6.0).contains(&rms), "{rms}"); // the zero has an error too
 
     let Firmware { board, elf, table, scene } = &firmware;
     let refused = |edit: fn(&mut Scene), what: &str| {

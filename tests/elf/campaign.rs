@@ -1,4 +1,4 @@
-//! `cargo board campaign` in small: what its classes mean on the image, and that threads change nothing.
+//! A small `cargo board campaign`: its classes on the image, and equal results with any count of threads.
 
 use board_trials::campaign::{
     row::Row,
@@ -31,7 +31,7 @@ fn a_fault_is_off_in_time_bounded_or_unnoticed_as_the_plant_says() {
     let chosen: Vec<_> = rows(board, false).into_iter().filter(named).collect();
     let ground = Ground::new(&session, &chosen).unwrap();
     let verdicts = ground.rows(&chosen, 2).unwrap();
-    // In contact not what is done from off, with the whole force only what has to be off soon.
+    // In contact without the rows that begin with the force off; at full force only rows that must be off soon.
     let each = |situation| verdicts.iter().filter(|(_, at, _)| *at == situation).count();
     assert_eq!(SITUATIONS.map(each), [wanted.len(), wanted.len() - 2, wanted.len() - 3]);
     for (row, situation, verdict) in verdicts {
@@ -41,7 +41,7 @@ fn a_fault_is_off_in_time_bounded_or_unnoticed_as_the_plant_says() {
         let expected = if situation.is_free() { free } else { contact };
         println!("{} {situation:?}: {class:?}, {off_s:?}, {speed_m_per_s}, {travel_m}", row.name);
         assert_eq!(class, expected, "{} {situation:?}", row.name);
-        // A reason is given where, and only where, a fault stays.
+        // A row has a reason exactly if its fault is never found.
         let stays = class == Class::Unnoticed;
         assert_eq!(row.reason(situation).is_some(), stays, "{} {situation:?}", row.name);
         assert_eq!(off_s.is_none(), matches!(class, Class::Unnoticed | Class::NoEffect));

@@ -1,11 +1,11 @@
-//! Machine code of an ELF, as far as the tests have to read it: where a function branches to, and
-//! which functions' addresses are taken. Armv7-M architecture reference manual, A5.
+//! Reads the machine code of an ELF: the targets of a function's branches, and the functions whose address is taken.
+//! Armv7-M architecture reference manual, A5.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use virtual_board::elf::Elf;
 
-/// One instruction: its address, its first half-word and the second one, or 0.
+/// An instruction: its address, its first half-word, and its second half-word or 0.
 #[derive(Clone, Copy, Debug)]
 pub struct Instruction {
     pub at: u32,
@@ -16,16 +16,16 @@ pub struct Instruction {
 /// The functions of an ELF.
 pub struct Code<'a> {
     elf: &'a Elf,
-    /// Size and name by address.
+    /// Size and name of each function, by its address.
     functions: BTreeMap<u32, (u32, &'a str)>,
 }
 
-/// Where a function goes.
+/// Targets of a function.
 #[derive(Debug, Default)]
 pub struct Flow {
-    /// Functions that it calls or jumps to.
+    /// Functions that the function calls or jumps to.
     pub to: BTreeSet<u32>,
-    /// It calls or jumps through a register.
+    /// Whether the function calls or jumps through a register.
     pub indirect: bool,
 }
 
@@ -43,7 +43,7 @@ impl<'a> Code<'a> {
         Self { elf, functions }
     }
 
-    /// Its name as the linker has it.
+    /// Name of the function in the linker's form.
     pub fn name(&self, function: u32) -> &'a str {
         self.functions.get(&function).map_or("?", |&(_, name)| name)
     }
@@ -54,7 +54,7 @@ impl<'a> Code<'a> {
         found.map(|(address, _)| *address).collect()
     }
 
-    /// The function that holds `address`.
+    /// The function that contains `address`.
     fn holding(&self, address: u32) -> Option<u32> {
         let (&start, &(size, _)) = self.functions.range(..=address).next_back()?;
         (address < start + size).then_some(start)
@@ -67,8 +67,8 @@ impl<'a> Code<'a> {
         &bytes[(from - base) as usize..(from - base + length) as usize]
     }
 
-    /// All words in flash that are no code: constants, tables, the image of `.data`. Not the vector
-    /// table, through which only the hardware calls.
+    /// All words in flash that are not code: constants, tables, the image of `.data`. Without the vector table, which
+    /// only the hardware uses.
     pub fn constants(&self) -> Vec<u32> {
         let (vectors, size) = self.elf.section(".vector_table").unwrap();
         let mut words = Vec::new();
@@ -83,7 +83,7 @@ impl<'a> Code<'a> {
         words
     }
 
-    /// The handlers in the vector table but for the reset, each once.
+    /// The handlers in the vector table without the reset handler, each once.
     pub fn handlers(&self) -> BTreeSet<u32> {
         let (base, size) = self.elf.section(".vector_table").unwrap();
         let words = self.bytes(base, size).chunks_exact(4);
@@ -91,7 +91,7 @@ impl<'a> Code<'a> {
         words.skip(2).filter(|word| word & 1 == 1).map(|word| word & !1).collect()
     }
 
-    /// The instructions of the function at `start`, and whatever data lies between them.
+    /// The instructions of the function at `start`, and the data between them.
     pub fn instructions(&self, start: u32) -> Vec<Instruction> {
         let (size, _) = self.functions[&start];
         let halves: Vec<u16> = self
@@ -110,7 +110,7 @@ impl<'a> Code<'a> {
         all
     }
 
-    /// Where the function at `start` goes; branches inside of it do not count.
+    /// Targets of the function at `start`, without branches inside the function.
     pub fn flow(&self, start: u32) -> Flow {
         let mut flow = Flow::default();
         for instruction in self.instructions(start) {
@@ -121,8 +121,7 @@ impl<'a> Code<'a> {
         flow
     }
 
-    /// Functions whose address is put together in code (`movw`, `movt`), stands in a literal behind
-    /// code or in a constant.
+    /// Functions whose address is built in code (`movw`, `movt`), or is in a literal after code or in a constant.
     pub fn address_taken(&self) -> BTreeSet<u32> {
         let mut words: BTreeSet<u32> = self.constants().into_iter().collect();
         for (&start, &(size, _)) in &self.functions {
@@ -146,31 +145,31 @@ impl<'a> Code<'a> {
 }
 
 impl Instruction {
-    /// `blx` or `bx` of a register other than the return address, or a load of the program counter
-    /// other than a return.
+    /// Whether the instruction is `blx` or `bx` with a register other than the return address, or a load of the program
+    /// counter that is not a return.
     pub fn is_indirect(self) -> bool {
         let register = (self.first >> 3) & 0xF;
         let branch = self.first & 0xFF00 == 0x4700 && register != 14;
         let moved = self.first & 0xFF87 == 0x4687 && register != 14; // mov pc, register
-        // ldr pc, [...]; with the stack pointer it is a return
+        // ldr pc, [...]; a load from the stack is a return
         let load =
             self.first & 0xFF70 == 0xF850 && self.second >> 12 == 15 && self.first & 15 != 13;
         branch || moved || load
     }
 
-    /// Where a direct branch or call goes.
+    /// Target of a direct branch or call.
     pub fn target(self) -> Option<u32> {
         let (first, second) = (u32::from(self.first), u32::from(self.second));
         let signed = |value: u32, bits: u32| (value << (32 - bits)).cast_signed() >> (32 - bits);
         let offset = if first >> 11 == 0b11110 && second >> 15 == 1 {
             let sign = first >> 10 & 1;
             if second >> 12 & 1 == 1 {
-                // bl, or b of 24 bits
+                // bl, or b with a 24-bit offset
                 let bit = |j: u32| 1 ^ (second >> j & 1) ^ sign;
                 let low = (first & 0x3FF) << 12 | (second & 0x7FF) << 1;
                 signed(sign << 24 | bit(13) << 23 | bit(11) << 22 | low, 25)
             } else if second >> 14 == 0b10 && first >> 7 & 7 != 7 {
-                // conditional, 20 bits
+                // conditional branch with a 20-bit offset
                 let high = (second >> 11 & 1) << 19 | (second >> 13 & 1) << 18;
                 signed(sign << 20 | high | (first & 0x3F) << 12 | (second & 0x7FF) << 1, 21)
             } else {
@@ -181,12 +180,12 @@ impl Instruction {
         } else if first >> 11 == 0b11100 {
             signed((first & 0x7FF) << 1, 12)
         } else {
-            return None; // cbz and cbnz reach 126 bytes forward and never leave a function
+            return None; // cbz and cbnz reach only 126 bytes forward, and never leave a function
         };
         Some(self.at.wrapping_add(4).wrapping_add_signed(offset))
     }
 
-    /// A move of 16 bits into a register: the upper half, which register, the value.
+    /// A move of 16 bits into a register: whether it is the upper half, the register, the value.
     fn move_16(self) -> Option<(bool, usize, u32)> {
         let (first, second) = (u32::from(self.first), u32::from(self.second));
         let upper = match first & 0xFBF0 {

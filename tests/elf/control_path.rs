@@ -1,5 +1,5 @@
-//! The compiled control path holds no panic, no formatting and no soft-float call: every function
-//! that the three entry points can reach is followed through the relocations of the object files.
+//! The compiled control path has no panic, no formatting and no soft-float call. The test follows every function that
+//! the three entry points can reach, through the relocations of the object files.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -18,7 +18,7 @@ fn archive(features: &[&str]) -> Vec<u8> {
     fs::read(image::build_on_target("libon_target.a", features).unwrap()).unwrap()
 }
 
-/// Function name to the names that its code refers to.
+/// Maps each function to the names that its code refers to.
 fn call_graph(archive: &[u8]) -> BTreeMap<String, BTreeSet<String>> {
     let mut graph = BTreeMap::<String, BTreeSet<String>>::new();
     for member in ArchiveFile::parse(archive).unwrap().members() {
@@ -29,7 +29,7 @@ fn call_graph(archive: &[u8]) -> BTreeMap<String, BTreeSet<String>> {
             let Some(index) = symbol.section_index() else { continue };
             let section = file.section_by_index(index).unwrap();
             let callees = graph.entry(symbol.name().unwrap().to_owned()).or_default();
-            // one section per function: all its relocations are the function's
+            // each function has its own section, so all relocations of the section belong to it
             for (_, relocation) in section.relocations() {
                 if let RelocationTarget::Symbol(target) = relocation.target() {
                     let target = file.symbol_by_index(target).unwrap();
@@ -47,7 +47,7 @@ fn call_graph(archive: &[u8]) -> BTreeMap<String, BTreeSet<String>> {
     graph
 }
 
-/// Everything that `entry` can reach, itself included.
+/// All functions that `entry` can reach, with `entry` itself.
 fn reachable(graph: &BTreeMap<String, BTreeSet<String>>, entry: &str) -> BTreeSet<String> {
     assert!(graph.contains_key(entry), "{entry} is not in the object files");
     let mut found = BTreeSet::from([entry.to_owned()]);
@@ -85,7 +85,7 @@ fn the_control_path_has_no_panic_no_formatting_and_no_soft_float() {
         println!("{entry}: {names:?}");
         assert_eq!(forbidden(&names), Vec::<&String>::new(), "{entry}");
     }
-    // the look does find what is there
+    // the search finds what exists
     let settings = reachable(&graph, "zwidth_build");
     assert!(settings.iter().any(|name| name.contains("__aeabi_d")), "{settings:?}");
 }
@@ -115,7 +115,7 @@ fn no_estimator_has_a_panic_formatting_or_soft_float() {
     assert_eq!(forbidden(&names), Vec::<&String>::new());
 }
 
-/// Thumb-2 instructions of a function, without the literals behind its code.
+/// Count of Thumb-2 instructions of a function, without the literals after its code.
 fn instructions(archive: &[u8], function: &str) -> usize {
     for member in ArchiveFile::parse(archive).unwrap().members() {
         let Ok(file) = object::File::parse(member.unwrap().data(archive).unwrap()) else {
@@ -151,7 +151,7 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
         "zwidth_guarded_sample",
         "zwidth_supervised_render",
     ];
-    // With what it calls of this project, but for what is rare by name.
+    // The count includes called functions of this project, except for functions with a name for rare cases.
     let total = |name: &str| -> usize {
         let called = reachable(&graph, name);
         let often = called.iter().filter(|function| {
@@ -165,9 +165,10 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
         println!("{name}: {} instructions", total(name));
         crate::figure::figure(&format!("elf/control_path/{name}"), total(name));
     }
-    // No loop in it, so this bounds what runs. DESIGN allows the core's part 150 cycles per sample.
+    // The code has no loop, so its length limits the count of instructions that run. DESIGN allows the core's part 150
+    // cycles per sample.
     assert!((80..=150).contains(&total("zwidth_sample")));
-    // The guard, its record and all that it does rarely come on top, inlined; what runs of it in a
-    // sample is counted in tests/elf/control.
+    // The guard, its record and its rare work are inlined and come on top. tests/elf/control counts the cycles of a
+    // sample.
     assert!((130..=300).contains(&total("zwidth_guarded_sample")));
 }

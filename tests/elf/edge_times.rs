@@ -1,5 +1,5 @@
-//! Time stamps on the release ELF of the board that captures the encoder's edges: which edge belongs to
-//! which count, velocities bit for bit the core's, the error at slow speed, and what it costs.
+//! The estimator time stamps on the release ELF of the board that captures the encoder's edges: the edge of each count,
+//! velocities equal to the core's bit for bit, the error at slow speed, and the cycles.
 
 use host_sim::{
     scene::NamedScene,
@@ -26,12 +26,12 @@ use crate::{
 
 each_board!(an_image_without_the_estimator_does_not_know_it);
 
-/// The board that captures.
+/// The board that captures edges.
 const NUCLEO: Board = NUCLEO_F446RE;
-/// Counts per metre and samples per second of the scene.
+/// Speed of one count per sample in the scene, m/s.
 const PER_SAMPLE_M_PER_S: f64 = 1e-6 * 1e4;
 const SPAN: u32 = 8;
-/// Of a simulated hit, and how far they are apart, counts: a return ends within 50 of the start.
+/// Count of simulated hits, and the distance of their starts, counts: a return ends within 50 counts of the start.
 const STARTS: u8 = 200;
 const AWAY: f64 = 100.0;
 
@@ -45,7 +45,8 @@ fn settings(velocity: VelocitySettings) -> Settings {
     Settings { velocity, wall }
 }
 
-/// Booted, the handle led, `time-stamps` chosen; and the settings in the order in which they were taken.
+/// A booted board whose handle is moved by hand and whose estimator is `time-stamps`, and the settings in the order in
+/// which they took effect.
 fn chosen(firmware: &Firmware) -> (World<'_>, Vec<LoopParameters>) {
     let mut world = firmware.boot_with_edge_times();
     world.lead(0.0);
@@ -53,7 +54,7 @@ fn chosen(firmware: &Firmware) -> (World<'_>, Vec<LoopParameters>) {
     ok(&mut world, &format!("tuning {SPAN}"));
     let design =
         zwidth::Design { output: zwidth::Output::Dac { bits: 12 }, ..firmware.scene.design() };
-    // The firmware proposes its first settings to itself, which counts as a change.
+    // The firmware's first settings count as a change.
     let first = firmware.first();
     let stamps = VelocitySettings::TimeStamps { span_samples: SPAN };
     let default = EstimatorName::TimeStamps.defaults();
@@ -70,9 +71,9 @@ fn records(world: &mut World<'_>) -> Vec<Record> {
     records
 }
 
-/// Speeds in counts per sample, and for how many samples.
+/// Speeds in counts per sample, each with its count of samples.
 const MOTION: [(f64, u32); 24] = [
-    (0.017, 400), // some 60 samples per count
+    (0.017, 400), // about 60 samples per count
     (0.31, 200),
     (-0.31, 150),
     (0.0, 150),
@@ -84,7 +85,7 @@ const MOTION: [(f64, u32); 24] = [
     (0.0, 40),
     (37.7, 150),
     (-61.3, 150),
-    (119.9, 150), // an edge every 75 ticks: often between the readings of a sample
+    (119.9, 150), // one edge per 75 ticks: often between the readings of a sample
     (-211.7, 200),
     (83.1, 150),
     (2.3, 100),
@@ -106,7 +107,7 @@ fn velocities_are_the_cores_fed_with_the_edges_as_they_are_bit_for_bit() {
     bit_for_bit(&firmware, true);
 }
 
-/// The whole motion; `turned`: with the encoder's sign changed, so that it counts the other way round.
+/// The whole motion. `turned`: with the encoder's sign changed, so that it counts in the opposite direction.
 fn bit_for_bit(firmware: &Firmware, turned: bool) {
     let (mut world, taken) = chosen(firmware);
     if turned {
@@ -121,14 +122,14 @@ fn bit_for_bit(firmware: &Firmware, turned: bool) {
             if n % 50 == 49 {
                 world.probe().unwrap();
             }
-            // Log lines and replies all the time.
+            // Log lines and replies come all the time.
             if n % 50 == 20 {
                 world.send(["status\n", "get\n", "help\n"][n as usize / 50 % 3]).unwrap();
             }
         }
         samples += length;
     }
-    // A handle that turns about a border, and one that swings over thousands of counts.
+    // A handle that reverses at an edge, and one that swings over thousands of counts.
     for n in 0..1_200u32 {
         let phase = f64::from(n) * 0.037;
         let amplitude = if n < 600 { 0.05 } else { 90.0 };
@@ -184,11 +185,11 @@ fn bit_for_bit(firmware: &Firmware, turned: bool) {
     assert!(near > 100, "{near}");
 }
 
-/// Core cycles by which a sample may be early or late, and a tick of the capturing timer.
+/// Largest shift of a sample's time, core cycles, and a tick of the capturing timer.
 const JITTER: f64 = 8.0;
 const TICK: f64 = 2.0;
 
-/// Error allowed at a speed, as docs/estimators.md states it.
+/// Allowed error at a speed, by docs/estimators.md.
 fn allowed(speed: f64) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "18000")]
     let age = (JITTER + TICK) / NUCLEO.cycles_per_sample() as f64 + 1.0 / 65_536.0;
@@ -227,7 +228,7 @@ fn a_slow_handle_has_its_speed_where_the_finite_difference_has_nothing() {
     }
 }
 
-/// Without the feature there is no such estimator.
+/// Without the feature, the board does not know the estimator.
 fn an_image_without_the_estimator_does_not_know_it(board: Board) {
     let unknown = Firmware::of(board).boot().ask("estimator time-stamps").unwrap();
     println!("{unknown}");
@@ -243,8 +244,8 @@ fn a_board_without_edge_times_says_so() {
     assert!(sense.starts_with("error") && sense.contains("needs edge times"), "{sense}");
 }
 
-/// In closed loop, with the velocity from edges: hits end as the simulator's, whose edges come from the
-/// motion itself.
+/// In closed loop with the velocity from edges, hits end as in the simulator, whose edges come directly from the
+/// motion.
 #[test]
 #[ignore = "an image of its own; CI runs it"]
 fn hits_end_as_in_the_simulator() {
@@ -268,7 +269,7 @@ fn hits_end_as_in_the_simulator() {
     for (k, b, stable) in
         [(20_000.0, 30.0, true), (20_000.0, 900.0, true), (300_000.0, 30.0, false)]
     {
-        // Limit cycles of a few counts, which start anywhere: what comes of many starts says how far apart they are.
+        // Limit cycles of a few counts may start anywhere. So many starts give the spread of their results.
         let simulated = |start: u8| {
             let wall = WallHit {
                 velocity: prepared.scene().velocity.at(1500.0),

@@ -1,23 +1,22 @@
-//! The ages of the encoder's edges as they are, from the edges that the virtual board made.
+//! The true ages of the encoder's edges, from the edges of the virtual board.
 
 use virtual_board::{board::Board, mcu::EdgeNotes};
 use zwidth::velocity::Edge;
 
 /// Core cycles per tick of the timers.
 const TICK: u64 = 2;
-/// Ticks that the input filter takes: 8 equal samples.
+/// Delay of the input filter in ticks: 8 equal samples.
 const FILTER: u64 = 8;
 
-/// The latest edge in the count of each sample, in the order of the samples, and how many came within
-/// `near` ticks of the reading.
+/// The latest edge in the count of each sample, in order, and the count of edges within `near` ticks of the reading.
 ///
-/// Samples are taken at equal distances, and ages are told from there, in whole ticks. The first ones come
-/// when the program is ready.
+/// Samples are taken at equal intervals, and ages count from the sample, in whole ticks. The first samples come when
+/// the program is ready.
 ///
-/// None where the handle turns and crosses the last border again between the readings: the firmware gives
-/// that edge up (`src/velocity/edge_timer.rs`).
+/// An edge is `None` if the handle reverses and crosses the last edge again between the readings. The firmware drops
+/// that edge (`src/velocity/edge_timer.rs`).
 ///
-/// With `turned` the counter counts the other way round.
+/// With `turned` the counter counts in the opposite direction.
 pub fn latest(
     board: Board,
     notes: &EdgeNotes,
@@ -29,7 +28,7 @@ pub fn latest(
     let mut edges = notes.edges.iter().peekable();
     let (mut count, mut latest) = (None, None);
     let mut close = 0;
-    // The firmware looks once before the first sample.
+    // The firmware reads once before the first sample.
     let readings = notes.read_at[1..].iter().zip(&notes.captures_read_at).zip(&notes.captured_at);
     let ages = (0u64..).zip(readings).map(|(n, ((&read_at, &captures_read_at), captured_at))| {
         let now = captures_read_at / TICK;
@@ -50,7 +49,7 @@ pub fn latest(
             count = Some(to);
             edges.next();
         }
-        // An edge back over the border of the last one takes its place, if it comes before it is read.
+        // A return over the last edge replaces that edge, if it comes before the reading.
         let lost = edges.peek().zip(count).is_some_and(|(&&(at, to), count)| {
             let back = (to > count) ^ turned != new.is_some_and(|(_, up)| up);
             let read_at = captured_at[usize::from((count + 1) >> 1 & 1 == (to + 1) >> 1 & 1)];

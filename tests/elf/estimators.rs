@@ -1,5 +1,5 @@
-//! Every estimator that a board can run, on the release ELF: chosen, tuned and used in contact over RTT,
-//! its velocities those of the core on the host, bit for bit.
+//! Every estimator of each board on the release ELF: selected, tuned and used in contact over RTT. Its velocities equal
+//! those of the core on the host, bit for bit.
 
 use virtual_board::{
     board::{Board, Force as Wired},
@@ -50,21 +50,21 @@ fn every_estimator_runs_on_the_board_and_is_the_cores(board: Board) {
     world.hold(middle_m, true);
     world.run(300).unwrap();
     let mut velocity = firmware.first();
-    // The firmware proposes its first settings to itself; `arm` sets wall, K and B.
+    // The firmware's first settings count as a change. `arm` sets wall, K and B.
     let mut settings = vec![with(velocity); 5];
     for early in &mut settings[..4] {
-        early.wall.damping_n_s_per_m = 0.0; // of no weight to the velocity
+        early.wall.damping_n_s_per_m = 0.0; // the velocity does not depend on it
     }
     let mut table: Vec<(&str, Cycles)> = vec![];
     for &name in EstimatorName::ALL {
-        // The Nucleo has edge times too; without them, `time-stamps` is refused.
+        // The Nucleo also has edge times. Without them, `time-stamps` is refused.
         let senses = &[Sense::Force, Sense::Edge][..1 + usize::from(captured)];
         if let Some(sense) = name.missing(senses) {
             let refused = world.ask(&format!("estimator {}", name.text())).unwrap();
             assert!(refused.contains(sense.text()), "{refused}");
             continue;
         }
-        // Out of the wall: the estimator, then other parameters than the defaults.
+        // Outside the wall: select the estimator, then set parameters that differ from the defaults.
         ok(&mut world, &format!("estimator {}", name.text()));
         velocity = name.following(&velocity);
         settings.push(with(velocity));
@@ -119,8 +119,8 @@ fn every_estimator_runs_on_the_board_and_is_the_cores(board: Board) {
     assert!(compared > 2_000, "{compared}");
 }
 
-/// Replays the counts, and the edges of a board that has their times, on the core with the settings of
-/// each record, and the force that the record before it says; how many velocities were equal.
+/// Runs the core on the board's counts, with the edge times if the board has them. It uses each record's settings, and
+/// the force of the record before. Returns how many velocities were equal.
 fn compare(
     readings: &[u32],
     edges: &[Option<Edge>],

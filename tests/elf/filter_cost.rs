@@ -1,6 +1,6 @@
-//! The velocity filter in every number format and form on the board's core: no panic in the image, the velocities are
-//! those of the host bit for bit, and the cycles are those that `cargo sim trade` shows. Cycles are the
-//! emulator's: zero wait states, compared with no silicon.
+//! The velocity filter in every number format and form on the board's core. The image has no panic, the velocities
+//! equal the host's bit for bit, and the cycles equal those of `cargo sim trade`. The cycles are the emulator's: zero
+//! wait states, not compared with silicon.
 
 use filter_forms::{Filter, Form, Format, Variant};
 
@@ -10,7 +10,7 @@ const RATE_HZ: f64 = 1e4;
 /// Full scale of Q15: 128 counts per sample.
 const Q15_FRACTION: u32 = 8;
 
-/// At rest, slow, as fast as Q15 can take, reversing, at the limit of the core, of any size.
+/// Motions: at rest, slow, at the largest speed of Q15, reversing, at the core's limit, and of any size.
 fn inputs() -> Vec<i32> {
     const COUNT: i32 = 1 << 16;
     let mut seed = 1u32;

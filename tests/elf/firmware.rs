@@ -1,4 +1,4 @@
-//! What the tests of the ELF share.
+//! Functions that the tests of the ELF share.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -25,10 +25,10 @@ use zwidth::{
     velocity::Senses,
 };
 
-/// Addresses and the bytes from there on.
+/// Addresses, each with the bytes from there on.
 type Flash = Vec<(u32, Vec<u8>)>;
 
-/// A board's release ELF, built if need be.
+/// A board's release ELF; it is built if needed.
 pub struct Firmware {
     pub board: Board,
     pub elf: Elf,
@@ -42,7 +42,7 @@ impl Firmware {
         Self::variant(board, &[])
     }
 
-    /// The same with further features.
+    /// The firmware of that board with further features.
     pub fn variant(board: Board, features: &[&str]) -> Self {
         let path = image::build_variant(board.name, features).unwrap();
         let elf = Elf::load(&path).unwrap();
@@ -51,7 +51,7 @@ impl Firmware {
         Self { board, elf, table, scene }
     }
 
-    /// What the debug information says of each address.
+    /// Source lines of each address, from the debug information.
     pub fn lines(&self) -> Context<EndianSlice<'_, LittleEndian>> {
         let file = object::File::parse(&*self.elf.bytes).unwrap();
         let sections: BTreeMap<&str, &[u8]> = file
@@ -64,8 +64,8 @@ impl Firmware {
         Context::from_dwarf(dwarf.unwrap()).unwrap()
     }
 
-    /// Instructions of the sampling task that come from [`zwidth::Sampler::sample`], inlined as it
-    /// is: what the debug information says of each address.
+    /// Addresses of the sampling task's instructions that come from [`zwidth::Sampler::sample`], by the debug
+    /// information. That function is inlined.
     pub fn core_of_sample(&self) -> BTreeSet<u32> {
         let lines = self.lines();
         let of_core = |address: u32| {
@@ -86,7 +86,7 @@ impl Firmware {
         marks
     }
 
-    /// Switched on and booted, with the handle at rest where the device rests.
+    /// A booted board, with the handle at rest where the device rests.
     pub fn boot(&self) -> World<'_> {
         self.booted(self.switched_on())
     }
@@ -96,12 +96,13 @@ impl Firmware {
         World::new(*board, elf, table, scene, scene.device.rest_position_m).unwrap()
     }
 
-    /// The filter in force at first.
+    /// The filter at the start.
     pub fn first(&self) -> VelocitySettings {
         device::built_in(self.board).settings.velocity
     }
 
-    /// The same, armed as by [`arm`]. That takes a third of a second of the board's: it is done once.
+    /// A booted board that is armed by [`arm`]. Arming takes a third of a second of the board's time, so it is done
+    /// once.
     pub fn armed(&self) -> World<'_> {
         static ARMED: Mutex<BTreeMap<Flash, Arc<Snapshot>>> = Mutex::new(BTreeMap::new());
         let kept = ARMED.lock().unwrap().get(&self.elf.flash).cloned();
@@ -117,7 +118,7 @@ impl Firmware {
         world
     }
 
-    /// The same with every edge of the encoder at its own time.
+    /// A booted board with every edge of the encoder at its own time.
     pub fn boot_with_edge_times(&self) -> World<'_> {
         let rest_m = self.scene.device.rest_position_m;
         let Self { board, elf, table, scene } = self;
@@ -126,17 +127,17 @@ impl Firmware {
 
     fn booted<'a>(&'a self, mut world: World<'a>) -> World<'a> {
         let rest_m = self.scene.device.rest_position_m;
-        world.powered.mcu.take_edge_notes(); // takes them from now on
+        world.powered.mcu.take_edge_notes(); // starts the notes
         world.run(200).unwrap();
         world.hold(rest_m, false);
         world
     }
 }
 
-/// The core on the host, fed with what the firmware read, and asked for what the firmware was.
+/// The core on the host. It gets the firmware's inputs and commands.
 pub struct Replay<'a> {
     sampler: Sampler,
-    /// Settings in the order in which the firmware took them.
+    /// Settings in the order in which they took effect in the firmware.
     controls: &'a [LoopParameters],
     /// Settings that are in force.
     control: LoopParameters,
@@ -145,14 +146,14 @@ pub struct Replay<'a> {
 }
 
 impl<'a> Replay<'a> {
-    /// From the first reading of the counter on.
+    /// Starts at the first reading of the counter.
     pub fn new(first: u32, controls: &'a [LoopParameters]) -> Self {
         let sampler = Sampler::new(first, CounterWidth::Bits32);
         Self { sampler, controls, control: controls[0], number: 0, zeroed: false }
     }
 
-    /// Sample `n`; `next` is the first record that is not before it. What was asked for at an output
-    /// holds from the next sample on, and the next record shows it; a zero comes with that sample.
+    /// Runs sample `n`. `next` is the first record at or after it. A setting from an output holds from the next sample
+    /// on, and the next record shows it. A zero acts with that sample.
     pub fn sample(
         &mut self,
         n: u64,
@@ -188,7 +189,7 @@ pub fn word(world: &World<'_>, address: u32) -> u32 {
     u32::from_le_bytes(bytes)
 }
 
-/// Asks, and insists on `ok`.
+/// Sends a line and requires the reply `ok`.
 #[track_caller]
 pub fn ok(world: &mut World<'_>, line: &str) -> String {
     let reply = world.ask(line).unwrap();
@@ -196,7 +197,7 @@ pub fn ok(world: &mut World<'_>, line: &str) -> String {
     reply
 }
 
-/// Armed at full force, free, 5 mm in front of a wall.
+/// Arms at full force, with the handle free and 5 mm in front of a wall.
 #[track_caller]
 pub fn arm(world: &mut World<'_>) {
     for line in ["zero", "unlock envelope", "wall 0.005", "k 8000", "b 30", "push 2.835", "arm"] {
@@ -205,7 +206,7 @@ pub fn arm(world: &mut World<'_>) {
     until_armed(world);
 }
 
-/// Runs until the sign test and the ramp are over.
+/// Runs until the sign test and the ramp have ended.
 #[track_caller]
 pub fn until_armed(world: &mut World<'_>) {
     let mut status = String::new();

@@ -1,5 +1,5 @@
-//! A host that sends without a pause, in contact during a hit: the watchdog is fed, outputs come in time with what they
-//! would have been, nothing is lost, and `disarm` behind all of it is obeyed in time.
+//! A host that sends without a pause, in contact during a hit. The watchdog is fed, outputs come in time and are right,
+//! no data is lost, and `disarm` after the flood is obeyed in time.
 
 use rayon::prelude::*;
 use virtual_board::{
@@ -28,18 +28,18 @@ each_board!(
 
 /// Longest time from one feeding of the watchdog to the next, s.
 const FED_S: f64 = 0.02;
-/// What `link` takes of the time, at most.
+/// Largest fraction of the time that `link` may take.
 const LOAD: f64 = 0.3;
-/// From the sampling event to the force's register, at most: the logger masks, then `render` runs.
+/// Longest time from the sampling event to the force's register: the logger masks, then `render` runs.
 const OUTPUT_S: f64 = 80e-6;
-/// From the last byte of `disarm` in a full channel to enable inactive, s (docs/faults.md).
+/// Longest time from the last byte of `disarm` in a full channel to enable inactive, s (docs/faults.md).
 const BEHIND_S: f64 = 0.4;
-/// For which a host sends, samples: twice the watchdog's time.
+/// Samples for which a host sends: twice the watchdog's time.
 const SENDS: u64 = 1_000;
 
-/// What it sends, again and again.
+/// Texts that the host sends again and again.
 fn floods() -> [(&'static str, Vec<u8>); 5] {
-    // A multiplicative generator: all bytes, and with them ends of lines.
+    // A multiplicative generator: it gives all bytes, also ends of lines.
     let noise = (0..4096).scan(1u32, |seed, _| {
         *seed = seed.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
         Some((*seed >> 24) as u8)
@@ -53,7 +53,7 @@ fn floods() -> [(&'static str, Vec<u8>); 5] {
     ]
 }
 
-/// Armed at that period, free.
+/// An armed board at that period, with the handle free.
 fn armed(firmware: &Firmware, period: u32) -> World<'_> {
     let mut world = firmware.boot();
     let period = format!("period {period}");
@@ -67,7 +67,7 @@ fn armed(firmware: &Firmware, period: u32) -> World<'_> {
     world
 }
 
-/// The same in a hit, held where it has come to in the wall.
+/// A board in a hit at that period, with the handle held at its place in the wall.
 fn in_contact(firmware: &Firmware, period: u32) -> World<'_> {
     let mut world = armed(firmware, period);
     ok(&mut world, "hit");
@@ -84,7 +84,7 @@ fn in_contact(firmware: &Firmware, period: u32) -> World<'_> {
     world
 }
 
-/// A host that has that to send.
+/// A host and the text that it sends.
 struct Host<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -92,7 +92,7 @@ struct Host<'a> {
 }
 
 impl Host<'_> {
-    /// A sample, before which the channel is filled.
+    /// Fills the channel and runs a sample.
     fn sample(&mut self, world: &mut World<'_>, n: u64) {
         let Powered { mcu, rtt, .. } = &mut world.powered;
         loop {
@@ -105,8 +105,8 @@ impl Host<'_> {
         pass(world, n, self.reads);
     }
 
-    /// Ends its line and sends `disarm`, as there is room; how long it takes from its last byte on until enable is
-    /// inactive, s.
+    /// Ends the present line and sends `disarm` as room becomes free. Returns the time from its last byte until enable
+    /// is inactive, s.
     fn disarm(self, world: &mut World<'_>) -> f64 {
         let begun = self.bytes[self.at..].split_inclusive(|byte| *byte == b'\n').next();
         let ends = begun.filter(|line| line.ends_with(b"\n")).unwrap_or(b"\n");
@@ -132,7 +132,7 @@ impl Host<'_> {
     }
 }
 
-/// A sample, after which it is read every now and then.
+/// Runs a sample. The host reads the board's output from time to time.
 fn pass(world: &mut World<'_>, n: u64, reads: bool) {
     world.sample().unwrap();
     if reads && n.is_multiple_of(20) {
@@ -140,7 +140,7 @@ fn pass(world: &mut World<'_>, n: u64, reads: bool) {
     }
 }
 
-/// One flood from that state on, against a host that says nothing.
+/// Compares a flood from this state with a host that sends nothing.
 fn flood(
     world: &mut World<'_>,
     kept: &Snapshot,
@@ -218,7 +218,8 @@ fn a_flood_changes_nothing_and_the_watchdog_is_fed(board: Board) {
     });
 }
 
-/// What is met with the force off only: designs of estimators, flash, the self-test, an order for each line.
+/// Lines that are accepted only with the force off: designs of estimators, flash, the self-test, and an order in each
+/// line.
 const OFF: [&str; 5] = [
     "load\n",
     "save\n",
@@ -247,13 +248,13 @@ fn the_watchdog_is_fed_with_the_force_off_as_well(board: Board) {
     });
 }
 
-/// Lines with the most to do for their length, and what is no line at all.
+/// Lines with much work for their length, and text that is not a command.
 const BEHIND: [(&str, &[u8]); 8] = [
     ("get", b"get\n"),
     ("help", b"help\n"),
     ("k 1", b"k 1\n"),
     ("push 1", b"push 1\n"),
-    ("load", b"load\n"), // free: in contact it is refused
+    ("load", b"load\n"), // free: it is refused in contact
     ("x", b"x\n"),
     ("no line", b"x"),
     ("zeros", b"\0"),
@@ -286,7 +287,7 @@ fn disarm_behind_a_full_channel_is_obeyed_in_time(board: Board) {
     });
 }
 
-/// Replies to lines, of those and what a hit says.
+/// Count of replies to lines, without the reports of a hit.
 fn answers(replies: &str) -> usize {
     replies.lines().filter(|reply| !reply.starts_with("ok hit ")).count()
 }

@@ -1,5 +1,5 @@
-//! Random sessions against the firmware's own library, and stop, supply and reset at the instants of an output period.
-//! `cargo board fuzz` runs as many as one likes.
+//! Random sessions compared with the firmware's own library; and stop, supply and reset at the instants of an output
+//! period. `cargo board fuzz` runs any count of sessions.
 
 use board_trials::fuzz;
 use host_sim::scene::NamedScene;
@@ -10,7 +10,7 @@ use virtual_board::{
     session::Session,
 };
 
-/// A board on its own device.
+/// A board with its own device.
 fn session(board: Board) -> Session {
     let elf = Elf::load(&image::build(board.name).unwrap()).unwrap();
     let table = log::table(&elf.bytes).unwrap();
@@ -45,7 +45,7 @@ fn more_random_sessions_go_as_in_the_library() {
     }
 }
 
-/// Every 100th instruction; `cargo board fuzz --instants` tries each.
+/// Every 100th instruction; `cargo board fuzz --instants` tries each one.
 #[test]
 #[ignore = "the other board's image; CI runs it"]
 fn stop_supply_and_reset_end_in_their_own_fault_whenever_they_come() {

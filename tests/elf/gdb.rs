@@ -1,4 +1,4 @@
-//! gdb's port of `cargo board serve`, packet by packet; gdb itself is in .ci/clients.
+//! gdb's port of `cargo board serve`, packet by packet. .ci/clients tests gdb itself.
 
 use std::{
     io::{Read as _, Write as _},
@@ -40,7 +40,7 @@ impl Gdb {
         write!(self.0, "${packet}#{sum:02x}").unwrap();
     }
 
-    /// The next packet, with its runs written out.
+    /// The next packet, with repeated characters expanded.
     fn reply(&mut self) -> String {
         let mut bytes = vec![];
         while bytes.iter().rev().nth(2) != Some(&b'#') {
@@ -71,7 +71,7 @@ impl Gdb {
     }
 }
 
-/// Reads until `wanted` is in it, 60 s at most.
+/// Reads until the text contains `wanted`, for 60 s at most.
 fn until(link: &mut RttTcp, wanted: &str) -> String {
     let (end, mut text) = (Instant::now() + Duration::from_secs(60), vec![]);
     while !String::from_utf8_lossy(&text).contains(wanted) {
@@ -82,8 +82,9 @@ fn until(link: &mut RttTcp, wanted: &str) -> String {
     String::from_utf8(text).unwrap()
 }
 
-/// A client that says nothing halts nothing. One that speaks stops core and plant; what it reads, it may write, but for
-/// flash. The force is gone at once, and fault 32 when the core goes on, as any debugger's halt has it.
+/// A client that sends nothing does not halt the board. A client that sends halts core and plant. It can write what it
+/// can read, except flash. The force is off at once. Fault 32 follows when the core runs again, as after any debugger's
+/// halt.
 #[test]
 fn a_halt_takes_the_force_away() {
     let server = Server::start(session(), None, Ports { rtt: 0, gdb: Some(0) }).unwrap();
@@ -122,8 +123,8 @@ fn a_halt_takes_the_force_away() {
     assert!(!server.board.wires.seen().enabled);
 }
 
-/// A run that is halted while a hand leads the handle is the one that is not: what the counts say, sample by sample.
-/// Halts are of any length and fall anywhere in a step of the plant.
+/// A run with halts gives the same counts, sample by sample, as a run without halts, while a hand moves the handle. The
+/// halts have any length and fall anywhere in a step of the plant.
 #[test]
 fn core_and_plant_stand_still_together() {
     let session = session();

@@ -1,4 +1,4 @@
-//! The device behind the firmware, identified from the firmware's own telemetry: the protocol of
+//! Identifies the device behind the firmware from the firmware's own telemetry, with the procedure of
 //! docs/identification.md on the release ELF.
 
 use host_sim::{
@@ -18,10 +18,10 @@ use crate::{
 each_board!(the_device_is_identified_from_the_firmwares_telemetry, ignored: "a recording; CI makes it");
 each_board!(the_device_is_identified_from_the_pulse_train, ignored: "a recording; CI makes it");
 
-/// What the emulator's own timing and the rounding of telemetry may cost.
+/// Largest relative error from the emulator's timing and the rounding of telemetry.
 const ERROR_MAX: f64 = 2e-3;
 
-/// A hit without a wall in reach is a pulse, of 0.2 s each; the second one begins where the first did.
+/// A hit without a wall in reach is a pulse of 0.2 s. The second pulse begins where the first began.
 fn the_device_is_identified_from_the_firmwares_telemetry(board: Board) {
     let found = found_after(board, |world| {
         for line in ["start 0.035", "settle 0.1", "window 0.1"] {
@@ -51,7 +51,7 @@ fn the_device_is_identified_from_the_pulse_train(board: Board) {
     }
 }
 
-/// Latency, samples, and how far mass, damping and stiffness are off, relative, from what `moves` records.
+/// Latency in samples, and the relative errors of mass, damping and stiffness, identified from the record of `moves`.
 fn found_after(board: Board, moves: impl FnOnce(&mut World)) -> [(&'static str, f64); 4] {
     let firmware = Firmware::of(board);
     let mut scene = firmware.scene.clone();
@@ -101,7 +101,7 @@ fn found_after(board: Board, moves: impl FnOnce(&mut World)) -> [(&'static str, 
         assert!(error.abs() < ERROR_MAX, "{name}: {error}");
         (name, error.abs())
     });
-    // The firmware counts from where it was zeroed, which was the rest position.
+    // The firmware's zero was at the rest position.
     assert!(spring.rest_position_m.value.abs() < 20.0 * resolution_m);
     let [m, b, k] = errors;
     [("latency", latency), m, b, k]

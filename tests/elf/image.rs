@@ -1,4 +1,4 @@
-//! The image against its seal: at boot, and while the board runs.
+//! Checks of the image's checksum: at boot, and while the board runs.
 
 use board_trials::campaign::{
     image_flips::{End, Part},
@@ -27,13 +27,13 @@ each_board!(
 );
 each_board!(a_pass_ends_in_time_whatever_the_host_does, ignored: "seconds of a flood at each period");
 
-/// Sector 3.
+/// Sector 3, which holds the device record.
 const RECORD: u32 = 0x0800_C000;
-/// That of an interrupt that never comes.
+/// Vector of an interrupt that never comes.
 const UNUSED_VECTOR: u32 = 0x0800_0000 + 4 * 60;
-/// Longest pass, samples.
+/// Longest pass of the check, samples.
 const PASS: u64 = 1_000;
-/// Until a board has booted, or been reset by its watchdog and booted.
+/// Samples until a board has booted, also after a reset by its watchdog.
 const BOOT: u64 = 200;
 const RESET: u64 = 1_200;
 
@@ -46,7 +46,7 @@ fn world_of<'a>(firmware: &'a Firmware, elf: &Elf) -> World<'a> {
     world
 }
 
-/// The piece of flash in which an address is, and where it is there.
+/// The byte of flash at an address.
 fn byte_of(elf: &mut Elf, address: u32) -> &mut u8 {
     let mut pieces = elf.flash.iter_mut();
     let found = pieces.find_map(|(from, bytes)| {
@@ -68,14 +68,14 @@ fn everything_that_is_programmed_is_covered(board: Board) {
             assert!(covered || (seal..seal + 4).contains(&address), "{address:#x}");
         }
     }
-    // What the board sums up is what was summed up here.
+    // The board's checksum equals the host's.
     let sum = seal::seal_of(&elf).unwrap().1;
     let said = format!("crc {sum:08x}");
     let mut world = world_of(&firmware, &elf);
     world.send("selftest\n").unwrap();
     world.run(RESET).unwrap();
     assert!(world.replies.contains(&format!("selftest image: pass, {said}")), "{}", world.replies);
-    // In the file too, and once is enough.
+    // The file has the same checksum. A second seal changes nothing.
     let file = object::File::parse(&*elf.bytes).unwrap();
     let (place, _) = file.section_by_name(".text").unwrap().file_range().unwrap();
     drop(file);
@@ -87,7 +87,7 @@ fn everything_that_is_programmed_is_covered(board: Board) {
     assert_ne!(seal::seal_of(&changed).unwrap().1, sum);
 }
 
-/// It answers, and neither takes a command nor puts anything out.
+/// Checks that the board replies, but takes no command and gives no output.
 fn is_refused(world: &mut World<'_>, status: &str) {
     let (reason, why) = (world.replies.clone(), status.strip_prefix("ok status off, ").unwrap());
     assert_eq!(reason.trim_end(), format!("error: {why}; nothing runs, see help"));
@@ -127,7 +127,7 @@ fn flip(world: &mut World<'_>, address: u32) {
     world.powered.mcu.program(address, &flipped.to_le_bytes());
 }
 
-/// Runs until enable is inactive; samples.
+/// Runs until enable is inactive. Returns the samples.
 fn until_off(world: &mut World<'_>) -> u64 {
     let mut samples = 0;
     while world.powered.amplifier.is_enabled() {
@@ -142,7 +142,7 @@ fn a_flip_ends_in_off_and_is_refused_from_then_on(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();
     let kept = world.snapshot();
-    // Of the image what the program does not come to; of the record a number that was taken at boot.
+    // In the image: code that the program does not reach. In the record: a number that was read at boot.
     let (panics, _) = firmware.elf.place_of("rust_begin_unwind").unwrap();
     let seal = firmware.elf.address_of(seal::SEAL).unwrap();
     for address in [UNUSED_VECTOR, panics.next_multiple_of(4), seal, RECORD + 4 * 30] {
@@ -161,7 +161,7 @@ fn a_flip_ends_in_off_and_is_refused_from_then_on(board: Board) {
         };
         assert!(said.starts_with(reason), "{address:#x}: {said}");
         assert!(world.ask("arm").unwrap().starts_with("error: "));
-        // Put right, the fault is still there, and goes with `clear`.
+        // After the bit is restored, the fault is still latched, and `clear` ends it.
         flip(&mut world, address);
         world.reset();
         world.run(BOOT).unwrap();
@@ -174,7 +174,7 @@ fn a_flip_ends_in_off_and_is_refused_from_then_on(board: Board) {
     }
 }
 
-/// Each watches the other: `idle` that finds nothing, or comes to no end, is found by `link`.
+/// Each task watches the other: if `idle` finds nothing, or its passes do not end, `link` finds it.
 #[test]
 fn passes_that_are_wrong_or_do_not_end_are_found_without_idle() {
     let firmware = Firmware::of(NUCLEO_F446RE);
@@ -184,7 +184,7 @@ fn passes_that_are_wrong_or_do_not_end_are_found_without_idle() {
     world.restore(&kept);
     add(&mut world, passes, 5);
     assert!(until_off(&mut world) <= 11);
-    // What `idle` keeps is put back over and over.
+    // The state of `idle` is restored again and again.
     world.restore(&kept);
     let (from, size) = firmware.elf.place_of("local_resource_idle").unwrap();
     let mut state = vec![0; size as usize];
@@ -207,7 +207,7 @@ fn add(world: &mut World<'_>, address: u32, much: u32) {
     world.powered.mcu.write(address, &more.to_le_bytes());
 }
 
-/// Where the number of passes is: of what the tasks count, each with a symbol, the word that grows by [`RIGHT`] in a pass.
+/// Address of the count of passes: among the counters, each with a symbol, the word that grows by [`RIGHT`] in a pass.
 fn counter(firmware: &Firmware, world: &mut World<'_>) -> u32 {
     let symbols = firmware.elf.symbols.iter().filter(|(name, ..)| name.contains("task5FLAGS"));
     let words: Vec<u32> = symbols.flat_map(|(_, at, size)| (*at..at + size).step_by(4)).collect();
@@ -263,7 +263,7 @@ fn a_pass_ends_in_time_whatever_the_host_does(board: Board) {
     });
 }
 
-/// A sample of `cargo board campaign --image`.
+/// Some flips of `cargo board campaign --image`.
 fn no_flip_leaves_a_wrong_force_on(board: Board) {
     let Firmware { elf, table, .. } = Firmware::of(board);
     let scene = host_sim::scene::NamedScene::load(board.name).unwrap();

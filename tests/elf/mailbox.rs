@@ -1,5 +1,5 @@
-//! A program on the board's emulated core that takes a job and samples through memory, and hands back
-//! velocities and the cycles of each: the other side of `tests/on-target/src/mailbox.rs`.
+//! A program on the board's emulated core. It gets a job and samples through memory, and returns velocities and the
+//! cycles of each update. `tests/on-target/src/mailbox.rs` is the other side.
 
 use virtual_board::{
     elf::Elf,
@@ -7,7 +7,7 @@ use virtual_board::{
     mcu::{Chip, Listeners, Mcu},
 };
 
-/// The program, waiting for a job.
+/// The program, which waits for a job.
 pub struct Mailbox {
     mcu: Mcu,
     elf: Elf,
@@ -17,7 +17,7 @@ pub struct Mailbox {
 }
 
 impl Mailbox {
-    /// Builds the program and boots it; a panic in its image is an error.
+    /// Builds the program and boots it. A panic in its image is an error.
     pub fn of(program: &str, features: &[&str]) -> Self {
         let elf = Elf::load(&image::build_on_target(program, features).unwrap()).unwrap();
         for (name, ..) in &elf.symbols {
@@ -32,14 +32,14 @@ impl Mailbox {
         Self { mcu, elf, job, sample, cycles }
     }
 
-    /// Writes words to the program's variable of that name.
+    /// Writes words to the program's variable with this name.
     pub fn set(&mut self, name: &str, words: &[u32]) {
         let address = self.elf.address_of(name).unwrap();
         self.write(address, words);
     }
 
-    /// Velocities and cycles of each update. `job` are the words behind its state, the last of them the
-    /// number of samples; the word behind that is given back: bytes.
+    /// Returns the velocities and the cycles of each update. `job` has the words after the state; the last one is the
+    /// count of samples. Also returns the word after the job: bytes.
     pub fn run(&mut self, what: &str, job: &[u32], inputs: &[i32]) -> (Vec<i32>, Vec<u32>, u32) {
         let words: Vec<u32> = inputs.iter().map(|input| input.cast_unsigned()).collect();
         self.write(self.sample, &words);
@@ -72,14 +72,13 @@ impl Mailbox {
     }
 }
 
-/// The row of that name in a table of costs: name, cycles, and what else there is.
+/// The row with this name in a table of costs: name, cycles, and further cells.
 pub fn cost_row<'a>(file: &str, table: &'a str, name: &str) -> Vec<&'a str> {
     let mut rows = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
     rows.find(|row| row[0] == name).unwrap_or_else(|| panic!("{file} has no row {name}"))
 }
 
-/// Holds a table that the simulator shows against a measurement: cycles, the second cell, within 2 %. The
-/// cells of the row.
+/// Compares the cycles (the second cell) of a table with a measurement, within 2 %. Returns the cells of the row.
 pub fn assert_cost<'a>(file: &str, table: &'a str, name: &str, cycles: u32) -> Vec<&'a str> {
     let row = cost_row(file, table, name);
     let stated: f64 = row[1].parse().unwrap();

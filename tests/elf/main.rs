@@ -1,8 +1,8 @@
-//! What is flashed, on the virtual board: the release ELF of each board and of its variants, and programs around
-//! parts of the core that tell what those cost. One program, so that two of its tests run at any time.
+//! Flashed programs on the virtual board: the release ELF of each board and of its variants, and programs around parts
+//! of the core that measure the cycles. They are one program, so that its tests can always run in parallel.
 //!
-//! By default one image is built, that of the default board. `cargo test --test elf -- --include-ignored` builds all
-//! of them and runs everything.
+//! By default only the default board's image is built. `cargo test --test elf -- --include-ignored` builds all images
+//! and runs all tests.
 
 #![allow(
     clippy::unwrap_used,
@@ -13,8 +13,8 @@
     reason = "a test fails loudly; small numbers, addresses of 32 bits"
 )]
 
-/// A test on each board: on the default one always, on the other in CI, because that takes an image more. With a
-/// reason, both wait for CI.
+/// A test on each board. It always runs on the default board. On the other board it runs in CI only, because that needs
+/// another image. With a reason, both run in CI only.
 macro_rules! each_board {
     ($($test:ident),+) => {$(
         mod $test {

@@ -1,10 +1,10 @@
-//! No panic can be reached once the tasks run: the call graph of the release ELF, from every entry of
-//! the vector table and from `idle`.
+//! No panic can be reached after the tasks have started: by the call graph of the release ELF, from every entry of the
+//! vector table and from `idle`.
 //!
-//! Direct calls and jumps are read from the machine code. A call through a register (formatting goes
-//! through tables of functions) is taken to reach **every** function whose address stands anywhere
-//! in the image: in a constant, behind code, or put together in a register. That is more than can
-//! happen, so nothing is overlooked; it also says that no panic's address is kept anywhere.
+//! Direct calls and jumps are read from the machine code. A call through a register (formatting uses tables of
+//! functions) counts as a call of **every** function whose address is in the image: in a constant, after code, or built
+//! in a register. That is more than can happen, so no call is missed. It also proves that no panic's address is stored
+//! anywhere.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,10 +14,10 @@ use crate::{code::Code, firmware::Firmware};
 
 each_board!(no_panic_is_reachable_after_init);
 
-/// Names of what ends in the panic handler, and of the handler.
+/// Names of functions that end in the panic handler, and of the handler.
 const PANICS: [&str; 5] = ["9panicking", "rust_begin_unwind", "_failed", "_fail", "unwrap"];
 
-/// All that can be reached, each with what reaches it.
+/// All functions that can be reached, each with a function that reaches it.
 fn reachable(code: &Code<'_>, entries: &BTreeSet<u32>) -> BTreeMap<u32, u32> {
     let taken = code.address_taken();
     let mut found: BTreeMap<u32, u32> = entries.iter().map(|&entry| (entry, entry)).collect();
@@ -39,7 +39,7 @@ fn is_panic(name: &str) -> bool {
     PANICS.iter().any(|part| name.contains(part))
 }
 
-/// The images as they are.
+/// The unmodified images.
 fn no_panic_is_reachable_after_init(board: Board) {
     no_panic(board, &[]);
 }
@@ -63,7 +63,7 @@ fn no_panic(board: Board, features: &[&str]) {
     }
     let found = reachable(&code, &entries);
     println!("{} {features:?}: {} functions", board.name, found.len());
-    // Formatting and the logger are among them: the look goes deep enough.
+    // The set includes formatting and the logger, so the search is deep enough.
     for part in ["3fmt5write", "_defmt_release", "pad_integral"] {
         assert!(found.keys().any(|&function| code.name(function).contains(part)), "{part}");
     }
@@ -75,7 +75,7 @@ fn no_panic(board: Board, features: &[&str]) {
     assert!(panics.is_empty(), "{panics:#?}");
 }
 
-/// The same look from the reset on does find the panics of the set-up.
+/// The same search from the reset handler does find the panics of the set-up.
 #[test]
 fn the_look_finds_panics_where_there_are_some() {
     let firmware = Firmware::of(NUCLEO_F446RE);

@@ -1,5 +1,5 @@
-//! The wall's passivity controller on the release image: every frame is that of the core's own tasks, and a contact gives
-//! at most the reserve.
+//! The wall's passivity controller in the release image: every frame equals the core's own tasks, and a contact
+//! supplies at most the reserve.
 
 use host_sim::scene::{
     NamedScene, PassivityTable,
@@ -33,7 +33,7 @@ fn with_controller(board: Board, acceleration_m_per_s2: f64) -> (Firmware, Devic
     (Firmware { elf, ..firmware }, device, scene.scene.reserve_j().unwrap())
 }
 
-/// What a contact with a hard wall gives at most, J.
+/// Largest energy that a contact with a hard wall supplies, J.
 fn given_j(firmware: &Firmware) -> f64 {
     let mut world = firmware.boot();
     for line in
@@ -64,7 +64,7 @@ fn a_contact_gives_at_most_the_reserve() {
     assert!(plain > reserve_j && given <= reserve_j, "{plain} {given} {reserve_j}");
 }
 
-/// With a reserve of six counts at full scale the controller acts in every bounce.
+/// With a reserve of six counts at full scale, the controller acts in every bounce.
 #[test]
 fn every_frame_is_the_cores() {
     let (firmware, device, _) = with_controller(BOARDS[0], 1e-3);

@@ -1,5 +1,5 @@
-//! The output period, set on the console of one image: at each of them a hit whose every frame is that of the core's
-//! own tasks, the time that they leave, and the estimators that there is time for.
+//! The output period, set on the console of one image. At each period, every frame of a hit equals the core's own
+//! tasks. The tests also check the time of the tasks, and the estimators that have enough time.
 
 use virtual_board::{
     board::{BOARDS, Board, Force},
@@ -34,8 +34,8 @@ each_board!(
     ignored: "an image of its own; CI runs it"
 );
 
-/// `sample` and `render` together, as a part of the time between two outputs, at most: on the slower board at period 1
-/// the output of a return move that looks at the speed.
+/// Largest fraction of the time between two outputs for `sample` and `render` together. The worst case is the slower
+/// board at period 1, in a return move's output that measures the speed.
 const LOAD: f64 = 0.25;
 
 #[test]
@@ -86,7 +86,7 @@ fn every_period_has_the_time_and_its_hit_is_the_cores(board: Board) {
     }
 }
 
-/// An order, and how a frame tells that the output before it has met it.
+/// An order, and the condition of a frame after the output that carried it out.
 struct Step {
     order: Order,
     told: fn(&Record, &Record) -> bool,
@@ -96,8 +96,8 @@ fn flagged(before: &Record, after: &Record, flag: Flags) -> bool {
     after.flags.contains(flag) && !before.flags.contains(flag)
 }
 
-/// A hit of that device at that period, with the design of that number and name: its tasks, and the part of the frames that
-/// came.
+/// A hit of this device at this period, with the design of this number and name. Returns its tasks and the share of
+/// received frames.
 pub fn hit_at(
     firmware: &Firmware,
     device: &Device,
@@ -111,7 +111,7 @@ pub fn hit_at(
     };
     let request = |request, told| Step { order: Order::Request(request), told };
     let mut world = firmware.boot();
-    // what the firmware proposes to itself is the first
+    // the firmware's first settings are the first order
     let mut steps = vec![settings(&now)];
     ok(&mut world, "zero");
     steps.push(request(Request::Zero, |before, after| flagged(before, after, Flags::ZEROED)));
@@ -161,12 +161,12 @@ pub fn hit_at(
     let chosen = records.iter().position(|record| record.flags.design() == number).unwrap();
     for (n, record) in records.iter_mut().enumerate() {
         assert_eq!(record.flags.design(), if n < chosen { own } else { number }, "{n}");
-        record.flags = record.flags.with_design(0); // the console's, not that of the tasks
+        record.flags = record.flags.with_design(0); // the design number comes from the console, not from the tasks
     }
     let sent = records.len() as f64 / (records.len() as u64 + dropped) as f64;
     assert!(sent > 0.99, "{sent}");
 
-    // Where each order was met; the plan of another period goes before its parameters.
+    // The output that carried out each order. The plan of another period comes before its parameters.
     let mut met: Vec<(u64, Order)> = vec![];
     let mut pairs = records.windows(2);
     for (n, Step { order, told }) in steps.into_iter().enumerate() {
@@ -196,7 +196,7 @@ pub fn hit_at(
     (watch, sent)
 }
 
-/// The first frame that is not the core's: its sample, what the core says, and the frame.
+/// The first frame that differs from the core: its sample, the core's record, and the frame.
 fn first_difference(
     device: &Device,
     readings: &[u32],
@@ -231,17 +231,17 @@ pub fn records(world: &mut World<'_>) -> (Vec<Record>, u64) {
     (found, decoder.dropped)
 }
 
-/// Cycles of an estimator's longest update, which `estimator_cost` measures.
+/// Cycles of an estimator's longest update, measured by `estimator_cost`.
 fn cycles_of(name: EstimatorName) -> u64 {
     cost_row("estimator_cost.csv", TABLE, name.text())[1].parse().unwrap()
 }
 
-/// At each period every estimator in turn, in and out of the wall, with commands and lines of the log all the time: none
-/// makes an output late; which are refused is what the library says.
+/// Each estimator at each period, in and out of the wall, with commands and log lines all the time. No estimator makes
+/// an output late. The board refuses the same estimators as the library.
 fn every_estimator_has_the_time_or_is_refused(board: Board) {
     let firmware = Firmware::variant(board, &["estimators"]);
     let dac = matches!(board.wiring.force, Force::Dac { .. });
-    // a faster board has more cycles than the slowest one, for which the library allows four fifths of them
+    // the library allows four fifths of the slowest board's cycles; a faster board has more
     let slowest = BOARDS.iter().map(|board| board.cycles_per_sample()).min().unwrap();
     let spare = (board.cycles_per_sample() - slowest) * 4 / 5;
     for period in PERIODS {
@@ -252,7 +252,7 @@ fn every_estimator_has_the_time_or_is_refused(board: Board) {
         world.hold(middle_m, true);
         world.run(300).unwrap();
         let (mut refused, mut worst, mut beside) = (vec![], ("", 0, 0), 0);
-        // the cheapest first: the last sample of the one before is among what is watched
+        // the cheapest estimator first: the last sample of the estimator before is watched too
         let mut names = EstimatorName::ALL.to_vec();
         names.sort_by_key(|&name| cycles_of(name));
         for name in names {
@@ -280,7 +280,7 @@ fn every_estimator_has_the_time_or_is_refused(board: Board) {
                         .unwrap();
                 }
             }
-            // until all lines are answered, of which a few wait for their time
+            // until all lines are answered; some of them wait for their time
             world.run(600).unwrap();
             world.replies.clear();
             let status = ok(&mut world, "status");

@@ -1,5 +1,5 @@
-//! The release image behind a debug probe, as `cargo live --probe` meets it: the probe's halts and the time that its
-//! accesses take are the virtual board's.
+//! The release image behind a debug probe, in the state that `cargo live --probe` expects. The virtual board simulates
+//! the probe's halts and the time of its accesses.
 
 use std::{
     sync::mpsc::{Receiver, Sender, channel},
@@ -23,15 +23,15 @@ each_board!(
     every_frame_comes_through_and_a_reset_is_no_end
 );
 
-/// Samples that one access takes: half a millisecond, as with an ST-LINK.
+/// Duration of an access, samples: half a millisecond, as with an ST-LINK.
 const ACCESS: u64 = 5;
-/// Samples that probe-rs' halt takes.
+/// Duration of probe-rs' halt, samples.
 const HALT: u64 = 200;
 const FLASH: u32 = 0x0800_0000;
 
 type Act = Box<dyn FnOnce(&mut World<'static>) + Send>;
 
-/// A board in a thread of its own, whose time goes on with what is done to it.
+/// A board in a thread of its own. Its time passes with each access.
 #[derive(Clone)]
 struct Bench(Sender<Act>);
 
@@ -65,7 +65,7 @@ impl Bench {
     }
 }
 
-/// Time goes on. Not by `run`, which would read the channels as well.
+/// Lets time pass. `run` is not used, since it would also read the channels.
 fn pass(world: &mut World<'_>, samples: u64) {
     for _ in 0..samples {
         world.sample().unwrap();
@@ -78,7 +78,7 @@ fn halt(world: &mut World<'_>) {
     pass(world, 50);
 }
 
-/// What probe-rs does: halts when it attaches and when it lets go.
+/// A simulated probe-rs: it halts the core when it attaches and when it detaches.
 struct Attached(Bench);
 
 impl Attached {
@@ -138,7 +138,7 @@ impl Core for Opened {
     }
 }
 
-/// Types lines, and waits for what has to come.
+/// Types lines, and waits for the wanted text.
 fn type_until(link: &mut ProbeLink<Attached>, lines: &str, wanted: &str) {
     assert_eq!(link.write(COMMANDS, lines.as_bytes()), lines.len(), "{lines}");
     let mut replies = vec![];
@@ -152,8 +152,8 @@ fn type_until(link: &mut ProbeLink<Attached>, lines: &str, wanted: &str) {
     panic!("{wanted}: {}", String::from_utf8_lossy(&replies));
 }
 
-/// Attaching to a board that pushes is fault 32 and nothing worse. One that is left is off before the halt of leaving,
-/// so that this halt is no fault.
+/// Attaching to a board with its force on causes fault 32, and no other effect. The force is off before the halt of
+/// detaching, so that halt is not a fault.
 fn a_board_is_met_with_its_force_on_and_left_with_it_off(board: Board) {
     let firmware: &Firmware = Box::leak(Box::new(Firmware::of(board)));
     let bench = Bench::start(|| firmware.armed());
@@ -166,7 +166,7 @@ fn a_board_is_met_with_its_force_on_and_left_with_it_off(board: Board) {
     let (mut link, met) = bench.attach(firmware);
     assert_eq!(met, Met::Off);
     type_until(&mut link, "zero\narm\n", "ok arm");
-    // Sign test and ramp.
+    // Time for the sign test and the ramp.
     bench.with(|world| pass(world, 5_000));
     type_until(&mut link, "status\n", "ok status armed");
     assert!(bench.is_enabled());
@@ -177,7 +177,7 @@ fn a_board_is_met_with_its_force_on_and_left_with_it_off(board: Board) {
     drop(link);
 }
 
-/// Log and telemetry are whole, before a reset and after it.
+/// Log and telemetry are complete, before a reset and after it.
 fn every_frame_comes_through_and_a_reset_is_no_end(board: Board) {
     let firmware: &Firmware = Box::leak(Box::new(Firmware::of(board)));
     let bench = Bench::start(|| firmware.boot());

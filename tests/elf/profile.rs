@@ -1,4 +1,4 @@
-//! Where the cycles of `sample` go, instruction by instruction: for a person who shortens it.
+//! Cycles of `sample` by instruction, for a developer who makes it faster.
 
 use std::collections::BTreeMap;
 
@@ -8,11 +8,11 @@ use crate::firmware::Firmware;
 
 each_board!(the_cycles_of_sample_by_instruction, ignored: "prints a table, decides nothing");
 
-/// Samples that are profiled.
+/// Count of profiled samples.
 const SAMPLES: u64 = 2000;
 
-/// Free motion, force on. The sum of the lines is less than the whole by what the return takes, which belongs to what it
-/// returns to.
+/// Free motion, force on. The sum of the lines is less than the whole: the cycles of the return belong to the task that
+/// continues.
 fn the_cycles_of_sample_by_instruction(board: Board) {
     let firmware = Firmware::of(board);
     let lines = firmware.lines();

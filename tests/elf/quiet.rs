@@ -1,4 +1,4 @@
-//! Quiet hits by the release ELF, push by push, against the simulator's by the same counts.
+//! Quiet hits by the release ELF, push by push, compared with the simulator's from the same counts.
 
 use host_sim::{
     scene::{Criterion, NamedScene, RmsOf, Scene},
@@ -13,13 +13,13 @@ use zwidth::experiment::{Verdict, quiet::PUSHES};
 
 use crate::firmware::Firmware;
 
-/// Share of a limit within which a verdict may be the other one: an RMS near a count scatters by a fifth from window to
-/// window, also in one of 2 s.
+/// Fraction of a limit within which the verdicts may differ. An RMS near one count scatters by a fifth from window to
+/// window, even in a window of 2 s.
 const NEAR: f64 = 0.2;
-/// Places in a count from which the simulator hits.
+/// Fractions of a count at which the simulator's hits start.
 const STARTS: [f64; 4] = [0.0, 0.25, 0.5, 0.75];
 
-/// The board with its own scene, hits of that length, and a short way back.
+/// The board with its own scene, with hits of this length and a short return move.
 fn session(board: Board, [settle_s, window_s]: [f64; 2]) -> Session {
     let Firmware { board, elf, table, .. } = Firmware::of(board);
     let mut scene = NamedScene::load(board.name).unwrap();
@@ -31,7 +31,7 @@ fn session(board: Board, [settle_s, window_s]: [f64; 2]) -> Session {
     Session { board, scene, elf, table }
 }
 
-/// How far a push is from not being held, as a share of the nearest limit; below 0 it is not.
+/// Margin of a push to the nearest limit, as a fraction of that limit; below 0 the push was not held.
 fn margin(scene: &Scene, stiffness_n_per_m: f64, report: &HitReport) -> f64 {
     let count_n = stiffness_n_per_m * scene.encoder.resolution_m;
     let off = (count_n / report.wall_force_n.abs()).max(0.1);
@@ -44,7 +44,7 @@ fn margin(scene: &Scene, stiffness_n_per_m: f64, report: &HitReport) -> f64 {
     of_limits.into_iter().fold(f64::INFINITY, f64::min)
 }
 
-/// Hits that many random walls; how many were held, not held, and left out.
+/// Hits on random walls. Returns how many were held, not held, and left out.
 fn hits(board: Board, seconds: [f64; 2], walls: u64, seed: u64) -> [usize; 3] {
     let session = session(board, seconds);
     let scene = &session.scene.scene;
@@ -64,7 +64,7 @@ fn hits(board: Board, seconds: [f64; 2], walls: u64, seed: u64) -> [usize; 3] {
             };
             prepared.reports(Numeric::Fixed, &hit, |_| ()).unwrap()
         };
-        // Of a wall the push with the least margin decides.
+        // The push with the smallest margin decides the result of a wall.
         let of_start = |pushes: &Vec<(f64, HitReport)>| {
             let margins = pushes.iter().map(|(_, report)| margin(scene, k, report));
             margins.fold(f64::INFINITY, f64::min)
@@ -89,7 +89,7 @@ fn hits(board: Board, seconds: [f64; 2], walls: u64, seed: u64) -> [usize; 3] {
         for (push, (push_n, report)) in told.pushes.iter().zip(simulated) {
             assert!((push.push_n / push_n - 1.0).abs() < 1e-9, "{case}");
             if held {
-                // What is left of a limit cycle depends on where it began.
+                // The final amplitude of a limit cycle depends on its start.
                 let off_n = (push.force_rms_n - report.force_rms_n).abs();
                 let off = push.penetration_ratio.unwrap() - report.penetration_ratio.unwrap();
                 let near = off_n < 0.25 * scene.wall_hit.force_rms_limit_n() && off.abs() < 0.01;
@@ -101,7 +101,7 @@ fn hits(board: Board, seconds: [f64; 2], walls: u64, seed: u64) -> [usize; 3] {
     counts
 }
 
-/// How many pushes a hit has to have tried.
+/// Count of pushes that a hit must have tried.
 fn tried(told: &BoardHit) -> usize {
     let first = told.pushes.iter().position(|push| push.verdict != Verdict::Stable);
     first.map_or(PUSHES.len(), |first| first + 1)

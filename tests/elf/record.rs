@@ -1,4 +1,4 @@
-//! Device records: one image takes any, and stays off with a wrong one.
+//! Device records: one image accepts any valid record, and stays off with a wrong one.
 
 use std::{
     fs,
@@ -48,17 +48,17 @@ each_board!(
     ignored: "thousands of boots; .ci/long runs it"
 );
 
-/// The record of the image, as bytes.
+/// The record of the image as bytes.
 fn bytes_of(firmware: &Firmware) -> Vec<u8> {
     let (_, bytes) =
         firmware.elf.flash.iter().find(|(address, _)| *address == 0x0800_C000).unwrap();
     bytes.clone()
 }
 
-/// Boots with that record and stays so for some samples: what the board says first; after it every command but three is
-/// refused.
+/// Boots with this record and runs some samples. Returns the board's first message. After it, all commands but three
+/// are refused.
 ///
-/// Such a board asks its link again and again instead of sleeping, which takes the emulator twenty times as long.
+/// Such a board polls its link instead of sleeping, which makes the emulation twenty times slower.
 fn refused(firmware: &Firmware, record: &[u8], samples: u64) -> String {
     let elf = firmware.elf.with_record(record).unwrap();
     let Firmware { board, table, scene, .. } = firmware;
@@ -82,7 +82,7 @@ fn refused(firmware: &Firmware, record: &[u8], samples: u64) -> String {
     why
 }
 
-/// With its checksum made right: what the host's own encoder would write.
+/// A record with a right checksum, as the host's own encoder would write it.
 fn signed(board: Board, edit: impl Fn(&mut Device<'static>)) -> Vec<u8> {
     let mut device = *built_in(board);
     edit(&mut device);
@@ -123,13 +123,13 @@ fn an_image_stays_off_with_a_wrong_record_and_names_what_is_wrong(board: Board) 
             "rate_hz is 5000, allowed 10000 to 10000",
         ),
     ] {
-        // Longer than a watchdog waits, once.
+        // One run is longer than the watchdog's time.
         let samples = if record.is_empty() { 1_000 } else { 20 };
         assert_eq!(refused(firmware, &record, samples), why);
     }
 }
 
-/// One byte of every 128; the library's tests have each.
+/// One byte of every 128. The library's tests check each byte.
 fn a_record_with_a_wrong_byte_or_a_missing_word_is_refused(board: Board) {
     wrong_bytes_and_cuts(board, 128);
 }
@@ -138,7 +138,7 @@ fn every_byte_and_every_cut_of_a_record_is_refused(board: Board) {
     wrong_bytes_and_cuts(board, 1);
 }
 
-/// One bit of one byte of every `stride`, and power cut at the first word of as many.
+/// For each group of `stride` bytes: flips a bit of one byte, and cuts the record off at the group's first byte.
 fn wrong_bytes_and_cuts(board: Board, stride: usize) {
     let firmware = &Firmware::of(board);
     let whole = &bytes_of(firmware);
@@ -148,7 +148,7 @@ fn wrong_bytes_and_cuts(board: Board, stride: usize) {
         let of_stride = byte / stride % stride;
         bad[(byte + of_stride).min(whole.len() - 1)] ^= 1 << (byte / stride % 8);
         refused(firmware, &bad, 20);
-        // Power cut while it was programmed: the rest is erased.
+        // The power was cut while the record was programmed: the rest is erased.
         if byte.is_multiple_of(4) {
             refused(firmware, &whole[..byte], 20);
             cuts.fetch_add(1, Ordering::Relaxed);
@@ -158,14 +158,15 @@ fn wrong_bytes_and_cuts(board: Board, stride: usize) {
     println!("{}: {bytes} wrong bytes and {} cuts", board.name, cuts.into_inner());
 }
 
-/// A record that was made of an example, built in: the image is that device's, and another board's is none.
+/// A record made from an example is built into the image. The image is then for that device. Another board's record is
+/// refused.
 #[test]
 #[ignore = "an image more; CI runs it"]
 fn an_image_is_built_for_the_record_that_is_named() {
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/known.toml");
     let named = NamedScene::load(example.to_str().unwrap()).unwrap();
     let facts = board_facts(NUCLEO_F446RE.name).unwrap();
-    // as `cargo sim prepare` does
+    // as in `cargo sim prepare`
     let first = first_settings(&named.scene, None).unwrap();
     let parts = Part::all(&named.scene, &first).unwrap();
     let stop = AtomicBool::new(false);
@@ -205,7 +206,7 @@ fn an_image_is_built_for_the_record_that_is_named() {
     assert!(line.contains("ZWIDTH_DEVICE: ") && line.contains(wanted), "{other}");
 }
 
-/// Settings belong to the record, not to its name.
+/// Settings belong to a record's contents, not to its name.
 fn settings_of_another_record_are_not_taken(board: Board) {
     let firmware = &Firmware::of(board);
     let own = built_in(board).defaults();
@@ -233,7 +234,7 @@ fn settings_of_another_record_are_not_taken(board: Board) {
     }
 }
 
-/// Five devices: mass, counts, force, start and wall of their own.
+/// Five devices with different mass, counts, force, start and wall.
 fn devices() -> [NamedScene; 5] {
     let of = |name: &str, mass_kg: f64, count_m: f64, gain_n_per_v: f64, wall_m: f64| {
         let mut named = NamedScene::load(NUCLEO_F446RE.name).unwrap();
@@ -260,14 +261,13 @@ fn devices() -> [NamedScene; 5] {
     ]
 }
 
-/// A wall that is as stiff for each device, by force and count: K and B.
+/// A wall of equal stiffness for each device, relative to its force and count: K and B.
 fn as_stiff(scene: &Scene) -> [f64; 2] {
     let unit = scene.full_scale_n() / scene.encoder.resolution_m;
     [(2e-3 * unit).round(), (8e-6 * unit).round()]
 }
 
-/// The hit of the simulator and the board's differ in when they start and in nothing else: RMS and mean are those of the
-/// same wall.
+/// Hits of the simulator and of the board differ only in their start time. RMS and mean belong to the same wall.
 fn hits_are_the_simulators(board: Board, devices: &[(NamedScene, [f64; 3])]) {
     let Firmware { board, elf, .. } = Firmware::of(board);
     let facts = board_facts(board.name).unwrap();
@@ -303,13 +303,13 @@ fn hits_are_the_simulators(board: Board, devices: &[(NamedScene, [f64; 3])]) {
             counts(rms),
         );
         assert_eq!((board_hit.verdict, simulated.verdict), (Verdict::Stable, Verdict::Stable));
-        // Where it sticks depends on when it starts.
+        // The sticking position depends on the start time.
         let near = if scene.friction.is_some() { 3.0 } else { 1.0 };
         assert!(counts(mean).abs() < near && counts(rms).abs() < 1.0);
     });
 }
 
-/// Each with its wall.
+/// Each device with its wall.
 fn walls(devices: &[NamedScene]) -> Vec<(NamedScene, [f64; 3])> {
     let of = |named: &NamedScene| {
         let [k, b] = as_stiff(&named.scene);

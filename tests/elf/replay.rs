@@ -1,4 +1,4 @@
-//! Every sample of a board at output period 1, recomputed by the core on the host.
+//! Every sample of a board at output period 1, computed again by the core on the host.
 
 use host_sim::{
     analysis::{recompute::Recomputed, replay::Replayed, telemetry::Capture},
@@ -11,7 +11,7 @@ use crate::firmware::{Firmware, ok};
 
 each_board!(every_velocity_is_the_boards_to_the_last_bit);
 
-/// A handle that is led to and fro: from rest on, what the board says to each sample is what the core says here.
+/// A hand moves the handle to and fro, from rest on. The board's value in each sample equals the core's.
 fn every_velocity_is_the_boards_to_the_last_bit(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.boot();

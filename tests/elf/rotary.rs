@@ -1,6 +1,6 @@
-//! A rotary scene and the scene of the same device at its handle, on the same image: the same settings in force bit for
-//! bit, so the same hit, and the same texts but for their units. Other texts take other cycles, and an interrupt waits
-//! for the instruction that runs: a count that is about to change may be read a sample later.
+//! A rotary scene, and the linear scene of the same device at its handle, on the same image. The settings in force are
+//! equal bit for bit, so the hit is the same, and the texts differ only in their units. Longer texts take more cycles,
+//! and an interrupt waits for the running instruction. So a count that is about to change may be read a sample later.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -14,7 +14,8 @@ each_board!(a_rotary_device_hits_as_the_same_one_at_its_handle);
 
 const RADIUS_M: f64 = 0.07;
 
-/// Units at the handle and about the axis; what is said there is what is said here times the radius to that power.
+/// Units at the handle and about the axis. A value about the axis is the value at the handle times this power of the
+/// radius.
 const UNITS: [(&str, &str, i32); 5] = [
     (" N s/m", " N m s/rad", 2),
     (" N/m", " N m/rad", 2),
@@ -23,16 +24,16 @@ const UNITS: [(&str, &str, i32); 5] = [
     (" J", " J", 0),
 ];
 
-/// A scene, and what is typed into its board.
+/// A scene, and the lines that are typed into its board.
 type Typed = (&'static str, [&'static str; 6]);
 const LINEAR: Typed =
     ("by-hand.toml", ["wall 0.035", "k 1000", "b 10", "push 0.7", "rms 2.8e-5", "start 0"]);
 const ROTARY: Typed =
     ("rotary.toml", ["wall 0.5", "k 4.9", "b 0.049", "push 0.049", "rms 4e-4", "start 0"]);
-/// Samples between two lines, whatever their replies take.
+/// Samples between two lines, whatever time their replies take.
 const SLOT: u64 = 500;
 
-/// One hit: what is said of it and of what was typed, its telemetry from `arm` on, and the settings that it names.
+/// Runs one hit. Returns the replies, the telemetry from `arm` on, and the settings that it names.
 fn hit(board: Board, (file, typed): Typed) -> (Vec<String>, Vec<Frame>, Vec<InForce>) {
     let Firmware { elf, table, .. } = Firmware::of(board);
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../host-sim/tests/program/paddle");
@@ -69,7 +70,7 @@ fn hit(board: Board, (file, typed): Typed) -> (Vec<String>, Vec<Frame>, Vec<InFo
     (said, frames, in_force)
 }
 
-/// What is said at the handle, said about the axis, each number to that part of it.
+/// Compares a reply at the handle with the reply about the axis, each number with the relative tolerance `part`.
 #[track_caller]
 fn is_told(at_handle: &str, rotary: &str, part: f64) {
     let (linear_parts, parts) = (at_handle.split(", "), rotary.split(", "));
@@ -103,7 +104,7 @@ fn a_rotary_device_hits_as_the_same_one_at_its_handle(board: Board) {
     );
     assert!(!settings.is_empty());
     assert_eq!(settings, linear_settings);
-    // Texts of other lengths take other times: one output more or less at either end.
+    // Texts of other lengths take other times, so one output may be missing or added at either end.
     let at: BTreeMap<u64, Record> =
         linear_frames.iter().map(|one| (one.record.sample, one.record)).collect();
     let pairs = || {
@@ -119,7 +120,7 @@ fn a_rotary_device_hits_as_the_same_one_at_its_handle(board: Board) {
         let of = |record: &Record| (record.sample, record.settings, record.fault);
         assert_eq!(of(&one), of(&other));
         let apart = one.position.counts().abs_diff(other.position.counts());
-        // A count read later is another impact: parts in a thousand of the way.
+        // A count that is read later gives another impact: some thousandths of the path.
         assert!(apart <= 10, "{one:?}, at its handle {other:?}");
     }
     let ([linear @ .., refused], [rotary @ .., rotary_refused]) = (&linear[..], &rotary[..]) else {
@@ -127,7 +128,7 @@ fn a_rotary_device_hits_as_the_same_one_at_its_handle(board: Board) {
     };
     assert_eq!(linear.len(), rotary.len());
     for (linear, said) in linear.iter().zip(rotary) {
-        // What a hit measured is the same number only if the hits are the same.
+        // The measured numbers are equal only if the hits are equal.
         let measured = said.starts_with("ok hit ") && same < frames.len();
         is_told(linear, said, if measured { 0.5 } else { 1e-9 });
     }

@@ -1,4 +1,4 @@
-//! `selftest` on the virtual board: what passes when all is well, and what fails when a part of it is not.
+//! `selftest` on the virtual board: it passes on a good board, and each defect fails its part.
 
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -10,7 +10,7 @@ use crate::firmware::{Firmware, arm, ok};
 each_board!(a_whole_board_passes_and_has_lost_its_zero, a_self_test_is_refused_while_force_acts);
 each_board!(each_part_fails_by_itself, ignored: "a self-test for each defect");
 
-/// A board as the page wants it for a self-test: option bytes set, the two wires in the encoder's place.
+/// A board as the documentation asks for a self-test: option bytes set, and two wires in place of the encoder.
 fn prepared<'a>(firmware: &'a Firmware, elf: &Elf) -> World<'a> {
     let Firmware { board, table, scene, .. } = firmware;
     let mut world = World::new(*board, elf, table, scene, scene.device.rest_position_m).unwrap();
@@ -25,7 +25,7 @@ fn wanted_level(board: Board) -> u32 {
     u32::from(board.name == "discovery-f407")
 }
 
-/// The lines of a self-test, the last of them the reply.
+/// The lines of a self-test; the last one is the reply.
 fn lines(world: &mut World<'_>) -> Vec<String> {
     world.replies.clear();
     world.send("selftest\n").unwrap();
@@ -36,7 +36,7 @@ fn lines(world: &mut World<'_>) -> Vec<String> {
     lines
 }
 
-/// What is said of each part that fails.
+/// The messages of the parts that fail.
 fn failed(world: &mut World<'_>) -> Vec<String> {
     let lines = lines(world);
     assert_eq!(lines.len(), Part::ALL.len() + 1, "{lines:?}");
@@ -56,12 +56,12 @@ fn a_whole_board_passes_and_has_lost_its_zero(board: Board) {
     assert_eq!(lines.last().unwrap(), "ok selftest");
     let crc = format!("crc {:08x}", seal::seal_of(&firmware.elf).unwrap().1);
     assert!(lines.iter().any(|line| line.ends_with(&crc)), "{lines:?}: not {crc}");
-    // Enable is off again, and no fault has come of it.
+    // Enable is off again, and no fault was latched.
     assert!(!world.powered.amplifier.is_enabled());
     assert!(world.powered.amplifier.changes().disabled_at > before.disabled_at, "enable blinks");
     assert_eq!(ok(&mut world, "faults"), "ok faults none");
     assert_eq!(world.ask("arm").unwrap(), "error: not zeroed: use zero first");
-    // The encoder is back, and the board works as before.
+    // The encoder is connected again, and the board works as before.
     world.powered.mcu.bench().wires.store(false, Relaxed);
     world.hold(firmware.scene.device.rest_position_m, false);
     arm(&mut world);
@@ -98,14 +98,14 @@ fn each_part_fails_by_itself(board: Board) {
         });
         assert!(clock.len() == 1 && clock[0].starts_with("selftest clock: fail, "), "{clock:?}");
     }
-    // A vector of an interrupt that never comes.
+    // The vector of an interrupt that never comes.
     let mut elf = firmware.elf.clone();
     let (_, vectors) = elf.flash.iter_mut().find(|(start, _)| *start == 0x0800_0000).unwrap();
     vectors[4 * 60..4 * 61].copy_from_slice(&0x0900_0001u32.to_le_bytes());
     elf.seal().unwrap();
     let image = failed(&mut prepared(firmware, &elf));
     assert_eq!(image, ["selftest image: fail, vector 60 leads nowhere"]);
-    // The seal, right before it is looked at.
+    // The checksum changes just before it is checked.
     let mut world = prepared(firmware, &firmware.elf);
     let (seal, sum) = seal::seal_of(&firmware.elf).unwrap();
     world.powered.mcu.program(seal, &(sum ^ 1).to_le_bytes());
@@ -127,7 +127,7 @@ fn a_self_test_is_refused_while_force_acts(board: Board) {
     assert_eq!(world.powered.amplifier.changes().disabled_at, off);
 }
 
-/// The registers' own: what the emergency stop, the pin's mode, the DAC and the interrupt's priority make of it.
+/// Defects of single parts: by the emergency stop, the pin's mode, the DAC, and the interrupt's priority.
 #[test]
 #[ignore = "a self-test for each defect"]
 fn enable_output_and_delay_fail_by_themselves() {
@@ -154,8 +154,8 @@ fn enable_output_and_delay_fail_by_themselves() {
     world.powered.mcu.bench().converter_error.store(-40, Relaxed);
     assert_eq!(failed(&mut world), [""; 0]);
 
-    // As low as `link`: no sample comes between its instructions. The check of the registers finds that as well; with its
-    // fault latched nothing drives the amplifier.
+    // With the priority of `link`, no sample comes between its instructions. The check of the registers finds this too.
+    // With its fault latched, the amplifier is not enabled.
     let parts = ["enable", "output watchdog", "output"];
     let not = parts.map(|part| {
         format!("selftest {part}: fail, not tried: a fault is latched, clear it first")
@@ -167,7 +167,7 @@ fn enable_output_and_delay_fail_by_themselves() {
     expected.push("selftest delay: fail, no samples".into());
     assert_eq!(failed(&mut world), expected);
 
-    // The pin is no timer's any more.
+    // The pin is not connected to the timer any more.
     let mut world = prepared(firmware, &firmware.elf);
     let mode = world.powered.mcu.peek(0x4002_0000);
     world.powered.mcu.poke(0x4002_0000, mode & !(0b11 << 20));

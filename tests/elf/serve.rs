@@ -1,4 +1,4 @@
-//! The board behind TCP ports, as other people's tools meet it.
+//! The board behind TCP ports, as other tools use it.
 
 use std::{
     io::{Read as _, Write as _},
@@ -27,7 +27,7 @@ fn server() -> Server {
     Server::start(Session { board, scene, elf, table }, None, Ports::default()).unwrap()
 }
 
-/// Reads until `wanted` is in it, 60 s at most.
+/// Reads until the text contains `wanted`, for 60 s at most.
 fn until(link: &mut RttTcp, channel: usize, text: &mut Vec<u8>, wanted: &str) {
     let end = Instant::now() + Duration::from_secs(60);
     while !String::from_utf8_lossy(text).contains(wanted) {
@@ -38,8 +38,8 @@ fn until(link: &mut RttTcp, channel: usize, text: &mut Vec<u8>, wanted: &str) {
     }
 }
 
-/// Commands find their replies, the log says the same, every byte of the telemetry belongs to a frame of a board that
-/// runs in real time, and a second client waits until the first one has gone.
+/// Commands get their replies, and the log repeats them. Every byte of the telemetry belongs to a frame. The board runs
+/// in real time. A second client waits until the first one has left.
 #[test]
 fn three_ports_are_a_board() {
     let server = server();
@@ -49,7 +49,7 @@ fn three_ports_are_a_board() {
     let commands = b"zero\nk 200\nb 2\nwall 0.005\narm\n";
     assert_eq!(link.write(COMMANDS, commands), commands.len());
     until(&mut link, REPLIES, &mut replies, "ok arm");
-    // Never faster than the time here; slower where others want the processor, and for how long nobody knows.
+    // The board is never faster than real time. It may be slower for any time if other programs need the processor.
     let begun = Instant::now();
     let before = server.board.wires.seen().time_s;
     let mut ran_s = 0.0;
@@ -92,7 +92,7 @@ fn three_ports_are_a_board() {
     }
 }
 
-/// A port that is taken, or none: said in one line.
+/// A port that is in use or not valid gives an error of one line.
 #[test]
 fn a_port_that_is_taken_is_named() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();

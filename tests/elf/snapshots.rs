@@ -1,4 +1,4 @@
-//! A board that is put back goes on as the one that was never interrupted, bit for bit.
+//! A restored board continues bit for bit like a board that was never interrupted.
 
 use std::time::Instant;
 
@@ -12,7 +12,7 @@ use crate::firmware::{Firmware, arm, ok};
 
 each_board!(a_board_goes_on_from_a_snapshot_as_it_went_on);
 
-/// Something done to a board.
+/// An action on a board.
 pub type Act = (&'static str, fn(&mut World<'_>));
 
 pub const ACTS: [Act; 9] = [
@@ -56,7 +56,7 @@ pub const ACTS: [Act; 9] = [
     }),
 ];
 
-/// Memory, registers, devices, handle, and all that it said.
+/// Memory, registers, devices, handle and all output.
 fn all_of(world: &mut World<'_>) -> (Vec<u8>, u64, u64, String) {
     let Snapshot { mcu, .. } = world.snapshot();
     let said = format!("{:?}{}{:?}", world.lines, world.replies, world.telemetry);
@@ -64,7 +64,7 @@ fn all_of(world: &mut World<'_>) -> (Vec<u8>, u64, u64, String) {
     (mcu.bytes().collect(), world.position_m().to_bits(), world.powered.mcu.now(), said + &watch)
 }
 
-/// The third goes through everything once more, on a board that has just been switched on.
+/// The third board runs everything again after it was just switched on.
 fn a_board_goes_on_from_a_snapshot_as_it_went_on(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.boot();

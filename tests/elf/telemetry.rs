@@ -1,4 +1,4 @@
-//! Telemetry of the release ELF: every sample of a session computed once more, by the core on the host.
+//! Telemetry of the release ELF: the core on the host computes every sample of a session again.
 
 use host_sim::analysis::{recompute::Recomputed, telemetry::Capture};
 use virtual_board::{board::Board, world::World};
@@ -7,10 +7,10 @@ use crate::firmware::{Firmware, ok};
 
 each_board!(every_sample_of_a_session_is_the_cores);
 
-/// Bytes a second of the link that telemetry may take at 10 kHz and an output each millisecond.
+/// Largest rate of telemetry at 10 kHz with an output each millisecond, bytes/s.
 const BYTES_PER_S: f64 = 60e3;
 
-/// Leads the handle to and fro, in and out of the wall at 5 mm, and below zero.
+/// Moves the handle to and fro by hand, in and out of the wall at 5 mm, and below zero.
 fn swing(world: &mut World<'_>) {
     for (speed, samples) in [(0.06, 1_000), (-0.08, 1_200), (0.02, 300), (0.3, 150), (-0.2, 300)] {
         world.lead(speed);
@@ -21,7 +21,7 @@ fn swing(world: &mut World<'_>) {
     world.run(30).unwrap();
 }
 
-/// What was told, and computed; nothing differs.
+/// The capture and the computed values. They do not differ.
 fn computed(world: &mut World<'_>) -> (Capture, Recomputed) {
     let capture = Capture::decode(&std::mem::take(&mut world.telemetry));
     assert_eq!((capture.dropped, capture.garbage_bytes), (0, 0));

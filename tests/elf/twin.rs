@@ -1,7 +1,8 @@
-//! The firmware's own sampling and output tasks once more, on the host, from the counts that the board read.
+//! The firmware's own sampling and output tasks on the host, with the counts that the board read.
 //!
-//! What a person typed is an order at an output that telemetry tells: the number of the settings, a flag. So every frame
-//! has to be that record, bit for bit, from the first one on: velocity, sign test, ramp, return move, hit, fade, flags.
+//! Each typed command becomes an order at an output. Telemetry shows it by the number of the settings or by a flag. So
+//! every frame must equal the host's record bit for bit, from the first one on: velocity, sign test, ramp, return move,
+//! hit, fade, flags.
 
 use zwidth::{
     CounterWidth, LoopParameters,
@@ -18,7 +19,7 @@ use zwidth::{
     velocity::Senses,
 };
 
-/// What reaches the sampling task.
+/// Values that the sampling task receives.
 #[derive(Clone)]
 struct ToSample {
     parameters: LoopParameters,
@@ -37,7 +38,7 @@ impl Sampling for ToSample {
     fn turn_encoder(&mut self, _: bool) {}
 }
 
-/// Both tasks, run on the host.
+/// Both tasks on the host.
 pub struct Twin {
     sampler: GuardedSampler,
     guard: Guard,
@@ -49,7 +50,7 @@ pub struct Twin {
 }
 
 impl Twin {
-    /// A board that starts with these settings, its counter at `first`.
+    /// A board that starts with these settings and with its counter at `first`.
     pub fn new(device: &Device<'_>, stored: Stored, first: u32) -> Self {
         let loaded = Loaded { stored, source: Source::Empty, damaged: 0 };
         let start = device.start(&loaded, None).unwrap();
@@ -74,7 +75,7 @@ impl Twin {
         }
     }
 
-    /// One sample; if an output is due, its record, after which the order that is there is met.
+    /// Runs one sample. If an output is due, returns its record and then carries out the waiting order.
     pub fn sample(
         &mut self,
         count: u32,

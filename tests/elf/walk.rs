@@ -1,5 +1,5 @@
-//! Experiments by the release ELF, against the same in the simulator: the scene of the board has its
-//! measured latency and its output's quantisation.
+//! Experiments by the release ELF, compared with the simulator's. The board's scene has its measured latency and its
+//! output's quantisation.
 
 use std::sync::atomic::AtomicBool;
 
@@ -28,10 +28,10 @@ each_board!(
 
 const CUTOFF_HZ: f64 = 1500.0;
 
-/// Largest difference of the areas. The boundary is chaotic at its edge: a start that is moved by a fraction of a
-/// count changes the area of one walk by some 2 %, so the board's is compared with the mean of the simulator's.
+/// Largest relative difference of the areas. The boundary is chaotic at its edge: a start that is moved by a fraction
+/// of a count changes the area by some 2 %. So the board's area is compared with the mean of the simulator's areas.
 const AREA_TOLERANCE: f64 = 0.05;
-/// Walks in the simulator, from starts all over a count.
+/// Count of the simulator's walks, with starts spread over one count.
 const REPEATS: u32 = 16;
 
 /// The session of a board with its own scene, after `edit`.
@@ -43,7 +43,8 @@ fn session(board: Board, edit: impl Fn(&mut Scene)) -> Session {
     Session { board, scene, elf, table }
 }
 
-/// The walk on the virtual board, held against the simulator's; with the mean of those and the spread of one.
+/// Walks on the virtual board and compares with the simulator. Returns the board's walk, and mean and spread of the
+/// simulator's areas.
 fn both(board: Board, edit: impl Fn(&mut Scene)) -> (WalkReport, [f64; 2]) {
     let session = session(board, edit);
     let prepared = PreparedScene::new(&session.scene.scene).unwrap();
@@ -71,7 +72,7 @@ fn both(board: Board, edit: impl Fn(&mut Scene)) -> (WalkReport, [f64; 2]) {
     );
     let simulated = &simulated[0];
     assert!(difference.abs() <= AREA_TOLERANCE, "{difference}");
-    // As `cargo sim walk` gives it: one walk, which scatters by the spread.
+    // `cargo sim walk` gives one walk, which differs from the mean by the spread.
     let of_one = walked.area / simulated.area - 1.0;
     assert!(of_one.abs() <= AREA_TOLERANCE + 2.0 * spread, "{of_one}");
     assert_eq!(walked.ended_by, simulated.ended.map(Ended::name).unwrap());
@@ -82,7 +83,7 @@ fn both(board: Board, edit: impl Fn(&mut Scene)) -> (WalkReport, [f64; 2]) {
     (walked, [mean, spread])
 }
 
-/// Another grid, and hits that are shorter than the paper's.
+/// Sets another grid, and hits that are shorter than the paper's.
 fn grid(
     scene: &mut Scene,
     [k_start, k_step]: [f64; 2],
@@ -104,7 +105,7 @@ fn grid(
 fn a_short_walk_on_the_board_finds_the_boundary_of_the_simulator() {
     let (walked, _) = both(NUCLEO_F446RE, |scene| {
         grid(scene, [32_000.0, 8_000.0], [20.0, 5.0, 35.0], [0.5, 0.2]);
-        scene.device.start_position_m = 0.066; // a short way back
+        scene.device.start_position_m = 0.066; // a short return move
     });
     assert!(walked.hits >= 10, "{walked:?}");
 }
@@ -117,7 +118,7 @@ fn a_walk_of_60_points_on_each_board_has_the_area_of_the_simulator() {
             scope.spawn(move || {
                 let (walked, [mean, spread]) = both(board, |scene| {
                     grid(scene, [20_000.0, 100_000.0], [16.0, 16.0, 1000.0], [0.5, 0.3]);
-                    scene.device.start_position_m = 0.06; // a shorter way back
+                    scene.device.start_position_m = 0.06; // a shorter return move
                 });
                 let leave = |key: &str, value: f64| {
                     figure(&format!("elf/walk/{}/{key}", board.name), value);
@@ -135,7 +136,7 @@ fn a_walk_of_60_points_on_each_board_has_the_area_of_the_simulator() {
     });
 }
 
-/// Released at the device's rest, zeroed there, with a wall 18 mm away, armed.
+/// An armed board. The handle was released at the device's rest, the zero was set there, and the wall is 18 mm away.
 fn armed(session: &Session) -> World<'_> {
     let mut world = session.boot().unwrap();
     for line in ["zero", "unlock envelope", "wall 0.0183", "k 8000", "b 30", "push 2.835", "arm"] {
@@ -145,7 +146,7 @@ fn armed(session: &Session) -> World<'_> {
     world
 }
 
-/// Lines up to one that has `what`, which comes within so many samples.
+/// Lines up to the first that contains `what`, within `samples` samples.
 fn lines_until(world: &mut World<'_>, what: &str, samples: u64) -> Vec<String> {
     for _ in 0..samples / 500 {
         world.run(500).unwrap();
@@ -156,13 +157,13 @@ fn lines_until(world: &mut World<'_>, what: &str, samples: u64) -> Vec<String> {
     std::mem::take(&mut world.replies).lines().map(str::to_owned).collect()
 }
 
-/// Lines that are there after so many samples.
+/// Lines that have come after `samples` samples.
 fn lines_after(world: &mut World<'_>, samples: u64) -> Vec<String> {
     world.run(samples).unwrap();
     std::mem::take(&mut world.replies).lines().map(str::to_owned).collect()
 }
 
-/// Largest force over the next so many samples, as a fraction of full scale.
+/// Largest force over the next `samples` samples, as a fraction of full scale.
 fn largest_force(world: &mut World<'_>, samples: u64) -> f64 {
     let units = match world.powered.board.wiring.force {
         virtual_board::board::Force::Dac { .. } => 2047.0,
@@ -184,13 +185,13 @@ fn stop_ends_the_way_back_a_hit_a_walk_and_a_calibration_without_a_fault() {
     let mut world = armed(&session);
     ok(&mut world, "start -0.01");
     for (command, samples, activity) in [
-        ("hit", 500, "hit"),    // on its way back
+        ("hit", 500, "hit"),    // in the return move
         ("hit", 15_000, "hit"), // in the wall
         ("walk", 12_000, "walk"),
         ("calibrate 9", 300, "calibration"),
     ] {
         if command.starts_with("calibrate") {
-            world.hold(world.position_m(), true); // it rests
+            world.hold(world.position_m(), true); // the handle rests
             world.run(2_000).unwrap();
         }
         ok(&mut world, command);
@@ -207,7 +208,7 @@ fn stop_ends_the_way_back_a_hit_a_walk_and_a_calibration_without_a_fault() {
             line
         };
         assert_eq!(line, "ok stop");
-        // what it pushed with fades by 5 % of full scale per output
+        // the push fades by 5 % of full scale per output
         world.run(300).unwrap();
         let status = ok(&mut world, "status");
         assert!(status.contains("ok status armed, fault none, idle"), "{command}: {status}");
@@ -215,7 +216,7 @@ fn stop_ends_the_way_back_a_hit_a_walk_and_a_calibration_without_a_fault() {
         let left = largest_force(&mut world, 200);
         assert!(left < 0.02, "{command}: {left}");
     }
-    // the walk has left no wall of its own behind
+    // the walk has restored the wall
     let get = ok(&mut world, "get");
     assert!(get.contains("k 8000 N/m, b 30 N s/m"), "{get}");
 }
@@ -223,7 +224,7 @@ fn stop_ends_the_way_back_a_hit_a_walk_and_a_calibration_without_a_fault() {
 #[test]
 fn what_goes_wrong_ends_an_experiment_safely_and_is_named() {
     let session = session(NUCLEO_F446RE, |_| {});
-    // the force goes off in the middle of a walk
+    // the force is switched off during a walk
     let mut world = armed(&session);
     ok(&mut world, "walk");
     world.run(8_000).unwrap();
@@ -232,7 +233,7 @@ fn what_goes_wrong_ends_an_experiment_safely_and_is_named() {
     assert!(lines.iter().any(|l| l.starts_with("error: walk: the force went off")), "{lines:?}");
     let status = ok(&mut world, "status");
     assert!(status.contains("fault 30 (emergency stop), idle"), "{status}");
-    // no push, no contact
+    // without a push there is no contact
     let mut world = armed(&session);
     for line in ["push 0", "settle 0.1", "window 0.1", "walk"] {
         ok(&mut world, line);
@@ -247,13 +248,13 @@ fn what_goes_wrong_ends_an_experiment_safely_and_is_named() {
     let what = "the first point is unstable";
     let lines = lines_until(&mut world, what, 60_000);
     assert!(lines.iter().any(|l| l.contains(what)), "{lines:?}");
-    // a start in the wall may be set, as the wall may be moved after it; nothing begins there
+    // a start inside the wall may be set, since the wall may be moved later; but nothing begins there
     ok(&mut world, "start 0.02");
     for command in ["hit", "walk"] {
         let refused = world.ask(command).unwrap();
         assert!(refused.contains("start_m is 0.02, allowed"), "{command}: {refused}");
     }
-    // a walk needs the key
+    // a walk needs the envelope unlocked
     let mut world = session.boot().unwrap();
     for line in ["zero", "arm"] {
         ok(&mut world, line);
@@ -271,7 +272,7 @@ fn a_handle_that_is_held_back_ends_the_way_back() {
     ok(&mut world, "hit");
     world.run(500).unwrap();
     world.hold(world.position_m(), true);
-    // a rigid hand looks like a dead encoder and is found at once, by its own fault
+    // a rigid hand looks like a failed encoder; its own fault is found at once
     let lines = lines_after(&mut world, 2_000);
     assert!(lines.iter().any(|l| l.starts_with("error: hit: the force went off")), "{lines:?}");
     let status = ok(&mut world, "status");
@@ -288,7 +289,7 @@ fn a_hand_that_moves_to_and_fro_lets_the_way_back_give_up_by_itself() {
     ok(&mut world, "hit");
     let held_m = world.position_m();
     let mut lines = vec![];
-    // 0.5 mm in 25 ms: more than the heaviest handle would move by what the return pushes with.
+    // 0.5 mm in 25 ms: more than the push of a return would move the heaviest handle.
     for n in 0..12_000u32 {
         let place = f64::from(((n + 25) % 50).abs_diff(25));
         world.hold(held_m + 20e-6 * place, true);
@@ -304,7 +305,7 @@ fn calibrate_rises_holds_and_stops_on_motion() {
     let session = session(NUCLEO_F446RE, |_| {});
     let mut world = armed(&session);
     let at_m = world.position_m();
-    world.hold(at_m, true); // a gauge holds the handle
+    world.hold(at_m, true); // a force gauge holds the handle
     world.run(2_000).unwrap();
     ok(&mut world, "calibrate 8");
     let mut lines = lines_until(&mut world, "calibrate holds", 42_000);
@@ -319,7 +320,7 @@ fn calibrate_rises_holds_and_stops_on_motion() {
     ok(&mut world, "calibrate 6");
     world.run(12_000).unwrap();
     assert!((world.powered.amplifier.command() - 123).abs() <= 1);
-    world.hold(at_m, false); // it lets go
+    world.hold(at_m, false); // the gauge releases the handle
     let lines = lines_after(&mut world, 5_000);
     assert!(
         lines.iter().any(|l| l.starts_with("ok calibrate over: the handle moved")),
@@ -328,7 +329,7 @@ fn calibrate_rises_holds_and_stops_on_motion() {
     assert!(largest_force(&mut world, 100) < 0.01);
     let refused = world.ask("calibrate 31").unwrap();
     assert!(refused.contains("allowed -30 to 30"), "{refused}");
-    // the result: entered, checked for range, kept
+    // the result is entered, its range is checked, and it is kept
     let refused = world.ask("fullscale 6").unwrap();
     assert!(refused.contains("disarm first"), "{refused}");
     ok(&mut world, "disarm");
@@ -353,7 +354,7 @@ fn signs_turn_with_the_force_off_at_once_lose_the_zero_and_are_kept(board: Board
     ok(&mut world, "encoder -");
     assert!(ok(&mut world, "status").contains("not zeroed"));
     assert!(world.ask("arm").unwrap().contains("zero first"));
-    // the count falls now where it rose
+    // the count now falls where it rose before
     let position = |world: &mut World<'_>| -> i32 {
         let status = ok(world, "status");
         let word = status.split("position ").nth(1).unwrap().split(' ').next().unwrap();
@@ -372,7 +373,7 @@ fn signs_turn_with_the_force_off_at_once_lose_the_zero_and_are_kept(board: Board
     assert!((-1_002..=-998).contains(&counts), "{counts}");
     world.hold(world.position_m(), false);
     world.run(5_000).unwrap();
-    // with the motor as it was the sign test says no; with both turned it says yes
+    // with the motor unchanged the sign test fails; with both reversed it passes
     ok(&mut world, "zero");
     ok(&mut world, "arm");
     world.run(2_000).unwrap();

@@ -1,4 +1,4 @@
-//! The commit that an image says it was built from: what build.rs makes of a repository.
+//! The commit that an image reports, as build.rs reads it from a repository.
 
 use std::{
     fs,
@@ -10,18 +10,18 @@ use std::{
 #[path = "../../build.rs"]
 mod build_script;
 
-/// A folder of its own, which goes with the test.
+/// A temporary folder, which is removed with the test.
 struct Folder(PathBuf);
 
 impl Folder {
     fn new(name: &str) -> Self {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("commit-{name}"));
-        let _ = fs::remove_dir_all(&folder); // of a test that was killed
+        let _ = fs::remove_dir_all(&folder); // left by a test that was killed
         fs::create_dir_all(folder.join("src")).unwrap();
         Self(folder)
     }
 
-    /// With `src/main.rs` and `page.md` committed.
+    /// A repository with `src/main.rs` and `page.md` committed.
     fn committed(name: &str) -> Self {
         let folder = Self::new(name);
         folder.git(&["init", "--quiet"]);
@@ -90,8 +90,8 @@ fn without_a_repository_of_its_own_the_commit_is_unknown() {
     assert!(watched.contains(&archive.join("src")), "{watched:?}");
 }
 
-/// A commit and another branch change a file that the build looks at, and every one of them is there: cargo would build
-/// anew each time for one that is not.
+/// A commit and another branch change a file that the build watches, and each watched file exists. If a watched file
+/// were missing, cargo would build again each time.
 #[test]
 fn what_changes_the_commit_is_watched() {
     let folder = Folder::committed("watched");

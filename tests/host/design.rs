@@ -1,4 +1,4 @@
-//! `design`: the areas that are promised, from any seed, and in every hand.
+//! `design`: the documented areas, from any seed, and for every protocol.
 
 use std::sync::atomic::AtomicBool;
 
@@ -60,10 +60,11 @@ fn below(study: &DesignStudy, peak_db: f64) -> f64 {
     below.map(|filter| filter.area() / 1e6).fold(0.0, f64::max)
 }
 
-/// Part of an independent `f64` search's area that ours has at least: its budget, starts and fixed point are others.
+/// Smallest allowed area, as a fraction of the area of an independent search in `f64`. That search has another budget,
+/// other starts and no fixed point.
 const OF_THEIRS: f64 = 0.955;
 
-/// The independent search's areas.
+/// Areas of the independent search.
 #[test]
 #[ignore = "minutes: .ci/long design"]
 fn the_front_holds_the_areas_of_an_independent_search() {
@@ -78,7 +79,7 @@ fn the_front_holds_the_areas_of_an_independent_search() {
             assert!(area >= least, "{name} {peak_db} dB: {area}");
         }
     }
-    // with the coarser encoder the other program's 704 is not reached: docs/lab/design.md says what was tried
+    // with the coarser encoder the other program's area of 704 is not reached: docs/lab/design.md lists the attempts
     for (name, least) in [("paper-1um", OF_THEIRS * 950.0), ("paper-2um", 600.0)] {
         let mut hand = scene(name);
         hand.wall_hit.push_by = PushBy::Hand;
@@ -88,7 +89,7 @@ fn the_front_holds_the_areas_of_an_independent_search() {
     }
 }
 
-/// A second section, without delay: more than one section finds, in fixed point.
+/// A second section without delay gives more than one section, in fixed point.
 #[test]
 #[ignore = "minutes: .ci/long design"]
 fn two_sections_hold_more_than_one() {
@@ -110,7 +111,8 @@ fn two_sections_hold_more_than_one() {
     }
 }
 
-/// A limit of 1 um of the true motion, steps 1000 N/m and 5 N s/m: smaller ones of K find less (docs/lab/design.md).
+/// A limit of 1 um of the true motion, in steps of 1000 N/m and 5 N s/m. Smaller steps of K find less
+/// (docs/lab/design.md).
 #[test]
 #[ignore = "minutes: .ci/long design"]
 fn quiet_walls_have_their_filter_too() {
@@ -140,7 +142,7 @@ fn ten_seeds_find_the_same_area() {
     assert!(high / low < 1.02, "{areas:?}");
 }
 
-/// Motor and hand, the free handle and both arms: against kalman-3 in the tuning of docs/lab/comparison.md.
+/// Motor and hand, the free handle and both arms, compared with kalman-3 in the tuning of docs/lab/comparison.md.
 #[test]
 #[ignore = "minutes: .ci/long design"]
 fn designed_for_the_worst_of_six_it_holds_in_each_what_kalman_3_does() {

@@ -1,4 +1,4 @@
-//! Optional elements as scenes ask for them: what is refused, what changes nothing, what must hold for all of them.
+//! Optional elements of scenes: values that are refused, elements without an effect, and properties of all elements.
 
 use std::f64::consts::PI;
 
@@ -50,7 +50,7 @@ fn hit(stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> WallHit {
     WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
 }
 
-/// Bits of every sample of a hit.
+/// All bits of every sample of a hit.
 fn run(scene: &Scene, numeric: Numeric, hit: &WallHit) -> Vec<(u64, i32, u64)> {
     let mut samples = vec![];
     PreparedScene::new(scene)
@@ -98,7 +98,7 @@ fn every_element_is_read_and_runs() {
         assert_eq!(samples.len(), plain.len());
         assert_eq!(samples, run(&scene, Numeric::Fixed, &wall), "{tables:?}: not deterministic");
         let differs = samples.iter().zip(&plain).any(|(a, b)| a != b);
-        // Nothing comes near the stops here.
+        // The handle does not reach the stops here.
         assert_eq!(differs, !tables.contains(&RIGID) || tables.contains(&RK4), "{tables:?}");
         for sample in &samples {
             assert!(f64::from_bits(sample.0).abs() < 0.2, "{tables:?}");
@@ -106,8 +106,8 @@ fn every_element_is_read_and_runs() {
     }
 }
 
-/// A constant force stretches the spring by as much as a rest position that is farther; with an amplifier, an arm and an
-/// integrator too, and a device without a spring gets its acceleration.
+/// A constant force stretches the spring like a shifted rest position. This holds with an amplifier, an arm and an
+/// integrator too. A device without a spring gets the force's acceleration.
 #[test]
 fn an_offset_is_a_rest_position_that_is_farther() {
     for tables in [
@@ -170,7 +170,7 @@ fn errors_of_size_zero_change_no_bit() {
 
 #[test]
 fn an_amplifier_far_above_the_rate_changes_nothing_but_the_last_digits() {
-    // 16 ns behind: the exact step takes any time constant.
+    // 16 ns late: the exact step accepts any time constant.
     let stiff = read(&["[amplifier]\nbandwidth_hz = 1e7\n"]).unwrap();
     let wall = hit(2000.0, 20.0);
     let report = |scene: &Scene| {
@@ -189,7 +189,7 @@ fn noise_differs_between_seeds_and_starts_and_not_between_walls() {
         let prepared = PreparedScene::new(&scene).unwrap();
         let mut simulation =
             prepared.fixed(&WallHit { start_offset_counts, ..hit(stiffness, 0.0) }).unwrap();
-        // Before the wall is reached.
+        // Before the handle reaches the wall.
         (0..500)
             .map(|_| {
                 let sample = simulation.step();
@@ -203,7 +203,7 @@ fn noise_differs_between_seeds_and_starts_and_not_between_walls() {
     assert_ne!(noise, readings("seed = 1", 0.25, 2000.0));
     let mean = noise.iter().sum::<i64>() as f64 / 500.0;
     let rms = (noise.iter().map(|n| (*n as f64 - mean).powi(2)).sum::<f64>() / 500.0).sqrt();
-    // 5 counts and the quantiser's 1/12; the spread of an RMS over 500 samples is 3.2 %.
+    // 5 counts and the quantiser's variance of 1/12; the spread of an RMS over 500 samples is 3.2 %.
     assert!((rms - 5.0).abs() < 0.65 && mean.abs() < 1.0, "{rms} {mean}");
 }
 
@@ -268,18 +268,19 @@ fn refusals_name_key_value_and_range() {
         (vec![&ENCODER_NOISE.replace("5e-7", "-1")], "encoder_noise.rms_m is -1, allowed 0 to 1"),
         (vec![&ENCODER_NOISE.replace("5e-7", "nan")], "encoder_noise.rms_m is NaN, allowed 0 to 1"),
         (vec![&JITTER.replace("5e-6", "1e-4")], "jitter.peak_s is 0.0001, allowed 0 to"),
-        // 50 kN s/m on 0.416 kg: 8 us, too fast for two steps of Runge-Kutta in 100 us, not for 7.
+        // 50 kN s/m on 0.416 kg gives 8 us: too fast for two steps of Runge-Kutta in 100 us, but not for 7.
         (
             vec![&SPRING.replace("damping_n_s_per_m = 50", "damping_n_s_per_m = 5e4"), RK4],
             "integrator.steps_per_sample is 2, allowed 5 to 10000: the fastest time constant is 8.3e-6 s",
         ),
-        // Time constants far below 1 us: refused with the reason, exact without the friction.
+        // Time constants far below 1 us are refused with the reason; without the friction the step is exact.
         (vec!["[amplifier]\nbandwidth_hz = 1e7\n", FRICTION, RK4], "1.6e-8 s"),
         (
             vec!["[amplifier]\nbandwidth_hz = 1e7\n", FRICTION, ADAPTIVE],
             "without non-linear elements and [integrator] the step is exact",
         ),
-        // Eigenvalues alone would let it through: no motion of the plant is that damped, a motion of its Euler steps is.
+        // A test of eigenvalues alone would accept this device: no motion of the plant is so strongly damped, but a
+        // motion of its Euler steps is.
         (
             vec![
                 "[mode]\nmass_kg = 0.625\nstiffness_n_per_m = 1\ndamping_n_s_per_m = 1\n",

@@ -1,5 +1,5 @@
-//! NaN and infinities at every entrance: each number that a person or a file can give is refused by
-//! name, and nothing behind the entrances ever sees one.
+//! NaN and infinities at every input. Each number from a person or a file is refused with its name, so no later code
+//! gets one.
 
 use host_sim::scene::NamedScene;
 use zwidth::{
@@ -12,7 +12,7 @@ use zwidth::{
 
 const BAD: [f64; 3] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
 
-/// Every optional element, so that every number of a scene stands in it.
+/// All optional elements, so that the text has every number of a scene.
 const ELEMENTS: &str = r#"
 [output]
 kind = "dac"
@@ -93,7 +93,7 @@ tolerance_m = 5e-5
 timeout_s = 10.0
 "#;
 
-/// Every place of a number below `value`, as keys and indices.
+/// The path of every number below `value`, as keys and indices.
 fn numbers(value: &toml::Value, path: &mut Vec<String>, found: &mut Vec<Vec<String>>) {
     match value {
         toml::Value::Table(table) => {
@@ -138,7 +138,7 @@ fn every_number_of_a_scene_is_refused_by_name() {
             *at(&mut broken, place) = toml::Value::Float(bad);
             let error = scene(toml::to_string(&broken).unwrap()).unwrap_err().to_string();
             let key = place.iter().rfind(|key| key.parse::<usize>().is_err()).unwrap();
-            // Of a table that has kinds the reader of TOML names the table only.
+            // For a table with several kinds, the TOML reader names only the table.
             let named = error.contains(key.as_str()) || error.contains(&format!("[{}]", place[0]));
             assert!(named, "{}: {error}", place.join("."));
             assert_eq!(error.lines().count(), 1, "{error}");
@@ -146,7 +146,7 @@ fn every_number_of_a_scene_is_refused_by_name() {
     }
 }
 
-/// Every key below `value` that is no table, as keys.
+/// The path of every key below `value` that is not a table.
 fn keys(value: &toml::Value, path: &mut Vec<String>, found: &mut Vec<Vec<String>>) {
     match value {
         toml::Value::Table(table) => table.iter().for_each(|(key, value)| {
@@ -158,8 +158,8 @@ fn keys(value: &toml::Value, path: &mut Vec<String>, found: &mut Vec<Vec<String>
     }
 }
 
-/// Each key of a scene left out, misspelled, and of another kind: a line that names it, or, of a key that may be left out,
-/// a scene.
+/// Each key of a scene is left out, misspelled, or given another type. The result is a message that names the key, or a
+/// scene if the key is optional.
 fn every_key_is_missed(text: &str, may_be_missing: impl Fn(&[String]) -> bool) {
     let scene = |value: &toml::Value| {
         NamedScene::parse("test".into(), toml::to_string(value).unwrap(), "test.toml")
@@ -176,7 +176,7 @@ fn every_key_is_missed(text: &str, may_be_missing: impl Fn(&[String]) -> bool) {
             scene(&broken).map_err(|error| error.to_string())
         };
         let is_named = |error: &str, key: &str| {
-            // Of a table that has kinds the reader of TOML names the table only.
+            // For a table with several kinds, the TOML reader names only the table.
             let table = [format!("[{}]", place[0]), format!(" {}: ", place[0])];
             let named = error.contains(key) || table.iter().any(|table| error.contains(table));
             named && error.lines().count() == 1 && error.starts_with("test.toml")
@@ -240,7 +240,7 @@ const DESIGN: Design = Design {
     output: Output::Dac { bits: 12 },
 };
 
-/// Refused, and the message names it.
+/// The value is refused, and the message names it.
 #[track_caller]
 fn named<T>(name: &str, built: Result<T, SettingsError>) {
     let error = built.err().unwrap_or_else(|| panic!("{name} is taken")).to_string();
@@ -254,7 +254,7 @@ fn made<S, T>(
     build(settings)
 }
 
-/// The settings with one field after the other not a finite number, each refused by its name.
+/// Sets one field after another to a number that is not finite. Each is refused with its name.
 macro_rules! each_bad {
     ($type:ident { $($field:ident),+ $(,)? } of $good:ident, $build:expr) => {$(
         for bad in BAD {
@@ -360,7 +360,7 @@ fn every_number_of_the_core_is_refused_by_name() {
         |calibration| calibration.build(&DESIGN)
     );
     for bad in BAD {
-        // By the name of its command.
+        // With the name of its command.
         named("calibrate", CalibrationSettings { percent: bad, ..calibration }.build(&DESIGN));
         let sense = CurrentSettings { rest: 0.5, full: 0.8 };
         named("current_sense_rest", CurrentSettings { rest: bad, ..sense }.build(DESIGN.output));
@@ -381,7 +381,7 @@ fn every_number_of_the_core_is_refused_by_name() {
 
 #[test]
 fn what_is_typed_on_a_board_is_never_one() {
-    // A word in capitals stands for a number, but for the name of an estimator.
+    // A word in capitals is a number, except for the name of an estimator.
     let numbers = usages().filter_map(|usage| usage.split_once(' ')).filter(|(_, what)| {
         *what != "NAME" && what.bytes().all(|byte| byte.is_ascii_uppercase() || byte == b'_')
     });

@@ -1,5 +1,5 @@
-//! What the tests of the estimators share: the design, and motions as an encoder and ideal senses see
-//! them, fed to core and twin.
+//! Shared by the tests of the estimators: the design, and motions as an encoder and ideal sensors measure them, given
+//! to core and twin.
 
 use std::f64::consts::PI;
 
@@ -24,7 +24,7 @@ pub const DESIGN: Design = Design {
 /// LSB of the velocity in a count per sample.
 pub const LSB: f64 = 65_536.0;
 
-/// An estimator at work, on counts that may wrap.
+/// A running estimator, with counts that may wrap.
 pub struct Run {
     estimator: Estimator,
     state: State,
@@ -36,7 +36,7 @@ impl Run {
         Self { estimator, state: State::at_rest(Position::from_counts(count)) }
     }
 
-    /// Velocity at that count, counts per sample.
+    /// Velocity after this count, counts per sample.
     pub fn at(&mut self, count: i64) -> f64 {
         let position = Position::from_counts(count as i32);
         let velocity = self.estimator.update(&mut self.state, position, &Senses::default());
@@ -49,7 +49,7 @@ pub fn response_to_a_position(settings: &VelocitySettings) -> Vec<f64> {
     response_of(&transfer_function(settings, &DESIGN).unwrap().unwrap())
 }
 
-/// Of a transfer function from the position to the velocity.
+/// Response of a transfer function from position to velocity.
 pub fn response_of(TransferFunction { num, den }: &TransferFunction) -> Vec<f64> {
     let mut response: Vec<f64> = Vec::new();
     for n in 0..20_000 {
@@ -59,7 +59,7 @@ pub fn response_of(TransferFunction { num, den }: &TransferFunction) -> Vec<f64>
     response
 }
 
-/// Speeds in counts per sample: whole, fractions near and far from simple ones, both directions.
+/// Speeds in counts per sample: whole numbers, fractions near simple ones and far from them, in both directions.
 pub fn speeds() -> Vec<f64> {
     let mut speeds = vec![0.0, 1.0, -1.0, 7.0, 300.0, -32_766.0, 32_767.0];
     speeds.extend((1..60).map(|n| f64::from(n) * 0.037_12 * if n % 2 == 0 { 1.0 } else { -1.0 }));
@@ -67,7 +67,7 @@ pub fn speeds() -> Vec<f64> {
     speeds
 }
 
-/// Delay behind the true velocity over a chirp, samples: the shift that fits best.
+/// Delay behind the true velocity over a chirp, samples: the shift with the best fit.
 pub fn delay_over_a_chirp(
     settings: &VelocitySettings,
     amplitude: f64,
@@ -109,8 +109,8 @@ impl Random {
     }
 }
 
-/// Largest difference of core and twin over 20 random motions, and the fastest speed, LSB. `push` is the
-/// largest change of speed with a sample, counts per sample^2.
+/// Largest difference of core and twin over 20 random motions, and the fastest speed, LSB. `push` is the largest change
+/// of speed per sample, counts per sample^2.
 pub fn twin_over_random_motion(settings: &VelocitySettings, push: f64) -> (f64, f64) {
     let (mut worst, mut fastest) = (0f64, 0f64);
     for seed in 1..=20 {
@@ -134,7 +134,7 @@ pub fn twin_over_random_motion(settings: &VelocitySettings, push: f64) -> (f64, 
     (worst, fastest)
 }
 
-/// Steps of the count, how often each, and whether it turns with every sample.
+/// Steps of the count, how often each step comes, and whether its sign changes with every sample.
 pub type Pieces = Vec<(i32, usize, bool)>;
 
 /// Standstill, slow and fast motion, jumps to the ends.
@@ -153,8 +153,8 @@ pub fn pieces() -> impl Strategy<Value = Pieces> {
     prop::collection::vec((step, 1..300usize, any::<bool>()), 1..12)
 }
 
-/// Moves like that from `start`, every speed in range; then stands still for `wait` samples. The largest speed
-/// of the 100 after that, counts per sample.
+/// Moves by these pieces from `start`, with every speed in range. Then stands still for `wait` samples. Returns the
+/// largest speed in the next 100 samples, counts per sample.
 pub fn rest_after(settings: &VelocitySettings, start: i32, pieces: &Pieces, wait: usize) -> f64 {
     let mut run = Run::new(settings, start);
     let mut count = i64::from(start);
@@ -171,7 +171,7 @@ pub fn rest_after(settings: &VelocitySettings, start: i32, pieces: &Pieces, wait
     (0..100).map(|_| run.at(count).abs()).fold(0.0, f64::max)
 }
 
-/// A motion as the encoder and an ideal accelerometer see it, sample by sample.
+/// A motion as the encoder and an ideal accelerometer measure it, sample by sample.
 pub struct Motion<F> {
     /// Position at a time in samples, counts.
     pub at: F,
@@ -183,7 +183,7 @@ pub struct Motion<F> {
     edge: Option<Edge>,
 }
 
-/// A sample, as core and twin see it, counts per sample.
+/// A sample for core and twin, counts per sample.
 pub struct Seen {
     pub core: f64,
     pub twin: f64,
@@ -203,7 +203,7 @@ impl<F: Fn(f64) -> f64> Motion<F> {
         }
     }
 
-    /// Mean acceleration from central positions; speeds by differences of a thousandth of a sample.
+    /// Mean acceleration from central positions. Speeds come from differences over a thousandth of a sample.
     pub fn speed(&self, t: f64) -> f64 {
         const H: f64 = 1e-3;
         ((self.at)(t + H) - (self.at)(t - H)) / (2.0 * H)
@@ -223,7 +223,7 @@ impl<F: Fn(f64) -> f64> Motion<F> {
             acceleration: Acceleration::saturating_from_bits(acceleration.round() as i32),
             edge: self.edge,
         };
-        let count = ends[1][0].floor() as i64 as i32; // wraps, as the counter does
+        let count = ends[1][0].floor() as i64 as i32; // wraps as the counter does
         let difference = count.wrapping_sub(self.count);
         self.count = count;
         let core = self.estimator.update(&mut self.state, Position::from_counts(count), &senses);
@@ -236,7 +236,7 @@ impl<F: Fn(f64) -> f64> Motion<F> {
     }
 }
 
-/// After a stop and `wait` samples, every one of those reads exactly 0.
+/// After a stop and `wait` samples, every further sample reads exactly 0.
 pub fn reads_zero_after_a_stop(settings: &VelocitySettings, wait: i64) {
     let mut motion = Motion::new(*settings, |t| 3.7 * t.min(500.0) + 0.5);
     for _ in 0..500 + wait {
@@ -247,8 +247,7 @@ pub fn reads_zero_after_a_stop(settings: &VelocitySettings, wait: i64) {
     }
 }
 
-/// Largest difference of core and twin over a sum of sines under random forces, LSB, and the fastest
-/// speed, LSB.
+/// Largest difference of core and twin over a sum of sines under random forces, LSB, and the fastest speed, LSB.
 pub fn twin_is_off_by(settings: &VelocitySettings, steps: &[(f64, f64)], speed: f64) -> (f64, f64) {
     let at = |t: f64| {
         let mut x = 0.3;
@@ -275,12 +274,12 @@ pub fn sines() -> impl Strategy<Value = Vec<(f64, f64)>> {
     prop::collection::vec((-2.0..2.0f64, -1.0..1.0f64), 20)
 }
 
-/// Counts that jump by anything, senses that make no sense.
+/// Counts that jump by any amount, and senses without physical meaning.
 #[derive(Clone, Debug)]
 pub struct Nonsense {
     jumps: Vec<i32>,
     senses: Vec<(i32, i32, u32, bool, u8)>,
-    /// Samples that a jump is repeated for.
+    /// Count of samples for which a jump is repeated.
     held: usize,
 }
 
@@ -292,8 +291,8 @@ pub fn nonsense() -> impl Strategy<Value = Nonsense> {
     parts.prop_map(|(jumps, senses, held)| Nonsense { jumps, senses, held })
 }
 
-/// Every speed stays in range; the last one once the handle has stayed for `wait` samples and nothing
-/// is sensed any more.
+/// Every speed stays in range. Returns the last speed, after the handle has been still for `wait` samples without any
+/// sense.
 pub fn after_nonsense(settings: &VelocitySettings, nonsense: &Nonsense, wait: i64) -> Velocity {
     let estimator = settings.build(&DESIGN).unwrap();
     let mut count = i32::MAX - 5;
@@ -323,8 +322,8 @@ pub fn after_nonsense(settings: &VelocitySettings, nonsense: &Nonsense, wait: i6
     last
 }
 
-/// A wall hit through the whole stack (scene, senses, core, twin) with those lines in `[velocity]`: on
-/// the way to the wall the estimate is the handle's speed, and core and twin go equally deep.
+/// A wall hit through the whole program (scene, senses, core, twin) with these lines in `[velocity]`. On the way to the
+/// wall the estimate is the handle's speed. Core and twin go equally deep.
 pub fn hits_a_wall_like_its_twin(velocity: &str, cutoff_hz: f64, table: &str) {
     use host_sim::{
         scene::NamedScene,
@@ -333,7 +332,7 @@ pub fn hits_a_wall_like_its_twin(velocity: &str, cutoff_hz: f64, table: &str) {
     let built_in = host_sim::scene::BUILT_IN[0].1;
     let usual = "estimator = \"butterworth\"\nprewarp = false";
     assert!(built_in.contains(usual));
-    // a tuning in range of all
+    // a tuning in the range of all estimators
     let list = built_in.lines().find(|line| line.starts_with("cutoffs_hz")).unwrap();
     let text = built_in.replace(usual, velocity).replace(list, "cutoffs_hz = [100, 300, 1000]");
     let scene = NamedScene::parse("x".into(), text + table, "x").unwrap().scene;
@@ -348,7 +347,7 @@ pub fn hits_a_wall_like_its_twin(velocity: &str, cutoff_hz: f64, table: &str) {
         let (mut worst, mut fastest, mut before) = (0.0f64, 0.0f64, None::<f64>);
         let report = prepared
             .hit(numeric, &hit, |sample| {
-                // on the way to the wall: the speed of the handle against the estimate
+                // on the way to the wall: compare the estimate with the handle's speed
                 if (1000..2500).contains(&sample.index)
                     && sample.position_m < scene.wall.position_m
                     && let Some(before) = before

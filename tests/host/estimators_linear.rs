@@ -1,6 +1,5 @@
-//! The finite difference, the low-passes behind it, and every weighted sum of differences: what
-//! docs/estimators.md states of them is measured. The low-passes' coefficients, responses and sums are in
-//! tests/host/filter.rs.
+//! The finite difference, the low-passes behind it, and every weighted sum of differences. The tests measure the
+//! statements of docs/estimators.md. tests/host/filter.rs tests the low-passes' coefficients, responses and sums.
 
 use std::f64::consts::PI;
 
@@ -19,7 +18,7 @@ use crate::estimator_bench::{
     speeds, twin_over_random_motion,
 };
 
-/// Finite difference and low-passes, and whatever the table has weights for.
+/// Finite difference, low-passes, and every estimator with weights in the table.
 fn names() -> impl Iterator<Item = EstimatorName> {
     let usual = [EstimatorName::Butterworth, EstimatorName::FirstOrder, EstimatorName::Difference];
     let is_sum = |name: &EstimatorName| name.defaults().weights(&DESIGN).unwrap().is_some();
@@ -37,8 +36,7 @@ fn tunings(name: EstimatorName) -> Vec<VelocitySettings> {
     values.iter().map(|&value| name.defaults().with_tuning(value)).collect()
 }
 
-/// Largest error that is stated, counts per sample: at constant speed, of whole counts per sample or of
-/// any speed.
+/// Largest documented error at constant speed, counts per sample: for whole counts per sample, or for any speed.
 fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
     match *settings {
         _ if whole => 0.0,
@@ -52,7 +50,7 @@ fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
     }
 }
 
-/// Samples until a change of speed has gone, to half an LSB of it.
+/// Samples until a change of speed has settled to half an LSB.
 fn settling(settings: &VelocitySettings) -> usize {
     match *settings {
         VelocitySettings::Butterworth { cutoff_hz, .. }
@@ -65,7 +63,7 @@ fn settling(settings: &VelocitySettings) -> usize {
     }
 }
 
-/// A low-pass carries the residue of its rounding, so that its output is a whole LSB off by turns.
+/// A low-pass carries its rounding residue, so its output is sometimes off by a whole LSB.
 fn rounding_lsb(settings: &VelocitySettings) -> f64 {
     match settings {
         VelocitySettings::Butterworth { .. } | VelocitySettings::FirstOrder { .. } => 1.0,
@@ -97,14 +95,14 @@ fn constant_speed_is_measured_within_the_stated_error() {
             }
         }
         println!("{}: {closest:.3} of the stated error", name.text());
-        // a bound that nothing comes near would say nothing
+        // a limit that no error comes near would prove nothing
         assert!(closest > 0.4, "{}", name.text());
     }
 }
 
-/// By closed expressions of their own: the derivative of the parabola through three points, of the cubic
-/// through four; a regression's slope, whose weight of the difference j is 6 (j + 1) (w - j) / (w (w + 1) (w + 2));
-/// a quadratic fit's, which follows every parabola and of all such sums has the least squares.
+/// Weights by independent closed expressions. They are the derivative of the parabola through three points, and of the
+/// cubic through four. A regression's slope has the weight 6 (j + 1) (w - j) / (w (w + 1) (w + 2)) for the difference
+/// j. A quadratic fit follows every parabola, and has the least sum of squares of all such sums.
 #[test]
 fn weights_are_those_of_the_polynomials() {
     let close = |ours: &[f64], theirs: &[f64]| {
@@ -123,7 +121,8 @@ fn weights_are_those_of_the_polynomials() {
             continue;
         }
         let design = FirDesign::least_squares(2, window).unwrap();
-        // of the positions, newest first: exact for 1, t and t^2, and itself such a sum, so the shortest
+        // weights of the positions, newest first: exact for 1, t and t^2, and a combination of these three, so the
+        // shortest
         let g = design.weights();
         let h: Vec<f64> = (0..=window as usize)
             .map(|i| g.get(i).unwrap_or(&0.0) - if i > 0 { g[i - 1] } else { 0.0 })
@@ -142,7 +141,7 @@ fn weights_are_those_of_the_polynomials() {
 
 #[test]
 fn the_stated_delay_is_that_over_a_chirp() {
-    /// Of a sample or of the delay: quantisation, and the frequencies of the chirp being above zero.
+    /// Relative error of a sample or of the delay: by quantisation, and by frequencies of the chirp above zero.
     const ERROR_MAX: f64 = 0.02;
     for name in names() {
         for settings in tunings(name) {
@@ -160,7 +159,7 @@ fn the_stated_delay_is_that_over_a_chirp() {
                 VelocitySettings::Taylor2 {}
                 | VelocitySettings::Taylor3 {}
                 | VelocitySettings::LeastSquares2 { .. } => 0.0,
-                // each difference is the velocity of half a sample before it
+                // each difference is the velocity half a sample earlier
                 _ => {
                     let sum = settings.weights(&DESIGN).unwrap().unwrap();
                     sum.weights().iter().zip(0u8..).map(|(g, age)| g * (f64::from(age) + 0.5)).sum()
@@ -174,14 +173,12 @@ fn the_stated_delay_is_that_over_a_chirp() {
     }
 }
 
-/// Largest difference from the twin that is stated, LSB of 2^-16 counts per sample; `fastest` is the largest
-/// speed, LSB.
+/// Largest documented difference from the twin, LSB of 2^-16 counts per sample; `fastest` is the largest speed, LSB.
 fn stated_lsb(settings: &VelocitySettings, fastest: f64) -> f64 {
     match *settings {
         VelocitySettings::Difference {} => 0.0,
         _ if settings.weights(&DESIGN).unwrap().is_some() => 0.6,
-        // a1 is rounded to 2^-30 and a2 to half of that, which counts for more the smaller their sum
-        // 1 + a1 + a2 = 4 b0 is
+        // a1 is rounded to 2^-30 and a2 to half of that. The effect grows as their sum 1 + a1 + a2 = 4 b0 gets smaller.
         VelocitySettings::Butterworth { cutoff_hz } => {
             let b0 = ButterworthDesign::new(cutoff_hz, DESIGN.rate_hz, false).unwrap().b0;
             1.5 + fastest * 3.0 * 2f64.powi(-31) / (4.0 * b0)
@@ -205,8 +202,8 @@ fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
     }
 }
 
-/// A row of the table without a twin, or a linear one without its transfer function, is found here, not by who runs it.
-/// Linear is what adds up: in its twin, over slow motions, where windows are long.
+/// The test finds a row of the table without a twin, and a linear row without its transfer function. An estimator is
+/// linear if responses add up: tested on its twin, with slow motions, where windows are long.
 #[test]
 fn every_estimator_has_a_twin_and_if_it_is_linear_its_transfer_function() {
     let mut linear = 0;
@@ -247,7 +244,7 @@ fn every_estimator_has_a_twin_and_if_it_is_linear_its_transfer_function() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 100, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Overflow checks are on in tests. Whatever came before: at rest, every estimator is at rest.
+    /// Overflow checks are on in tests. After any motion, every estimator at rest reads rest.
     #[test]
     fn nothing_makes_an_estimator_panic_or_stick(
         name in select(names().collect::<Vec<_>>()),

@@ -1,4 +1,4 @@
-//! Tracking loop, observer and fusion: what each promises, and the limits of it.
+//! Tracking loop, observer and fusion: their documented properties and limits.
 
 use std::f64::consts::PI;
 
@@ -32,7 +32,7 @@ fn fusion(crossover_hz: f64) -> VelocitySettings {
     VelocitySettings::Fusion { crossover_hz }
 }
 
-/// Each of the three over its range of tunings, the ends included.
+/// Each of the three over its range of tunings, with the ends.
 fn all() -> Vec<VelocitySettings> {
     let mut all = Vec::new();
     for of_rate in [3.5e-5, 1e-3, 0.01, 0.1, 0.25] {
@@ -45,8 +45,7 @@ fn all() -> Vec<VelocitySettings> {
     all
 }
 
-/// What is left of a start from rest after so many samples of a loop with poles at that bandwidth
-/// is far below an LSB.
+/// Samples after which the rest of a start from rest is far below an LSB, for a loop with poles at this bandwidth.
 fn settled(settings: &VelocitySettings) -> i64 {
     let (_, hz) = settings.tuning().unwrap();
     (7.0 * DESIGN.rate_hz / hz) as i64 + 10
@@ -55,7 +54,7 @@ fn settled(settings: &VelocitySettings) -> i64 {
 #[test]
 fn constant_speed_is_measured_without_error() {
     for settings in all() {
-        // whole counts: no ripple, so the very value
+        // whole counts give no ripple, so the value is exact
         for speed in [0, 1, -7, 300, -32_767] {
             let mut motion = Motion::new(settings, |t| f64::from(speed) * t);
             for _ in 0..settled(&settings) {
@@ -68,7 +67,7 @@ fn constant_speed_is_measured_without_error() {
     }
 }
 
-/// Fractions of a count: the count's ripple remains, its mean must not.
+/// Fractions of a count per sample: the counts cause ripple, but the mean must be exact.
 #[test]
 fn the_mean_at_a_constant_speed_between_counts_is_exact() {
     for settings in all() {
@@ -80,7 +79,7 @@ fn the_mean_at_a_constant_speed_between_counts_is_exact() {
         let samples = 20_000;
         let sum: f64 = (0..samples).map(|_| motion.free().core).sum();
         let off = (sum / f64::from(samples) - speed).abs();
-        // the sum of the output lies within a count or two of the position
+        // the sum of the output is within a count or two of the position
         assert!(off * f64::from(samples) <= 2.0, "{settings:?}: {off}");
     }
 }
@@ -92,7 +91,7 @@ fn a_handle_that_stops_reads_exactly_zero() {
     }
 }
 
-/// The loop's response to a position, 1 / sample, at `w` rad / sample, by its equations.
+/// The loop's response to a position at `w` rad / sample, 1 / sample, by its equations.
 fn response(settings: &VelocitySettings, w: f64) -> [f64; 2] {
     let (gains, order) = match *settings {
         VelocitySettings::TrackingLoop { bandwidth_hz } => {
@@ -106,7 +105,7 @@ fn response(settings: &VelocitySettings, w: f64) -> [f64; 2] {
         }
         _ => panic!(),
     };
-    // exp(j w n) in, run the loop in complex numbers until it has settled
+    // input exp(j w n): run the loop in complex numbers until it has settled
     let (mut e, mut v, mut d) = ([0.0; 2], [0.0; 2], [0.0; 2]);
     let mut out = [0.0; 2];
     let mut last = [1.0, 0.0];
@@ -127,8 +126,8 @@ fn response(settings: &VelocitySettings, w: f64) -> [f64; 2] {
     out
 }
 
-/// A chirp, measured at each frequency by correlation, against the loop's own response and, where a
-/// delay is stated, against that.
+/// Measures a chirp at each frequency by correlation. The delay equals the loop's own response and, if there is one,
+/// the documented delay.
 #[test]
 fn the_delay_is_the_stated_one() {
     const AMPLITUDE: f64 = 20_000.0;
@@ -149,7 +148,7 @@ fn the_delay_is_the_stated_one() {
             for _ in 0..10 * period {
                 let seen = motion.free().core;
                 let phase = w * motion.sample as f64;
-                // velocity leads with the cosine
+                // velocity leads and follows the cosine
                 real += seen * phase.cos();
                 imaginary -= seen * phase.sin();
             }
@@ -160,8 +159,8 @@ fn the_delay_is_the_stated_one() {
             let expected = [re.hypot(im) / w, -(im.atan2(re) - PI / 2.0) / w];
             assert!((magnitude / expected[0] - 1.0).abs() < 2e-4, "{settings:?} {hz}: {magnitude}");
             assert!((delay - expected[1]).abs() < 2e-3, "{settings:?} {hz}: {delay} {expected:?}");
-            // The stated delay is that at DC. Off it, x = frequency over bandwidth: the phase has
-            // 2 atan x = 2 x - 2/3 x^3 .., 3 atan x - atan 3 x = 8 x^3 .. in it.
+            // The documented delay is for DC. At other frequencies, with x = frequency over bandwidth, the phase
+            // contains 2 atan x = 2 x - 2/3 x^3 .., 3 atan x - atan 3 x = 8 x^3 ..
             let bandwidth_hz = settings.tuning().unwrap().1;
             let cubed = (hz / bandwidth_hz).powi(3) / w;
             let expected = match settings {
@@ -169,7 +168,7 @@ fn the_delay_is_the_stated_one() {
                 _ => stated + 8.0 * cubed,
             };
             if hz / bandwidth_hz <= 0.1 {
-                // those series are of the loop in continuous time: off by the order of its w T
+                // these series are for the loop in continuous time; the error is of the order of its w T
                 let order = 2.0 * PI * bandwidth_hz / DESIGN.rate_hz;
                 let limit = 2e-3 + order.max(0.1) * (expected - stated).abs();
                 assert!((delay - expected).abs() < limit, "{settings:?} {hz}: {delay} {expected}");
@@ -178,8 +177,7 @@ fn the_delay_is_the_stated_one() {
     }
 }
 
-/// A push that the observer knows of is followed without any delay, and without an error from a
-/// constant force that it does not know.
+/// The observer follows a known push without any delay, and without an error from an unknown constant force.
 #[test]
 fn the_observer_follows_what_it_is_told_at_once() {
     let full_scale = DESIGN.full_scale_n / MASS_KG / DESIGN.resolution_m / 1e8; // counts / sample^2
@@ -202,8 +200,8 @@ fn the_observer_follows_what_it_is_told_at_once() {
         worst
     };
     let (told, untold) = (error(true), error(false));
-    // Not told, the error is A (t + w t^2) exp(-w t), at most 0.84 A / w. Told, what is left is the
-    // count's ripple: l2 times a count.
+    // Without the known force the error is A (t + w t^2) exp(-w t), at most 0.84 A / w. With the known force only the
+    // count's ripple remains: l2 times a count.
     let largest = 0.84 * full_scale / (2.0 * PI * 100.0 / 1e4);
     let ripple = ObserverDesign::of_accelerometer(100.0, 1e4).unwrap().gains[1];
     println!("told {told}, untold {untold}, ripple {ripple}");
@@ -232,16 +230,16 @@ fn fusion_rejects_the_bias_and_follows_without_delay() {
             worst = worst.max((f64::from(seen.bits()) / LSB - motion.speed(t1)).abs());
         }
     }
-    // of a speed of 37 counts per sample; a low-pass of 200 Hz would be off by half of it
+    // at a speed of 37 counts per sample; a low-pass of 200 Hz would be off by half of that speed
     println!("fusion: {worst} counts per sample");
     assert!(worst < 0.01 * 300.0 * w, "{worst}");
 }
 
 /// Largest difference of core and twin over random motion, in LSB, at speeds up to `fastest` LSB.
 ///
-/// The low-pass that the tracking loop is computed by has coefficients with 30 fractional bits: their
-/// sum, ki, is off by up to 2^-31, which moves the response by up to 2 * 2^-31 / ki of itself, and its
-/// damping by less. The observer's gains have 32 bits of their own.
+/// The core computes the tracking loop as a low-pass with coefficients of 30 fractional bits. Their sum ki is off by up
+/// to 2^-31. This changes the response by up to 2 * 2^-31 / ki of its value, and its damping by less. The observer's
+/// gains have 32 bits of their own.
 fn twin_lsb(settings: &VelocitySettings, fastest: f64) -> f64 {
     match *settings {
         VelocitySettings::TrackingLoop { bandwidth_hz } => {
@@ -255,7 +253,7 @@ fn twin_lsb(settings: &VelocitySettings, fastest: f64) -> f64 {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
-    /// Random walks of a smooth kind, at all speeds, under random forces.
+    /// Smooth random walks at all speeds, under random forces.
     #[test]
     fn the_core_follows_its_twin(which in 0..15usize, steps in sines(), speed in 0.001..300.0f64) {
         let settings = all()[which];
@@ -264,7 +262,7 @@ proptest! {
         prop_assert!(worst <= limit, "{settings:?}: {worst} LSB of {limit}");
     }
 
-    /// No input does harm, and it ends at rest, at zero.
+    /// Nothing overflows, and after any input the estimator ends at zero.
     #[test]
     fn nothing_overflows_and_every_speed_stays_in_range(which in 0..15usize, any in nonsense()) {
         let settings = all()[which];
@@ -287,13 +285,13 @@ fn what_is_out_of_range_is_refused_by_name() {
         let settings = VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg };
         assert_eq!(refused(settings), "mass_kg");
     }
-    // a motor that throws the handle beyond the range of the velocity in one sample
+    // a motor that moves the handle beyond the range of the velocity in one sample
     let strong = Design { full_scale_n: 1e4, resolution_m: 1e-8, rate_hz: 1e3, ..DESIGN };
     for mass_kg in [0.0, 1.0, 101.0] {
         let settings = VelocitySettings::Observer { bandwidth_hz: 10.0, mass_kg };
         let error = settings.build(&strong).unwrap_err();
         assert_eq!(error.parameter, "mass_kg");
-        // the same range whatever was asked for
+        // the same range for any requested value
         assert!((30.5..30.6).contains(error.range.start()), "{error}");
     }
 }
@@ -313,7 +311,7 @@ fn estimators_say_what_they_need() {
     assert_eq!(EstimatorName::Observer.missing(&[]), Some(Sense::Force));
 }
 
-/// A wall hit with each of them.
+/// A wall hit with each of the three.
 #[test]
 fn scenes_with_senses_run_and_core_and_twin_agree() {
     let accelerometer = "\n[accelerometer]\nfull_scale_m_per_s2 = 100.0\nbandwidth_hz = 1000.0\n\
@@ -328,8 +326,9 @@ fn scenes_with_senses_run_and_core_and_twin_agree() {
     assert!(refused.contains("accelerometer") || refused.contains("cutoffs_hz"), "{refused}");
 }
 
-/// With `[mode]` the accelerometer is on the body that has motor and encoder: fusion, which follows it above its
-/// crossover, follows that body and not the handle behind the transmission, which swings against it.
+/// With `[mode]` the accelerometer is on the body with motor and encoder. Fusion uses the accelerometer above its
+/// crossover, so it follows that body. It does not follow the handle behind the transmission, which swings in the
+/// opposite direction.
 #[test]
 fn the_accelerometer_is_on_the_body_with_the_encoder() {
     let usual = "estimator = \"butterworth\"\nprewarp = false";
@@ -353,7 +352,7 @@ fn the_accelerometer_is_on_the_body_with_the_encoder() {
         .windows(3)
         .map(|of| [(of[2].0 - of[0].0) / 2.0 / scene.encoder.resolution_m, of[1].1])
         .collect();
-    // the swing: what is left of a mean over its 18 ms
+    // the swing: the deviation from a mean over its 18 ms
     let swing: Vec<[f64; 2]> = speeds
         .windows(181)
         .map(|of| [0, 1].map(|n| of[90][n] - of.iter().map(|speed| speed[n]).sum::<f64>() / 181.0))

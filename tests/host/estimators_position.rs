@@ -1,4 +1,4 @@
-//! Adaptive windowing, Levant's differentiator and the Kalman filters: what they state is measured.
+//! Adaptive windowing, Levant's differentiator and the Kalman filters: measures their documented properties.
 
 use std::f64::consts::PI;
 
@@ -41,8 +41,7 @@ fn c(acceleration_max_m_per_s2: f64) -> f64 {
     acceleration_max_m_per_s2 / (DESIGN.resolution_m * DESIGN.rate_hz * DESIGN.rate_hz)
 }
 
-/// Largest error that is stated, counts per sample: at constant speed, of whole counts per sample
-/// or of any speed.
+/// Largest documented error at constant speed, counts per sample: for whole counts per sample, or for any speed.
 fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
     match *settings {
         _ if whole && !chatters(settings) => 0.0,
@@ -64,7 +63,7 @@ fn chatters(settings: &VelocitySettings) -> bool {
     matches!(settings, VelocitySettings::LevantExplicit { .. })
 }
 
-/// Samples until a change of speed by that many counts per sample has gone.
+/// Samples until a change of speed by this many counts per sample has settled.
 fn settling(settings: &VelocitySettings, change: f64) -> usize {
     match *settings {
         VelocitySettings::FoawEnd { window_samples, .. }
@@ -89,7 +88,7 @@ fn constant_speed_is_measured_within_the_stated_error() {
                 let mut run = Run::new(&settings, i32::MAX - 1000);
                 let wait = settling(&settings, speed.abs());
                 if wait > 1_000_000 {
-                    continue; // minutes of a small C at a large speed
+                    continue; // a small C takes minutes at a large speed
                 }
                 for n in 1..wait + 3000 {
                     let count = (speed * n as f64 + 0.3).floor() as i64;
@@ -113,13 +112,13 @@ fn constant_speed_is_measured_within_the_stated_error() {
             );
         }
         println!("{}: {closest:.3} of the stated; whole counts {whole_worst:.5}", name.text());
-        // a bound that nothing comes near would say nothing
+        // a limit that no error comes near would prove nothing
         assert!(closest > 0.4, "{}", name.text());
     }
 }
 
-/// Of Levant's explicit form docs/estimators.md states one error up to a `lambda_ratio` of 1.5 and a larger one up to 2.5:
-/// both hold, and the smaller one would not above 1.5.
+/// For Levant's explicit form docs/estimators.md gives one error up to a `lambda_ratio` of 1.5, and a larger error up
+/// to 2.5. Both hold. The smaller one does not hold above 1.5.
 #[test]
 fn a_larger_lambda_makes_the_stated_error_larger() {
     let mut needed = [0f64; 2];
@@ -152,7 +151,7 @@ fn a_larger_lambda_makes_the_stated_error_larger() {
 
 #[test]
 fn the_stated_delay_is_that_over_a_chirp() {
-    /// Of a sample: quantisation, and the frequencies of the chirp being above zero.
+    /// Relative error of a sample: by quantisation, and by frequencies of the chirp above zero.
     const ERROR_MAX: f64 = 0.1;
     let check = |what: &str, measured: f64, stated: f64| {
         println!("{what}: {measured:.3} samples, stated {stated:.3}");
@@ -173,7 +172,7 @@ fn the_stated_delay_is_that_over_a_chirp() {
             let amplitude = 0.6 * c(acceleration_max_m_per_s2) * 1e8 / (8.0 * PI).powi(2);
             let measured = delay_over_a_chirp(&settings, amplitude, 0.5, 4.0);
             if name == EstimatorName::LevantImplicit {
-                // longer where one count is more than C allows within a sample
+                // longer if one count is more than C allows within a sample
                 let c = c(acceleration_max_m_per_s2);
                 let most = 0.5 + if c < 1.0 { 0.65 / c.sqrt() } else { 0.1 };
                 println!("{settings:?}: {measured:.3} samples, stated 0.5 to {most:.3}");
@@ -212,7 +211,7 @@ fn adaptive_windows_shrink_with_the_acceleration() {
                     late += (acceleration * time - got) / acceleration / 800.0;
                 }
             }
-            // quantisation may take up to a count of the noise, or give it
+            // quantisation may reduce or increase the noise by up to a count
             let [least, most] =
                 [-1.0, 1.0].map(|off| (8.0 * (noise_counts + off) / acceleration).sqrt());
             println!(
@@ -224,7 +223,7 @@ fn adaptive_windows_shrink_with_the_acceleration() {
     }
 }
 
-/// At `w` radians per sample, counts per sample for a count: real and imaginary part.
+/// Response at `w` radians per sample, counts per sample for a count: real and imaginary part.
 fn response(function: &TransferFunction, w: f64) -> [f64; 2] {
     let sum = |coefficients: &[f64]| {
         let angle = |n: usize| -w * n as f64;
@@ -246,7 +245,7 @@ fn the_kalman_filters_respond_as_their_transfer_functions() {
         for settings in tunings(name) {
             let theory = transfer_function(&settings, &DESIGN).unwrap().unwrap();
             for periods in [7.0, 50.0, 333.0, 1500.0, 4000.0] {
-                let (samples, amplitude) = (10_000, 5e3); // no overload at any of the frequencies
+                let (samples, amplitude) = (10_000, 5e3); // small enough to avoid overload at all frequencies
                 let w = 2.0 * PI * periods / samples as f64;
                 let mut run = Run::new(&settings, 0);
                 let (mut cosine, mut sine) = (0.0, 0.0);
@@ -268,20 +267,20 @@ fn the_kalman_filters_respond_as_their_transfer_functions() {
     println!("worst relative error of the response: {worst:.2e}");
 }
 
-/// Largest difference from the twin that is stated, LSB.
+/// Largest documented difference from the twin, LSB.
 fn stated_lsb(settings: &VelocitySettings) -> f64 {
     match settings {
         VelocitySettings::FoawEnd { .. } | VelocitySettings::FoawBest { .. } => 0.5,
         VelocitySettings::LevantExplicit { .. } => 2.0,
-        // the steps of the counts are accelerations beyond a small C: it cannot stay on them, and
-        // every time that it comes back a difference is magnified
+        // the steps of the counts are accelerations above a small C: the differentiator cannot follow them exactly, and
+        // each return to the counts increases a difference
         VelocitySettings::LevantImplicit { acceleration_max_m_per_s2, .. }
             if c(*acceleration_max_m_per_s2) < 0.2 =>
         {
             LSB * stated_error(settings, false)
         }
         VelocitySettings::LevantImplicit { .. } => 1.0,
-        _ => 1.1, // a residue is carried, so that rounding is by up to an LSB
+        _ => 1.1, // a residue is carried, so rounding is up to an LSB
     }
 }
 
@@ -295,8 +294,8 @@ fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
         }
         let mut largest = [0f64; 2];
         for settings in all {
-            // Levant's differentiator follows up to its largest acceleration; beyond, it loses
-            // the position, and any difference grows by its distance
+            // Levant's differentiator follows up to its largest acceleration. Above it, the differentiator loses the
+            // position, and any difference grows with its distance.
             let most = match settings {
                 VelocitySettings::LevantExplicit { acceleration_max_m_per_s2, .. }
                 | VelocitySettings::LevantImplicit { acceleration_max_m_per_s2, .. } => {
@@ -312,7 +311,7 @@ fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
                 settings.tuning().unwrap().1
             );
             assert!(worst <= stated, "{settings:?}: {worst}");
-            // A small C has a bound of its own.
+            // A small C has its own limit.
             let small = stated > 10.0;
             largest[usize::from(small)] =
                 largest[usize::from(small)].max(if small { worst / stated } else { worst });
@@ -328,7 +327,7 @@ fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 100, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Overflow checks are on in tests. Whatever came before: at rest, every estimator is at rest.
+    /// Overflow checks are on in tests. After any motion, every estimator at rest reads rest.
     #[test]
     fn nothing_makes_an_estimator_panic_or_stick(
         which in 0..NAMES.len(),
@@ -352,7 +351,7 @@ fn the_kalman_filters_do_not_drift() {
             let mut sum = 0.0;
             let speed = 0.123_456_789;
             let samples = 2_000_000;
-            // of sum(v - speed) over the first and over the last tenth
+            // range of sum(v - speed) over the first and over the last tenth
             let mut spans = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
             for n in 1..=20_000 + samples {
                 let count = (f64::from(n) * speed).floor();

@@ -1,5 +1,5 @@
-//! The ends of every range: nothing panics, wraps or goes unnoticed. Overflow checks are on in this
-//! profile, so an addition that wraps fails the test.
+//! The ends of every range: nothing panics, wraps or fails silently. Overflow checks are on in this profile, so an
+//! addition that wraps fails the test.
 
 use host_sim::{
     scene::{Accelerometer, NamedScene, Scene},
@@ -23,7 +23,7 @@ fn wall(cutoff_hz: f64, stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> WallH
     WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
 }
 
-/// A hit with core and twin, every number of which must be finite.
+/// A hit with core and twin. Every number of the result must be finite.
 fn hit(scene: &Scene, wall: &WallHit) -> [Result<HitReport, HitError>; 2] {
     let prepared = PreparedScene::new(scene).unwrap();
     [Numeric::Fixed, Numeric::F64].map(|numeric| {
@@ -133,7 +133,7 @@ fn the_lowest_and_highest_cutoff_and_zero_gains_run_at_every_rate() {
 fn an_actuator_that_saturates_all_the_time_is_reported() {
     let mut scene = paper();
     scene.actuator.limit_v = scene.wall_hit.push_n / scene.actuator.gain_n_per_v;
-    // always behind the surface, so that the wall always wants more than there is
+    // always behind the surface, so that the wall always asks for more force than is available
     scene.wall.position_m = -0.5;
     scene.device.damping_n_s_per_m = 100.0;
     for report in hit(&scene, &wall(1000.0, 1e7, 0.0)) {
@@ -203,14 +203,14 @@ fn a_handle_that_leaves_the_range_of_the_core_ends_the_hit_by_name() {
     }
 }
 
-/// Every estimator of the core, and how far between the ends of its range each of its parameters is.
+/// Every estimator of the core, and the position of each parameter in its range, as a fraction.
 fn any_estimator() -> impl Strategy<Value = (EstimatorName, Numbers)> {
     let part = prop_oneof![1 => Just(0.0), 4 => 0.0..=1.0f64];
     (proptest::sample::select(EstimatorName::ALL), proptest::array::uniform8(part))
 }
 
-/// Its parameters so far between the ends of what the core accepts on this device: the ranges are those that its
-/// refusals name, some of them one after the other.
+/// The estimator with its parameters at these fractions of the ranges that the core accepts on this device. The error
+/// messages give the ranges, one after another.
 fn tuned(name: EstimatorName, parts: Numbers, design: &Design) -> VelocitySettings {
     let mut numbers = [f64::NAN; PARAMETERS];
     for _ in 0..2 * PARAMETERS {
@@ -272,7 +272,7 @@ fn random_scenes_never_panic_and_stay_finite() {
     TestRunner::new(config)
         .run(&any_scene(), |(scene, wall)| {
             if let Err(refusal) = scene.check() {
-                // What this device leaves no room for.
+                // Errors for values that this device leaves no range for.
                 let known = ["accelerometer.full_scale_m_per_s2 is", "mass_kg is"];
                 prop_assert!(known.iter().any(|known| refusal.contains(known)), "{refusal}");
                 return Ok(());

@@ -1,4 +1,4 @@
-//! The fixed-point velocity filter against theory: coefficients, cutoff, frequency response, DC.
+//! The fixed-point velocity filter compared with theory: coefficients, cutoff, frequency response, gain at DC.
 
 use std::f64::consts::PI;
 
@@ -42,7 +42,7 @@ fn design(rate_hz: f64) -> Design {
 fn cutoffs() -> impl Iterator<Item = f64> {
     let steps = 60;
     let ratio = CUTOFF_MAX / CUTOFF_MIN;
-    // the ends exactly, so that rounding does not push them out
+    // the exact ends, so that rounding does not leave the range
     (0..=steps).map(move |n| match n {
         0 => CUTOFF_MIN,
         n if n == steps => CUTOFF_MAX,
@@ -65,7 +65,7 @@ fn coefficients_are_those_of_scipy_within_their_stated_lsb() {
             let [rate_hz, cutoff_hz] = [columns[0], columns[1]];
             let settings = low_pass(cutoff_hz, prewarp);
             let Ok(Estimator::LowPass(biquad)) = settings.build(&design(rate_hz)) else {
-                continue; // outside the accepted range, which has tests of its own
+                continue; // outside the accepted range, which has its own tests
             };
             rows += 1;
             for (n, bits) in biquad.bits().into_iter().enumerate() {
@@ -101,7 +101,7 @@ fn the_dc_gain_is_exactly_one() {
 fn every_accepted_cutoff_is_within_one_percent_after_quantisation() {
     let mut worst = 0f64;
     for rate_hz in RATES_HZ {
-        // dense at the low end, where one LSB of the DC sum counts
+        // dense at the low end, where one LSB of the DC sum matters
         let dense = (0..2000).map(|n| CUTOFF_MIN * (1.0 + f64::from(n) / 200.0));
         for cutoff_hz in dense.chain(cutoffs()).map(|cutoff| cutoff * rate_hz) {
             let asked = true_cutoff_hz(cutoff_hz, rate_hz, false);
@@ -138,7 +138,7 @@ fn outside_the_accepted_range_the_cutoff_is_refused_by_name() {
     assert_eq!(prewarped.build(&design(1e4)).unwrap_err().parameter, "cutoff_hz");
 }
 
-/// |H| of the paper's equation (2) at `hz`, from the formula, not from the core's coefficients.
+/// |H| of the paper's equation (2) at `hz`, from the formula and not from the core's coefficients.
 fn theory(hz: f64, cutoff_hz: f64, rate_hz: f64) -> f64 {
     // the bilinear transform maps the digital frequency to this analog one
     let analog_hz = rate_hz / PI * (PI * hz / rate_hz).tan();
@@ -147,7 +147,7 @@ fn theory(hz: f64, cutoff_hz: f64, rate_hz: f64) -> f64 {
 
 /// Amplitude of the response to a sine, by correlation over whole periods after the transient.
 fn measured_gain(biquad: &Biquad, hz: f64, rate_hz: f64, settle: u32, periods: u32) -> f64 {
-    const AMPLITUDE: f64 = 2e9; // in velocity LSB: near full scale
+    const AMPLITUDE: f64 = 2e9; // in velocity LSB, near full scale
     let mut state = BiquadState::default();
     let samples = (f64::from(periods) * rate_hz / hz).round() as u32;
     let (mut cosine, mut sine) = (0.0, 0.0);
@@ -165,7 +165,7 @@ fn measured_gain(biquad: &Biquad, hz: f64, rate_hz: f64, settle: u32, periods: u
 
 #[test]
 fn the_measured_frequency_response_is_the_theoretical_one() {
-    /// Leakage of the correlation, and one period that is not a whole number of samples.
+    /// Error by the leakage of the correlation, and by a period that is not a whole count of samples.
     const ERROR_MAX: f64 = 2e-3;
     let rate_hz = 1e4;
     let mut worst = 0f64;
@@ -214,14 +214,14 @@ fn control(cutoff_hz: f64, rate_hz: f64) -> zwidth::LoopParameters {
 
 #[test]
 fn at_constant_speed_the_sum_of_the_output_follows_the_sum_of_the_input_for_ever() {
-    /// The ripple of the counts themselves is one count; filtered, it is hardly more.
+    /// The ripple of the counts is one count; after the filter it is hardly larger.
     const SPAN_MAX_COUNTS: f64 = 1.1;
     const SAMPLES: i64 = 1_000_000;
     let rate_hz = 1e4;
     let mut worst = 0f64;
     for cutoff_hz in cutoffs().step_by(3).map(|cutoff| cutoff * rate_hz) {
         let control = control(cutoff_hz, rate_hz);
-        // speeds in counts per sample: fractions, a slow one, up to the last below the limit
+        // speeds in counts per sample: fractions, a slow one, and speeds up to the last one below the limit
         for (counts, samples) in [(3, 10), (-1, 3), (1, 1000), (100, 7), (32_766, 1), (-65_531, 2)]
         {
             let mut sampler = Sampler::new(0, CounterWidth::Bits32);
@@ -306,7 +306,7 @@ fn retuning_while_moving_makes_no_kick() {
     }
 }
 
-/// Output error of the filter for a white rounding error of one LSB, RMS, by its impulse response.
+/// RMS error of the filter's output for a white rounding error of one LSB, by its impulse response.
 fn shaped_noise_lsb(biquad: &Biquad, order: usize) -> f64 {
     let [_, _, _, a1, a2] = biquad.bits().map(|bits| f64::from(bits) * COEFFICIENT_LSB);
     let numerator: &[f64] = if order == 1 { &[1.0, -1.0] } else { &[1.0, -2.0, 1.0] };
@@ -330,7 +330,7 @@ fn the_quieter_order_of_error_feedback_is_chosen() {
         let quieter = if first < second { Shaping::First } else { Shaping::Second };
         assert_eq!(biquad.shaping(), quieter, "{cutoff} of the rate: {first} {second} LSB");
     }
-    // Where the two cross, the one that is taken may be a little noisier.
+    // Near the crossing of the two forms, the selected form may have slightly more noise.
     let noisier = (550..750).map(|hz| {
         let biquad = filter(f64::from(hz), 1e4, false);
         let [first, second] = [1, 2].map(|order| shaped_noise_lsb(&biquad, order));

@@ -1,9 +1,9 @@
-//! Whatever is changed at whatever instant of a hit, the force steps by at most 5 % of full scale per
-//! output beyond what position and velocity ask for: guard, supervisor and a simulated device, with
-//! commands let through by the table that the firmware uses.
+//! For any change at any time of a hit, the force steps by at most 5 % of full scale per output beyond the effect of
+//! position and velocity. The test runs guard, supervisor and a simulated device. The firmware's own rules decide which
+//! commands are accepted.
 //!
-//! What they ask for is told by a twin: a copy of sampler and supervisor from before the change,
-//! which sees the same counts and keeps the old settings for one more output.
+//! A twin gives the effect of position and velocity. It is a copy of sampler and supervisor from before the change. It
+//! gets the same counts, and keeps the old settings for one more output.
 
 use host_sim::{
     plant::{Plant as _, PlantStep},
@@ -34,10 +34,10 @@ const GOOD: Inputs = Inputs {
     halted: false,
     found: FaultSet::EMPTY,
 };
-/// The wall at first, m from where the count was zeroed.
+/// Position of the wall at first, m from the zero of the count.
 const WALL_M: f64 = 0.004;
 
-/// What a person asks for.
+/// A person's command.
 #[derive(Clone, Copy, Debug)]
 enum Ask {
     Stiffness(f64),
@@ -65,7 +65,7 @@ struct Loop {
 }
 
 impl Loop {
-    /// Armed, zeroed at rest.
+    /// Armed, with the zero set at rest.
     fn armed() -> Self {
         let scene = NamedScene::load("paper-1um").unwrap().scene;
         let design = scene.design();
@@ -123,7 +123,7 @@ impl Loop {
         (counts as i64) as u32
     }
 
-    /// One sample with that reading of the counter; what was rendered, if it was due.
+    /// Runs one sample with this reading of the counter. Returns the output if it was due.
     fn control(&mut self, counter: u32) -> Option<Rendered> {
         let Self { sampler, control, down, guard, .. } = self;
         let step = sampler.step(control, counter, &Senses::NONE, down, guard);
@@ -155,7 +155,7 @@ impl Loop {
         }
     }
 
-    /// The settings that the firmware would propose now, if it lets the command through.
+    /// The settings that the firmware would propose now, if it accepts the command.
     fn ask(&self, ask: Ask) -> Option<Settings> {
         let mut settings = self.settings;
         let command = match ask {
@@ -195,7 +195,7 @@ fn ask() -> impl Strategy<Value = Ask> {
     ]
 }
 
-/// How often what happened, so that the test is known to have seen something.
+/// Counts of events, which show that the test has covered them.
 #[derive(Debug, Default)]
 struct Seen {
     changes: u32,
@@ -205,8 +205,8 @@ struct Seen {
     refused_late: u32,
 }
 
-/// Runs a hit of 0.3 s with changes at those samples, each taking effect some samples after it was
-/// let through, and holds each output against its twin.
+/// Runs a hit of 0.3 s with changes at these samples. Each takes effect some samples after it was accepted. Compares
+/// each output with its twin.
 fn hit(start: &Loop, changes: &[(u32, u32, Ask)], seen: &mut Seen) -> Result<(), TestCaseError> {
     let mut real = start.clone();
     let mut twin = real.clone();
@@ -232,8 +232,8 @@ fn hit(start: &Loop, changes: &[(u32, u32, Ask)], seen: &mut Seen) -> Result<(),
         }
         let before = real.last.unwrap().record;
         if !before.flags.contains(Flags::CONTACT) {
-            // Out of the wall a new estimate makes no force: what velocity asks for, when the handle
-            // gets there, is what the new estimator says.
+            // Outside the wall a new estimate makes no force. When the handle reaches the wall, the new estimator's
+            // velocity is the one that counts.
             (twin.sampler, twin.down) = (real.sampler, real.down);
             twin.control.estimator = real.control.estimator;
         }
@@ -244,13 +244,13 @@ fn hit(start: &Loop, changes: &[(u32, u32, Ask)], seen: &mut Seen) -> Result<(),
         let force =
             |rendered: &Rendered| rendered.grant.force().map(|force| i64::from(force.bits()));
         let (Some(now), Some(kept)) = (force(&rendered), force(&kept)) else {
-            // Off, by a fault: the guard's cut is no step of a change.
+            // Off by a fault: the guard's cut is not a step of a change.
             prop_assert!(rendered.record.fault != 0);
             return Ok(());
         };
-        // A correction that was fading already has faded in the twin by up to as much.
+        // A correction that was already fading has also faded in the twin, by up to this value.
         let fading = if before.flags.contains(Flags::CHANGING) { i64::from(SLEW) } else { 0 };
-        // A wall that was taken away before the handle came to it gives nothing: the force goes on from the last one.
+        // A wall that was removed before the handle reached it gives no force. The force continues from the last one.
         let gone = twin_contact && !rendered.record.flags.contains(Flags::CONTACT);
         let kept = if gone { i64::from(before.force.bits()) } else { kept };
         let step = (now - kept).abs();
@@ -281,8 +281,8 @@ fn no_change_at_any_instant_of_a_hit_makes_the_force_step() {
     assert!(seen.refused_late > 5);
 }
 
-/// A wide filter follows every flicker of the counts; a very narrow one must not take the slope of the
-/// last one for an acceleration. It starts from the velocity instead.
+/// A wide filter follows every flicker of the counts. A very narrow filter must not take the slope of the last flicker
+/// for an acceleration. It starts from the velocity instead.
 #[test]
 fn a_very_low_cutoff_does_not_go_on_from_the_slope_of_a_high_one() {
     let deviation = |restarted: bool| {
@@ -298,7 +298,7 @@ fn a_very_low_cutoff_does_not_go_on_from_the_slope_of_a_high_one() {
             }
             let counter = begin.wrapping_add((f64::from(n) * speed).floor() as u32);
             let Loop { sampler, control, down, guard, .. } = &mut real;
-            down.rendered = n.wrapping_sub(1) / 10 * 10; // every output in time
+            down.rendered = n.wrapping_sub(1) / 10 * 10; // every output is in time
             let step = sampler.step(control, counter, &Senses::NONE, down, guard);
             if n > 1_000 {
                 let velocity = f64::from(step.report.motion.velocity.bits()) / 65_536.0;
@@ -312,7 +312,7 @@ fn a_very_low_cutoff_does_not_go_on_from_the_slope_of_a_high_one() {
     assert!(restarted < 1.0 && not > 50.0, "{restarted} {not}");
 }
 
-/// The cutoff changes at constant speed: the filter's state is kept, so the velocity goes on.
+/// The cutoff changes at constant speed. The filter's state is kept, so the velocity continues.
 #[test]
 fn a_new_cutoff_keeps_the_state_of_the_filter() {
     let mut real = Loop::armed();
@@ -336,13 +336,13 @@ fn a_new_cutoff_keeps_the_state_of_the_filter() {
             largest = largest.max((velocity - speed).abs());
         }
     }
-    // What is left is the counts' own flicker of one count per sample, which a wide filter passes
-    // and whose past a narrow one then carries on.
+    // The rest is the counts' own flicker of one count per sample. A wide filter passes it, and a narrow filter then
+    // carries its past on.
     println!("largest deviation {largest} of {speed} counts per sample");
     assert!(largest < 2.0, "{largest}");
 }
 
-/// Estimators that look at the position only, of any tuning that follows a hand.
+/// Estimators that use only the position, with any tuning that follows a hand.
 fn tuned() -> impl Strategy<Value = VelocitySettings> {
     let names: Vec<_> =
         EstimatorName::ALL.iter().copied().filter(|name| name.sense().is_none()).collect();
@@ -355,15 +355,15 @@ fn tuned() -> impl Strategy<Value = VelocitySettings> {
             "samples" => between(2.0, 32.0).round(),
             _ => default * between(0.3, 30.0),
         };
-        // what some of them do not take becomes the nearest that they do
+        // a value that an estimator does not accept becomes the nearest accepted one
         let design = NamedScene::load("paper-1um").unwrap().scene.design();
         let allowed = defaults.with_tuning(f64::NAN).build(&design).unwrap_err().range;
         defaults.with_tuning(value.clamp(*allowed.start(), *allowed.end()))
     })
 }
 
-/// How far an estimator swings beyond a speed that begins at once, as a multiple of it; and how far it is off after an
-/// acceleration that does, but for a count, in samples of it.
+/// Overshoot of an estimator after a step of speed, as a multiple of the speed; and its error after a step of
+/// acceleration, without one count, in samples times the acceleration.
 fn swings(control: &LoopParameters) -> [f64; 2] {
     const SPEED: f64 = 100.0;
     const ACCELERATION: f64 = 0.1;
@@ -381,10 +381,10 @@ fn swings(control: &LoopParameters) -> [f64; 2] {
     [(step / SPEED).max(1.0), (ramp - 1.0).max(0.0) / ACCELERATION]
 }
 
-/// Exchanged in the middle of a motion, an estimator starts as if the handle had always moved at the velocity that the old
-/// one said last. So it is off by what it would be off by had it always run, and by what it makes of two differences: the
-/// old one's error and its own, which fade and on their way swing as a speed that begins at once does; and the
-/// acceleration, of which it knows nothing yet. Nothing else is made up by the exchange.
+/// An estimator that replaces another one during a motion starts as if the handle had always moved at the old
+/// estimator's last velocity. So its error has three parts. The first is its error if it had always run. The second is
+/// its response to two differences, the old estimator's error and its own: they fade, and swing like a step of speed.
+/// The third comes from the acceleration, which it does not know yet. The replacement adds no other error.
 #[test]
 fn an_exchanged_estimator_is_as_good_as_one_that_has_always_run() {
     const WARM_UP: u32 = 40_000;

@@ -1,4 +1,5 @@
-//! `identify` against records of known devices: are the parameters right, and are the intervals honest?
+//! `identify` on records of known devices: are the parameters right, and do the intervals contain the true values as
+//! often as stated?
 
 use std::f64::consts::TAU;
 
@@ -15,22 +16,22 @@ pub const RATE_HZ: f64 = 1e4;
 pub const RESOLUTION_M: f64 = 1e-6;
 pub const GAIN_N_PER_V: f64 = 0.5906;
 pub const SECONDS: f64 = 2.0;
-/// Pulse, V and s.
+/// Pulse voltage, V, and duration, s.
 pub const PULSE_V: f64 = 4.0;
 const PULSE_S: f64 = 0.2;
 
 /// Shape of the voltage.
 #[derive(Clone, Copy, Debug)]
 pub enum Pulses {
-    /// +4 V, then -4 V, then nothing.
+    /// +4 V, then -4 V, then 0.
     Two,
     /// One pulse of 4 V.
     One,
-    /// +4 V and -4 V in turn to the end.
+    /// Alternately +4 V and -4 V to the end.
     Train,
 }
 
-/// How a record is made.
+/// Settings of a simulated record.
 #[derive(Clone, Copy, Debug)]
 pub struct Made {
     pub device: Device,
@@ -77,7 +78,7 @@ pub fn normal(random: &mut Xoshiro256PlusPlus) -> f64 {
     (-2.0 * (1.0 - u).ln()).sqrt() * (TAU * v).cos()
 }
 
-/// The record of the exact plant through the encoder. The seed moves the start within a count too.
+/// The record of the exact plant through the encoder. The seed also moves the start within a count.
 pub fn made(made: &Made) -> Record {
     let Made { device, pulses, noise_counts, latency, rounding, seed } = *made;
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
@@ -120,7 +121,7 @@ pub fn options(made: &Made) -> Options {
     }
 }
 
-/// The paper's device and ten random ones that a hand could hold.
+/// The paper's device and ten random devices that a hand could hold.
 fn devices() -> Vec<Device> {
     let mut random = Xoshiro256PlusPlus::seed_from_u64(2026);
     let mut between = |low: f64, high: f64| low * (high / low).powf(random.random::<f64>());
@@ -138,7 +139,7 @@ fn devices() -> Vec<Device> {
 
 const NAMES: [&str; 4] = ["m", "b", "k", "x0"];
 
-/// Error over half-width of each parameter, and error and half-width relative to the true value.
+/// For each parameter: error over half-width of the interval; error and half-width relative to the true value.
 fn judged(found: &Identification, device: &Device) -> [[f64; 3]; 4] {
     let spring = found.spring.unwrap();
     [
@@ -159,7 +160,7 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Identifies every device with every seed; prints coverage and widths, returns the pooled coverage.
+/// Identifies every device with every seed. Prints coverage and widths, and returns the pooled coverage.
 fn campaign(name: &str, base: Made, seeds: u64) -> f64 {
     let cases: Vec<(Device, u64)> = devices()
         .into_iter()
@@ -345,8 +346,8 @@ fn a_hopeless_record_is_refused_with_the_reason() {
     assert!(error.contains("does not show more mass") || error.contains("do not show the gain"));
 }
 
-/// Most of the record at rest and no noise: a constant error of up to half a count, which the intervals of white
-/// noise do not know.
+/// Most of the record is at rest without noise. There is a constant error of up to half a count, which intervals for
+/// white noise do not include.
 #[test]
 #[ignore = "100 records; CI runs it"]
 fn a_record_that_rests_keeps_honest_intervals() {
@@ -354,7 +355,7 @@ fn a_record_that_rests_keeps_honest_intervals() {
     let all: Vec<[[f64; 2]; 4]> = (0..seeds)
         .into_par_iter()
         .map(|seed| {
-            // Every place within a count, its edge too.
+            // Every position within a count, also at its edge.
             let rest_position_m = PAPER.rest_position_m + seed as f64 / seeds as f64 * RESOLUTION_M;
             let device = Device {
                 start_position_m: rest_position_m,

@@ -1,7 +1,7 @@
-//! `identify` of random exact devices: mass, damping, perhaps a spring, Coulomb or Stribeck friction, a slow amplifier, an
-//! offset force, in open loop or under a loop of speed or position that follows the encoder's counts, at 100 Hz to 10 kHz,
-//! with rests. The devices are integrated here (Runge and Kutta of order 4, turns found by bisection), so that nothing of
-//! the model that is fitted is in them.
+//! `identify` of random exact devices. A device has mass, damping, and perhaps a spring, Coulomb or Stribeck friction,
+//! a slow amplifier or an offset force. It runs in open loop, or in a loop of speed or position with the encoder's
+//! counts, at 100 Hz to 10 kHz, with rests. This file integrates the devices itself (Runge and Kutta of order 4,
+//! reversals by bisection). So it shares nothing with the fitted model.
 
 use std::fmt::Write as _;
 
@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 /// Longest step of the integration, s.
 const STEP_S: f64 = 2e-4;
-/// Halvings of a step until a turn.
+/// Count of bisections of a step to find a reversal.
 const HALVINGS: usize = 50;
 
 /// A device and its encoder.
@@ -24,7 +24,7 @@ struct Exact {
     pub damping: f64,
     pub stiffness: f64,
     pub friction: f64,
-    /// Static friction over Coulomb's less 1, and the speed of the fall between the two.
+    /// Ratio of static to Coulomb friction less 1, and the speed of the decrease between the two.
     pub stribeck: Option<[f64; 2]>,
     pub lag_s: f64,
     pub offset: f64,
@@ -33,7 +33,7 @@ struct Exact {
     pub noise_counts: f64,
 }
 
-/// x, v and the force of the amplifier.
+/// Position, speed, and force of the amplifier.
 type State = [f64; 3];
 
 impl Exact {
@@ -116,7 +116,7 @@ impl Exact {
         state
     }
 
-    /// Over a row under `volts`.
+    /// State after a row under `volts`.
     pub fn row(&self, mut state: State, volts: f64, step_s: f64) -> State {
         let steps =
             (step_s / STEP_S.min(if self.lag_s > 0.0 { 0.2 * self.lag_s } else { STEP_S })).ceil();
@@ -127,18 +127,18 @@ impl Exact {
     }
 }
 
-/// What drives a device.
+/// Input of a device.
 #[derive(Clone, Debug)]
 enum Drive {
-    /// Levels of voltage, each for so many rows.
+    /// Levels of voltage, each for a count of rows.
     Levels(Vec<(usize, f64)>),
     /// Proportional and integral loop of the filtered difference of counts: reference levels, V s/m, V/m.
     Speed(Vec<(usize, f64)>, f64, f64),
-    /// Proportional loop of position with that difference as damping.
+    /// Proportional loop of position with the filtered difference as damping.
     Place(Vec<(usize, f64)>, f64, f64),
 }
 
-/// A device, how it is driven, and the record of that.
+/// A device, its input, and its record.
 #[derive(Clone, Debug)]
 struct Case {
     pub device: Exact,
@@ -163,7 +163,7 @@ impl Case {
         let rows = (seconds * rate_hz) as usize;
         let step_s = 1.0 / rate_hz;
         let mass = decades!(0.02, 5.0);
-        // Speed and time in which it is reached, from which force and damping follow.
+        // A speed, and the time to reach it. Force and damping follow from them.
         let (speed, rise_s) = (decades!(0.02, 1.0), seconds * decades!(0.01, 0.2));
         let accelerates = mass * speed / rise_s;
         let damping = mass / (rise_s * decades!(0.2, 20.0));
@@ -194,7 +194,7 @@ impl Case {
             gain,
             count,
             noise_counts,
-            // Of a spring it moves the place of rest and nothing else.
+            // With a spring, an offset only moves the rest position.
             offset: if stiffness > 0.0 { 0.0 } else { offset },
         };
         let rests = [unit() < 0.7, unit() < 0.4];
@@ -324,19 +324,19 @@ impl Exact {
     }
 }
 
-/// What is said of one device.
+/// Result for one device.
 #[derive(Clone, Debug, Default)]
 struct Verdict {
-    /// Parameter, and error over half-width.
+    /// Each parameter, with its error over the half-width of its interval.
     pub off: Vec<(&'static str, f64)>,
-    /// Something is said to be missing in the model, or not to be told.
+    /// Whether a warning reports a missing term or a parameter that cannot be determined.
     pub warned: bool,
     pub invented: Vec<Term>,
-    /// In the device and not in the model, whose prediction is off by more than the encoder.
+    /// Terms of the device that the model lacks, if the model's prediction is off by more than the encoder's error.
     pub missed: Vec<Term>,
 }
 
-/// Terms of the device that the model knows.
+/// Terms of the device that the model can have.
 fn terms(device: &Exact) -> [(Term, f64); 3] {
     [
         (Term::Friction, device.friction),
@@ -383,7 +383,7 @@ fn judged(case: &Case, found: &Identification) -> Verdict {
 struct Counts {
     pub cases: usize,
     pub answered: usize,
-    /// Inside, and all.
+    /// Count of parameters inside their intervals, and count of all.
     pub parameters: [usize; 2],
     pub silently_wrong: usize,
     pub invented: usize,
@@ -456,8 +456,8 @@ fn campaign(seeds: std::ops::Range<u64>, verbose: bool) -> Counts {
     counts
 }
 
-/// Least part of the parameters inside their intervals, and most devices of a hundred with one far outside and no warning.
-/// What holds today: 0.95 and 1 are what the intervals say.
+/// Smallest fraction of parameters inside their intervals, and largest count, per hundred devices, with a parameter far
+/// outside and no warning. These limits hold today; the intervals themselves promise 0.95 and 1.
 const INSIDE: f64 = 0.8;
 const SILENT: f64 = 0.03;
 

@@ -1,4 +1,4 @@
-//! How the numbers err together that `identify` finds.
+//! Joint errors of the parameters that `identify` finds.
 
 use host_sim::{
     analysis::identify::{Drive, identify},
@@ -11,7 +11,8 @@ use crate::{
     identify_accuracy::{GAIN_N_PER_V, Made, PAPER, PLAIN, RATE_HZ, made, options},
 };
 
-/// Many records of the device: mass, damping, spring and latency err together as the first of them says.
+/// Many records of one device: the errors of mass, damping, spring and latency are correlated as the first record
+/// states.
 #[test]
 fn the_numbers_of_a_device_err_together_as_stated() {
     const RECORDS: u64 = 120;
@@ -73,7 +74,7 @@ fn the_numbers_of_a_device_err_together_as_stated() {
         println!("{place}: {ratio:.2} of the stated deviation");
         assert!((0.6..1.2).contains(&ratio), "{place}: {ratio}");
     }
-    // what is written into a scene draws devices that err so, and can be read
+    // a scene with the results can be read, and draws devices with these correlated errors
     let scene = NamedScene::load("paper-1um").unwrap();
     let uncertainty = joint.uncertainty(None, &scene.scene, Drive::default());
     assert!((uncertainty.latency / (joint.deviations[5] * RATE_HZ) - 1.0).abs() < 1e-12);

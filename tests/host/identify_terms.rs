@@ -1,6 +1,6 @@
-//! `identify` of devices with dry friction, a slow amplifier, an offset force and a periodic error of the encoder: are
-//! the values inside their intervals, and is no term invented? The records are made by the simulator's own plants,
-//! whose integrator shares nothing with the model that is fitted.
+//! `identify` of devices with dry friction, a slow amplifier, an offset force and a periodic encoder error. The tests
+//! check that the values are inside their intervals, and that no term is invented. The simulator's own plants make the
+//! records. Their integrator shares nothing with the fitted model.
 
 use std::f64::consts::TAU;
 
@@ -27,7 +27,7 @@ use rayon::prelude::*;
 const NOISE_COUNTS: f64 = 0.5;
 const LATENCY: usize = 3;
 
-/// A device and what a plain model of it lacks.
+/// A device and the terms that a plain model of it lacks.
 #[derive(Clone, Copy, Debug)]
 struct Truth {
     device: Device,
@@ -61,7 +61,7 @@ impl Truth {
         scene
     }
 
-    /// Two pulses of this device.
+    /// The record of two pulses on this device.
     fn record(&self, seed: u64) -> Record {
         self.noisy_record(seed, NOISE_COUNTS)
     }
@@ -103,14 +103,14 @@ impl Truth {
         Options {
             latency_s: LATENCY as f64 / RATE_HZ,
             spring,
-            // Known only where an offset is to be told from it.
+            // Given only if an offset must be distinguished from the rest position.
             rest_position_m: spring.then_some(self.device.rest_position_m),
             ..Options::of_scene(&scene, Gain::Given(GAIN_N_PER_V))
         }
     }
 }
 
-/// Which terms random devices have.
+/// Terms of random devices.
 #[derive(Clone, Copy, Debug)]
 struct Has {
     friction: bool,
@@ -118,7 +118,7 @@ struct Has {
     offset: bool,
 }
 
-/// Random devices that a hand could hold; one in four has no spring.
+/// Random devices that a hand could hold. One in four has no spring.
 fn truths(count: usize, has: Has) -> Vec<Truth> {
     let mut random = Xoshiro256PlusPlus::seed_from_u64(2027);
     let mut unit = move || random.random::<f64>();
@@ -146,7 +146,8 @@ fn truths(count: usize, has: Has) -> Vec<Truth> {
         .collect()
 }
 
-/// What a run says of one parameter: whether its interval holds the truth; of a term also whether it is in.
+/// Counts for one parameter: whether its interval contains the true value, and for a term also whether the model has
+/// it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     held: usize,
@@ -165,7 +166,7 @@ impl Tally {
 
 const NAMES: [&str; 7] = ["m", "b", "k", "x0", "friction", "lag", "offset"];
 
-/// The estimates beside their true values; a term that is not in the model is a 0 without width.
+/// The estimates beside their true values. A term that is not in the model is 0 with zero width.
 fn pairs(found: &Identification, truth: &Truth) -> [Option<(Estimate, f64)>; 7] {
     let device = &truth.device;
     let none = Estimate::given(0.0);
@@ -182,7 +183,8 @@ fn pairs(found: &Identification, truth: &Truth) -> [Option<(Estimate, f64)>; 7] 
     ]
 }
 
-/// Identifies every device with every seed: how often each interval holds, how often each term is invented.
+/// Identifies every device with every seed. Counts how often each interval contains the true value, and how often each
+/// term is invented.
 fn campaign(name: &str, has: Has, count: usize, seeds: u64) -> (Tally, [Tally; 4]) {
     let cases: Vec<(usize, Truth, u64)> = truths(count, has)
         .into_iter()
@@ -309,7 +311,8 @@ fn paper() -> Truth {
     Truth { device: PAPER, friction_n: 0.0, lag_samples: 0.0, offset_n: 0.0, error: None }
 }
 
-/// The paper's device with an encoder whose signals are not quite sines: the cycle is found, and what it hides without.
+/// The paper's device with an encoder whose signals are not exact sines. The error's period is found. Without the term,
+/// the residual shows the error.
 #[test]
 fn an_encoder_error_is_found_with_its_cycle() {
     let error = EncoderError { cycle_m: 4e-3, first_m: 1.5e-6, second_m: 0.6e-6, phase_rad: 0.7 };
@@ -331,14 +334,15 @@ fn an_encoder_error_is_found_with_its_cycle() {
     let known = Options { cycle_m: Some(4e-3), ..truth.options() };
     let known = identify(std::slice::from_ref(&record), &known).unwrap().terms.phase.unwrap();
     assert_eq!(known.cycle_m, Estimate::given(4e-3));
-    // without the term the residual is called what it is
+    // without the term, the message names the residual's cause
     let blind = Options { terms: Terms::NONE, ..truth.options() };
     let blind = identify(std::slice::from_ref(&record), &blind).unwrap();
     let warning = blind.warnings.iter().find(|warning| warning.contains("likely missing")).unwrap();
     assert!(warning.contains("periodic error of the encoder"), "{warning}");
 }
 
-/// A quiet record whose residual the quantiser seems to make: it is larger than that, and the cause is named.
+/// A quiet record whose residual looks like quantisation. The residual is larger than quantisation, and the message
+/// names the cause.
 #[test]
 fn a_residual_beyond_quantisation_is_said_with_its_cause() {
     let error = EncoderError { cycle_m: 4e-3, first_m: 1.5e-6, second_m: 0.0, phase_rad: 0.7 };
@@ -359,7 +363,7 @@ fn a_residual_beyond_quantisation_is_said_with_its_cause() {
     }
     let record = paper().noisy_record(3, 0.0);
     let right = identify(&[record], &paper().options()).unwrap();
-    // A term too small to be told may stand beside the model, which is said.
+    // A warning may name a further term that is too small to be determined.
     let others = right.warnings.iter().filter(|one| !one.contains("cannot be told from none"));
     assert!(right.residual.is_bound_by_quantisation() && others.count() == 1);
 }
@@ -377,7 +381,7 @@ fn a_term_that_is_asked_for_is_fitted_and_an_offset_needs_a_known_rest() {
     assert!(
         found.warnings.iter().any(|warning| warning.contains("friction cannot be told from 0"))
     );
-    // where the rest position is not known it takes the offset in
+    // an unknown rest position absorbs the offset
     let unknown = Options { rest_position_m: None, ..truth.options() };
     let found = identify(std::slice::from_ref(&record), &unknown).unwrap();
     let rest = found.spring.unwrap().rest_position_m.value;

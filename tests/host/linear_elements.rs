@@ -1,4 +1,4 @@
-//! Linear elements in the loop: where the simulated loop begins to oscillate, against the linear analysis.
+//! Linear elements in the loop: the limit of oscillation of the simulated loop, compared with the linear analysis.
 
 use std::ops::ControlFlow;
 
@@ -18,9 +18,9 @@ use zwidth::VelocitySettings;
 const AMPLIFIER: Amplifier = Amplifier { bandwidth_hz: 400.0 };
 const MODE: Mode = Mode { mass_kg: 0.15, stiffness_n_per_m: 6e4, damping_n_s_per_m: 4.0 };
 const WALL_M: f64 = 0.07;
-/// How deep the handle rests in the wall: it never leaves it.
+/// Depth at which the handle rests in the wall, which it never leaves, m.
 const DEPTH_M: f64 = 1e-3;
-/// How far from there it starts.
+/// Distance of the start from the rest position, m.
 const DEFLECTION_M: f64 = 1e-4;
 const ARM: Arm = Arm {
     mass_kg: 1.2,
@@ -31,7 +31,7 @@ const ARM: Arm = Arm {
     grip_stiffness_n_per_m: 1200.0,
 };
 
-/// A point of the analysis.
+/// A point of the linear analysis.
 struct Point {
     elements: Elements,
     cutoff_hz: f64,
@@ -51,7 +51,7 @@ fn envelope(point: &Point) -> f64 {
     Boundary::new(&of).unwrap().at(point.damping_n_s_per_m).unwrap().stiffness_max
 }
 
-/// Deep in a wall without surface, 10 nm counts, an actuator that never saturates.
+/// A scene deep in a wall without a surface, with 10 nm counts and an actuator that never saturates.
 fn scene(point: &Point, stiffness_n_per_m: f64) -> Scene {
     let mut scene = NamedScene::load("paper-1um").unwrap().scene;
     scene.encoder.resolution_m = 1e-8;
@@ -69,7 +69,7 @@ fn scene(point: &Point, stiffness_n_per_m: f64) -> Scene {
     scene
 }
 
-/// Amplitude of the sixth second over that of the third.
+/// Amplitude in the sixth second divided by that in the third.
 fn growth(point: &Point, stiffness_n_per_m: f64) -> f64 {
     let prepared = PreparedScene::new(&scene(point, stiffness_n_per_m)).unwrap();
     let hit = WallHit {
@@ -94,7 +94,7 @@ fn growth(point: &Point, stiffness_n_per_m: f64) -> f64 {
 
 #[test]
 fn growth_and_decay_change_places_at_the_envelope() {
-    /// Share of the envelope aside of which the simulation must have taken sides.
+    /// Relative distance from the envelope at which the simulation must clearly grow or decay.
     const ASIDE: f64 = 0.005;
     let (amplifier, mode, arm) = (Some(AMPLIFIER), Some(MODE), Some(ARM));
     let none = Elements::default();

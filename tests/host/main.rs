@@ -1,4 +1,4 @@
-//! The core and the simulator together, on the host: what the theory, the paper and the documentation say of them.
+//! The core and the simulator together on the host, compared with theory, paper and documentation.
 
 #![allow(
     clippy::unwrap_used,

@@ -1,4 +1,4 @@
-//! The paper's results on its own device, and what fixed point costs against the `f64` twin.
+//! The paper's results on its own device, and the effect of fixed point compared with the `f64` twin.
 
 use std::sync::{OnceLock, atomic::AtomicBool};
 
@@ -23,7 +23,7 @@ fn prepare(scene: &str) -> PreparedScene {
     PreparedScene::new(&NamedScene::load(scene).unwrap().scene).unwrap()
 }
 
-/// The default sweep of both scenes; made once.
+/// The default sweep of both scenes, computed once.
 fn default_sweep(numeric: Numeric) -> &'static [SweepResult] {
     static FIXED: OnceLock<Vec<SweepResult>> = OnceLock::new();
     static EXACT: OnceLock<Vec<SweepResult>> = OnceLock::new();
@@ -128,8 +128,8 @@ fn differing(a: &Boundary, b: &Boundary) -> Vec<(BoundaryPoint, BoundaryPoint)> 
     both.filter(|(a, b)| a != b).collect()
 }
 
-/// Whether the exact twin itself gives both verdicts at this wall when the start is moved by up to
-/// 0.015 count, in steps of 0.0001.
+/// Whether the exact twin gives both verdicts at this wall when the start is moved by up to 0.015 count, in steps of
+/// 0.0001.
 fn is_chaotic(
     prepared: &PreparedScene,
     velocity: VelocitySettings,
@@ -178,7 +178,7 @@ fn up_to_200_hz_fixed_point_boundaries_are_identical_but_where_the_twin_is_chaot
     assert!(chaotic <= 1, "{chaotic}");
 }
 
-/// Share of the boundary points that are more than one step of K off the exact twin's.
+/// Fraction of the boundary points that differ from the exact twin's by more than one step of K.
 fn share_off(numeric: Numeric) -> f64 {
     let (mut off, mut all) = (0.0, 0.0);
     for (other, exact) in default_sweep(numeric).iter().zip(default_sweep(Numeric::F64)) {

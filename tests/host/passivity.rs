@@ -1,4 +1,5 @@
-//! The passivity observer and controller in whole hits: of random scenes, what a contact gives, and against other sums.
+//! The passivity observer and controller in whole hits of random scenes: the energy that a contact supplies, and a
+//! comparison with independent sums.
 
 use host_sim::{
     scene::{NamedScene, Scene},
@@ -12,14 +13,14 @@ use zwidth::VelocitySettings;
 
 use crate::figure::figure;
 
-/// A hit, and what nobody but a simulator sees of it.
+/// A hit, and values that only a simulator knows.
 struct Seen {
     report: HitReport,
-    /// The largest change of the counts' motion that the controller's bound has to allow for, counts.
+    /// The largest change of the counts' motion, which the controller's limit must allow for, counts.
     change: f64,
-    /// What the force that acts has exchanged with the true motion, the least of any contact, J.
+    /// Smallest energy that the acting force has exchanged with the true motion in a contact, J.
     given_true_j: f64,
-    /// A count times the changes of the force, J.
+    /// Sum of one count times each change of the force, J.
     unseen_j: f64,
     outputs: u32,
 }
@@ -59,7 +60,7 @@ fn seen(scene: &Scene, hit: &WallHit) -> Seen {
     }
 }
 
-/// The account in `f64`.
+/// The energy account in `f64`.
 #[derive(Default)]
 struct Sums {
     wall_n: f64,
@@ -95,7 +96,7 @@ fn hit(stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> WallHit {
     WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
 }
 
-/// The observer against sums of floats over the same forces and counts.
+/// The observer compared with sums of floats over the same forces and counts.
 #[test]
 fn the_account_is_that_of_the_same_forces_and_counts() {
     for (k, b, latency) in
@@ -134,7 +135,7 @@ fn the_account_is_that_of_the_same_forces_and_counts() {
     }
 }
 
-/// A scene of the paper's device with what changes most about its port drawn at random, and a wall.
+/// A scene of the paper's device with a wall. The values that change its port most are random.
 fn drawn(rng: &mut SmallRng) -> (Scene, WallHit) {
     let mut scene = paper();
     let mut log = |low: f64, high: f64| low * (high / low).powf(rng.random::<f64>());
@@ -162,8 +163,8 @@ fn drawn(rng: &mut SmallRng) -> (Scene, WallHit) {
     (scene, wall)
 }
 
-/// What is promised: with the controller no contact gives more than the reserve, and 2^-21 of it for each output at
-/// which it was spent, as long as the counts' motion changes by no more than the acceleration allows.
+/// With the controller, no contact supplies more than the reserve, plus 2^-21 of the reserve for each output that
+/// spends it. Condition: the counts' motion changes by no more than the acceleration allows.
 #[test]
 fn no_contact_of_a_random_scene_gives_more_than_the_reserve() {
     campaign(1_000, true);
@@ -175,7 +176,7 @@ fn no_contact_of_ten_thousand_random_scenes_gives_more_than_the_reserve() {
     campaign(10_000, false);
 }
 
-/// `told`: its figures are the page's.
+/// `told`: writes the figures for the documentation.
 fn campaign(scenes: u32, told: bool) {
     let mut rng = SmallRng::seed_from_u64(25);
     let (mut ran, mut faster, mut gave, mut beyond) = (0u32, 0u32, 0u32, 0u32);
@@ -196,14 +197,14 @@ fn campaign(scenes: u32, told: bool) {
         let reserve_j = scene.reserve_j().unwrap();
         let passive = seen(&scene, &wall);
         ran += 1;
-        // the account's reserve is twice the change that it allows for, at full scale
+        // the account's reserve is twice the allowed change, at full scale
         let allowed = scene.passivity().unwrap().unwrap().change().into();
         let is_allowed = passive.change <= allowed;
         faster += u32::from(!is_allowed);
         let given_j = passive.report.port.given_j;
         let most_j = reserve_j * (1.0 + f64::from(passive.outputs) / 2f64.powi(21));
         assert!(!is_allowed || given_j <= most_j, "{n}: {given_j} of {most_j} J, {wall:?}");
-        // the true motion: a count at each change of force, and a fraction of a sample in which it changes
+        // the true motion: one count at each change of force, and a fraction of a sample in which the force changes
         let unseen_j = passive.unseen_j * 2.0;
         assert!(!is_allowed || passive.given_true_j <= most_j + unseen_j, "{n}");
         gave += u32::from(plain.report.port.given_j > reserve_j);

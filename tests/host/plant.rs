@@ -1,4 +1,4 @@
-//! The plant by itself, before anything is believed that stands on it.
+//! Tests of the plant alone, on which other tests depend.
 
 use host_sim::{
     plant::{Plant as _, PlantStep},
@@ -74,7 +74,7 @@ fn energy_never_grows_unforced() {
         for _ in 0..100_000 {
             state = step.advance(&state, 0.0);
             let now = energy(state[0], state[1]);
-            // One rounding of the state per step; it must not add up to growth either.
+            // One rounding of the state per step. The roundings must not add up to a growth.
             assert!(now <= last * (1.0 + 8.0 * f64::EPSILON), "{device:?}");
             assert!(now <= start * (1.0 + 1e-11), "{device:?}");
             last = now;

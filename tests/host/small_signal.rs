@@ -1,5 +1,5 @@
-//! Where small oscillations of the simulated loop start to grow, against the multirate envelope of
-//! the linear analysis: two programs that share nothing but the equations.
+//! Limit of growing small oscillations in the simulated loop, compared with the multirate envelope of the linear
+//! analysis. The two programs share only the equations.
 
 use std::ops::ControlFlow;
 
@@ -16,8 +16,8 @@ use rayon::prelude::*;
 
 use crate::figure::figure;
 
-/// Bilateral contact that is never left, an actuator that never saturates, 10 nm counts: what is
-/// left is the linear loop, with output period and latency as they are.
+/// Permanent bilateral contact, an actuator that never saturates, and 10 nm counts. So the loop is linear, with its
+/// output period and latency.
 fn scene(latency: f64, stiffness_n_per_m: f64) -> Scene {
     const DEPTH_M: f64 = 1e-3;
     const DEFLECTION_M: f64 = 1e-4;
@@ -33,8 +33,8 @@ fn scene(latency: f64, stiffness_n_per_m: f64) -> Scene {
     scene
 }
 
-/// Whether the oscillation grows: it reaches a size of which the wall is still not left, or what is
-/// left of it after six seconds is larger than after one. It decays if it comes near the counts.
+/// Whether the oscillation grows. It grows if its size reaches a limit at which the handle is still in the wall. It
+/// also grows if it is larger after six seconds than after one. It decays if it comes near the counts.
 fn grows(latency: f64, cutoff_hz: f64, damping_n_s_per_m: f64, stiffness_n_per_m: f64) -> bool {
     const LARGE_M: f64 = 6e-4;
     const SMALL_M: f64 = 1e-6;
@@ -58,7 +58,7 @@ fn grows(latency: f64, cutoff_hz: f64, damping_n_s_per_m: f64, stiffness_n_per_m
     sizes_m[sizes_m.len() - 1] > sizes_m[CHUNKS_PER_SECOND as usize]
 }
 
-/// Half of the distance between the ends of the motion, m.
+/// Half of the motion's range, m.
 fn size_m(simulation: &mut Simulation<Fixed>, samples: u32) -> f64 {
     let mut ends_m = [f64::INFINITY, f64::NEG_INFINITY];
     let _: ControlFlow<()> = simulation.run(samples, |sample| {
@@ -86,7 +86,7 @@ fn envelope(latency: f64, cutoff_hz: f64, damping_n_s_per_m: f64) -> f64 {
 
 #[test]
 fn oscillations_start_to_grow_at_the_multirate_envelope() {
-    /// The issue asks for 0.5 %.
+    /// Relative tolerance of 0.5 %.
     const TOLERANCE: f64 = 0.005;
     const BRACKET: f64 = 0.03;
     let mut points = vec![];
@@ -102,7 +102,7 @@ fn oscillations_start_to_grow_at_the_multirate_envelope() {
         .filter_map(|&(latency, cutoff_hz, damping)| {
             let linear = envelope(latency, cutoff_hz, damping);
             if linear <= 0.0 {
-                return None; // unstable already without a spring
+                return None; // unstable even without a spring
             }
             let grows = |k: f64| grows(latency, cutoff_hz, damping, k);
             let mut bounds = [1.0 - BRACKET, 1.0 + BRACKET];

@@ -22,7 +22,7 @@ const HOUR: u64 = 3600 * 50_000;
 fn a_day_in_contact_at_50_khz_does_not_drift() {
     let mut scene = NamedScene::load("paper-1um").unwrap().scene;
     scene.control.rate_hz = RATE_HZ;
-    // One hit that never ends: the loop goes on, what it does is looked at from outside.
+    // One hit that never ends. The test reads the loop's state from outside.
     let prepared = PreparedScene::new(&scene).unwrap();
     let hit = WallHit {
         velocity: scene.velocity.at(1500.0),
@@ -57,14 +57,14 @@ fn a_day_in_contact_at_50_khz_does_not_drift() {
     }
 }
 
-/// The filter's sums at constant speed stay within the ripple of the counts for ever: its gain at 0 Hz is
-/// exactly one, to the last bit.
+/// The filter's sums at constant speed always stay within the ripple of the counts: its gain at 0 Hz is exactly one, to
+/// the last bit.
 #[test]
 #[ignore = "a minute; CI runs it"]
 fn a_day_at_constant_speed_the_velocitys_sum_is_the_way_to_one_count() {
     let filter = ButterworthDesign::new(300.0, RATE_HZ, false).unwrap().quantise();
     let mut state = BiquadState::default();
-    // Counts of a speed that is no whole number of them per sample: 0.3141592653.
+    // Counts of a speed that is not a whole count per sample: 0.3141592653.
     let (mut phase, mut way, mut sum) = (0u32, 0i64, 0i64);
     let (mut least, mut most) = (i64::MAX, i64::MIN);
     for n in 0..HOURS * HOUR {

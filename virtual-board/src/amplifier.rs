@@ -10,13 +10,13 @@ use crate::{
     wiring::{Force, Wiring},
 };
 
-/// The amplifier's inputs, and what they added up to.
+/// The amplifier's inputs and the integral of the command.
 pub struct Amplifier {
     wiring: Wiring,
     state: Mutex<State>,
 }
 
-/// What the inputs are, and what they added up to so far.
+/// The inputs now, and the integral of the command so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct State {
     enabled: bool,
@@ -29,14 +29,14 @@ pub(crate) struct State {
     changes: Changes,
 }
 
-/// When something last changed, in cycles, and how often.
+/// Times of the last changes in cycles, and their count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Changes {
     /// Cycle at which enable became inactive.
     pub disabled_at: Option<u64>,
-    /// The command last changed.
+    /// Cycle of the last change of the command.
     pub command_at: u64,
-    /// Changes of the command.
+    /// Count of changes of the command.
     pub commands: u64,
 }
 
@@ -83,7 +83,7 @@ impl Amplifier {
         }
     }
 
-    /// Mean force since the last call, as a fraction of full scale, up to `cycle`.
+    /// Mean force from the last call up to `cycle`, as a fraction of full scale.
     #[expect(
         clippy::cast_precision_loss,
         reason = "a few thousand units over a few thousand cycles"
@@ -98,14 +98,14 @@ impl Amplifier {
         sum as f64 / (cycle - from) as f64 / self.full_scale()
     }
 
-    /// Sum up to `cycle`, to be given to [`go_on`](Self::go_on) later.
+    /// Integral of the command up to `cycle`. Give it to [`go_on`](Self::go_on) later.
     pub(crate) fn pause(&self, cycle: u64) -> i64 {
         let mut state = self.state();
         state.accumulate(cycle);
         state.sum
     }
 
-    /// Continues at `cycle` with this sum: input since [`pause`](Self::pause) does not count.
+    /// Continues at `cycle` with this integral. Input since [`pause`](Self::pause) does not count.
     pub(crate) fn go_on(&self, cycle: u64, sum: i64) {
         let mut state = self.state();
         state.accumulate(cycle);
@@ -117,12 +117,12 @@ impl Amplifier {
         self.state().enabled
     }
 
-    /// The command now, in units, enabled or not.
+    /// The present command in units, also while the amplifier is disabled.
     pub fn command(&self) -> i64 {
         self.state().command
     }
 
-    /// When it last changed.
+    /// When the inputs last changed.
     pub fn changes(&self) -> Changes {
         self.state().changes
     }

@@ -1,4 +1,4 @@
-//! The boards as the firmware's src/board/ describes them, seen from the other end of the wires.
+//! The boards of the firmware's src/board/: how their pins are connected to the simulated device.
 
 use std::sync::Arc;
 
@@ -15,13 +15,13 @@ use crate::{
 /// A board that the firmware knows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Board {
-    /// Name, also the firmware's feature.
+    /// Name of the board; the firmware's feature has the same name.
     pub name: &'static str,
     pub chip: Chip,
-    /// Its chip's name for debug probes.
+    /// Name of the chip for debug probes.
     pub part: &'static str,
     pub wiring: Wiring,
-    /// The lowest that its chip's supply may be when all is well, mV.
+    /// Lowest normal supply voltage of the chip, mV.
     pub supply_mv: u32,
 }
 
@@ -62,22 +62,22 @@ pub const DISCOVERY_F407: Board = Board {
 pub const BOARDS: [Board; 2] = [NUCLEO_F446RE, DISCOVERY_F407];
 
 impl Board {
-    /// The board of that name.
+    /// The board with this name.
     ///
     /// # Errors
-    /// There is none.
+    /// No board has this name.
     pub fn asked(name: &str) -> Result<Self, Error> {
         Self::named(name).ok_or_else(|| {
             Error::Input(format!("--board is {name}, allowed {}", Self::names(", ")))
         })
     }
 
-    /// The board of that name.
+    /// The board with this name.
     pub fn named(name: &str) -> Option<Self> {
         BOARDS.into_iter().find(|board| board.name == name)
     }
 
-    /// The names of all boards, for people.
+    /// The names of all boards, for a message.
     pub fn names(between: &str) -> String {
         BOARDS.map(|board| board.name).join(between)
     }
@@ -92,13 +92,13 @@ impl Board {
 pub struct Powered {
     pub board: Board,
     pub mcu: Mcu,
-    /// The amplifier on its force output.
+    /// The amplifier on the board's force output.
     pub amplifier: Arc<Amplifier>,
     pub rtt: Rtt,
 }
 
 impl Powered {
-    /// Switches a board on, with the emergency stop closed. Nothing has run yet.
+    /// Switches a board on, with the emergency stop closed. No instruction has run yet.
     ///
     /// # Errors
     /// The ELF has no RTT control block.

@@ -1,5 +1,5 @@
-//! The firmware's library without a chip: console, renderer, supervisor and sampler, joined as its three tasks join
-//! them. Whoever has one says when each task runs, what the encoder's counter reads and what the switches do.
+//! The firmware's library without a chip: console, renderer, supervisor and sampler, connected like the firmware's
+//! three tasks. The caller decides when each task runs, what the encoder's counter reads, and how the switches are set.
 
 use std::collections::VecDeque;
 
@@ -19,14 +19,14 @@ use zwidth::{
     velocity::Senses,
 };
 
-/// Samples whose positions are kept, as on a board.
+/// Count of samples whose positions are kept; the same as on a board.
 const POSITIONS: usize = 256;
-/// Outputs that may wait for the console, as on a board.
+/// Largest count of outputs that wait for the console; the same as on a board.
 const REPORTS: usize = 15;
-/// Bytes that wait for a host that does not read.
+/// Largest count of bytes that wait for a host that does not read.
 const UNREAD: usize = 4096;
 
-/// What outlives a reset: the settings in flash and the words of the backup RAM.
+/// Memories that a reset keeps: the settings in flash and the words of the backup RAM.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Memories {
     flash: Option<Stored>,
@@ -34,16 +34,16 @@ pub struct Memories {
 }
 
 impl Memories {
-    /// The supply went: only flash is kept.
+    /// Simulates a loss of supply: only flash is kept.
     pub fn lose_power(&mut self) {
         self.backup = Default::default();
     }
 }
 
-/// What the console reads and writes.
+/// Input and output of the console.
 #[derive(Clone)]
 pub struct Channels {
-    /// Bytes that the console has not read yet, to be added to.
+    /// Bytes that the console has not read yet. The caller appends to them.
     pub typed: VecDeque<u8>,
     /// Lines of replies that the host has not taken yet.
     pub replies: Vec<u8>,
@@ -51,13 +51,13 @@ pub struct Channels {
     pub telemetry: Vec<u8>,
     positions: VecDeque<Position>,
     sampler: GuardedSampler,
-    /// The console has given it, and no output has met it.
+    /// An order that the console has given and no output has carried out yet.
     pub order: Option<Order>,
     flash: Option<Stored>,
     in_force: LoopParameters,
 }
 
-/// Puts it where the host reads, if there is room.
+/// Appends bytes to the host's buffer, if there is room.
 fn put(up: &mut Vec<u8>, said: &[u8]) -> bool {
     let room = up.len() + said.len() <= UNREAD;
     if room {
@@ -82,7 +82,7 @@ impl Port for Channels {
     }
 
     fn samples(&mut self, newest: u64, places: &mut [Position]) -> Option<GuardedSampler> {
-        // The last one that is kept is that before the sampler's next.
+        // The newest position that is kept is the one before the sampler's next sample.
         let behind =
             usize::try_from(self.sampler.sampler().next().checked_sub(newest + 1)?).ok()?;
         let from = self.positions.len().checked_sub(behind + places.len())?;
@@ -105,7 +105,7 @@ impl Port for Channels {
     }
 
     fn test(&mut self, _: Part) -> Found {
-        Found::Clock(0) // never asked: there is no board to test
+        Found::Clock(0) // never asked for: no board is here to test
     }
 
     fn save(&mut self, stored: &Stored) -> bool {
@@ -119,7 +119,7 @@ fn loaded(flash: Option<Stored>, defaults: Stored) -> Loaded {
     Loaded { stored: flash.unwrap_or(defaults), source, damaged: 0 }
 }
 
-/// The sampling task's side of what goes down to it.
+/// Values that the other tasks have written for the sampling task.
 #[derive(Clone)]
 struct Down {
     parameters: LoopParameters,
@@ -141,19 +141,19 @@ impl Sampling for Down {
     }
 }
 
-/// The amplifier's enable, and what takes it away without the program.
+/// The amplifier's enable, and the hardware that disables the amplifier without the program.
 #[derive(Clone, Debug, Default)]
 struct Enable {
     active: bool,
     stop_open: bool,
-    /// The stop was open since the amplifier was last switched on.
+    /// The stop was open at some time since the amplifier was last switched on.
     stop_noted: bool,
     supply_low: bool,
-    /// The supply was low since an output last asked.
+    /// The supply was low at some time since the last output checked it.
     supply_noted: bool,
 }
 
-/// A program that runs.
+/// A running program.
 #[derive(Clone)]
 pub struct CoreProgram {
     console: Console<Channels>,
@@ -166,19 +166,19 @@ pub struct CoreProgram {
     reports: VecDeque<Report>,
     /// The last output that the console has seen.
     pub newest: Option<Report>,
-    /// The sample of the last output.
+    /// Number of the sample of the last output.
     rendered: u64,
-    /// What the last output has put out; none: it was off.
+    /// The value of the last output; none: the output was off.
     written: Option<OutputCode>,
     enable: Enable,
     backup: [u32; FaultRecord::WORDS],
 }
 
 impl CoreProgram {
-    /// Begins, with the encoder's counter at `counter`.
+    /// Starts the program, with the encoder's counter at `counter`.
     ///
     /// # Errors
-    /// The device's own numbers are out of range.
+    /// A value of the device is out of range.
     pub fn start(
         device: &'static Device<'static>,
         memories: &Memories,
@@ -225,7 +225,7 @@ impl CoreProgram {
         })
     }
 
-    /// `sample` with that reading of the counter; whether it asks for an output.
+    /// Runs the task `sample` with this reading of the counter. Returns whether an output is due.
     pub fn sample(&mut self, counter: u32) -> bool {
         let port = self.console.port();
         let Down { parameters, command, .. } = &self.down;
@@ -247,8 +247,8 @@ impl CoreProgram {
         step.due
     }
 
-    /// `render` for the newest due sample, if there is one. It `meets` an order that waits, or comes before the
-    /// order is given.
+    /// Runs the task `render` for the newest due sample, if there is one. `meets`: it takes a waiting order; otherwise
+    /// it runs before the order is given.
     pub fn render(&mut self, meets: bool) {
         let Some(up) = self.due.take() else { return };
         let Enable { active, stop_open, stop_noted, supply_low, supply_noted } = &mut self.enable;
@@ -275,7 +275,7 @@ impl CoreProgram {
         let since = up.motion.sample.saturating_sub(self.rendered);
         self.rendered = up.motion.sample;
         let port = self.console.port();
-        // Samples that came after the one that is answered wait for the next output.
+        // Samples that came after the answered sample wait for the next output.
         let after = port.sampler.sampler().next() - 1 - up.motion.sample;
         let [since, after] = [since, after].map(|n| usize::try_from(n).unwrap_or(POSITIONS));
         let end = port.positions.len().saturating_sub(after);
@@ -309,7 +309,7 @@ impl CoreProgram {
         self.written = Some(granted.command());
     }
 
-    /// The next report of `render`, if there is one.
+    /// Takes the next report of `render`, if there is one.
     pub fn report(&mut self) -> bool {
         let Some(report) = self.reports.pop_front() else { return false };
         self.console.report(&report);
@@ -317,68 +317,68 @@ impl CoreProgram {
         true
     }
 
-    /// The end of `link`.
+    /// Runs the last part of the task `link`.
     pub fn pass(&mut self, listens: bool) {
         self.console.pass(listens);
     }
 
-    /// Its ends of the link.
+    /// The program's ends of the link.
     pub fn channels(&mut self) -> &mut Channels {
         self.console.port()
     }
 
-    /// The console waits for what the output task says to an order.
+    /// Whether the console waits for the output task's answer to an order.
     pub fn is_waiting(&self) -> bool {
         self.console.is_waiting()
     }
 
-    /// The settings as the console has them.
+    /// The console's copy of the settings.
     pub fn stored(&self) -> &Stored {
         self.console.stored()
     }
 
-    /// What a reset would leave.
+    /// The memories as a reset now would leave them.
     pub fn memories(&mut self) -> Memories {
         Memories { flash: self.console.port().flash, backup: self.backup }
     }
 
-    /// The emergency stop opens or closes.
+    /// Opens or closes the emergency stop.
     pub fn emergency_stop(&mut self, open: bool) {
         self.enable.stop_open = open;
         self.enable.stop_noted |= open;
         self.enable.active &= !open;
     }
 
-    /// The supply falls below the detector's level or rises above it.
+    /// Lets the supply fall below the detector's level or rise above it.
     pub fn supply(&mut self, low: bool) {
         self.enable.supply_noted |= low && !self.enable.supply_low;
         self.enable.supply_low = low;
         self.enable.active &= !low;
     }
 
-    /// The amplifier is enabled.
+    /// Whether the amplifier is enabled.
     pub fn is_enabled(&self) -> bool {
         self.enable.active
     }
 
-    /// The output: codes from zero, as the motor is mounted; none while it is off.
+    /// The output in codes from zero, with the motor's mounting direction; none while the output is off.
     pub fn output(&self) -> Option<i32> {
         let code = self.written?.code() - self.down.parameters.actuator.zero().code();
         Some(if self.renderer.motor_reversed() { -code } else { code })
     }
 
-    /// The same as a part of full scale.
+    /// The output as a fraction of full scale.
     pub fn output_part(&self) -> Option<f64> {
         let full = f64::from(self.down.parameters.actuator.codes_per_full_scale());
         self.output().map(|code| f64::from(code) / full)
     }
 
-    /// Samples from output to output.
+    /// Samples per output.
     pub fn period(&self) -> u32 {
         self.down.parameters.period.get()
     }
 
-    /// The encoder counts the other way round.
+    /// Whether the encoder's direction is reversed.
     pub fn is_encoder_reversed(&self) -> bool {
         self.down.encoder_reversed
     }

@@ -16,24 +16,24 @@ use crate::{
     elf::Elf,
 };
 
-/// Name of the place in the image (memory.x), and bytes that it has.
+/// Symbol of the record's address in the image (memory.x), and the size reserved for the record, bytes.
 const SYMBOL: &str = "_device_record";
 const SECTOR: usize = 16 * 1024;
 
-/// The records that the images are built with.
+/// The device records that the images are built with.
 const BUILT_IN: [(&str, &[u8]); BOARDS.len()] = [
     ("nucleo-f446re", include_bytes!("../../scenes/nucleo-f446re.device")),
     ("discovery-f407", include_bytes!("../../scenes/discovery-f407.device")),
 ];
 
-/// First cutoff, as long as the scene names no other, Hz.
+/// First cutoff if the scene gives no cutoff, Hz.
 const CUTOFF_HZ: f64 = 1500.0;
 
 impl Elf {
-    /// The image with that record programmed in place of its own; the rest of the sector is erased.
+    /// The image with this record in place of its own. The rest of the flash sector is erased.
     ///
     /// # Errors
-    /// It is an image of before there were records.
+    /// The image is from an older firmware, which has no device record.
     pub fn with_record(&self, record: &[u8]) -> Result<Self, Error> {
         let Some(address) = self.address_of(SYMBOL) else {
             return Err(Error::input(format!(
@@ -48,10 +48,10 @@ impl Elf {
     }
 }
 
-/// The device that the image of that board is built with.
+/// The device of the record in that board's image.
 ///
 /// # Panics
-/// Never: tests hold that the record is one.
+/// Never: tests check that the record is valid.
 pub fn built_in(board: Board) -> &'static Device<'static> {
     static DEVICES: [OnceLock<Device<'static>>; BOARDS.len()] =
         [const { OnceLock::new() }; BOARDS.len()];
@@ -61,18 +61,19 @@ pub fn built_in(board: Board) -> &'static Device<'static> {
     device.get_or_init(|| read(bytes, board).expect("the record of a board is whole"))
 }
 
-/// A record as a device; kept for good, since there is one of each program.
+/// Reads a record as a device. The device is never freed, since a program reads only one.
 ///
 /// # Errors
-/// It is none for that board.
+/// The record is not valid for that board.
 pub fn read(record: &[u8], board: Board) -> Result<Device<'static>, Error> {
     Device::from_record(words(record).leak(), &board_facts(board.name)?).map_err(Error::input)
 }
 
-/// A board with that record speaks the units of the scene. One that is no record passes: the board says what is wrong.
+/// Checks that a board with this record uses the units of the scene. A record that is not valid passes, since the board
+/// itself reports the error.
 ///
 /// # Errors
-/// The handles' radii differ.
+/// One handle is linear and the other rotary, or their radii differ.
 pub fn same_units(record: &[u8], board: Board, scene: &Scene) -> Result<(), String> {
     let words = words(record);
     let facts = board_facts(board.name).map_err(|error| error.to_string())?;
@@ -86,10 +87,10 @@ pub fn same_units(record: &[u8], board: Board, scene: &Scene) -> Result<(), Stri
     ))
 }
 
-/// The record that `--device` names, for a device of that scene.
+/// Reads the record that `--device` names, for the device of that scene.
 ///
 /// # Errors
-/// It cannot be read, or has other units than the scene.
+/// The file cannot be read, or its record has other units than the scene.
 pub fn given(path: &Path, board: Board, scene: &NamedScene) -> Result<Vec<u8>, Error> {
     let bytes = load(path)?;
     same_units(&bytes, board, &scene.scene)
@@ -97,15 +98,15 @@ pub fn given(path: &Path, board: Board, scene: &NamedScene) -> Result<Vec<u8>, E
     Ok(bytes)
 }
 
-/// That is the board's own scene, whose record its image has.
+/// Whether the scene is the board's own scene. The image has the record of that scene.
 pub fn is_built_in(scene: &NamedScene, board: Board) -> bool {
     scene.files.is_empty() && scene.name == board.name
 }
 
-/// The record of a scene on that board, without an envelope. None for the board's own scene.
+/// The record of a scene on that board, without an envelope. `None` for the board's own scene.
 ///
 /// # Errors
-/// The scene does not go with the board.
+/// The scene does not fit the board.
 pub fn record(scene: &NamedScene, board: Board) -> Result<Option<Vec<u8>>, Error> {
     if is_built_in(scene, board) {
         return Ok(None);

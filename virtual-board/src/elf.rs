@@ -1,4 +1,4 @@
-//! The firmware's ELF file, as it is flashed.
+//! The firmware's ELF file, in the form that is flashed.
 
 use std::path::Path;
 
@@ -10,12 +10,12 @@ use object::{
 };
 use seal::Linked;
 
-/// An ELF file taken apart.
+/// A parsed ELF file.
 #[derive(Clone, Debug)]
 pub struct Elf {
     /// Bytes of the whole file.
     pub bytes: Vec<u8>,
-    /// What goes into flash, by address.
+    /// Contents of flash: address and bytes of each piece.
     pub flash: Vec<(u32, Vec<u8>)>,
     /// Symbols: name, address without the Thumb bit, size.
     pub symbols: Vec<(String, u32, u32)>,
@@ -30,15 +30,15 @@ impl Elf {
     /// Reads a file.
     ///
     /// # Errors
-    /// It cannot be read or is no 32-bit little-endian ELF.
+    /// The file cannot be read, or it is not a 32-bit little-endian ELF.
     pub fn load(path: &Path) -> Result<Self, Error> {
         Self::parse(input::read(path, input::PROGRAM)?, &path.display().to_string())
     }
 
-    /// Takes a file's bytes apart; `origin` is what errors call it.
+    /// Parses the bytes of a file; `origin` names the file in error messages.
     ///
     /// # Errors
-    /// It is no 32-bit little-endian ELF.
+    /// The bytes are not a 32-bit little-endian ELF.
     pub fn parse(bytes: Vec<u8>, origin: &str) -> Result<Self, Error> {
         let bad =
             |reason: String| Error::Input(format!("{origin} is no program of a board: {reason}"));
@@ -59,7 +59,7 @@ impl Elf {
             .filter_map(|s| {
                 Some((s.name().ok()?.to_owned(), narrow(s.address()) & !1, narrow(s.size())))
             })
-            // What the compiler has put several statics into: each of them has a symbol of its own.
+            // Such a symbol stands for several statics that the compiler merged. Each static also has its own symbol.
             .filter(|(name, ..)| !name.starts_with(".L"))
             .collect();
         let sections = file
@@ -72,7 +72,7 @@ impl Elf {
         Ok(Self { bytes, flash, symbols, sections })
     }
 
-    /// Whether that text stands in flash.
+    /// Whether flash contains this text.
     pub fn contains(&self, text: &str) -> bool {
         let text = text.as_bytes();
         self.flash.iter().any(|(_, data)| data.windows(text.len()).any(|part| part == text))
@@ -83,10 +83,10 @@ impl Elf {
         self.symbols.iter().find(|(n, ..)| n == name).map(|(_, address, _)| *address)
     }
 
-    /// Address and size of the symbol whose name has that in it.
+    /// Address and size of the symbol whose name contains `part`.
     ///
     /// # Errors
-    /// There is none.
+    /// No symbol contains `part`.
     pub fn place_of(&self, part: &str) -> Result<(u32, u32), String> {
         let found = self.symbols.iter().find(|(name, ..)| name.contains(part));
         found
@@ -94,10 +94,10 @@ impl Elf {
             .ok_or_else(|| format!("the ELF has no symbol {part}"))
     }
 
-    /// Seals the image as it is in `flash` now; the file's bytes stay as they are.
+    /// Writes the checksum into the present contents of `flash`. The file's bytes stay the same.
     ///
     /// # Errors
-    /// It is no image of this firmware.
+    /// The ELF is not an image of this firmware.
     pub fn seal(&mut self) -> Result<(), String> {
         let (at, sum) = seal::seal_of(self)?;
         let place = self.flash.iter_mut().find_map(|(from, bytes)| {
@@ -107,7 +107,7 @@ impl Elf {
         Ok(())
     }
 
-    /// The section of that name: address and size.
+    /// Address and size of the section with this name.
     pub fn section(&self, name: &str) -> Option<(u32, u32)> {
         self.sections.iter().find(|(n, ..)| n == name).map(|(_, address, size)| (*address, *size))
     }

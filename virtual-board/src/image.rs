@@ -1,4 +1,4 @@
-//! Builds for the board's target: the firmware's ELF, sealed.
+//! Builds the firmware's ELF for a board's target and writes its checksum.
 
 use std::{
     fs::File,
@@ -11,7 +11,7 @@ use std::{
 use host_sim::interrupt;
 
 const TARGET: &str = "thumbv7em-none-eabihf";
-/// Names the record that is built in (build.rs).
+/// The environment variable with the path of the record to build in (build.rs).
 const DEVICE: &str = "ZWIDTH_DEVICE";
 
 /// Root of the workspace that this crate was built in.
@@ -19,21 +19,20 @@ fn workspace() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// Builds the ELF of a board, as `cargo firmware` does but for the target directory: its own, so
-/// that it never waits for a build that is waiting for it. Builds of several processes follow each
-/// other. Adds the target to the tool chain if it is missing. Without `RUSTFLAGS`: the host's flags,
-/// such as coverage, are not the board's.
+/// Builds the ELF of a board as `cargo firmware` does, but in a target directory of its own. So a build that runs this
+/// one never blocks it. Several processes build one after another. Adds the target to the tool chain if it is missing.
+/// Removes `RUSTFLAGS`: the host's flags, such as coverage, are not for the board.
 ///
 /// # Errors
-/// What `cargo` or `rustup` said.
+/// The error of `cargo` or `rustup`.
 pub fn build(board: &str) -> Result<PathBuf, String> {
     build_variant(board, &[])
 }
 
-/// The same with further features of the firmware.
+/// Builds the ELF with additional features of the firmware.
 ///
 /// # Errors
-/// What `cargo` or `rustup` said.
+/// The error of `cargo` or `rustup`.
 pub fn build_variant(board: &str, features: &[&str]) -> Result<PathBuf, String> {
     let name = [&[board], features].concat().join(",");
     let bin = ["--bin", "zwidth", "--no-default-features", "--features", &name];
@@ -43,15 +42,15 @@ pub fn build_variant(board: &str, features: &[&str]) -> Result<PathBuf, String> 
     })
 }
 
-/// The image of a board with that device record built in, as `ZWIDTH_DEVICE=FILE cargo firmware` makes it.
+/// Builds a board's image with this device record in it, as `ZWIDTH_DEVICE=FILE cargo firmware` does.
 ///
 /// # Errors
-/// What `cargo` said: that the record is another board's, for example.
+/// The error of `cargo`, for example that the record is for another board.
 pub fn build_with_record(board: &str, record: &Path) -> Result<PathBuf, String> {
     in_turn(|folder| {
         let bin = ["--bin", "zwidth", "--no-default-features", "--features", board];
         let mut cargo = cargo(folder, "zwidth", &bin);
-        // build.rs would take it from the workspace's root
+        // build.rs would read a relative path from the workspace's root
         let record = record.canonicalize();
         let record = record.map_err(|error| format!("the device record: {error}"))?;
         let told = cargo.env(DEVICE, record).output().map_err(|error| error.to_string())?;
@@ -62,11 +61,11 @@ pub fn build_with_record(board: &str, record: &Path) -> Result<PathBuf, String> 
     })
 }
 
-/// Builds an archive or a program of the package `on-target` as the firmware is built, for tests of what the core
-/// compiles to.
+/// Builds an archive or a program of the package `on-target` with the firmware's build options. Tests use it to check
+/// the compiled code of the core.
 ///
 /// # Errors
-/// What `cargo` or `rustup` said.
+/// The error of `cargo` or `rustup`.
 pub fn build_on_target(file: &str, features: &[&str]) -> Result<PathBuf, String> {
     let features = features.join(",");
     let part = if file.ends_with(".a") { &["--lib"][..] } else { &["--bin", file] };
@@ -77,7 +76,7 @@ pub fn build_on_target(file: &str, features: &[&str]) -> Result<PathBuf, String>
     })
 }
 
-/// The same of an image, with its checksum in it.
+/// As [`keep`] for an image: the copy contains its checksum.
 fn keep_sealed(folder: &Path, built: &Path, name: &str) -> Result<PathBuf, String> {
     let mut elf = std::fs::read(built).map_err(|error| format!("{}: {error}", built.display()))?;
     seal::seal(&mut elf).map_err(|error| format!("{}: {error}", built.display()))?;
@@ -86,7 +85,7 @@ fn keep_sealed(folder: &Path, built: &Path, name: &str) -> Result<PathBuf, Strin
     keep(folder, &sealed, name)
 }
 
-/// Copies what was built to its own name, at one stroke: the next build, of another variant, replaces the file.
+/// Copies the built file to its own name, atomically. The next build, of another variant, replaces the original.
 fn keep(folder: &Path, built: &Path, name: &str) -> Result<PathBuf, String> {
     let (draft, kept) = (folder.join("draft"), folder.join(name));
     std::fs::copy(built, &draft)
@@ -95,7 +94,7 @@ fn keep(folder: &Path, built: &Path, name: &str) -> Result<PathBuf, String> {
     Ok(kept)
 }
 
-/// One build at a time, in the folder of the images.
+/// Runs one build at a time, in the folder of the images.
 fn in_turn<T>(build: impl FnOnce(&Path) -> Result<T, String>) -> Result<T, String> {
     let folder = std::env::var_os("CARGO_TARGET_DIR")
         .map_or_else(|| workspace().join("target"), PathBuf::from)
@@ -113,7 +112,7 @@ fn package(folder: &Path, name: &str, arguments: &[&str]) -> Result<PathBuf, Str
     Ok(built(folder))
 }
 
-/// Where it leaves what it builds.
+/// Folder in which `cargo` leaves the built files.
 fn built(folder: &Path) -> PathBuf {
     folder.join(TARGET).join("firmware")
 }
@@ -123,8 +122,8 @@ fn cargo(folder: &Path, name: &str, arguments: &[&str]) -> Command {
     cargo
         .current_dir(workspace())
         .env_remove("RUSTFLAGS")
-        .env_remove(DEVICE) // the board's own device
-        .env_remove("CARGO_INCREMENTAL") // it splits what is optimised as a whole: other cycles
+        .env_remove(DEVICE) // without it, the board's own device is built in
+        .env_remove("CARGO_INCREMENTAL") // incremental builds optimise each part alone, which changes the cycles
         .args(["build", "--quiet", "--profile", "firmware", "--target", TARGET])
         .args(["--package", name])
         .args(arguments)
@@ -150,11 +149,11 @@ fn add_target() -> Result<(), String> {
 fn run(command: &mut Command) -> Result<(), String> {
     let shown = format!("{command:?}");
     let failed = |error| format!("{shown}: {error}");
-    // What the tool says goes to our stderr.
+    // The output of the tool goes to our stderr.
     let mut child = command.stdout(Stdio::null()).spawn().map_err(failed)?;
     let status = loop {
         if interrupt::is_requested() {
-            let _ = child.kill(); // it may have ended
+            let _ = child.kill(); // the process may have ended already
             return Err("interrupted".into());
         }
         match child.try_wait().map_err(failed)? {

@@ -1,5 +1,5 @@
-//! The firmware's release ELF in closed loop without a board: an emulated microcontroller whose
-//! encoder pins follow the plant of a scene and whose force output drives it.
+//! The firmware's release ELF in closed loop without a board. An emulated microcontroller runs the ELF. A scene's plant
+//! moves its encoder pins, and its force output acts on the plant.
 #![forbid(unsafe_code)]
 
 pub mod amplifier;

@@ -1,15 +1,15 @@
-//! defmt frames from RTT up channel 0.
+//! Decodes defmt frames from RTT up channel 0.
 
 use defmt_decoder::{DecodeError, StreamDecoder, Table};
 
-/// Decodes the defmt stream of one ELF.
+/// Decodes the defmt stream of one ELF file.
 pub struct Decoder<'a> {
     stream: Box<dyn StreamDecoder + Send + Sync + 'a>,
-    /// The beginning of a frame. The stream has whole ones only, and so nothing to remember.
+    /// The beginning of a frame. The encoding needs no other state between frames.
     pub(crate) begun: Vec<u8>,
 }
 
-/// What ends a frame: the log is encoded by reverse zero-compressing COBS.
+/// Byte at the end of a frame: the log is encoded by reverse zero-compressing COBS.
 const FRAME_END: u8 = 0;
 
 /// The stream does not fit the ELF.

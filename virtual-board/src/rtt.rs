@@ -1,23 +1,23 @@
-//! RTT, the way a debug probe does it: by reading and writing the control block in RAM. The same for the memory of the
-//! virtual board and for one behind a real probe.
+//! RTT as a debug probe does it: by reading and writing the control block in RAM. It works for the virtual board's
+//! memory and for a board behind a real probe.
 
 use crate::mcu::Mcu;
 
-/// Memory of a board whose program may run meanwhile.
+/// Memory of a board whose program may run at the same time.
 pub trait Memory {
-    /// Why it could not be reached.
+    /// Reason why the memory could not be reached.
     type Error;
 
-    /// Reads from `address` on.
+    /// Reads bytes from `address` on.
     ///
     /// # Errors
-    /// It could not be reached.
+    /// The memory could not be reached.
     fn read(&mut self, address: u32, into: &mut [u8]) -> Result<(), Self::Error>;
 
-    /// Writes from `address` on.
+    /// Writes bytes from `address` on.
     ///
     /// # Errors
-    /// It could not be reached: how much was written is not known.
+    /// The memory could not be reached. It is not known how many bytes were written.
     fn write(&mut self, address: u32, from: &[u8]) -> Result<(), Self::Error>;
 }
 
@@ -38,11 +38,11 @@ impl Memory for Mcu {
 const ID: &[u8] = b"SEGGER RTT";
 const HEADER: u32 = 24;
 const CHANNEL: u32 = 24;
-/// Channels that are looked at, both ways together: as many as the firmware has.
+/// Count of channels in both directions that are used: as many as the firmware has.
 const CHANNELS: u32 = 4;
-/// The control block with them, bytes.
+/// Size of the control block with these channels, bytes.
 const BLOCK: usize = (HEADER + CHANNELS * CHANNEL) as usize;
-/// No buffer is larger, bytes: RAM.
+/// Largest size of a buffer, bytes: the size of RAM.
 const LARGEST: u32 = 0x2_0000;
 
 /// An RTT control block at a known address.
@@ -61,7 +61,7 @@ impl Rtt {
         self.address
     }
 
-    /// The control block as it is now, with one read; none as long as the program has not set it up.
+    /// Reads the control block with one access; none if the program has not set it up.
     ///
     /// # Errors
     /// The memory could not be reached.
@@ -71,17 +71,17 @@ impl Rtt {
         Ok(bytes.starts_with(ID).then_some(Block { address: self.address, bytes }))
     }
 
-    /// Address of the word that says how far the program has read the channel of commands.
+    /// Address of the word with the program's read offset in the command channel.
     pub fn commands_read(&self) -> u32 {
         self.address + HEADER + CHANNEL * (CHANNELS - 1) + 16
     }
 
-    /// Takes what an up channel of a virtual board holds.
+    /// Takes the bytes in an up channel of a virtual board.
     pub fn read(&self, mcu: &mut Mcu, channel: u32) -> Vec<u8> {
         self.read_up_to(mcu, channel, usize::MAX)
     }
 
-    /// Takes that many bytes of it at most.
+    /// Takes at most `room` bytes from an up channel.
     pub fn read_up_to(&self, mcu: &mut Mcu, channel: u32, room: usize) -> Vec<u8> {
         let Ok(block) = self.look(mcu);
         let Some(ring) = block.and_then(|block| block.up(channel)) else { return Vec::new() };
@@ -90,7 +90,7 @@ impl Rtt {
         taken
     }
 
-    /// Puts bytes into a down channel of a virtual board; returns how many went in.
+    /// Puts bytes into a down channel of a virtual board. Returns how many bytes had room.
     pub fn write(&self, mcu: &mut Mcu, channel: u32, bytes: &[u8]) -> usize {
         let Ok(block) = self.look(mcu);
         let Some(ring) = block.and_then(|block| block.down(channel)) else { return 0 };
@@ -99,7 +99,7 @@ impl Rtt {
         count
     }
 
-    /// Writes an up channel's mode word, as a debugger may: 0 skip, 1 trim, 2 block.
+    /// Writes the mode word of an up channel, as a debugger may: 0 skip, 1 trim, 2 block.
     pub fn set_mode(&self, mcu: &mut Mcu, channel: u32, mode: u32) {
         mcu.write(self.address + HEADER + CHANNEL * channel + 20, &mode.to_le_bytes());
     }
@@ -113,12 +113,12 @@ pub struct Block {
 }
 
 impl Block {
-    /// How many channels it names: up, down.
+    /// Counts of up and down channels in the block.
     pub fn counts(&self) -> [u32; 2] {
         [self.word(16), self.word(20)]
     }
 
-    /// Address and size of the buffers of the first channels, which the program sets once.
+    /// Address and size of the buffers of the first channels. The program sets them once.
     pub fn buffers(&self) -> [[u32; 2]; CHANNELS as usize] {
         [0, 1, 2, 3].map(|index| {
             let ring = self.ring(index);
@@ -126,14 +126,14 @@ impl Block {
         })
     }
 
-    /// An up channel, if its pointers lie in its buffer: what the program has lost is none.
+    /// An up channel. None if its offsets lie outside its buffer, as in a damaged block.
     pub fn up(&self, channel: u32) -> Option<Ring> {
         let ring = (channel < CHANNELS).then(|| self.ring(channel))?;
         let is_sound = ring.size <= LARGEST && ring.read < ring.size && ring.write < ring.size;
         is_sound.then_some(ring)
     }
 
-    /// A down channel, as [`up`](Self::up).
+    /// A down channel, checked like [`up`](Self::up).
     pub fn down(&self, channel: u32) -> Option<Ring> {
         let index = self.counts()[0].checked_add(channel).filter(|index| *index < CHANNELS)?;
         let ring = self.ring(index);
@@ -155,20 +155,20 @@ impl Block {
 /// A channel's buffer at one moment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ring {
-    /// Address of its part of the control block.
+    /// Address of the channel's descriptor in the control block.
     at: u32,
     /// Address of the buffer.
     buffer: u32,
     /// Size of the buffer, bytes.
     size: u32,
-    /// Where the writer goes on.
+    /// Offset at which the writer continues.
     pub write: u32,
-    /// Where the reader goes on.
+    /// Offset at which the reader continues.
     pub read: u32,
 }
 
 impl Ring {
-    /// What it holds, up to so many bytes, and where the reader then goes on. Nothing is taken yet.
+    /// Copies at most `room` bytes, and returns them with the reader's next offset. The bytes stay in the buffer.
     ///
     /// # Errors
     /// The memory could not be reached.
@@ -187,7 +187,7 @@ impl Ring {
         Ok((taken, read))
     }
 
-    /// Gives the program the room of what was read up to `next`.
+    /// Frees the room of the bytes that were read up to `next`.
     ///
     /// # Errors
     /// The memory could not be reached.
@@ -195,14 +195,14 @@ impl Ring {
         memory.write(self.at.wrapping_add(16), &next.to_le_bytes())
     }
 
-    /// Puts as many of the bytes behind what it holds as there is room for; how many, and where the writer then goes
-    /// on. The program does not see them yet.
+    /// Writes as many bytes as have room. Returns their count and the writer's next offset. The program does not see
+    /// the bytes yet.
     ///
     /// # Errors
     /// The memory could not be reached.
     pub fn fill<M: Memory>(&self, memory: &mut M, bytes: &[u8]) -> Result<(usize, u32), M::Error> {
         let Self { buffer, size, write, read, .. } = *self;
-        // One stays free: a full buffer is no empty one.
+        // One byte stays free, since a full buffer must differ from an empty one.
         let room = if read < size { (read + size - write - 1) % size } else { size - 1 };
         let bytes = &bytes[..bytes.len().min(room as usize)];
         let (first, second) = bytes.split_at(bytes.len().min((size - write) as usize));
@@ -215,10 +215,10 @@ impl Ring {
         Ok((bytes.len(), (write + count) % size))
     }
 
-    /// Shows the program what was put in up to `next`.
+    /// Makes the bytes up to `next` visible to the program.
     ///
     /// # Errors
-    /// The memory could not be reached: whether the program sees it is not known.
+    /// The memory could not be reached. It is not known whether the program sees the bytes.
     pub fn publish<M: Memory>(&self, memory: &mut M, next: u32) -> Result<(), M::Error> {
         memory.write(self.at.wrapping_add(12), &next.to_le_bytes())
     }

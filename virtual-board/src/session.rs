@@ -1,4 +1,4 @@
-//! Experiments as a person runs them: the same commands, typed into a virtual board.
+//! Experiments as a person runs them: the same commands, sent to a virtual board.
 
 use std::path::PathBuf;
 
@@ -21,22 +21,22 @@ use crate::{
     world::{Ended, World},
 };
 
-/// A board, its program and the device on it.
+/// A board, its program and its device.
 pub struct Session {
     pub board: Board,
-    /// The device, and its name.
+    /// The device's scene, with its name.
     pub scene: NamedScene,
     pub elf: Elf,
-    /// Strings of the firmware's log.
+    /// Messages of the firmware's log.
     pub table: Table,
 }
 
-/// Why a session ended.
+/// Reason why a session ended.
 #[derive(Debug)]
 pub enum Failed {
-    /// The firmware refused this, with these words.
+    /// The firmware refused a command; its reply.
     Refused(String),
-    /// The program ended, or did not answer.
+    /// The program ended or did not answer.
     Program(Ended),
 }
 
@@ -55,7 +55,7 @@ impl From<String> for Failed {
 /// A hit as the firmware reports it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardHit {
-    /// Line that the firmware said.
+    /// The line with the result.
     pub line: String,
     /// Verdict on the hit.
     pub verdict: Verdict,
@@ -63,17 +63,17 @@ pub struct BoardHit {
     pub rms_m: f64,
     /// Mean of the position, m.
     pub mean_m: f64,
-    /// What the wall has taken in the last contact, and the most that it has given in one, J.
+    /// Energy that the wall has absorbed in the last contact, and the most that it has supplied in one contact, J.
     pub port_j: [f64; 2],
-    /// What a quiet hit showed at each push, in order; the one that decides stands above. Else none.
+    /// Results of a quiet hit for each push, in order; the deciding push stands above. Empty for another hit.
     pub pushes: Vec<BoardPush>,
 }
 
 impl BoardHit {
-    /// Of the lines that say its pushes, if it has several, and the one that ends it.
+    /// Reads a hit from the lines of its pushes, if it has several, and from its last line.
     ///
     /// # Errors
-    /// The line is an error, or no result of a hit.
+    /// The line is an error or not the result of a hit.
     fn read(pushes: &[String], line: String, units: Units) -> Result<Self, Failed> {
         let Some(rest) = line.strip_prefix("ok hit ") else { return Err(Failed::Refused(line)) };
         let Some(verdict) = verdict(rest) else { return Err(Failed::Refused(line)) };
@@ -85,7 +85,7 @@ impl BoardHit {
         Ok(Self { verdict, rms_m, mean_m, port_j, pushes, line })
     }
 
-    /// The push that decides: the one that was not held, or the one whose force moved most.
+    /// The deciding push: the first push that did not hold, or else the push with the largest force variation.
     pub fn deciding(&self) -> Option<&BoardPush> {
         let force_n = |push: &&BoardPush| push.force_rms_n;
         let loudest = || self.pushes.iter().max_by(|a, b| force_n(a).total_cmp(&force_n(b)));
@@ -96,7 +96,7 @@ impl BoardHit {
 /// One push of a quiet hit, as the firmware reports it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BoardPush {
-    /// Line that the firmware said.
+    /// The line with the push's result.
     #[serde(skip)]
     pub line: String,
     pub push_n: f64,
@@ -134,7 +134,7 @@ fn name_of<S: Serializer>(verdict: &Verdict, serializer: S) -> Result<S::Ok, S::
     serializer.serialize_str(verdict.name())
 }
 
-/// The verdict that begins a text.
+/// The verdict at the start of a text.
 fn verdict(text: &str) -> Option<Verdict> {
     let text = text.split(',').next().unwrap_or_default();
     Verdict::ALL.into_iter().find(|verdict| verdict.text() == text)
@@ -143,7 +143,7 @@ fn verdict(text: &str) -> Option<Verdict> {
 /// A walk as the firmware reports it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WalkReport {
-    /// Sum of K dB over the points, N^2 s/m^2.
+    /// Area under the boundary: sum of K dB over the points, N^2 s/m^2.
     #[serde(rename = "area_n2_s_per_m2")]
     pub area: f64,
     /// Largest K of the boundary, N/m.
@@ -151,32 +151,33 @@ pub struct WalkReport {
     /// Largest B of the boundary, N s/m.
     pub damping_max_n_s_per_m: f64,
     pub hits: u32,
-    /// B, K of each point of the boundary.
+    /// B and K of each point of the boundary.
     #[serde(skip)]
     pub points: Vec<[f64; 2]>,
     pub ended_by: String,
-    /// Time that it took on the board, s.
+    /// Duration on the board, s.
     pub virtual_s: f64,
 }
 
-/// Samples until the handle has come to rest after it was let go.
+/// Samples until a released handle has come to rest.
 const REST_SAMPLES: u64 = 15_000;
 /// Samples that `arm` takes.
 const ARM_SAMPLES: u64 = 4_000;
-/// Longest wait for a line of an experiment, samples: cooling down, way back and hit.
+/// Longest wait for a line of an experiment, samples: for cooling down, the return move and the hit.
 const LINE_SAMPLES: u64 = 3_000_000;
 
 impl Session {
-    /// A board with that image, or the one that is built for it, and the record of a scene, on the device of that scene.
+    /// A session with this image, or with the image that is built for the board, and with the device record of the
+    /// scene.
     ///
     /// # Errors
-    /// The image cannot be read or built, or is none of ours.
+    /// The image cannot be read or built, or it is not of this firmware.
     pub fn open(board: Board, elf: Option<&PathBuf>, scene: NamedScene) -> Result<Self, Error> {
         let record = device::record(&scene, board)?;
         Self::open_with(board, elf, scene, record)
     }
 
-    /// The same with that record in its flash, or with the image's own.
+    /// As [`open`](Self::open), with this record in the image's flash, or with the image's own record.
     ///
     /// # Errors
     /// As [`open`](Self::open).
@@ -193,10 +194,11 @@ impl Session {
         Self::of(board, Elf::load(&path)?, &path.display().to_string(), scene, record)
     }
 
-    /// A board with that image, which errors call `origin`, and that record in its flash, or with the image's own.
+    /// A session with this image and with this record in its flash, or with the image's own record. Errors name the
+    /// image `origin`.
     ///
     /// # Errors
-    /// The image is another board's, or none of ours.
+    /// The image is for another board, or it is not of this firmware.
     pub fn of(
         board: Board,
         elf: Elf,
@@ -217,7 +219,7 @@ impl Session {
         Ok(Self { board, scene, elf, table })
     }
 
-    /// Switched on and booted, with the handle at rest where the device rests.
+    /// Switches the board on. The firmware has booted, and the handle rests where the device rests.
     ///
     /// # Errors
     /// The ELF is not this firmware, or its program ended.
@@ -229,16 +231,16 @@ impl Session {
         Ok(world)
     }
 
-    /// Booted while a hand holds the handle at the scene's 0, zeroed there, so that positions are the scene's, and let
-    /// go until it rests.
+    /// Boots the board while a hand holds the handle at the scene's 0, and sets the zero there. So positions are the
+    /// scene's. Then releases the handle and waits until it rests.
     ///
     /// # Errors
-    /// As [`boot`](Self::boot), or `zero` was refused.
+    /// As [`boot`](Self::boot), or the board refused `zero`.
     pub fn boot_at_zero(&self) -> Result<World<'_>, Failed> {
         self.zeroed(false)
     }
 
-    /// The same at the moment in which it is let go.
+    /// As [`boot_at_zero`](Self::boot_at_zero), but ends when the handle is released.
     ///
     /// # Errors
     /// As [`boot_at_zero`](Self::boot_at_zero).
@@ -261,7 +263,7 @@ impl Session {
         Ok(world)
     }
 
-    /// Zeroed at the scene's 0, with its wall, push and start, armed and free.
+    /// A board with its zero at the scene's 0 and with the scene's wall, push and start. It is armed and not held.
     fn ready(&self, cutoff_hz: f64) -> Result<World<'_>, Failed> {
         let scene = &self.scene.scene;
         let (tunings, estimator) = tuning(self.board, scene, cutoff_hz)?;
@@ -291,7 +293,7 @@ impl Session {
         Ok(world)
     }
 
-    /// One hit; what the firmware says about it, and the board after it.
+    /// Runs one hit. Returns the firmware's result, and the board after the hit.
     ///
     /// # Errors
     /// The firmware refused a value, its hit ended without a verdict, or its program ended.
@@ -314,7 +316,7 @@ impl Session {
         Ok((BoardHit::read(&pushes, line, units)?, world))
     }
 
-    /// The boundary walk over the scene's grid; `each` sees every line of it.
+    /// Runs the boundary walk over the scene's grid. `each` gets every line of the walk.
     ///
     /// # Errors
     /// The firmware refused a value, its walk ended with an error, or its program ended.
@@ -361,11 +363,11 @@ impl Session {
     }
 }
 
-/// What K and B are, as keys.
+/// Setting keys of K and B.
 const K: &str = "stiffness_n_per_m";
 const B: &str = "damping_n_s_per_m";
 
-/// The commands that set a scene's grid: caps first, so that each step lies below its cap.
+/// The commands that set a scene's grid: largest values first, so that each step is below its largest value.
 fn grid(scene: &Scene) -> [String; 6] {
     let walk = &scene.walk;
     let said = |key: &str, value: f64| scene.units.command(key, value);
@@ -379,17 +381,17 @@ fn grid(scene: &Scene) -> [String; 6] {
     ]
 }
 
-/// The number behind `name` in a line of the firmware.
+/// The number after `name` in a line of the firmware.
 fn number(line: &str, name: &str) -> Result<f64, Failed> {
     let rest = line.split_once(name).map_or("", |(_, rest)| rest);
     let word = rest.split([' ', ',']).next().unwrap_or_default();
     word.parse().map_err(|_| Failed::Refused(format!("no number behind {name:?} in: {line}")))
 }
 
-/// Asks, and takes an error of the firmware for a refusal.
+/// Sends a line. An error reply is returned as a refusal.
 ///
 /// # Errors
-/// The firmware said no, or its program ended.
+/// The firmware refused the line, or its program ended.
 pub fn ask(world: &mut World<'_>, line: &str) -> Result<String, Failed> {
     let reply = world.ask(line)?;
     if reply.starts_with("ok") {
@@ -399,7 +401,7 @@ pub fn ask(world: &mut World<'_>, line: &str) -> Result<String, Failed> {
     }
 }
 
-/// The same of several lines.
+/// Sends several lines as [`ask`] does.
 ///
 /// # Errors
 /// As [`ask`].
@@ -407,8 +409,8 @@ pub fn ask_each(world: &mut World<'_>, lines: &[impl AsRef<str>]) -> Result<(), 
     lines.iter().try_for_each(|line| ask(world, line.as_ref()).map(drop))
 }
 
-/// What the firmware is told of the scene's estimator: the commands that tune it, and its name. Whether
-/// it has that estimator is for the firmware to say.
+/// The commands that tune the scene's estimator and select it. The firmware itself refuses an estimator that it does
+/// not have.
 fn tuning(
     board: Board,
     scene: &Scene,

@@ -1,4 +1,4 @@
-//! Random numbers of the campaigns: the same on every machine.
+//! Random numbers of the campaigns, the same on every machine.
 
 use host_sim::notation::rounded;
 
@@ -20,12 +20,12 @@ impl Random {
         self.bits() % end
     }
 
-    /// The same of a byte.
+    /// A byte below `end`.
     pub fn small(&mut self, end: u8) -> u8 {
         u8::try_from(self.below(end.into())).unwrap_or_default()
     }
 
-    /// One of them; there has to be one.
+    /// A random element; the slice must not be empty.
     pub fn one<'a, T>(&mut self, all: &'a [T]) -> &'a T {
         &all[usize::try_from(self.below(all.len() as u64)).unwrap_or_default()]
     }
@@ -34,7 +34,7 @@ impl Random {
         *self.one(all)
     }
 
-    /// True once in `n` times.
+    /// True with probability 1 in `n`.
     pub fn once_in(&mut self, n: u64) -> bool {
         self.below(n) == 0
     }
@@ -44,7 +44,7 @@ impl Random {
         (self.bits() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Between two numbers, with at most four digits that count.
+    /// A number between `low` and `high`, with at most four significant digits.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         rounded(low + (high - low) * self.part(), 4)
     }

@@ -1,4 +1,4 @@
-//! Many runs of a board, on several threads.
+//! Runs many boards on several threads.
 
 use std::{
     num::NonZero,
@@ -11,12 +11,12 @@ use std::{
 
 use host_sim::{error::Error, interrupt};
 
-/// One for each core.
+/// Count of threads: one for each core.
 pub fn cores() -> usize {
     thread::available_parallelism().map_or(1, NonZero::get)
 }
 
-/// `count` jobs, one after another on each thread; what they give, in order.
+/// Runs `count` jobs, one after another on each thread. Returns their results in order.
 pub fn on_threads<S, T: Send>(
     count: usize,
     threads: usize,

@@ -1,10 +1,10 @@
-//! A stand-in for a board, at the level of channels.
+//! A simulated board at the level of channels.
 
 use zwidth::telemetry::Frame;
 
 use super::*;
 
-/// What was sent, and what is to be read on each channel.
+/// Bytes that were sent to the board, and bytes to read on each channel.
 #[derive(Clone, Default)]
 struct Board(Arc<Mutex<(String, [Vec<u8>; 3])>>);
 
@@ -15,7 +15,7 @@ impl Link for Board {
 
     fn write(&mut self, channel: usize, bytes: &[u8]) -> usize {
         assert_eq!(channel, COMMANDS);
-        // Room for three bytes at a time.
+        // The channel has room for three bytes at a time.
         let some = &bytes[..bytes.len().min(3)];
         lock(&self.0).0.push_str(std::str::from_utf8(some).unwrap());
         some.len()
@@ -41,7 +41,7 @@ impl Board {
     }
 }
 
-/// Waits for it, ten seconds at most.
+/// Waits until the condition holds, for ten seconds at most.
 fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     let end = Instant::now() + Duration::from_secs(10);
     while !is_so() {
@@ -54,7 +54,7 @@ fn count(board: &Board, wanted: &str) -> usize {
     board.lines().iter().filter(|line| *line == wanted).count()
 }
 
-/// What the board is asked by itself at first.
+/// Answers the questions that the hub asks first.
 fn greet(board: &Board) {
     for (question, reply) in [
         ("version", "ok version 1"),
@@ -67,7 +67,7 @@ fn greet(board: &Board) {
     }
 }
 
-/// What is said of that command.
+/// All lines that answer this command.
 fn answers(hub: &Hub, command: &str) -> Vec<String> {
     let known = hub.known();
     let answers = known.lines.iter().filter(|line| line.answers.as_deref() == Some(command));
@@ -140,14 +140,14 @@ fn the_promise_is_kept_while_somebody_is_there_and_no_longer() {
     until("off when nobody is there", || count(&board, "disarm") == 1);
     let words = count(&board, "alive 200");
     board.shows(1, Flags::default());
-    // Else whoever arms next would have to keep it.
+    // Otherwise the next user who arms would have to send `alive`.
     until("the end of the promise", || count(&board, "alive 0") == 1);
     assert_eq!(count(&board, "alive 200"), words);
     hub.end();
     thread.join().unwrap();
 }
 
-/// What a host before this one has begun is no command, and what it had asked is no reply to this one.
+/// An earlier host's incomplete line does not become a command, and its reply is not taken for a reply to this host.
 #[test]
 fn half_a_line_of_a_dead_host_is_ended_before_the_first_command() {
     let board = Board::default();
@@ -163,7 +163,7 @@ fn half_a_line_of_a_dead_host_is_ended_before_the_first_command() {
     until("its settings", || hub.known().settings == "ok get k 0 N/m");
     assert_eq!(hub.known().version, "ok version 1");
     assert!(hub.known().lines.is_empty(), "what another host asked");
-    // Of a list that is cut off the last name is in doubt.
+    // The last name of a list that is cut off may be incomplete.
     assert_eq!(hub.known().estimators, ["butterworth", "kalman-3"]);
     hub.end();
     thread.join().unwrap();

@@ -1,4 +1,4 @@
-//! A board's memory through a probe that is attached: everything that is asked of the crate probe-rs.
+//! A board's memory through an attached probe. Except for the list of probes, only this file uses the crate probe-rs.
 
 use std::error::Error;
 
@@ -7,10 +7,10 @@ use probe_rs::{
 };
 use virtual_board::{link, rtt::Memory};
 
-/// The chip of that name.
+/// The chip with this name.
 ///
 /// # Errors
-/// There is none: one line.
+/// No chip has this name; one line.
 pub fn target(chip: &str) -> Result<Target, String> {
     let found = Registry::from_builtin_families().get_target_by_name(chip).ok();
     found.filter(|target| target.name.starts_with("STM32F4")).ok_or_else(|| {
@@ -18,16 +18,16 @@ pub fn target(chip: &str) -> Result<Target, String> {
     })
 }
 
-/// A probe that is attached. Attaching and letting go halt the core for a moment.
+/// An attached probe. Attaching and detaching halt the core for a moment.
 pub struct Attached(Session);
 
 impl Attached {
-    /// Attaches.
+    /// Attaches to the chip.
     ///
     /// # Errors
-    /// There is no such chip at the probe: one line.
+    /// The probe finds no such chip; one line.
     pub fn to(probe: Probe, target: Target) -> Result<Self, String> {
-        // Never erases or unlocks anything.
+        // These permissions never erase or unlock anything.
         let session = probe.attach(target, Permissions::new());
         session.map(Self).map_err(|error| one_line(&error))
     }
@@ -39,7 +39,7 @@ impl link::Probe for Attached {
     }
 }
 
-/// Its core. probe-rs asks the access port anew each time that one is opened.
+/// The board's core. probe-rs queries the access port each time a core is opened.
 struct Opened<'a>(Core<'a>);
 
 impl Memory for Opened<'_> {
@@ -51,7 +51,7 @@ impl Memory for Opened<'_> {
 
     fn write(&mut self, address: u32, from: &[u8]) -> Result<(), String> {
         let written = self.0.write(address.into(), from);
-        // An error of this write belongs to it.
+        // An error of the flush belongs to this write.
         written.and_then(|()| self.0.flush()).map_err(|error| one_line(&error))
     }
 }

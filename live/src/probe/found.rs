@@ -1,4 +1,4 @@
-//! Which probe: what is plugged in, and what was asked for.
+//! Finds the wanted probe among the connected ones.
 
 use probe_rs::probe::{
     DebugProbeInfo, DebugProbeSelector, Probe, WireProtocol,
@@ -10,13 +10,13 @@ use super::attached::one_line;
 #[cfg(test)]
 mod tests;
 
-/// What a user needs, so that probes can be opened.
+/// Settings that allow a user to open probes.
 const RULES: &str = "on Linux a user needs udev rules for probes (https://probe.rs/docs/getting-started/probe-setup)";
 
-/// The one probe that is meant; `wanted` is `VID:PID[:SERIAL]` or nothing.
+/// The wanted probe; `wanted` is `VID:PID[:SERIAL]` or empty.
 ///
 /// # Errors
-/// None, several, or one that this user may not open: one line.
+/// No probe, several probes, or a probe that this user may not open; one line.
 pub fn one(lister: &Lister, wanted: &str) -> Result<DebugProbeInfo, String> {
     let selector = match wanted {
         "" => None,
@@ -48,7 +48,7 @@ pub fn one(lister: &Lister, wanted: &str) -> Result<DebugProbeInfo, String> {
     }
 }
 
-/// What it is called, for people.
+/// Name of the probe for messages.
 pub fn name(info: &DebugProbeInfo) -> String {
     format!("{} ({})", info.identifier, DebugProbeSelector::from(info))
 }
@@ -60,10 +60,10 @@ fn listed(all: &[DebugProbeInfo]) -> String {
     all.iter().map(each).collect::<Vec<_>>().join(", ")
 }
 
-/// Takes it for this process alone. Its board does not notice.
+/// Opens the probe for this process alone. The board does not notice it.
 ///
 /// # Errors
-/// Another program has it, it does not do SWD at that speed, or it has gone: one line.
+/// Another program uses the probe, it does not support SWD at that speed, or it is disconnected; one line.
 pub fn open(info: &DebugProbeInfo, speed_khz: Option<u32>) -> Result<Probe, String> {
     let failed = |error| format!("{}: {}", name(info), one_line(&error));
     let mut probe = info.open().map_err(|error| {

@@ -1,4 +1,5 @@
-//! `--probe`: a real board behind a debug probe. With the feature `probe`; without it the option says how to get it.
+//! `--probe`: a real board behind a debug probe. It needs the feature `probe`. Without the feature, the option tells
+//! how to get it.
 
 #[cfg(feature = "probe")]
 mod attached;
@@ -10,7 +11,7 @@ use host_sim::error::Error;
 #[cfg(feature = "probe")]
 use virtual_board::{board::Board, elf::Elf, link::Link};
 
-/// Why the force has to be off before.
+/// Reason why the force has to be off before attaching.
 #[cfg(any(feature = "probe", test))]
 const WHY: &str = "attaching halts the board's core for a moment, and nobody can see before whether its force is on \
                    (then it is fault 32, and the handle is let go)";
@@ -43,10 +44,10 @@ pub struct Options {
 }
 
 impl Options {
-    /// Whether there is to be a probe, and nothing stands where its selector might be meant.
+    /// Whether a probe is wanted. Also checks that the scene's name is not a probe's selector by mistake.
     ///
     /// # Errors
-    /// The scene's name is a selector; the program has no probes.
+    /// The scene's name is a selector, or this program was built without probes.
     pub fn is_wanted(&self, scene: &str) -> Result<bool, Error> {
         if self.probe.is_none() {
             return Ok(false);
@@ -66,10 +67,10 @@ impl Options {
         Ok(true)
     }
 
-    /// The board behind the probe, with its force off. `elf` is called once the probe is found.
+    /// Connects to the board behind the probe, with the force off. `elf` is called after the probe is found.
     ///
     /// # Errors
-    /// There is none, or several; the force may be on; no board of ours answers.
+    /// There is no probe, or there are several; the force may be on; or no board with this firmware answers.
     #[cfg(feature = "probe")]
     pub fn connect(
         &self,
@@ -103,7 +104,7 @@ impl Options {
     }
 }
 
-/// Whether a person says that the force is off. Asked each time: what was true before need not be true now.
+/// Checks a person's answer that the force is off. The question comes each time, since the state may have changed.
 #[cfg(any(feature = "probe", test))]
 fn is_off(is_terminal: bool, mut answer: impl std::io::BufRead) -> Result<(), Error> {
     if !is_terminal {
@@ -112,7 +113,7 @@ fn is_off(is_terminal: bool, mut answer: impl std::io::BufRead) -> Result<(), Er
         )));
     }
     let mut line = String::new();
-    let _ = answer.read_line(&mut line); // what cannot be read is no answer
+    let _ = answer.read_line(&mut line); // an unreadable line is not an answer
     if line.trim() == "off" {
         return Ok(());
     }

@@ -1,4 +1,4 @@
-//! One page: what it says is read at once, whatever it has still to be told.
+//! The connection to one page. Its messages are read at once, even while data waits to be sent.
 
 use std::{
     sync::Arc,
@@ -23,7 +23,7 @@ use tokio::{
 
 use super::App;
 
-/// Talks to a page until it goes.
+/// Serves a page until it leaves.
 pub async fn run(app: Arc<App>, socket: WebSocket, _place: OwnedSemaphorePermit) {
     let page = Page::enter(&app.shared);
     let (to, from) = socket.split();
@@ -36,7 +36,7 @@ pub async fn run(app: Arc<App>, socket: WebSocket, _place: OwnedSemaphorePermit)
     page.leave();
 }
 
-/// Until the page has not answered for too long, whether or not it still takes what is sent.
+/// Waits until the page has not answered for too long, even if the socket still accepts data.
 async fn silence(page: &Page) {
     let mut look = interval(TICK);
     while !page.is_gone() {
@@ -79,7 +79,7 @@ async fn read(
     }
 }
 
-/// As soon as the walk is over.
+/// Sends the prediction when its walk has ended.
 fn answer(app: &Arc<App>, question: Question, tell: &mpsc::Sender<String>) {
     let (app, tell) = (Arc::clone(app), tell.clone());
     tokio::spawn(async move {

@@ -1,4 +1,4 @@
-// Device and settings in the address, behind the #: no server sees that part.
+// Device and settings in the address, after the #. A browser does not send that part to a server.
 import { BOARD } from "./connect.js";
 import { TUNINGS, WALL } from "./settings.js";
 
@@ -35,7 +35,7 @@ export async function address(scene, core, settings) {
   return `#${words}`;
 }
 
-// What an address asks for; throws what it cannot.
+// Reads the device and settings of an address; throws what is not valid.
 export async function read(hash) {
   const words = new URLSearchParams(hash.slice(1));
   const settings = {};

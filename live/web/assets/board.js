@@ -1,11 +1,11 @@
-// The worker of the board: it runs the release ELF in real time, or as fast as it can, and tells the page what a server
-// would.
+// The board's worker. It runs the release ELF in real time, or as fast as it can, and sends the page a server's
+// messages.
 import { Module } from "./module.js";
 
 const TICK = 30; // ms between two pictures
-const PIECE = 8; // ms of work between two looks at what the page says
-const BEHIND = 40; // ms that it catches up; more is given up
-const MEASURED = 500; // ms over which its speed is measured
+const PIECE = 8; // ms of work between two checks for messages of the page
+const BEHIND = 40; // ms of delay that it catches up; a longer delay is dropped
+const MEASURED = 500; // ms over which the speed is measured
 
 let module, image, runs = false, hidden = false, awaited = false;
 let wall = 0, done = 0, speed = 1, since = 0, sinceDone = 0, tick = 0;
@@ -17,7 +17,7 @@ function begin() {
   [wall, done, since, sinceDone, tick] = [now, 0, now, 0, 0];
 }
 
-// So many milliseconds of the board as have passed here since `wall`.
+// Runs the board for the milliseconds that have passed since `wall`.
 function work() {
   awaited = false;
   if (!runs || hidden) return;
@@ -41,14 +41,14 @@ function work() {
   if (now - tick > TICK || !runs) {
     tick = Math.max(tick + TICK, now - TICK);
     show();
-    if (!runs) return show(); // the state comes with every other one
+    if (!runs) return show(); // every other answer has the state
   }
   awaited = true;
   if (late > 0) turn.port2.postMessage(null);
   else setTimeout(work, 2);
 }
 
-// Goes on without the pause that a timer has.
+// Continues without a timer's delay.
 const turn = new MessageChannel();
 turn.port1.onmessage = work;
 
@@ -78,7 +78,7 @@ const does = {
     const { bytes } = module.ask({ ask: "rows", from, rows });
     postMessage({ id, rows: new TextDecoder().decode(bytes[0]) });
   },
-  // Out of sight the board stands still: its time is the only clock of its firmware.
+  // While the page is hidden the board is paused: its time is the only clock of its firmware.
   hidden({ value }) {
     if (hidden === value) return;
     hidden = value;

@@ -1,4 +1,4 @@
-// Whom the page talks to: a worker of its own with the release ELF on the virtual board. Nothing leaves the browser.
+// The page's connection: to its own worker with the release ELF on the virtual board. No data leaves the browser.
 import { Link } from "./link.js";
 import { Pool } from "./pool.js";
 
@@ -17,14 +17,14 @@ class WorkerLink extends Link {
     super();
     this.waiting = new Map();
     this.asked = 0;
-    // Compiled once, for all workers.
+    // Compiled once for all workers.
     this.compiled = bytes("zwidth.wasm").then((code) => WebAssembly.compile(code));
     this.image = bytes(`${BOARD}.elf`).then((buffer) => new Uint8Array(buffer));
     this.pool = new Pool(this.compiled, here("study.js"));
   }
 
-  // A board on that device, in place of the one before; throws what is wrong, and then that one stays. So it does where
-  // another board is wanted meanwhile: `isWanted` says whether this one still is.
+  // Starts a board on that device in place of the present one. If it fails it throws the error, and the present board
+  // stays. The same happens if another board is wanted in the meantime; `isWanted` tells whether this one still is.
   async start(scene, core, isWanted = () => true) {
     const [compiled, elf] = await Promise.all([this.compiled, this.image]);
     const worker = new Worker(here("board.js"), { type: "module" });
@@ -59,7 +59,7 @@ class WorkerLink extends Link {
     }
   }
 
-  // Whoever waits for rows of this board waits for nothing.
+  // Rejects all requests for rows of this board.
   end(why) {
     this.worker?.terminate();
     this.worker = null;
@@ -79,7 +79,7 @@ class WorkerLink extends Link {
     return this.connected;
   }
 
-  // Whether somebody looks.
+  // Tells the worker whether the page is hidden.
   hide(value) { this.worker?.postMessage({ do: "hidden", value }); }
 
   rows(from, rows) {

@@ -1,7 +1,7 @@
-// What dependencies would want of generated bindings; nothing of the module calls it.
+// Imports that dependencies expect from generated bindings. The module never calls them.
 const NOTHING = new Proxy({}, { get: () => new Proxy({}, { get: (_, name) => () => { throw new Error(`there is no ${String(name)}`); } }) });
 
-// The compiled module, seen from a worker: a question with what belongs to it goes in, JSON and bytes come out.
+// The compiled module, used by a worker: a question with its data goes in, JSON and bytes come out.
 export class Module {
   static async of(compiled) {
     const { exports } = await WebAssembly.instantiate(compiled, NOTHING);
@@ -10,7 +10,7 @@ export class Module {
 
   constructor(exports) { this.exports = exports; }
 
-  // The first answer, with the others in `bytes`. Bad input throws its one line.
+  // Returns the first answer, with the other answers in `bytes`. Bad input throws its one line.
   ask(question, ...more) {
     const given = [new TextEncoder().encode(JSON.stringify(question)), ...more];
     let count;

@@ -1,11 +1,12 @@
-// The simulator's workers: as many as this machine has cores, made when they are needed.
+// The simulator's workers: at most one per core of this machine, made when they are needed.
 export class Pool {
   constructor(compiled, address) {
     Object.assign(this, { compiled, address, idle: [], workers: new Set(), waiting: [], answers: new Map(), asked: 0 });
     this.size = Math.max(1, Math.min(navigator.hardwareConcurrency || 2, 16));
   }
 
-  // The answer; throws the one line of bad input. Of the questions of one `kind` that wait only the last is asked.
+  // Returns the answer, or throws the one line of bad input. A new question replaces the waiting questions of the same
+  // `kind`.
   ask(question, kind = null, more = []) {
     if (kind) {
       for (const old of this.waiting.filter((one) => one.kind === kind)) old.reject(new Error("another question has come"));
@@ -13,19 +14,19 @@ export class Pool {
     }
     return new Promise((resolve, reject) => {
       const job = { id: ++this.asked, question, kind, more, resolve, reject };
-      // What a person waits for at the plane goes before a study.
+      // A question with a `kind` goes before studies, since a person waits for it at the plane.
       if (kind) this.waiting.unshift(job); else this.waiting.push(job);
       this.next();
     });
   }
 
-  // The answers to all of them, in their order; `done` is told how many there are.
+  // Returns all answers in the order of the questions. `done` gets the count of answers so far.
   all(questions, done = () => {}) {
     let count = 0;
     return Promise.all(questions.map((question) => this.ask(question).then((answer) => { done(++count, questions.length); return answer; })));
   }
 
-  // What waits or runs of the studies is given up; what has a `kind` is no study's.
+  // Ends all waiting and running studies. A question with a `kind` is not a study.
   end() {
     const ended = new Error("ended");
     for (const job of this.waiting.filter(({ kind }) => !kind)) job.reject(ended);

@@ -1,15 +1,15 @@
-// What a board's `get` says of estimator and wall, and how another board comes to the same.
+// Reads estimator and wall from a board's `get` reply, and sends these settings to another board.
 const PLACES = 8; // parameters of an estimator
-const TIME = 10000; // ms that a board has to take settings over
+const TIME = 10000; // ms: time limit for a board to take settings over
 
 export const WALL = ["wall", "push", "k", "b"];
 export const TUNINGS = Array.from({ length: PLACES }, (_, place) => `tuning${place ? place + 1 : ""}`);
 
-// To what a board shows of a number, and scenes are converted to.
+// Compares values within the precision of a board's display and of a scene's conversion.
 export const isSame = (one, other) => one === other || Math.abs(one - other) <= 1e-9 * Math.max(Math.abs(one), Math.abs(other));
 
-// `ok get k 0 N/m, b 0 N s/m, wall 0.07 m, cutoff 1500 Hz, quality 0.5 1, estimator biquad, push 0 N, ..`: the estimator's
-// parameters stand between wall and estimator. By the commands that set them.
+// `ok get k 0 N/m, b 0 N s/m, wall 0.07 m, cutoff 1500 Hz, quality 0.5 1, estimator biquad, push 0 N, ..`: the
+// estimator's parameters are between wall and estimator.
 export function told(text) {
   const parts = text.replace(/^ok get /, "").split(", ").map((part) => part.split(" "));
   const end = parts.findIndex(([name]) => name === "estimator");
@@ -21,9 +21,9 @@ export function told(text) {
   return settings;
 }
 
-// Settings that the next board is to have. They go there as commands once it has told its own, with the force off, so that it
-// takes walls of any size, and `get` behind them; what depends on another one is taken in another round. What it does not
-// take is said.
+// Settings for the next board. They are sent as commands after the board has sent its own, with the force off, so that
+// walls of any size are accepted. `get` follows. Settings that depend on others are sent in further rounds. A message
+// lists the settings that the board does not take.
 export class Restored {
   constructor(link, say) {
     Object.assign(this, { link, say, wanted: null, left: null, until: 0 });

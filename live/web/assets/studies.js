@@ -1,12 +1,12 @@
-// The simulator's commands on the page's device: sweep, grid, hit and design, shared among the workers. Their tables are
-// those of `cargo sim`.
+// The simulator's commands for the page's device: sweep, grid, hit and design, shared by the workers. Their tables have
+// the form of `cargo sim`.
 import { BOARD } from "./connect.js";
 import { context } from "./plots.js";
 import { give } from "./save.js";
 import { isSame, told, TUNINGS } from "./settings.js";
 
-const GRID = 24; // walls a side
-const BUDGET = 100; // filters that a search tries: about a minute
+const GRID = 24; // walls along each axis
+const BUDGET = 100; // filters that a search tries, in about a minute
 
 export class Studies {
   constructor(link, make) {
@@ -28,7 +28,7 @@ export class Studies {
       this.told, this.canvas, this.files, this.end);
   }
 
-  // Another device: what was found is of another one.
+  // Clears the results for another device.
   take(scene) {
     if (this.busy) this.pool.end();
     this.scene = scene;
@@ -69,7 +69,8 @@ export class Studies {
   async sweep(done) {
     const scene = this.scene;
     const { cutoffs_hz: cutoffs } = await this.pool.ask({ ask: "cutoffs", ...scene });
-    // Two at a time, which run side by side; slow ones lie next to each other, so they are dealt.
+    // Two cutoffs per question, since two walks run in parallel. Slow cutoffs are neighbours, so each question gets
+    // distant ones.
     const parts = Math.ceil(cutoffs.length / 2);
     const dealt = Array.from({ length: parts }, (_, n) => cutoffs.filter((_, m) => m % parts === n));
     const answers = await this.pool.all(dealt.map((cutoffs_hz) => ({ ask: "walk", ...scene, cutoffs_hz, repeat: 1 })), done);
@@ -99,7 +100,7 @@ export class Studies {
     return { text: `${stable} of ${rows.length} walls are stable${at.said}.`, files: { "grid.csv": [tables[0][0], ...rows, ""].join("\n") } };
   }
 
-  // The wall in force as `cargo board hit --telemetry` and `cargo sim hit --trace`.
+  // The present wall, as `cargo board hit --telemetry` and `cargo sim hit --trace` run it.
   async hit() {
     const { at, settings: { k, b } } = await this.inForce(["wall"]);
     const question = { ...this.scene, ...at.one, k, b };
@@ -112,14 +113,14 @@ export class Studies {
       files: { "capture.bin": board.bytes[0], "hit.csv": simulated.bytes[0] } };
   }
 
-  // As `cargo sim design --budget 100`; nothing of it is shared among workers.
+  // As `cargo sim design --budget 100`, in a single worker.
   async design() {
     const found = await this.pool.ask({ ask: "design", ...this.scene, budget: BUDGET });
     return { text: found.text, files: { "design.csv": found.bytes[0], "best.toml": found.bytes[1] } };
   }
 
-  // The settings in force, and their cutoff for the simulator. Studies are of the scene: a board whose estimator or other
-  // settings named here are not the scene's is refused.
+  // The settings in force, and their cutoff for the simulator. A study is about the scene. So it is refused if the
+  // board's estimator or one of the settings `names` differs from the scene's.
   async inForce(names) {
     const text = window.zwidth.state?.settings;
     if (!text) throw new Error("The board has not told its settings yet.");

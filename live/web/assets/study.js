@@ -9,7 +9,7 @@ onmessage = async ({ data: { compiled, id, question, more = [] } }) => {
     const answer = module.ask(question, ...more);
     postMessage({ id, answer }, answer.bytes.map(({ buffer }) => buffer));
   } catch (error) {
-    if (error.ended) module = undefined; // what it holds is good for nothing now
+    if (error.ended) module = undefined; // after a panic the module's state is not usable
     postMessage({ id, failed: error.message });
   }
 };

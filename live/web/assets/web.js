@@ -1,11 +1,11 @@
-// What the page has where no server stands behind it: other devices, the simulator's studies, a link that restores all.
+// Parts of the page without a server: other devices, the simulator's studies, and a link that restores the page.
 import { BOARD, link } from "./connect.js";
 import { address, read } from "./address.js";
 import { Restored, told } from "./settings.js";
 import { Studies } from "./studies.js";
 
 const NAMES = ["nucleo-f446re", "discovery-f407", "paper-1um", "paper-2um", "epfl-paddle", "rice-paddle", "hapkit", "smartknob"];
-const LIMIT = 1 << 20; // bytes of a scene file, as `cargo sim` has it
+const LIMIT = 1 << 20; // bytes; the limit of `cargo sim` for a scene file
 
 const by = (id) => document.getElementById(id);
 const make = (name, more = {}, ...inside) => {
@@ -42,13 +42,13 @@ const studies = new Studies(link, make);
 by("left").append(studies.panel);
 
 const restored = new Restored(link, say);
-const files = new Map(); // that were dropped, by what the list calls them: no file is taken for a scene of this page
+const files = new Map(); // opened files by their name in the list: a file never replaces a scene of this page
 const listed = ({ scene, text }) => text === undefined ? scene : `file ${scene}`;
 let takes = 0;
 
-// Another device, with settings that are put in when it runs. What is wrong with it is said, and the one before stays. What
-// no board can be, the core still may; what neither can be, the simulator's studies are of. Of two that overlap
-// the later counts; whether this one did.
+// Starts another device, with settings that it gets when it runs. After an error, the message is shown and the previous
+// device stays. If the ELF cannot run the device, the core is tried. If the core cannot either, only the simulator's
+// studies use the device. Of two overlapping calls the later one counts. Returns whether this call counted.
 async function take({ core = false, ...device }, settings = null) {
   const problems = [], number = ++takes;
   const isWanted = () => number === takes;
@@ -130,7 +130,7 @@ async function restore() {
 }
 window.addEventListener("hashchange", restore);
 
-// How fast it is, and whether anybody looks.
+// Speed of the board, and whether the page is visible.
 link.on("speed", (speed) => {
   slow.hidden = speed > .95;
   slowly.textContent = `This tab is slower than real time: ${speed.toFixed(2)} virtual seconds a second.`;
@@ -142,12 +142,12 @@ const look = () => link.hide(!visible || !inView);
 document.addEventListener("visibilitychange", () => { visible = document.visibilityState === "visible"; look(); });
 new IntersectionObserver(([{ isIntersecting }]) => { inView = isIntersecting; look(); }).observe(document.body);
 
-// From the second visit on without a network. After the first picture: what comes first is that.
+// From the second visit on the page works without a network. Registered after the first picture, so as not to delay it.
 link.on("curves", function register() {
   if (register.done) return;
   register.done = true;
   performance.mark("first picture");
-  navigator.serviceWorker?.register(new URL("../sw.js", import.meta.url)).catch(() => {}); // not from a plain http host
+  navigator.serviceWorker?.register(new URL("../sw.js", import.meta.url)).catch(() => {}); // fails on a plain http host
 });
 
 window.zwidth.web = { take, takeFile, studies, link, pool: link.pool };

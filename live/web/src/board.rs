@@ -1,5 +1,5 @@
-//! The board of this worker: the release ELF or the core without a chip, what people do to it, and the page that looks at
-//! it.
+//! The board in this worker: the release ELF, or the core without a chip. It also has the people's actions and the
+//! connection to the page.
 
 use std::{
     cell::RefCell,
@@ -26,13 +26,13 @@ use virtual_board::{
 
 use crate::question::{Answered, Question};
 
-/// Rows of a table that a page may save.
+/// Largest count of rows in a saved table.
 const ROWS_MAX: u64 = 200_000;
 
 enum Runs {
     /// The release ELF on the emulated chip.
     Elf(Box<SteppedBoard>),
-    /// The firmware's library in the simulator's loop.
+    /// The firmware's library in closed loop with the simulator's plant.
     Core(Box<CoreBoard>),
 }
 
@@ -55,13 +55,13 @@ impl Runs {
     }
 }
 
-/// A board that runs, and its page.
+/// A running board and its page.
 struct Running {
     board: Runs,
     talk: Talk,
     shared: Arc<Shared>,
     page: Page,
-    /// The board's time, us: the only clock. A tab that stands still breaks no promise.
+    /// The board's time, us. It is the only clock, so a suspended tab does not miss an `alive`.
     time_us: Arc<AtomicU64>,
 }
 
@@ -105,7 +105,7 @@ impl Running {
         let clock = Box::new(move || Duration::from_micros(clock.load(Relaxed)));
         let (hub, talk) =
             Hub::new(Box::new(board.wires().link()), Some(Arc::clone(board.wires())), elf, clock);
-        hub.attended.store(true, Relaxed); // the page and this worker live and end together
+        hub.attended.store(true, Relaxed); // the page and this worker start and end together
         let shared = Arc::new(Shared::new(hub, scene, of, None));
         let page = Page::enter(&shared);
         Self { board, talk, shared, page, time_us }
@@ -120,7 +120,7 @@ impl Running {
     }
 }
 
-/// Lets it run for so many milliseconds of its time.
+/// Runs the board for this count of milliseconds.
 pub fn run(question: &Question) -> Answered {
     running(|running| {
         let runs = (0..question.ms).all(|_| running.millisecond(question.speed));
@@ -128,7 +128,7 @@ pub fn run(question: &Question) -> Answered {
     })
 }
 
-/// What the page says.
+/// Handles a message of the page.
 pub fn say(question: &Question) -> Answered {
     running(|running| {
         let answer = match running.page.take(&question.message) {
@@ -140,7 +140,7 @@ pub fn say(question: &Question) -> Answered {
     })
 }
 
-/// What the page has to be told: whether the last of the answers is text, then numbers to plot.
+/// Messages for the page: whether the last answer is text, then values to plot.
 pub fn tick() -> Answered {
     running(|running| {
         let tick = running.page.tick();
@@ -151,7 +151,7 @@ pub fn tick() -> Answered {
     })
 }
 
-/// Rows as a table.
+/// Rows as text of a table.
 pub fn rows(question: &Question) -> Answered {
     running(|running| {
         let table = running.shared.table(question.from, question.rows.min(ROWS_MAX));
@@ -159,7 +159,7 @@ pub fn rows(question: &Question) -> Answered {
     })
 }
 
-/// One wall hit by a board of its own, as `cargo board hit` runs it: the firmware's line, and all of its telemetry.
+/// Runs one wall hit on a separate board, as `cargo board hit` does. Returns the firmware's line and all telemetry.
 pub fn hit(question: &Question, elf: Vec<u8>) -> Answered {
     let scene = question.scene()?;
     let filter = host_sim::study::asked::filter(&scene, question.cutoff_hz)?;

@@ -1,9 +1,9 @@
 //! The page without a server, for WebAssembly in a worker: the release ELF on the virtual board, and the simulator.
 //!
-//! The interface is plain: a worker asks for room with [`zwidth_input`], writes a question (JSON, then what belongs to it) there,
-//! calls [`zwidth_ask`], and reads the answers. No bindings are generated, so the module needs no tool beside the compiler and
-//! calls nothing of the browser. `assets/module.js` is the other end.
-#![deny(unsafe_code)] // but for the names of the functions
+//! The interface has four functions. A worker asks for memory with [`zwidth_input`], writes a question there (JSON,
+//! then its data), calls [`zwidth_ask`], and reads the answers. No bindings are generated. So the module needs no tool
+//! except the compiler, and it calls no function of the browser. `assets/module.js` is the other side.
+#![deny(unsafe_code)] // except for the exported names
 
 mod board;
 mod question;
@@ -16,13 +16,13 @@ use std::{cell::RefCell, sync::Once};
 pub use question::answer;
 
 thread_local! {
-    /// What a worker hands in, and what it gets.
+    /// Data from the worker, and answers to the worker.
     static IN: RefCell<Vec<Vec<u8>>> = const { RefCell::new(vec![]) };
     static OUT: RefCell<Vec<Vec<u8>>> = const { RefCell::new(vec![]) };
 }
 
-/// Room for `length` bytes, behind those that were handed in before. The answers of the question before are gone with it, so
-/// that none of them is taken for what a panic said.
+/// Memory for `length` bytes, after the memory of earlier calls. The previous answers are cleared, so that they are not
+/// taken for the message of a panic.
 #[expect(unsafe_code, reason = "a name that the worker knows")]
 #[unsafe(no_mangle)]
 pub extern "C" fn zwidth_input(length: usize) -> *mut u8 {
@@ -33,7 +33,7 @@ pub extern "C" fn zwidth_input(length: usize) -> *mut u8 {
     })
 }
 
-/// Answers what was handed in; how many answers there are. The first is JSON.
+/// Answers the question and returns the count of answers. The first answer is JSON.
 #[expect(unsafe_code, reason = "a name that the worker knows")]
 #[unsafe(no_mangle)]
 pub extern "C" fn zwidth_ask() -> usize {
@@ -48,14 +48,14 @@ pub extern "C" fn zwidth_ask() -> usize {
     keep(answers)
 }
 
-/// Where answer `number` is; of a panic, number 0 is what it said.
+/// Address of answer `number`. After a panic, answer 0 is its message.
 #[expect(unsafe_code, reason = "a name that the worker knows")]
 #[unsafe(no_mangle)]
 pub extern "C" fn zwidth_answer_at(number: usize) -> *const u8 {
     OUT.with_borrow(|all| all.get(number).map_or(std::ptr::null(), |bytes| bytes.as_ptr()))
 }
 
-/// How many bytes it has.
+/// Length of answer `number`, bytes.
 #[expect(unsafe_code, reason = "a name that the worker knows")]
 #[unsafe(no_mangle)]
 pub extern "C" fn zwidth_answer_length(number: usize) -> usize {

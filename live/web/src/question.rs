@@ -1,4 +1,4 @@
-//! What a worker asks, in JSON with what belongs to it, and what it is answered: JSON, then bytes.
+//! A worker's question: JSON and its data. The answer: JSON, then bytes.
 
 use host_sim::{
     error::{Error, one_line},
@@ -15,23 +15,23 @@ use crate::{board, study};
 #[serde(deny_unknown_fields, default)]
 pub struct Question {
     ask: String,
-    /// Name of a built-in scene, or of the file that `text` is of.
+    /// Name of a built-in scene, or of the file with the text `text`.
     scene: String,
     /// Text of a scene file.
     text: Option<String>,
     board: Option<String>,
-    /// The board runs without a chip.
+    /// Whether the board runs without a chip.
     pub core: bool,
-    /// What the page says.
+    /// Message of the page.
     pub message: String,
     pub ms: u32,
-    /// Seconds on the board for each second of the page.
+    /// Simulated seconds per second of the page.
     pub speed: f64,
     pub from: u64,
     pub rows: u64,
     pub estimator: String,
     pub cutoff_hz: Option<f64>,
-    /// In the scene's units.
+    /// Stiffness and damping in the scene's units.
     pub k: f64,
     pub b: f64,
     pub repeat: Option<u32>,
@@ -42,14 +42,14 @@ pub struct Question {
     pub walked: Vec<study::Walked>,
 }
 
-/// A JSON value, then blocks of bytes.
+/// A JSON value and blocks of bytes.
 pub type Answered = Result<(Value, Vec<Vec<u8>>), Error>;
 
 impl Question {
-    /// The scene that is asked about.
+    /// The scene of the question.
     ///
     /// # Errors
-    /// There is none of that name, or its text is none; names file, key, value and what is allowed.
+    /// No scene has this name, or its text is not valid. The error gives file, key, value and what is allowed.
     pub fn scene(&self) -> Result<NamedScene, Error> {
         match &self.text {
             None => {
@@ -66,23 +66,23 @@ impl Question {
             Some(text) => {
                 let name = self.scene.strip_suffix(".toml").unwrap_or(&self.scene);
                 let mut scene = NamedScene::parse(name.to_owned(), text.clone(), &self.scene)?;
-                // As of a file that is loaded: by whatever name, it is no built-in scene.
+                // As for a loaded file: a text is not a built-in scene, whatever its name is.
                 scene.files.insert(0, self.scene.clone().into());
                 Ok(scene)
             }
         }
     }
 
-    /// The board that is asked about.
+    /// The board of the question.
     ///
     /// # Errors
-    /// There is none of that name.
+    /// No board has this name.
     pub fn board(&self) -> Result<Board, Error> {
         Board::asked(self.board.as_deref().unwrap_or(NUCLEO_F446RE.name))
     }
 }
 
-/// Answers a question with what belongs to it. Bad input is an answer too: `error`, one line.
+/// Answers a question with its data. Bad input gives an answer too: `error` with one line.
 pub fn answer(given: Vec<Vec<u8>>) -> Vec<Vec<u8>> {
     let (value, mut bytes) =
         asked(given).unwrap_or_else(|error| (json!({ "error": error.to_string() }), vec![]));

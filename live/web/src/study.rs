@@ -1,5 +1,5 @@
-//! The simulator's questions, each answered by what its command is answered by. A worker has one thread: several of them
-//! share a sweep's cutoffs.
+//! The simulator's studies. Each answer has the data of the corresponding command. A worker has one thread; several
+//! workers share a sweep's cutoffs.
 
 use std::sync::atomic::AtomicBool;
 
@@ -31,9 +31,9 @@ use zwidth::{experiment::Ended, velocity::EstimatorName};
 
 use crate::question::{Answered, Question};
 
-/// A worker that is no longer wanted is ended, so nothing is ever asked to stop.
+/// Never set: a worker that is not needed any more is terminated.
 static STOP: AtomicBool = AtomicBool::new(false);
-/// Walls of a grid.
+/// Largest count of walls of a grid.
 const WALLS_MAX: u64 = 1_000_000;
 const NAMES: Names = Names {
     cutoff: "cutoff",
@@ -44,7 +44,7 @@ const NAMES: Names = Names {
 
 const ENDS: [Ended; 4] = [Ended::Closed, Ended::DampingMax, Ended::StiffnessMax, Ended::BothMax];
 
-/// All boundaries at one cutoff, as they go from worker to worker.
+/// All boundaries at one cutoff, in the form that workers exchange.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Walked {
     cutoff_hz: f64,
@@ -103,7 +103,8 @@ impl Walked {
     }
 }
 
-/// What a board is to be told for the studies of the scene to be of it too, as its console has it; a cutoff is free.
+/// Settings that a board must have so that studies of the scene apply to it, in the console's form. The cutoff may
+/// differ.
 pub fn scene(question: &Question) -> Answered {
     let NamedScene { name, scene, .. } = question.scene()?;
     let has_cutoff = scene.velocity.has_cutoff();
@@ -119,11 +120,11 @@ pub fn scene(question: &Question) -> Answered {
     Ok((json!({ "name": name, "has_cutoff": has_cutoff, "wanted": wanted }), vec![]))
 }
 
-/// The boundary of the estimator and cutoff in force, for the plane of the page.
+/// The boundary of the present estimator and cutoff, for the page's plane.
 pub fn predicted(question: &Question) -> Answered {
     let (scene, board) = (question.scene()?, question.board()?);
     let cutoff_hz = question.cutoff_hz.unwrap_or_default();
-    // Another scene's record is made here without an envelope.
+    // A record of another scene is made here without an envelope.
     let device = device::is_built_in(&scene, board).then(|| device::built_in(board));
     let predicted = predict(&scene, device, &question.estimator, cutoff_hz, &STOP);
     Ok((json!({ "type": "predicted", "predicted": predicted }), vec![]))
@@ -153,7 +154,7 @@ pub fn cutoffs(question: &Question) -> Answered {
     Ok((json!({ "cutoffs_hz": ascending(&scene.scene.sweep.cutoffs_hz) }), vec![]))
 }
 
-/// Some cutoffs of a sweep.
+/// Walks some cutoffs of a sweep.
 pub fn walk(question: &Question) -> Answered {
     let scene = question.scene()?;
     let prepared = asked::prepare(&scene)?;
@@ -175,7 +176,7 @@ fn repeats(question: &Question) -> Result<u32, Error> {
     }
 }
 
-/// What all cutoffs together say: `boundary.csv` and `areas.csv`.
+/// Joins the results of all cutoffs: `boundary.csv` and `areas.csv`.
 pub fn sweep(question: &Question) -> Answered {
     let scene = question.scene()?;
     let walked = question.walked.iter().map(|walked| walked.result(&scene.scene.velocity));

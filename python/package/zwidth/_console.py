@@ -1,4 +1,4 @@
-"""One line to the console, one answer; and what has to be said when it does not come."""
+"""One line to the console gets one reply; without a reply the board is disarmed."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ __all__ = ["UNANSWERED", "Console", "to_the_end"]
 
 #: Longest time for the answer to ``disarm``.
 DISARM_S = 1.0
-#: What came before a connection has come when nothing more comes for so long: OpenOCD looks every 0.1 s.
+#: After so long without a line, all older lines have come: OpenOCD polls every 0.1 s.
 SILENCE_S = 0.25
 
 UNANSWERED = "disarm was not answered: keep clear, and look at the board"
 
 
 def to_the_end(work: Callable[[], bool]) -> tuple[bool, bool]:
-    """Do `work` whatever Ctrl-C says meanwhile: what it returns, and whether Ctrl-C came."""
-    if sys.is_finalizing():  # no thread begins any more
+    """Do `work` to its end, also after Ctrl-C. Return its result, and whether Ctrl-C came."""
+    if sys.is_finalizing():  # no thread can start any more
         return work(), False
     done: list[bool] = []
     thread = threading.Thread(target=lambda: done.append(work()), daemon=True)
@@ -48,16 +48,16 @@ class Console:
     def __init__(self, link: Link, answer_s: float) -> None:
         self.link = link
         self.answer_s = answer_s
-        #: Lines that answered no command.
+        #: Lines that are not replies to a command.
         self.events: deque[str] = deque(maxlen=10_000)
-        #: Why there was no board when it ended, if so.
+        #: The reason why the board was lost before the end, if it was.
         self.lost: str | None = None
         self._promises = False
         self._reset = False
         self._turn = threading.Lock()
 
     def greet(self, alive_s: float | None) -> None:
-        """Begin: force off, older lines away, and the promise."""
+        """Begin: switch the force off, drop older lines, and start to send ``alive``."""
         self.link.send("disarm")
         self.link.quiet(SILENCE_S, 12 * SILENCE_S)
         self.disarm()
@@ -80,7 +80,7 @@ class Console:
     def until(
         self, line: str, ends: str, wait_s: float, told: Callable[[str], object] | None = None
     ) -> list[str]:
-        """The lines after the answer to a line, up to one that begins as the pattern `ends`."""
+        """The lines after the answer to a line, up to the first that matches `ends` at its start."""
         lines: list[str] = []
         with self._alone(), self._safe():
             answer = self._answer(line, None)
@@ -97,21 +97,21 @@ class Console:
         return lines
 
     def last(self, line: str, ends: str, wait_s: float, told: Callable[[str], object] | None = None) -> list[str]:
-        """The lines of an experiment, the last of which says that it was met."""
+        """The lines of an experiment. ValueError if the last one is an error."""
         lines = self.until(line, ends, wait_s, told)
         if lines[-1].startswith("error: "):
             raise ValueError(lines[-1].removeprefix("error: "))
         return lines
 
     def part_by_part(self, line: str, wait_s: float) -> list[str]:
-        """What comes before the answer to a line, and the answer."""
+        """The lines before the answer to a line, and the answer."""
         parts: list[str] = []
         with self._alone(), self._safe():
             answer = self._answer(line, wait_s, parts)
         return [*parts, answer]
 
     def stay(self, seconds: float) -> None:
-        """Wait, as for an answer."""
+        """Wait, and disarm after an exception, as when waiting for an answer."""
         limit = time.monotonic() + seconds
         with self._safe():
             while (left := limit - time.monotonic()) > 0:
@@ -125,7 +125,7 @@ class Console:
         return "disarm"
 
     def heard(self) -> tuple[str, ...]:
-        """All lines that answered no command, up to now."""
+        """All lines up to now that are not replies to a command."""
         if self._turn.acquire(blocking=False):
             try:
                 self._collect()
@@ -134,7 +134,7 @@ class Console:
         return tuple(self.events)
 
     def end(self) -> bool:
-        """End: force off, no promise any more, no connection; says whether ``disarm`` was answered."""
+        """End: switch the force off, stop ``alive``, close the connection. Return whether ``disarm`` was answered."""
         answered = False
         self.link.promise(None)
         self.lost = self.link.lost
@@ -188,7 +188,7 @@ class Console:
             self._sort(line)
 
     def _sort(self, line: str) -> None:
-        # Nobody has asked: the greeting after a reset.
+        # This program has not asked for the version, so it is the greeting after a reset.
         self._reset |= line.startswith("ok version ")
         self.events.append(line)
 
@@ -203,7 +203,7 @@ class Console:
 
     @contextlib.contextmanager
     def _safe(self) -> Iterator[None]:
-        """Whatever ends this otherwise than by itself ends the force."""
+        """Switch the force off if the block ends by an exception."""
         try:
             yield
         except TimeoutError as error:
@@ -218,11 +218,11 @@ class Console:
             try:
                 self.link.send("stop")
                 return self.link.disarm(DISARM_S)
-            except ConnectionError:  # which has said it already
+            except ConnectionError:  # the link has already sent ``disarm``
                 return False
 
         answered, _ = to_the_end(off)
-        # Answers come in order: what has come by now answers nothing that is asked later.
+        # Answers come in order, so lines that have come by now do not answer later commands.
         for line in self.link.waiting():
             if is_event(line):
                 self._sort(line)

@@ -12,9 +12,9 @@ from queue import Empty, SimpleQueue
 
 __all__ = ["Link", "LOOK_S"]
 
-#: Between two looks at signals and at what else may have happened.
+#: Time between two checks for signals and other events, s.
 LOOK_S = 0.05
-#: A server that does not take a line for so long is lost.
+#: Longest time for a server to take a line, s; after it the board is lost.
 SEND_S = 0.5
 
 Sink = Callable[[bytes], None]
@@ -23,8 +23,8 @@ Sink = Callable[[bytes], None]
 class Link:
     """The channels of one board.
 
-    The thread reads all of them for as long as the connection is there: a board that nobody reads obeys nobody. Answers
-    to ``disarm`` and to the promises that it keeps by itself it takes out; every other line goes to :meth:`line`.
+    The thread reads all channels while the connection exists, since a board obeys no command if nobody reads its
+    replies. The thread removes the answers to ``disarm`` and to its own ``alive``; every other line goes to :meth:`line`.
     """
 
     def __init__(self, host: str, commands: int, telemetry: int, replies: int, connect_s: float) -> None:
@@ -42,9 +42,9 @@ class Link:
         except BaseException:
             self._shut()
             raise
-        #: Why there is no board any more, once that is so.
+        #: The reason why the board is lost; None while it is connected.
         self.lost: str | None = None
-        #: Takes what comes of telemetry.
+        #: Receives the telemetry.
         self.sink: Sink | None = None
         self._lines: SimpleQueue[str | None] = SimpleQueue()
         self._unfinished = b""
@@ -97,7 +97,7 @@ class Link:
                     return line
 
     def waiting(self) -> list[str]:
-        """All lines that have come and were not taken."""
+        """All lines that have come and were not read."""
         lines = []
         with contextlib.suppress(Empty):
             while True:
@@ -114,12 +114,12 @@ class Link:
             time.sleep(LOOK_S / 5)
 
     def check(self) -> None:
-        """Raise ConnectionError if there is no board any more."""
+        """Raise ConnectionError if the board is lost."""
         if self.lost is not None:
             raise ConnectionError(self.lost)
 
     def disarm(self, wait_s: float) -> bool:
-        """Send ``disarm``, and wait for its answer; says whether it came. From any thread.
+        """Send ``disarm`` and wait for its answer. Return whether the answer came. Any thread may call it.
 
         Raises
         ------
@@ -136,7 +136,7 @@ class Link:
         return True
 
     def promise(self, promise_ms: int | None) -> None:
-        """Say ``alive`` four times as often as the board is promised from now on, or no longer."""
+        """Send ``alive`` four times per `promise_ms` from now on; None stops it."""
         self._promised = time.monotonic()
         self._promise_ms = promise_ms
 
@@ -147,7 +147,7 @@ class Link:
         if self.lost is None:
             with contextlib.suppress(OSError):
                 self._sockets[0].shutdown(socket.SHUT_WR)
-            # A socket that is closed with bytes unread takes those with it that were not yet delivered.
+            # If a socket is closed with unread bytes, bytes that were not delivered yet are lost.
             if not answered:
                 self._over.wait(LOOK_S * 6)
         self._over.set()
@@ -161,7 +161,7 @@ class Link:
             made.close()
 
     def _put(self, line: bytes) -> None:
-        # What a signal has interrupted may still hold it; a line goes out whole in any case.
+        # Code that a signal has interrupted may still hold the lock. The line is sent whole in any case.
         held = self._sending.acquire(timeout=SEND_S)
         try:
             self._sockets[0].sendall(line)
@@ -179,7 +179,7 @@ class Link:
         with contextlib.suppress(OSError):
             self._sockets[0].sendall(b"\ndisarm\n")
             self._sockets[0].shutdown(socket.SHUT_WR)
-        # Commands may be taken by a new connection still.
+        # A new connection may still take commands.
         with contextlib.suppress(OSError), socket.create_connection(self._address, timeout=SEND_S) as other:
             other.sendall(b"\ndisarm\n")
             other.shutdown(socket.SHUT_WR)
@@ -203,7 +203,7 @@ class Link:
                         key.data(got)
                 except TimeoutError:
                     continue
-                except Exception as error:  # whatever it is, nobody reads any more
+                except Exception as error:  # after any exception, no thread reads any more
                     self._lose(str(error) or type(error).__name__)
 
     def _keep_promise(self) -> None:
@@ -225,7 +225,7 @@ class Link:
         *whole, self._unfinished = (self._unfinished + got).split(b"\n")
         for line in whole:
             text = line.decode("ascii", "replace").strip()
-            # Without a device record, or with an image that is not what was built, nothing runs; commands are refused so.
+            # Without a device record, or with a damaged image, the force is off; these lines refuse each command.
             if text == "ok disarm" or text.startswith(("error: no device record", "error: fault 46 (image)")):
                 self._disarmed.set()
             if text and text != "ok disarm" and not (text == "ok alive" and self._promise_ms is not None):

@@ -19,7 +19,7 @@ from ._native import Scene
 
 __all__ = ["Program"]
 
-#: A program that was asked to end is left so long for it.
+#: Longest time for the program to end by itself, s.
 END_S = 3.0
 
 
@@ -66,7 +66,7 @@ class Program:
         said = Path(self._room.name) / "stderr.txt"
         with said.open("w") as stderr:
             try:
-                # A group of its own: Ctrl-C is for the script, which still has something to say to the board.
+                # A process group of its own: Ctrl-C then reaches only the script, which still has to disarm the board.
                 self._process = subprocess.Popen(
                     command,
                     cwd=folder,
@@ -93,7 +93,7 @@ class Program:
             name = os.fspath(scene)
             return str(Path(name).absolute()) if Path(name).is_file() else name
         with contextlib.suppress(ValueError):
-            # A board's own scene goes with the record of its image.
+            # A board's own scene uses the device record of the image.
             if Scene.load(scene.name) == scene:
                 return scene.name
         file = Path(self._room.name) / f"{Path(scene.name).name}.toml"
@@ -101,7 +101,7 @@ class Program:
         return str(file)
 
     def _address(self, wait_s: float) -> str | None:
-        """The first line on stdout, empty if the program ended without; None if none comes."""
+        """The first line on stdout; empty if the program ended without a line, None if no line comes in time."""
         assert self._process is not None and self._process.stdout is not None
         stdout, lines = self._process.stdout, SimpleQueue[str]()
 
@@ -125,7 +125,7 @@ class Program:
         return self._process.pid
 
     def end(self) -> None:
-        """End the program, by force if it does not by itself. Again is allowed."""
+        """End the program, by force if necessary. It may be called again."""
         process = self._process
         if process is not None and process.returncode is None:
             try:

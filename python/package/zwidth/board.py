@@ -240,11 +240,11 @@ class Board:
 
     @property
     def events(self) -> tuple[str, ...]:
-        """Lines that answered no command, oldest first: those of experiments, and the greeting after a reset."""
+        """Lines that are not replies, oldest first: reports of experiments, and the greeting after a reset."""
         return self._console.heard()
 
     def status(self) -> BoardStatus:
-        """How things stand, with the newest output."""
+        """The state of the board, with the newest output."""
         return BoardStatus._of("ok " + self.ask("status"))
 
     def version(self) -> str:
@@ -256,7 +256,7 @@ class Board:
         return self.ask("get").removeprefix("get ")
 
     def faults(self) -> str:
-        """The latched fault, with the output that it began at, and what is still there; ``"none"`` without one."""
+        """The latched fault, the output at which it began, and its present causes; ``"none"`` without a fault."""
         return self.ask("faults").removeprefix("faults ")
 
     def designs(self) -> tuple[str, ...]:
@@ -291,7 +291,7 @@ class Board:
             self._console.stay(0.02)
 
     def disarm(self) -> None:
-        """Take the force away; it is off when this returns. From any thread."""
+        """Switch the force off. It is off when this returns. Any thread may call it."""
         self._console.disarm()
 
     def stop(self) -> None:
@@ -299,7 +299,7 @@ class Board:
         self.ask("stop")
 
     def clear(self) -> None:
-        """Forget the latched fault."""
+        """Clear the latched fault."""
         self.ask("clear")
 
     def unlock(self) -> None:
@@ -339,7 +339,7 @@ class Board:
         return self._number("cutoff", cutoff_hz)
 
     def tuning(self, value: float, place: int = 1) -> float:
-        """The estimator's parameter at that place, 1 for the first, in the unit that :meth:`get` shows."""
+        """Set the estimator's parameter with this number (1: the first), in the unit that :meth:`get` shows."""
         return self.set("tuning" if place == 1 else f"tuning{place}", value)
 
     def estimator(self, name: str) -> str:
@@ -367,7 +367,7 @@ class Board:
         self.ask("save", 10.0)
 
     def load(self) -> str:
-        """Take the settings from flash; returns which they are."""
+        """Load the settings from flash; returns which ones were loaded."""
         return self.ask("load").removeprefix("load: ")
 
     def stream(self, on: bool) -> None:

@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 __all__ = ["StudyFailed", "StudyRun", "run_study"]
 
-#: Units of a scheduler's that are under way at once, for each thread of its workers.
+#: Count of units that a scheduler has at the same time, for each thread of its workers.
 AHEAD = 2
 
-#: Time between two looks whether the scheduler is there, s.
+#: Time between two checks that the scheduler is still there, s.
 LOOK_S = 0.5
 
 Made = tuple[str, str, int, int]
@@ -99,7 +99,7 @@ class StudyRun:
         if out.exists() and any(out.iterdir()):
             raise FileExistsError(f"{out} is there already, and not empty")
         out.mkdir(parents=True, exist_ok=True)
-        # A column that is empty in one part has its type from another.
+        # A column that is empty in one part takes its type from another part.
         schema = pyarrow.unify_schemas([_read(part).schema for part in self._parts()], promote_options="permissive")
         for part in self._parts():
             draft = out / f".{part.stem}.draft"
@@ -122,7 +122,7 @@ def _read(part: Path) -> pyarrow.Table:
 
 @lru_cache(maxsize=4)
 def _units(text: str, origin: str, folder: Path) -> _native.StudyUnits:
-    """A process reads a study once."""
+    """Read a study; a process reads each study once."""
     return _native.StudyUnits(text, origin, folder)
 
 
@@ -207,8 +207,8 @@ def _on_cluster(
     enter: Any,
     how: tuple[tuple[str, str, Path], str, str],
 ) -> dict[int, str]:
-    """Makes units on a cluster, a few at a time; those that could not be made, and why."""
-    from concurrent.futures import CancelledError  # of all units under way: the connection is lost
+    """Run units on a cluster, a few at a time. Return the units that failed, with the reasons."""
+    from concurrent.futures import CancelledError  # raised by all running units when the connection is lost
 
     from distributed import wait
 

@@ -10,7 +10,7 @@ from ._native import Telemetry
 
 __all__ = ["Recording"]
 
-#: Longest capture: what ``cargo sim telemetry`` reads, more than an hour.
+#: Longest capture that ``cargo sim telemetry`` reads, bytes: more than an hour.
 CAPTURE_MAX = 256 << 20
 
 

@@ -17,7 +17,7 @@ __all__ = ["Table"]
 
 
 class Tabular:
-    """Results that are a table as well."""
+    """Results that are also a table."""
 
     def columns(self) -> dict[str, Any]:
         """The columns of the table, as the command line's CSV names them."""

@@ -1,4 +1,4 @@
-//! Nobody reads.
+//! The board's behaviour when no host reads.
 
 use virtual_board::{
     board::{Board, NUCLEO_F446RE},
@@ -9,8 +9,8 @@ use crate::firmware::{Firmware, ok};
 
 each_board!(nothing_changes_without_an_acknowledgement, disarm_is_answered_with_the_force_off);
 
-/// At the end of the sample in which the answer comes the amplifier is off: at rest, in a hit, off already, and where a
-/// fault comes first.
+/// At the end of the sample in which the reply comes, the amplifier is off. Tested at rest, in a hit, when it is off
+/// already, and after an earlier fault.
 fn disarm_is_answered_with_the_force_off(board: Board) {
     let firmware = Firmware::of(board);
     for (case, phase) in [(0, 1), (1, 4), (2, 6), (3, 9)] {
@@ -41,14 +41,15 @@ fn disarm_is_answered_with_the_force_off(board: Board) {
     }
 }
 
-/// Nobody reads: the channels fill up. One command more may act, and its reply waits for room; what
-/// comes after it is not obeyed, but for what ends something.
+/// If no host reads, the channels fill up. Then one more command may act, and its reply waits for room. Later commands
+/// are not obeyed, except for commands that end something.
 fn nothing_changes_without_an_acknowledgement(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();
     let unread = |world: &mut World<'_>, line: &str| {
         world.send(&format!("{line}\n")).unwrap();
-        // Longer than the board waits between two lines: it has met or ignored each before the next.
+        // The wait is longer than the board's pause between two lines. So each line is obeyed or ignored before the
+        // next comes.
         for _ in 0..40 {
             world.sample().unwrap();
         }
@@ -60,7 +61,7 @@ fn nothing_changes_without_an_acknowledgement(board: Board) {
     world.replies.clear();
     world.lines.clear();
     world.run(2_000).unwrap();
-    // The log has them all in order, from the last that found room in it to the one that waited.
+    // The log has all lines in order, from the last one that had room to the one that waited.
     let acknowledged = |lines: &mut dyn Iterator<Item = &str>| {
         lines.filter_map(|line| line.split_once("ok k ")?.1.split(' ').next()?.parse().ok()).max()
     };
@@ -78,8 +79,8 @@ fn nothing_changes_without_an_acknowledgement(board: Board) {
     assert!(status.contains("ok status off"), "{status}");
 }
 
-/// A walk that nobody listens to ends after the hit that it is at: it does not move the handle on for results that are
-/// lost. Who reads again is told so.
+/// A walk whose lines nobody reads ends after its present hit. It makes no further moves for lost results. A host that
+/// reads again gets a message about it.
 #[test]
 fn a_walk_ends_when_nobody_reads() {
     let firmware = Firmware::of(NUCLEO_F446RE);
@@ -93,7 +94,7 @@ fn a_walk_ends_when_nobody_reads() {
     ok(&mut world, "walk");
     world.run(25_000).unwrap();
     assert!(told(&mut world, "walk hit 1: "), "it walks: {}", world.replies);
-    // Replies that nobody takes fill both channels; the walk is at some hit then.
+    // Replies that nobody reads fill both channels during the walk's hits.
     for _ in 0..300 {
         world.send("get\n").unwrap();
         (0..30).for_each(|_| world.sample().unwrap());

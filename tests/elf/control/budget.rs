@@ -1,4 +1,4 @@
-//! Cycles and memory.
+//! Limits of cycles and memory.
 
 use virtual_board::{
     board::{Board, NUCLEO_F446RE},
@@ -19,10 +19,10 @@ each_board!(
     tasks_and_memory_stay_in_their_budget
 );
 
-/// Cycles from exception entry to return that the sampling task may take: 261 before what the estimator remembers had a
-/// seal, which costs 15 in a quiet sample.
+/// Largest count of cycles of the sampling task from exception entry to return. It was 261 before the estimator's state
+/// had a checksum, which takes 15 cycles in a quiet sample.
 const SAMPLE_CYCLES: u64 = 295;
-/// Cycles of it that `Sampler::sample` may take: encoder, velocity, what is due.
+/// Cycles of the sampling task that `Sampler::sample` may take: encoder, velocity, and the next due sample.
 const CORE_CYCLES: u64 = 120;
 
 fn tasks_and_memory_stay_in_their_budget(board: Board) {
@@ -65,7 +65,7 @@ fn tasks_and_memory_stay_in_their_budget(board: Board) {
     assert!(flash < 256 * 1024);
 }
 
-/// Arms from where the force is off, after those commands.
+/// Sends the commands with the force off, then arms.
 fn arm_after(world: &mut World<'_>, lines: &[&str]) {
     world.run(30).unwrap();
     for line in lines.iter().chain(&["zero", "arm"]) {
@@ -74,7 +74,7 @@ fn arm_after(world: &mut World<'_>, lines: &[&str]) {
     until_armed(world);
 }
 
-/// No output for so many samples: a fault.
+/// Masks the output task for `samples` samples, which is a fault.
 fn hold_outputs_up(world: &mut World<'_>, samples: u64) {
     world.powered.mcu.mask(RENDER, true);
     world.run(samples).unwrap();
@@ -83,21 +83,21 @@ fn hold_outputs_up(world: &mut World<'_>, samples: u64) {
     assert!(ok(world, "status").contains("fault 20"));
 }
 
-/// Zero, disarm, faults at every place of the output period, and what ends them: no sample is
-/// longer for it. The sums of the session above have none of these.
+/// Zero, disarm, faults at every place of the output period, and the commands that clear them: no sample takes longer
+/// than its limit. The session's maxima do not include these events.
 fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();
     world.powered.mcu.watch_mut().clear();
     let recover = |world: &mut World<'_>| arm_after(world, &["clear"]);
-    // The code is the same on both boards, and so is its place in the period.
+    // Both boards have the same code at the same place of the period.
     for phase in (0..10).step_by(if board == NUCLEO_F446RE { 1 } else { 3 }) {
-        // A jump of the count: found in one sample, gone in the next.
+        // A jump of the count is found in one sample, and cleared in the next one.
         world.run(phase).unwrap();
         world.hold(world.position_m() + 700e-6, true);
         world.run(30).unwrap();
         assert!(ok(&mut world, "status").contains("fault 10"));
-        ok(&mut world, "zero"); // with a sample that switches off as well
+        ok(&mut world, "zero"); // in a sample that also switches off
         world.hold(world.position_m(), false);
         recover(&mut world);
         if phase % 3 != 0 {
@@ -111,12 +111,12 @@ fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
         world.run(phase).unwrap();
         recover(&mut world);
     }
-    // Outputs that do not come: late with a due sample, stuck, and back.
+    // Outputs that do not come: a late one with a due sample, stuck ones, and their return.
     for samples in [25, 150] {
         hold_outputs_up(&mut world, samples);
         recover(&mut world);
     }
-    // Every estimator after every other, with the force on and off.
+    // Each estimator after each other one, with the force on and off.
     ok(&mut world, "unlock envelope");
     let known: Vec<_> = EstimatorName::ALL
         .iter()
@@ -128,7 +128,7 @@ fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
         for (n, before) in known.iter().enumerate() {
             for after in &known[n..] {
                 for line in [before, "cutoff 1200", after, before] {
-                    world.ask(line).unwrap(); // one has no cutoff
+                    world.ask(line).unwrap(); // one estimator has no cutoff
                     world.run(20).unwrap();
                 }
             }
@@ -147,7 +147,7 @@ fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
     assert!(sample.most <= SAMPLE_CYCLES, "{sample:?}");
 }
 
-/// At period 1 every sample is due, and notes or zeroes itself what it has found.
+/// At period 1 every sample is due, and the sample itself notes or zeroes what it has found.
 fn no_sample_with_an_output_each_is_longer_than_the_periods_allow(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();

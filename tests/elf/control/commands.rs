@@ -1,5 +1,5 @@
-//! Every command in any order, with garbage between, while the loop runs: one reply to each line, settings that
-//! change only with an `ok`, no output missed, nothing that ends the program.
+//! Every command in any order, with random text between, while the loop runs. Each line gets one reply. Settings change
+//! only with an `ok`. No output is missed, and the program does not end.
 
 use std::collections::BTreeSet;
 
@@ -11,7 +11,7 @@ use zwidth::{
 
 use crate::firmware::Firmware;
 
-/// Lines; on one board, because none of this code is the board's.
+/// Count of lines. The test runs on one board, because this code is the same on both.
 const LINES: usize = 120;
 
 /// Random numbers by SplitMix64.
@@ -31,7 +31,7 @@ impl Random {
     }
 }
 
-/// From one usage to the next; a prime.
+/// Distance from one usage to the next; a prime number.
 const STEP: usize = 17;
 const NUMBERS: [&str; 22] = [
     "0", "1", "-1", "2", "0.1", "0.5", "0.001", "0.005", "0.02", "-0.01", "5", "5.9", "30", "300",
@@ -40,7 +40,7 @@ const NUMBERS: [&str; 22] = [
 const NAMES: [&str; 6] =
     ["butterworth", "butterworth-prewarped", "first-order", "difference", "kalman-3", "nonsense"];
 
-/// A command as its usage says, with a word or number that may suit it.
+/// A command with the values that its usage asks for; the values may be allowed or not.
 fn command(random: &mut Random, usage: &str) -> String {
     let Some((name, what)) = usage.split_once(' ') else { return usage.to_owned() };
     let word = match what {
@@ -57,7 +57,7 @@ fn command(random: &mut Random, usage: &str) -> String {
     }
 }
 
-/// No command, sometimes longer than a line may be.
+/// Random text that is not a command, sometimes longer than the longest line.
 fn garbage(random: &mut Random) -> String {
     const PIECES: [&str; 11] =
         ["#", "k", " ", "\t", "\0", "\u{1b}[A", "é", "µ", "9e", "--", "hit;"];
@@ -65,7 +65,7 @@ fn garbage(random: &mut Random) -> String {
     format!("#{}", (0..length).map(|_| random.of(&PIECES)).collect::<String>())
 }
 
-/// What an experiment says by itself.
+/// Whether a line is an experiment's own report.
 fn is_report(line: &str) -> bool {
     [
         "walk hit",
@@ -82,7 +82,7 @@ fn is_report(line: &str) -> bool {
     .any(|start| line.starts_with(start))
 }
 
-/// The one reply to a line.
+/// The only reply to a line.
 fn reply(world: &mut World<'_>, line: &str) -> String {
     world.replies.clear();
     world.send(&format!("{line}\n")).unwrap();
@@ -108,7 +108,7 @@ fn every_command_works_in_any_order_with_garbage_between() {
     let firmware = Firmware::of(NUCLEO_F446RE);
     let mut world = firmware.armed();
     let mut random = Random(1);
-    // the third to the last parameter of an estimator are commands of other images
+    // other images have commands for the third to the last parameter of an estimator
     let has =
         |usage: &&str| !usage.starts_with("tuning") || usage.split(' ').next() < Some("tuning3");
     let all: Vec<_> = usages().filter(has).collect();
@@ -119,7 +119,7 @@ fn every_command_works_in_any_order_with_garbage_between() {
     for n in 0..LINES {
         let line = match random.below(12) {
             0 => garbage(&mut random),
-            // Every usage in turn, so that none is left out.
+            // Every usage in turn, so that each one is tested.
             _ => command(&mut random, all[n * STEP % all.len()]),
         };
         let answer = reply(&mut world, &line);
@@ -135,13 +135,13 @@ fn every_command_works_in_any_order_with_garbage_between() {
         changed += u32::from(now != settings);
         settings = now;
         if n % 50 == 49 {
-            // Force on again, whatever the commands have made of it.
+            // Switches the force on again, in whatever state the commands have left the board.
             for line in
                 ["stop", "disarm", "clear", "motor +", "encoder +", "fullscale 5.906", "stream on"]
             {
                 reply(&mut world, line);
             }
-            world.hold(world.position_m(), true); // at rest, so that `zero` is taken
+            world.hold(world.position_m(), true); // at rest, so that the board accepts `zero`
             world.run(500).unwrap();
             world.hold(world.position_m(), false);
             for line in ["zero", "unlock envelope", "k 2000", "b 10", "wall 0.005", "arm"] {

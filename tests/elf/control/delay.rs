@@ -1,4 +1,4 @@
-//! Nothing delays the samples.
+//! Nothing delays the sampling task.
 
 use virtual_board::{
     board::{Board, NUCLEO_F446RE},
@@ -15,13 +15,13 @@ use crate::{
 
 each_board!(the_sampling_task_enters_no_critical_section, nothing_delays_the_samples);
 
-/// Longest difference between two delays, cycles: instructions that cannot be interrupted.
+/// Largest difference between two delays, cycles: the longest instructions cannot be interrupted.
 const SPREAD: u64 = 64;
 
-/// Longest time for which the logger keeps `render` and `brown_out` away, us; a sample within it included.
+/// Longest time for which the logger masks `render` and `brown_out`, us, including a sample within this time.
 const MASK_US: f64 = 60.0;
 
-/// What is wrong with the samples' time.
+/// Describes what delays the samples.
 fn delayed(watch: &Watch) -> Result<(), String> {
     if watch.delay_spread() > SPREAD {
         return Err(format!("spread {} cycles", watch.delay_spread()));
@@ -38,7 +38,7 @@ fn nothing_delays_the_samples(board: Board) {
     println!("{}: cycles from event to count: {:?}", firmware.board.name, watch.delays);
     assert!(watch.delays.values().sum::<u64>() >= SAMPLES);
     assert_eq!(delayed(watch), Ok(()), "{:?}", watch.delays);
-    // The positive control: samples did come while the logger masked the lower tasks.
+    // Positive control: some samples came while the logger masked the lower tasks.
     let masked: u64 = watch.events_by_basepri.range(1..).map(|(_, n)| n).sum();
     println!("events by BASEPRI: {:?}", watch.events_by_basepri);
     let mask_us = watch.longest_mask as f64 / firmware.board.chip.core_hz as f64 * 1e6;
@@ -54,8 +54,8 @@ fn nothing_delays_the_samples(board: Board) {
     assert!(session.lines > 500, "{}", session.lines);
 }
 
-/// The same firmware with its masks exchanged: where it raises BASEPRI it disables all interrupts, as the critical
-/// section of `cortex-m` does, and where it restores BASEPRI it enables them.
+/// The same firmware with other masks. Where it raises BASEPRI it disables all interrupts, like the critical section of
+/// `cortex-m`. Where it restores BASEPRI it enables them.
 fn with_critical_sections(firmware: &Firmware) -> Elf {
     const MSR: u16 = 0xF380;
     let mut elf = firmware.elf.clone();
@@ -80,8 +80,8 @@ fn with_critical_sections(firmware: &Firmware) -> Elf {
     elf
 }
 
-/// With a logger that logs inside a critical section, as `rtt-target`'s and `defmt-rtt` do, the same look finds delays:
-/// by their spread alone, and by the mask.
+/// The test finds the delays of a logger that uses a critical section, like `rtt-target` and `defmt-rtt`: by their
+/// spread alone, and by the mask.
 #[test]
 #[ignore = "the control of the test above: CI runs it"]
 fn a_logger_with_a_critical_section_would_be_noticed() {
@@ -117,8 +117,8 @@ fn a_logger_with_a_critical_section_would_be_noticed() {
     assert!(spreads[0] <= SPREAD && spreads[1] > 10 * SPREAD, "{spreads:?}");
 }
 
-/// Machine code of the sampling task, and of what it calls (the guard's rare cases): nothing in it
-/// disables interrupts, raises a mask or calls through a pointer.
+/// Checks the machine code of the sampling task and of the functions that it calls (rare cases of the guard). No
+/// instruction disables interrupts, raises a mask or calls through a pointer.
 fn the_sampling_task_enters_no_critical_section(board: Board) {
     let elf = Firmware::of(board).elf;
     let code = Code::of(&elf);

@@ -1,4 +1,4 @@
-//! Commands come within the latency that the simulator is given.
+//! The force acts within the latency that the simulator uses.
 
 use host_sim::scene::NamedScene;
 use virtual_board::board::{Board, Force};
@@ -10,14 +10,14 @@ use crate::{
 
 each_board!(commands_reach_their_register_within_the_latency_that_the_simulator_is_given);
 
-/// What the DAC takes to settle, s, by its data sheet: part of the latency after its register is written.
+/// Settling time of the DAC, s, by its data sheet: the last part of the latency, after the write of its register.
 const DAC_SETTLES_S: f64 = 3e-6;
 
-/// A PWM takes a command over at that time after its sample, s (`LEAD_CYCLES` of the board): what comes
-/// later acts 25 us later.
+/// Time after a sample at which the PWM takes a command over, s (`LEAD_CYCLES` of the board). A later command acts 25
+/// us later.
 const TAKEN_OVER_S: f64 = 14e-6;
 
-/// Part of that time which has to be left: zero wait states are the model's, not the chip's.
+/// Fraction of that time which must be left. The emulator's zero wait states are not the chip's.
 const RESERVE: f64 = 0.2;
 
 fn commands_reach_their_register_within_the_latency_that_the_simulator_is_given(board: Board) {
@@ -27,8 +27,8 @@ fn commands_reach_their_register_within_the_latency_that_the_simulator_is_given(
     for line in ["settle 0.1", "window 0.1", "kstart 2000", "kstep 4000", "bstart 20"] {
         ok(&mut world, line);
     }
-    // Everything that an output may have to do: ways back, hits, changes that fade, a walk's
-    // walls, a calibration, a black box that is read out, an arm anew. Not what `disarm` writes between two outputs.
+    // Everything that an output may have to do: return moves, hits, changes that fade, a walk's walls, a calibration, a
+    // black box that is read out, and arming again. Without the write of `disarm` between two outputs.
     let mut most = 0;
     for (line, samples) in [
         ("hit", 12_000),
@@ -52,7 +52,7 @@ fn commands_reach_their_register_within_the_latency_that_the_simulator_is_given(
             most = world.powered.mcu.watch().commands.most;
         }
         if line == "calibrate 9" {
-            world.hold(world.position_m(), true); // it begins at rest only
+            world.hold(world.position_m(), true); // the move begins only at rest
             world.run(2_000).unwrap();
         }
         if line == "faults" {
@@ -66,7 +66,7 @@ fn commands_reach_their_register_within_the_latency_that_the_simulator_is_given(
     }
     let anew = world.powered.mcu.watch().commands;
     let most = most.max(anew.most);
-    // A hit without changes, in contact: what the simulator's latency stands for.
+    // A hit in contact without changes of settings, which the simulator's latency is for.
     ok(&mut world, "start 0");
     ok(&mut world, "settle 3");
     ok(&mut world, "hit");

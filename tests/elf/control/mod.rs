@@ -1,6 +1,6 @@
-//! The release ELF under load, in a session that is run once: its telemetry against the core on the host, bit for bit;
-//! the delay of its samples, its interrupt masks, cycles and memory. And what no session has: every fault within the
-//! budget of a sample, commands in any order, commands against the latency, nobody who reads.
+//! The release ELF under load, in a session that is run once. Its telemetry equals the core on the host, bit for bit.
+//! The delay of its samples, its interrupt masks, cycles and memory are within limits. Further tests: each fault within
+//! the time limit of a sample, commands in any order, the latency of commands, and no host that reads.
 
 mod acknowledgement;
 mod budget;
@@ -22,10 +22,10 @@ use zwidth::{
 
 use crate::firmware::{Firmware, arm, ok};
 
-/// Samples that run under load.
+/// Count of samples under load.
 const SAMPLES: u64 = 50_000;
 
-/// What a session leaves behind.
+/// Recorded results of a session.
 struct Session {
     counts: Vec<u32>,
     records: Vec<Record>,
@@ -59,13 +59,13 @@ fn settings(velocity: VelocitySettings, position_m: f64, k: f64, b: f64) -> Sett
     }
 }
 
-/// The handle is moved in and out of the wall, through 0 and back, while commands come in without
-/// a pause and every output goes out as telemetry.
+/// Runs the session. The handle moves in and out of the wall, through 0 and back. Commands come without a pause, and
+/// every output goes out as telemetry.
 fn session(firmware: &Firmware) -> Session {
     let mut world = firmware.boot();
     let design = design(firmware);
     let mut now = settings(firmware.first(), 0.07, 0.0, 0.0);
-    // The firmware proposes its first settings to itself, which counts as a change.
+    // The firmware's first settings count as a change.
     let mut taken = vec![now, now];
     arm(&mut world);
     for (wall_m, k, b) in [(0.005, 0.0, 0.0), (0.005, 8000.0, 0.0), (0.005, 8000.0, 30.0)] {
@@ -83,7 +83,7 @@ fn session(firmware: &Firmware) -> Session {
             world.probe().unwrap();
         }
         if n % 400 == 399 {
-            // Gains at any time, the cutoff outside of contact only.
+            // Gains change at any time; the cutoff changes outside of contact only.
             let k = 1000.0 + (n / 400 * 37 % 15_000) as f64;
             now.wall.stiffness_n_per_m = k;
             world.send(&format!("k {k}\n")).unwrap();
@@ -101,7 +101,7 @@ fn session(firmware: &Firmware) -> Session {
                 .unwrap();
         }
     }
-    world.run(200).unwrap(); // the last replies
+    world.run(200).unwrap(); // time for the last replies
     let status = ok(&mut world, "status");
     assert!(status.contains("fault none"), "{status}");
     assert!(!world.lines.iter().any(|line| line.contains("not now")), "{:?}", world.lines);
@@ -119,7 +119,7 @@ fn session(firmware: &Firmware) -> Session {
     }
 }
 
-/// That board's session, run once.
+/// The session of that board, which is run once.
 fn session_of(board: Board) -> &'static (Firmware, Session) {
     static SESSIONS: [OnceLock<(Firmware, Session)>; BOARDS.len()] = [const { OnceLock::new() }; 2];
     let place = BOARDS.iter().position(|other| *other == board).unwrap();

@@ -1,5 +1,5 @@
-//! What acts is not what was asked for: a DAC that gives something else, converters that stand still, an amplifier that is
-//! stuck though nothing moves. And no false alarm, whatever the force does.
+//! The hardware does not do what the program commands: a DAC with a wrong output, converters that stop, an amplifier
+//! with a constant force although the handle does not move. No false alarm comes, whatever the force is.
 
 use host_sim::scene::{MotorTable, NamedScene, Scene};
 use virtual_board::{
@@ -19,10 +19,10 @@ each_board!(
     a_force_that_hums_from_end_to_end_is_no_false_alarm
 );
 
-/// Half the supply without current, 20 % of it at full command.
+/// Current signal as a fraction of the supply: one half without current, 20 % at full command.
 const SENSE: [Option<f64>; 2] = [Some(0.5), Some(0.2)];
 
-/// The image with a device whose amplifier says its current like this, or does not.
+/// The image for a device with this current signal, or without one.
 fn saying(board: Board, [current_sense_rest, current_sense_full]: [Option<f64>; 2]) -> Firmware {
     let mut named = NamedScene::load(board.name).unwrap();
     named.name = "sensing".into();
@@ -35,7 +35,7 @@ fn saying(board: Board, [current_sense_rest, current_sense_full]: [Option<f64>; 
     Firmware { elf, scene, ..plain }
 }
 
-/// Milliseconds until enable is inactive, within 0.1 s.
+/// Time until enable is inactive, ms, within 0.1 s.
 fn off_ms(world: &mut World<'_>) -> Option<f64> {
     let begun = world.powered.mcu.now();
     world.run(1000).unwrap();
@@ -63,11 +63,11 @@ fn a_dac_that_gives_something_else_is_off_within_3_ms() {
         ok(&mut world, "clear");
     }
     figure("elf/faults/acts/dac", most * 1e3);
-    // What two parts in a hundred of the range hide, 4 % of full scale.
+    // An error of 4 % of full scale is within the tolerance of two per cent of the range.
     world.restore(&before);
     world.defects.dac = 0.035;
     assert_eq!(off_ms(&mut world), None);
-    // A converter without an answer.
+    // A converter that gives no result.
     world.restore(&before);
     world.defects.converters_stand = true;
     let off = off_ms(&mut world).expect("enable stays active");
@@ -78,7 +78,7 @@ fn an_amplifier_that_is_stuck_is_found_by_its_current(board: Board) {
     let firmware = saying(board, SENSE);
     let mut world = pressed(&firmware);
     let before = world.snapshot();
-    // Held where the force is 40 % of full scale.
+    // Held at a place where the force is 40 % of full scale.
     for (part, most_ms) in [(1.0, 5.0), (-1.0, 9.0), (0.0, 14.5)] {
         world.restore(&before);
         world.defects.stuck = Some(part);
@@ -90,7 +90,7 @@ fn an_amplifier_that_is_stuck_is_found_by_its_current(board: Board) {
         let status = ok(&mut world, "status");
         assert!(status.contains("fault 36 (motor current)"), "{part}: {status}");
     }
-    // Less than a quarter is what an amplifier may differ by; and without the input nobody looks.
+    // A difference below one quarter is allowed. Without the current input nothing is checked.
     world.restore(&before);
     world.defects.stuck = Some(-0.2);
     assert_eq!(off_ms(&mut world), None);

@@ -1,4 +1,5 @@
-//! Bits that flip in the memory of `render` and of what it gives to `sample`: what decides a force is kept twice.
+//! Bits that flip in the memory of `render`, and in the data that it gives to `sample`. Data that decides a force is
+//! stored twice.
 
 use virtual_board::{
     board::Board,
@@ -18,7 +19,7 @@ each_board!(
 /// Longest time until enable is inactive, s.
 const OFF_S: f64 = 3e-3;
 
-/// Bytes of the static whose name has that in it.
+/// Address and size of the static whose name contains `name`.
 fn place(firmware: &Firmware, name: &str) -> (u32, u32) {
     let mut symbols = firmware.elf.symbols.iter();
     let (_, from, size) = symbols.find(|(symbol, ..)| symbol.contains(name)).unwrap();
@@ -31,14 +32,14 @@ fn bytes(world: &World<'_>, (from, size): (u32, u32)) -> Vec<u8> {
     bytes
 }
 
-/// Where the words are that hold `value`.
+/// Addresses of the words with the value `value`.
 fn words(world: &World<'_>, place: (u32, u32), value: i32) -> Vec<u32> {
     let bytes = bytes(world, place);
     let words = bytes.chunks_exact(4).zip((place.0..).step_by(4));
     words.filter(|(word, _)| **word == value.to_le_bytes()).map(|(_, at)| at).collect()
 }
 
-/// Bytes that are 0 in all of `without` and 1 in all of `with`.
+/// Bytes that are 0 in each of `without` and 1 in each of `with`.
 fn flags(place: (u32, u32), without: &[Vec<u8>], with: &[Vec<u8>]) -> Vec<u32> {
     let is = |all: &[Vec<u8>], at: usize, value| all.iter().all(|bytes| bytes[at] == value);
     (0..place.1 as usize)
@@ -47,7 +48,7 @@ fn flags(place: (u32, u32), without: &[Vec<u8>], with: &[Vec<u8>]) -> Vec<u32> {
         .collect()
 }
 
-/// Flips a bit of the byte there, and says when enable went and what the board says of it.
+/// Flips a bit of the byte at `at`. Returns the time until enable is inactive, and the board's status.
 fn flip(world: &mut World<'_>, before: &Snapshot, at: u32, bit: u8) -> (Option<f64>, String) {
     world.restore(before);
     let begun = world.powered.mcu.now();
@@ -67,7 +68,7 @@ fn a_number_that_decides_a_force_is_kept_twice(board: Board) {
     let mut world = firmware.boot();
     let render = place(&firmware, "local_resource_render");
     let sample = place(&firmware, SAMPLE_STATE);
-    // The motor's sign is a byte: it is found by turning it, with the force off.
+    // The motor's sign is a byte. The test finds it by changing the sign with the force off.
     let mut seen = [Vec::new(), Vec::new()];
     for turned in [0, 1, 0, 1, 0] {
         ok(&mut world, ["motor +", "motor -"][turned]);
@@ -105,7 +106,7 @@ fn a_number_that_decides_a_force_is_kept_twice(board: Board) {
     }
     println!("{}: found {found:?}, off after {:.3} ms at most", board.name, longest * 1e3);
     figure(&format!("elf/faults/memory/{}", board.name), longest * 1e6);
-    // Value and copy; of the surface that of `render`, and of what `sample` has the one of two buffers that counts.
+    // Each value and its copy. For the surface, the words of `render` and the valid one of the two buffers of `sample`.
     assert!(found[0] == 2 && found[1] == 2 * 3 && found[2] >= 3 && found[3] >= 3, "{found:?}");
     assert!(longest <= OFF_S, "{longest}");
 }

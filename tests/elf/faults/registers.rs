@@ -1,5 +1,5 @@
-//! Bits of registers that flip: force has to be off within 3 ms, and the board says what it found. And a sample timer
-//! that runs at another rate.
+//! Bits of registers that flip: the force must be off within 3 ms, and the board must report the fault. Also a sample
+//! timer with a wrong rate.
 
 use board_trials::campaign::registers::{RegisterRow, register_rows};
 use virtual_board::{board::Board, world::World};
@@ -23,7 +23,7 @@ const TIM5: u32 = 0x4000_0C00;
 /// Longest time until enable is inactive, s.
 const OFF_S: f64 = 3e-3;
 
-/// Armed, pressed into the wall, in the middle between two outputs.
+/// An armed board whose handle is pressed into the wall, in the middle between two outputs.
 pub fn pressed(firmware: &Firmware) -> World<'_> {
     let mut world = firmware.armed();
     let zero_m = world.position_m();
@@ -68,7 +68,7 @@ fn a_register_that_changes_takes_the_force_away_within_3_ms(board: Board) {
     println!("{}: {} after {:.3} ms", board.name, longest.1, longest.0 * 1e3);
     figure(&format!("elf/faults/registers/{}/most", board.name), longest.0 * 1e6);
     figure(&format!("elf/faults/registers/{}/rows", board.name), register_rows(board).len());
-    // What is locked stays as it is.
+    // Locked registers do not change.
     world.restore(&before);
     for (offset, locked) in [(0x04, 0x7F00), (0x18, 0x7878), (0x1C, 0x7878), (0x20, 0x2AAA)] {
         let was = world.powered.mcu.peek(TIM1 + offset);
@@ -82,7 +82,7 @@ fn a_register_that_changes_takes_the_force_away_within_3_ms(board: Board) {
     assert!(world.powered.amplifier.is_enabled());
 }
 
-/// What the output watchdog is made of, and what makes enable: TIM8, DMA2's first flags and its stream 1, TIM1.
+/// Registers of the output watchdog and of enable: TIM8, DMA2's first flags and its stream 1, TIM1.
 const CHAIN: [(u32, &[u32]); 3] = [
     (TIM8, &[0x00, 0x04, 0x08, 0x0C, 0x10, 0x24, 0x28, 0x2C, 0x30]),
     (DMA2, &[0x00, 0x28, 0x2C, 0x30, 0x34, 0x3C]),
@@ -95,14 +95,14 @@ const CHAIN: [(u32, &[u32]); 3] = [
     ),
 ];
 
-/// From `begun` until enable is inactive, s; none while it is active.
+/// Time from `begun` until enable is inactive, s; none while it is active.
 fn off_after(world: &World<'_>, begun: u64) -> Option<f64> {
     let off = world.powered.amplifier.changes().disabled_at.filter(|&at| at >= begun)?;
     let is_off = !world.powered.amplifier.is_enabled();
     is_off.then(|| (off - begun) as f64 / world.powered.board.chip.core_hz as f64)
 }
 
-/// Enable is off within so long after the core is gone, s: a period of the output watchdog.
+/// Checks that enable is off within `limit_s` after the core has stopped, s: a period of the output watchdog.
 fn dead_core_is_off_within(world: &mut World<'_>, limit_s: f64, what: &str) {
     let begun = world.powered.mcu.now();
     world.powered.mcu.set_registers(|registers| registers.primask = true);
@@ -135,7 +135,7 @@ fn any_bit_of_the_output_watchdog_ends_in_off_or_leaves_it_at_work(board: Board)
     }
     println!("{}: {} bits end in off, {} do nothing", board.name, counts[1], counts[0]);
     assert!(counts[1] > 150, "{counts:?}");
-    // The word that waits in the stream cannot be read: a wrong one is stored once, and the next is right.
+    // The word that waits in the stream cannot be read. A wrong one is stored once, and the next one is right.
     for bit in 0..32 {
         world.restore(&before);
         world.powered.mcu.flip_fetched(bit);
@@ -143,7 +143,7 @@ fn any_bit_of_the_output_watchdog_ends_in_off_or_leaves_it_at_work(board: Board)
     }
 }
 
-/// The sample timer's counter is moved at each sample, so that no register is other than it was set up.
+/// The sample timer's counter is changed at each sample, so that all registers keep their set-up values.
 fn a_rate_that_is_off_by_more_than_2_percent_is_found_from_both_sides(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = pressed(&firmware);
@@ -153,7 +153,7 @@ fn a_rate_that_is_off_by_more_than_2_percent_is_found_from_both_sides(board: Boa
         world.restore(&before);
         let begun = world.powered.mcu.now();
         let moved = (ticks * percent / 100.0) as i32;
-        // Two rounds of 64 outputs of 10 samples: a comparison may have begun before.
+        // Two rounds of 64 outputs of 10 samples, since a comparison may have begun before.
         for _ in 0..1_400 {
             let events = world.powered.mcu.events();
             while world.powered.mcu.events() == events {

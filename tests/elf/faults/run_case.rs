@@ -1,4 +1,4 @@
-//! One fault case from `arm` to `arm`.
+//! Runs one fault case from `arm` to `arm`.
 
 use board_trials::campaign::fault_case::{Before, FaultCase, RENDER_US, WATCHDOG_US};
 use virtual_board::world::{Snapshot, World};
@@ -6,7 +6,7 @@ use zwidth::telemetry::{Decoder, Flags, Record};
 
 use crate::firmware::{Firmware, arm, ok};
 
-/// How much is looked at.
+/// How much of the black box is checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depth {
     /// The beginning of the black box.
@@ -15,16 +15,17 @@ pub enum Depth {
     Full,
 }
 
-/// What came of a fault case.
+/// Result of a fault case.
 pub struct CaseResult {
-    /// us until enable was inactive.
+    /// Time until enable was inactive, us.
     pub off_us: f64,
-    /// us until the force's code was that of zero force.
+    /// Time until the force's code was that of zero force, us.
     pub zero_us: f64,
     pub kept: String,
 }
 
-/// Armed or not, as fault cases want it; off its place by 0.1 mm, so that the position is not the counter's reading.
+/// A board, armed or not, as the fault case needs it. The handle is 0.1 mm off its place, so that the position differs
+/// from the counter's reading.
 pub fn prepare(firmware: &Firmware, before: Before, depth: Depth) -> Snapshot {
     let mut world = firmware.boot();
     let world = &mut world;
@@ -42,7 +43,7 @@ pub fn prepare(firmware: &Firmware, before: Before, depth: Depth) -> Snapshot {
             world.hold(zero_m, false);
             arm(world);
             world.lead_to(zero_m + 5.3e-3).unwrap();
-            // Long enough for the black box to be full.
+            // Enough samples to fill the black box.
             world.run(if depth == Depth::Full { 1_000 } else { 50 }).unwrap();
             assert_ne!(world.powered.mcu.force_registers(), zero_registers(world));
         }
@@ -60,7 +61,7 @@ pub fn prepare(firmware: &Firmware, before: Before, depth: Depth) -> Snapshot {
     world.snapshot()
 }
 
-/// The registers of the force output at zero force; the one that the board does not use stays 0.
+/// Registers of the force output at zero force. The register that the board does not use stays 0.
 fn zero_registers(world: &World<'_>) -> [u32; 3] {
     match world.powered.board.wiring.force {
         virtual_board::board::Force::Dac { .. } => [0, 0, 2048],
@@ -68,7 +69,7 @@ fn zero_registers(world: &World<'_>) -> [u32; 3] {
     }
 }
 
-/// Brings the fault about on a board that was prepared, checks what came of it and that the board recovers.
+/// Causes the fault on a prepared board, checks the result, and checks that the board recovers.
 pub fn run_case(
     firmware: &Firmware,
     prepared: &Snapshot,
@@ -97,12 +98,12 @@ pub fn run_case(
     let off_us = us(off.unwrap_or_else(|| panic!("{name}: enable stays active")) - begun);
     assert!(!world.powered.amplifier.is_enabled(), "{name}");
     assert!(off_us <= case.limit_us, "{name}: off after {off_us} us");
-    // The amplifier is off; the code follows, at the latest when the program acts or begins anew.
+    // The amplifier is off. The code follows at the latest when the program handles the fault or starts again.
     let zero_us = us(changes.command_at.saturating_sub(begun));
     assert_eq!(world.powered.amplifier.command(), 0, "{name}");
-    // A reset drops enable by itself; the code follows when the program begins anew, within an output.
+    // A reset drops enable by itself. The code follows when the program starts again, within one output.
     let booting_us = match case.cause {
-        Some(_) if case.resets => WATCHDOG_US, // nothing runs until then
+        Some(_) if case.resets => WATCHDOG_US, // no code runs until then
         _ if case.resets => RENDER_US,
         _ => 0.0,
     };
@@ -111,7 +112,7 @@ pub fn run_case(
     if !case.resets {
         assert_eq!(world.powered.mcu.force_registers(), zero_registers(world), "{name}");
     }
-    // Off it stays, and says why.
+    // The force stays off, and the board reports the fault.
     world.run(500).unwrap();
     world.replies.clear();
     let status = ok(world, "status");
@@ -134,7 +135,7 @@ pub fn run_case(
         let refused = world.ask(line).unwrap();
         assert!(refused.starts_with("error"), "{name}: {line}: {refused}");
     }
-    // The fault outlives a reset. On the other board the way back goes without one.
+    // The fault survives a reset. On the other board the recovery has no reset.
     if firmware.board == virtual_board::board::NUCLEO_F446RE && !case.stays {
         world.reset();
         world.run(300).unwrap();
@@ -146,7 +147,7 @@ pub fn run_case(
     CaseResult { off_us, zero_us, kept: kept.join(", ") }
 }
 
-/// The records of the black box come, marked as such, without a gap, and end with the fault.
+/// Checks that the black box sends its records, marked, without a gap, and with the fault as the last one.
 fn black_box(world: &mut World<'_>, case: &FaultCase, depth: Depth, outputs: u64) {
     let name = case.name;
     let samples = if depth == Depth::Full { 5_200 } else { 300 };
@@ -162,7 +163,7 @@ fn black_box(world: &mut World<'_>, case: &FaultCase, depth: Depth, outputs: u64
     let least = if depth == Depth::Full { outputs.min(500) } else { 20 } as usize;
     assert!(records.len() >= least, "{name}: {} records", records.len());
     for pair in records.windows(2) {
-        // A `render` that was kept away is a gap of its own.
+        // A masked `render` makes a gap of its own.
         assert!(pair[1].sample > pair[0].sample, "{name}");
         if pair[1].fault == 0 {
             assert_eq!(pair[1].sample - pair[0].sample, 10, "{name}");
@@ -179,7 +180,7 @@ fn black_box(world: &mut World<'_>, case: &FaultCase, depth: Depth, outputs: u64
     }
 }
 
-/// The cause goes; force comes back by `clear` and `arm` only.
+/// Ends the cause. The force comes back only by `clear` and `arm`.
 fn recover(firmware: &Firmware, case: &FaultCase, world: &mut World<'_>) {
     let name = case.name;
     (case.end)(world).unwrap();

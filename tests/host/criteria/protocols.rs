@@ -25,7 +25,7 @@ fn wall(scene: &Scene, [k, b]: [f64; 2]) -> WallHit {
     }
 }
 
-/// The report and the samples of the scene's own push.
+/// The report and the samples of a hit with the scene's own push.
 fn hit(scene: &Scene, of: [f64; 2]) -> (HitReport, Vec<Sample>) {
     let (prepared, mut samples) = (PreparedScene::new(scene).unwrap(), vec![]);
     let own = scene.wall_hit.push_n;
@@ -58,7 +58,7 @@ fn taps_reach_the_wall_after_50_ms_and_their_worst_last_half_counts() {
         let (report, samples) = hit(&scene, of);
         assert_eq!(samples.len(), 60_000);
         let inside = |sample: &Sample| sample.position_m > scene.wall.position_m;
-        // 2.6 N on 416 g are 7.9 mm in 50 ms; the damping of 5.5 N s/m takes a fifth of it
+        // 2.6 N on 416 g move the handle by 7.9 mm in 50 ms; the damping of 5.5 N s/m reduces this by a fifth
         let start_m = samples[0].position_m;
         assert!((6.1e-3..6.7e-3).contains(&(scene.wall.position_m - start_m)), "{start_m}");
         let (mut worst, mut firsts) = ((true, 0.0, 0.0), vec![]);
@@ -86,15 +86,15 @@ fn taps_reach_the_wall_after_50_ms_and_their_worst_last_half_counts() {
         let (rests, motion_m, force_n) = worst;
         assert_eq!(report.is_stable(), rests, "{of:?}");
         if rests {
-            // about a polynomial, which takes what is slow and leaves what is quick
+            // relative to a polynomial, which removes slow motion and keeps fast motion
             let left = [report.rms_motion_m / motion_m, report.force_rms_n / force_n];
             assert!(left.iter().all(|left| (0.4..1.001).contains(left)), "{left:?} {report:?}");
         }
     }
 }
 
-/// 2 m / b or B / K of tens of milliseconds: at the end of a tap the handle still moves by tens of micrometres, ever more
-/// slowly.
+/// 2 m / b or B / K is some tens of milliseconds. At the end of a tap the handle still moves by tens of micrometres,
+/// more and more slowly.
 #[test]
 fn a_tapped_wall_that_still_gives_way_is_not_one_that_bounces() {
     let mut scene = scene(Protocol::Taps);
@@ -107,7 +107,7 @@ fn a_tapped_wall_that_still_gives_way_is_not_one_that_bounces() {
     }
 }
 
-/// A wall that throws the handle back is no wall that was not touched.
+/// A wall that throws the handle back counts as contact.
 #[test]
 fn a_handle_that_is_thrown_back_was_in_contact() {
     let mut scene = scene(Protocol::Taps);
@@ -134,7 +134,7 @@ fn a_sway_is_no_motion_of_the_wall_and_a_limit_cycle_is() {
         pushes.iter().copied().reduce(of).unwrap() * scene.full_scale_n() / scene.wall_hit.push_n
     };
     assert!((0.7..0.75).contains(&share(f64::min)) && (1.25..1.3).contains(&share(f64::max)));
-    // a cycle of some 100 Hz is above 20 Hz; the sway of so stiff a wall is 10 um
+    // a cycle of some 100 Hz is above 20 Hz; the sway in such a stiff wall is 10 um
     let (stiff, samples) = hit(&scene, [60e3, 250.0]);
     let window: Vec<f64> = samples[40_000..].iter().map(|sample| sample.position_m).collect();
     assert_eq!(stiff.verdict, Verdict::Unstable);

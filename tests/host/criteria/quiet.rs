@@ -1,4 +1,4 @@
-//! Quiet walls against an independent program in `f64`, and the cutoff that is recommended by them.
+//! Quiet walls compared with an independent program in `f64`, and the cutoff that they recommend.
 
 use std::sync::atomic::AtomicBool;
 
@@ -11,7 +11,7 @@ use host_sim::{
 use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
 use zwidth::experiment::Verdict;
 
-/// A scene judged by quiet walls on a grid of its own, with another output period.
+/// A scene with the criterion of quiet walls, with its own grid and another output period.
 fn scene(name: &str, period: u32, [k, b]: [f64; 2]) -> NamedScene {
     let mut named = NamedScene::load(name).unwrap();
     let scene = &mut named.scene;
@@ -27,7 +27,7 @@ fn scene(name: &str, period: u32, [k, b]: [f64; 2]) -> NamedScene {
     named
 }
 
-/// Cutoff, Hz, area, 10^6 N^2 s/m^2, and largest K, kN/m, by the other program.
+/// Results of the other program: cutoff, Hz, area, 10^6 N^2 s/m^2, and largest K, kN/m.
 type Row = (f64, f64, f64);
 
 const LOOPS: [(&str, u32, [f64; 2], [Row; 3]); 5] = [
@@ -102,7 +102,8 @@ fn the_recommended_cutoff_is_near_the_best_of_the_independent_program() {
     }
 }
 
-/// A light handle on soft walls rings: of two neighbouring cutoffs one walk goes on and the other ends at its first wall.
+/// A light handle on soft walls rings. Of two neighbouring cutoffs, one walk continues and the other ends at its first
+/// wall.
 #[test]
 fn a_walk_that_breaks_off_hides_no_better_cutoff() {
     let stop = AtomicBool::new(false);
@@ -114,11 +115,11 @@ fn a_walk_that_breaks_off_hides_no_better_cutoff() {
     for scene in [at_once, every_sample] {
         let study = recommended(how, &scene, &scene.scene.sweep.cutoffs_hz, true, || ()).unwrap();
         let found = study.recommended.unwrap();
-        assert!((33.0..46.0).contains(&found.cutoff_hz), "{found:?}"); // 94 and 100 Hz: 40 % of the area
+        assert!((33.0..46.0).contains(&found.cutoff_hz), "{found:?}"); // 94 and 100 Hz have 40 % of the area
     }
 }
 
-/// A walk takes all of a column below the K at which it crosses it; counted wall by wall the area is the same.
+/// A walk counts the part of a column below the K of its crossing. Counted wall by wall, the area is the same.
 #[test]
 fn the_area_of_a_walk_is_that_of_its_quiet_walls() {
     let stop = AtomicBool::new(false);
@@ -158,7 +159,8 @@ fn the_area_of_a_walk_is_that_of_its_quiet_walls() {
     }
 }
 
-/// One push alone says less: a wall far above all others that holds at the scene's push, and not at 3 % more.
+/// One push alone is not enough: a wall far above all others holds at the scene's push, but not at a push that is 3 %
+/// larger.
 #[test]
 fn a_wall_is_quiet_at_all_four_pushes_or_not_at_all() {
     let scene = scene("nucleo-f446re", 1, [5000.0, 20.0]).scene;
@@ -185,7 +187,7 @@ fn a_wall_is_quiet_at_all_four_pushes_or_not_at_all() {
     assert!(some > 0 && all > 0, "{some} {all}");
 }
 
-/// A device that nobody made: each number between its ends, evenly on a logarithmic scale.
+/// A random device: each number is between its limits, uniform on a logarithmic scale.
 fn device(rng: &mut Xoshiro256PlusPlus) -> NamedScene {
     let mut named = NamedScene::load("paper-1um").unwrap();
     let mut draw = |low: f64, high: f64| low * (high / low).powf(rng.random::<f64>());
@@ -199,7 +201,7 @@ fn device(rng: &mut Xoshiro256PlusPlus) -> NamedScene {
     scene.actuator.latency = draw(0.1, 10.0);
     scene.actuator.period = draw(1.0, 10.99) as u32;
     scene.wall_hit.push_n = 0.48 * full_n;
-    // near enough that a heavy handle comes to it in time
+    // near enough for a heavy handle to reach it in time
     scene.wall.position_m = scene.device.start_position_m + 0.01;
     scene.wall_hit.judge(Criterion::Quiet, None);
     if rng.random::<bool>() {
@@ -221,7 +223,8 @@ fn device(rng: &mut Xoshiro256PlusPlus) -> NamedScene {
     named
 }
 
-/// Share of the best area of a list in steps of 3 %, at other pushes, that the recommended cutoff has; and both cutoffs.
+/// Area at the recommended cutoff as a fraction of the best area of a list in steps of 3 %, at other pushes; and both
+/// cutoffs.
 fn share_of_the_best(scene: &NamedScene) -> Option<[f64; 3]> {
     let stop = AtomicBool::new(false);
     let how = How { engine: Engine::lanes(), numeric: Numeric::Fixed, stop: &stop };

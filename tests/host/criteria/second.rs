@@ -1,12 +1,13 @@
-//! A second program for the loops of docs/lab/criteria-measured.md: device, amplifier, transmission, DAC, latency, filter,
-//! wall, hit and walk written anew in `f64`. Of the simulator it has the scenes' numbers, nothing else.
+//! A second program for the loops of docs/lab/criteria-measured.md. It has its own device, amplifier, transmission,
+//! DAC, latency, filter, wall, hit and walk in `f64`. From the simulator it uses only the numbers of the scenes.
 
 use host_sim::study::levers::{Between, Lever, levers};
 
 use super::*;
 use crate::figure::figure;
 
-/// Position and speed of the device, those of the handle behind the transmission, force of the amplifier, 1.
+/// State: position and speed of the device, position and speed of the handle behind the transmission, force of the
+/// amplifier, 1.
 const STATES: usize = 6;
 type Matrix = [[f64; STATES]; STATES];
 type State = [f64; STATES];
@@ -19,7 +20,8 @@ fn of(matrix: &Matrix, state: &State) -> State {
     std::array::from_fn(|n| (0..STATES).map(|m| matrix[n][m] * state[m]).sum())
 }
 
-/// By the series, over a time halved until it converges fast, and squared again.
+/// The matrix exponential by its series, for a time that is halved until the series converges fast; the result is then
+/// squared as often.
 fn exponential(rates: &Matrix, time_s: f64) -> Matrix {
     let halvings = 12;
     let small = time_s / f64::from(1 << halvings);
@@ -60,9 +62,9 @@ fn rates(scene: &Scene, command_n: f64) -> Matrix {
     a
 }
 
-/// What a sample's step needs: the whole of it, and its parts before and behind the instant at which a command acts.
+/// Matrices of a sample's step: the whole step, and its parts before and after the time at which a command acts.
 struct Steps {
-    /// Without a command, and what one newton adds.
+    /// Step without a command, and the additional motion per newton.
     parts: [(Matrix, State); 3],
 }
 
@@ -72,7 +74,7 @@ impl Steps {
         let part = |time_s: f64| {
             let [none, one] = [0.0, 1.0].map(|command| exponential(&rates(scene, command), time_s));
             let adds = std::array::from_fn(|n| (0..STATES).map(|m| one[n][m] - none[n][m]).sum());
-            // the constants of a state without amplifier's force are in its last column
+            // the last column has the constants of a state without the amplifier's force
             (none, adds)
         };
         Self { parts: [1.0, late, 1.0 - late].map(|share| part(share * time_s)) }
@@ -88,7 +90,7 @@ impl Steps {
     }
 }
 
-/// A scene's loop, its filter (`None`: the true velocity) and its limit.
+/// The loop of a scene, its filter (`None`: the true velocity) and its limit.
 struct Loop<'a> {
     scene: &'a Scene,
     steps: Steps,
@@ -111,7 +113,7 @@ impl Loop<'_> {
         let mut state = [start_m, 0.0, start_m, 0.0, 0.0, 1.0];
         let (mut before, mut x, mut y) = ((start_m / resolution_m).floor(), [0.0; 2], [0.0; 2]);
         let late = scene.actuator.latency.floor() as usize;
-        // commands by the sample within which they act
+        // commands by the sample in which they act
         let mut coming = vec![None; late + 1];
         let mut acting_n = 0.0;
         let settle = (scene.wall_hit.settle_s * rate_hz).round() as usize;
@@ -160,7 +162,8 @@ impl Loop<'_> {
         (squares / window as f64 - mean * mean).sqrt() < self.limit_m
     }
 
-    /// Area of the walk: K up to the last stable one, B up, K up or down to the boundary, until none is left.
+    /// Area of the walk: K rises to the last stable one; then B rises, and K goes up or down to the boundary, until no
+    /// K is stable.
     fn area(&self, walk: &Walk) -> f64 {
         let k = |n: i32| walk.stiffness_start_n_per_m + f64::from(n) * walk.stiffness_step_n_per_m;
         let b = |n: i32| walk.damping_start_n_s_per_m + f64::from(n) * walk.damping_step_n_s_per_m;
@@ -181,7 +184,7 @@ impl Loop<'_> {
                 if self.is_stable(k(up), b(across)) {
                     break;
                 }
-                // down to a stable one, from which it does not rise again at this B
+                // down to a stable K; at this B, K does not rise again
                 loop {
                     up -= 1;
                     if k(up) <= 0.0 {
@@ -226,9 +229,9 @@ impl Row<'_> {
     }
 }
 
-/// `cargo test --release --test host criteria::second -- --ignored --nocapture`: every loop of `sweep paper-1um --levers`
-/// at its ideal cutoff and with the true velocity, the motor pushes, 1 um and 15 um of the motion; grids, starts and caps
-/// as each row of docs/data/levers-paper-1um.csv has them, both programs from one start.
+/// `cargo test --release --test host criteria::second -- --ignored --nocapture`: every loop of `sweep paper-1um
+/// --levers` at its ideal cutoff and with the true velocity. The motor pushes; limits of 1 um and 15 um of the motion.
+/// Grids, starts and largest values are those of docs/data/levers-paper-1um.csv. Both programs use one start.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]
 fn loops_are_those_of_a_second_program() {

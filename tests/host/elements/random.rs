@@ -1,4 +1,4 @@
-//! What must hold of devices with elements drawn at random.
+//! Properties of devices with random elements.
 
 use super::*;
 
@@ -84,7 +84,7 @@ fn stay_finite(cases: u32) {
             let tables: Vec<&str> = tables.iter().map(String::as_str).collect();
             let mut scene = match read(&tables) {
                 Ok(scene) => scene,
-                // What an integrator cannot follow is refused, nothing else.
+                // Only devices that an integrator cannot follow are refused.
                 Err(message) => {
                     prop_assert!(message.contains("time constant"), "{message}");
                     return Ok(());
@@ -117,8 +117,8 @@ fn stay_finite(cases: u32) {
     assert!(ran > cases / 3 && integrated > cases / 5, "{ran} {integrated}");
 }
 
-/// Let go at rest and left alone, no part of a random device may ever hold more energy than all of it had
-/// at first: seen in how far the handle gets from where its spring is at rest.
+/// A random device is released at rest and left alone. No part may ever have more energy than the whole had at first.
+/// The test checks the handle's distance from its spring's rest position.
 #[test]
 fn a_handle_that_is_let_go_gets_no_energy_from_nowhere() {
     gets_no_energy(20);
@@ -143,7 +143,7 @@ fn gets_no_energy(cases: u32) {
             let arm_j = scene.arm.map_or(0.0, |arm| {
                 0.5 * arm.stiffness_n_per_m * (start_m - arm.rest_position_m).powi(2)
             });
-            // From its highest to its lowest.
+            // From the highest to the lowest potential.
             let cogging_j = scene.cogging.map_or(0.0, |c| c.amplitude_n * c.pitch_m / PI);
             let all_j = spring_j(start_m) + arm_j + cogging_j;
             let plant = AnyPlant::unsensed(&scene, 1e-4, 0.0);
@@ -166,10 +166,10 @@ fn gets_no_energy(cases: u32) {
     assert!(ran_cell.get() > cases * 4 / 15);
 }
 
-/// What an integrator with as many steps as the random devices have adds at most, relative.
+/// Largest relative gain of energy by an integrator with the random devices' count of steps.
 const GAIN_MAX: f64 = 1e-3;
 
-/// The fewest steps of that kind that a scene may ask for.
+/// The smallest count of steps of this integrator that a scene may have.
 fn fewest(scene: &Scene, of: fn(u32) -> Integrator) -> Option<Integrator> {
     let demand = scene.chain().step_demand(&scene.nonlinear());
     let allowed = |steps: u32| of(steps).check(&demand, 1e-4).is_ok();
@@ -184,7 +184,7 @@ fn fewest(scene: &Scene, of: fn(u32) -> Integrator) -> Option<Integrator> {
     Some(of(enough))
 }
 
-/// With the fewest steps, and a command of 0 N that takes effect within every tenth sample.
+/// With the smallest count of steps, and a command of 0 N that takes effect within every tenth sample.
 #[test]
 fn no_device_blows_up_with_the_fewest_steps_that_are_allowed() {
     fewest_steps(100);
@@ -223,7 +223,7 @@ fn fewest_steps(cases: u32) {
                 let plant = AnyPlant::unsensed(&scene, 1e-4, fraction);
                 let mut state = plant.at_rest(start_m);
                 let mut farthest_m = 0.0f64;
-                // As much work whatever the steps.
+                // The same computing work for any count of steps.
                 for n in 0..(200_000 / steps_per_sample).clamp(100, 20_000) {
                     state = if n % 10 == 0 {
                         plant.advance_split(&state, 0.0, 0.0)

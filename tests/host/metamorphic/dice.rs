@@ -1,4 +1,4 @@
-//! Random scenes and walls, each from a number.
+//! Random scenes and walls, each from one number.
 
 use host_sim::{
     numerics::integrator::Integrator,
@@ -19,7 +19,7 @@ fn environment(name: &str) -> Option<u64> {
     Some(text.parse().unwrap_or_else(|_| panic!("{name} is {text}, allowed a whole number")))
 }
 
-/// Runs a relation `usual` times, or as many times more as the environment asks for.
+/// Runs a relation `usual` times, or a multiple of that if the environment sets one.
 pub fn cases(usual: u64, mut relation: impl FnMut(&mut Dice)) {
     let times = environment("METAMORPHIC_CASES").unwrap_or(1);
     let seed = environment("METAMORPHIC_SEED").unwrap_or(0);
@@ -50,7 +50,7 @@ impl Dice {
         low + (high - low) * self.part()
     }
 
-    /// As likely in each decade.
+    /// Uniform on a logarithmic scale.
     pub fn decades(&mut self, low: f64, high: f64) -> f64 {
         low * (high / low).powf(self.part())
     }
@@ -73,7 +73,7 @@ impl Dice {
         (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
     }
 
-    /// A device alone, 10 mm from its wall.
+    /// A device without elements, 10 mm from its wall.
     pub fn scene(&mut self) -> Scene {
         let mut scene = NamedScene::load("paper-1um").unwrap().scene;
         let rate_hz = self.one_of(&[2e3, 5e3, 1e4, 2e4]);
@@ -112,7 +112,7 @@ impl Dice {
         scene
     }
 
-    /// Linear elements on it, each or not.
+    /// Adds linear elements to the scene, each with some probability.
     pub fn linear_elements(&mut self, scene: &mut Scene) {
         let spring = |dice: &mut Self, k: f64| dice.one_of(&[0.0, k]) * dice.between(0.5, 1.5);
         scene.amplifier = self.coin().then(|| Amplifier { bandwidth_hz: self.decades(50.0, 5e3) });
@@ -131,7 +131,7 @@ impl Dice {
         });
     }
 
-    /// Elements of the encoder that have a length.
+    /// Adds elements of the encoder that have a length.
     pub fn encoder_elements(&mut self, scene: &mut Scene) {
         scene.encoder_error = self.coin().then(|| EncoderError {
             cycle_m: self.decades(1e-5, 1e-3),
@@ -145,7 +145,7 @@ impl Dice {
         }
     }
 
-    /// What is not linear, and what integrates it.
+    /// Adds nonlinear elements, and an integrator for them.
     pub fn nonlinear_elements(&mut self, scene: &mut Scene) {
         scene.integrator = Some(Integrator::Rk4 { steps_per_sample: 16 });
         scene.friction = self.coin().then_some(Friction {
@@ -166,7 +166,7 @@ impl Dice {
         });
     }
 
-    /// A wall for such a scene, stable or not.
+    /// A wall for this scene, stable or unstable.
     pub fn wall(&mut self, scene: &Scene) -> WallHit {
         WallHit {
             velocity: match scene.velocity.settings() {

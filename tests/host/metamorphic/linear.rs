@@ -1,5 +1,5 @@
-//! The linear boundary against a second text: the loop as one matrix, made and multiplied here, and whether the
-//! handle's motion grows or dies in it.
+//! The linear boundary compared with a second implementation: the loop as one matrix, built and multiplied in this
+//! file. The test checks whether the handle's motion grows or decays.
 
 use host_sim::{
     analysis::linear::{Boundary, Device, Elements, Loop, TransferFunction},
@@ -9,7 +9,7 @@ use host_sim::{
 
 use crate::dice::{Dice, cases};
 
-/// In 32 digits: where little damps, motion grows by a part in 10^15 of itself in a period, or dies.
+/// Numbers of 32 digits: with little damping, motion grows or decays by only a part in 10^15 per period.
 type Matrix = Vec<Vec<Double>>;
 
 fn number(x: f64) -> Double {
@@ -26,7 +26,7 @@ fn identity(n: usize) -> Matrix {
     one
 }
 
-/// Adds so many times a row.
+/// Adds a multiple of a row.
 fn add(sum: &mut [Double], times: Double, row: &[Double]) {
     if times != number(0.0) {
         sum.iter_mut().zip(row).for_each(|(sum, x)| *sum = *sum + times * *x);
@@ -41,12 +41,12 @@ fn product(a: &Matrix, b: &[Vec<Double>]) -> Matrix {
     out
 }
 
-/// Magnitudes of its entries.
+/// Magnitudes of the entries.
 fn entries(of: &Matrix) -> impl Iterator<Item = f64> {
     of.iter().flatten().map(|x| f64::from(*x).abs())
 }
 
-/// exp(A t) by its series, of a 2^-squarings part, squared.
+/// exp(A t): the series for a fraction 2^-squarings of the time, squared as often.
 fn exponential(a: &Matrix, t: f64) -> Matrix {
     let n = a.len();
     let norm = entries(a).fold(0.0, f64::max) * n as f64 * t;
@@ -66,14 +66,14 @@ fn exponential(a: &Matrix, t: f64) -> Matrix {
     sum
 }
 
-/// The plant with the commanded force as one more state, the last: the handle's place, the speeds of the bodies, by how
-/// much the other springs are stretched, the amplifier, the command. Where no spring holds a body its place is no state.
-/// What does not act on the handle is left out.
+/// The plant with the commanded force as the last state. The states are the handle's position, the speeds of the
+/// bodies, the stretches of the other springs, the amplifier, and the command. If no spring holds a body, its position
+/// is not a state. Parts without an effect on the handle are left out.
 fn plant(of: &Loop) -> Matrix {
     let Elements { amplifier, mode, arm } = of.elements;
     let device = of.device;
     let mut masses = vec![device.mass_kg];
-    // springs and dampers: to a body, from the one before it or from the ground
+    // springs and dampers: from the body before, or from the ground, to a body
     let mut links = vec![(0, true, device.stiffness_n_per_m, device.damping_n_s_per_m)];
     if let Some(mode) = mode {
         masses.push(mode.mass_kg);
@@ -92,7 +92,7 @@ fn plant(of: &Loop) -> Matrix {
     let (mut stretches, mut next) = (vec![0], speed(masses.len()));
     for (body, to_ground, k, b) in links {
         let before = (!to_ground).then(|| body - 1);
-        // over springs all the way from the handle to the body: the sum of their stretches is its place
+        // if springs connect all bodies from the handle to this one, the sum of the stretches is its position
         let stretch = if to_ground && stretches.len() == body + 1 {
             stretches.clone()
         } else if k > 0.0 {
@@ -137,8 +137,8 @@ fn plant(of: &Loop) -> Matrix {
         .collect()
 }
 
-/// The loop over one output period. State: the plant with the command that acts, the estimator's past positions and
-/// velocities, newest first, and the commands on their way, oldest first.
+/// The loop over one output period. State: the plant with the acting command, the estimator's past positions and
+/// velocities, newest first, and the commands that do not act yet, oldest first.
 fn period(of: &Loop, k: f64, b: f64) -> Matrix {
     let a = plant(of);
     let plant_states = a.len();
@@ -153,7 +153,7 @@ fn period(of: &Loop, k: f64, b: f64) -> Matrix {
     let queue = past + 2 * order;
     let states = queue + waiting;
     let mut all = identity(states);
-    // so many samples after a start of a period the command of that start takes effect, or that of an earlier one
+    // delay in samples from the start of a period to the effect of a command, of that start or of an earlier one
     let turn = latency - every * (latency / every).floor();
     let whole = exponential(&a, sample_s);
     let parts = [turn.fract(), 1.0 - turn.fract()].map(|part| exponential(&a, part * sample_s));
@@ -195,8 +195,8 @@ fn period(of: &Loop, k: f64, b: f64) -> Matrix {
     all
 }
 
-/// The binary logarithm of the factor by which motion grows per period in the long run: over 2^80 periods, so that
-/// where it started from counts for less than the last digit.
+/// The binary logarithm of the long-term growth of motion per period. It is taken over 2^80 periods, so the effect of
+/// the start is below the last digit.
 fn growth(of: &Loop, k: f64, b: f64) -> f64 {
     let mut power = period(of, k, b);
     let (mut exponent, mut periods) = (0.0, 1.0);
@@ -208,7 +208,7 @@ fn growth(of: &Loop, k: f64, b: f64) -> f64 {
         }
         let taken = largest.log2().round();
         power.iter_mut().flatten().for_each(|x| *x = *x * number((-taken).exp2()));
-        // whole numbers: nothing is rounded where motion neither grows nor dies
+        // whole numbers are not rounded if motion neither grows nor decays
         (exponent, periods) = (2.0 * exponent + taken, 2.0 * periods);
     }
     exponent / periods
@@ -254,8 +254,8 @@ fn any(dice: &mut Dice) -> Loop {
     Loop { device, elements, rate_hz, period, latency_samples, estimator }
 }
 
-/// How far beside the boundary the motion is looked at, of the boundary and of the loop's own stiffnesses: K is what
-/// remains of these.
+/// Relative distances from the boundary at which the motion is checked: of the boundary, and of the loop's own
+/// stiffnesses, whose difference is K.
 const ASIDE: [f64; 2] = [1e-4, 1e-14];
 
 #[test]

@@ -1,8 +1,8 @@
-//! What must hold between runs of the simulator, whatever the numbers are: scaled, shifted and mirrored scenes,
-//! neutral elements, commands against each other, and against a second, independent text.
+//! Relations between runs of the simulator that hold for all numbers. They cover scaled, shifted and mirrored scenes,
+//! neutral elements, and commands compared with each other and with a second, independent implementation.
 //!
-//! A few random cases of each relation run in `cargo test`, the same every time. `METAMORPHIC_CASES=100` makes that
-//! many times more, `METAMORPHIC_SEED=7` makes others; a failure names its case.
+//! `cargo test` runs a few random cases of each relation, always the same. `METAMORPHIC_CASES=100` runs a hundred times
+//! as many, and `METAMORPHIC_SEED=7` runs other cases. A failure names its case.
 
 #![allow(
     clippy::unwrap_used,

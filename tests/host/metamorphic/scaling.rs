@@ -1,5 +1,5 @@
-//! Forces, lengths and times in other units, larger by a power of two: the same counts, and all else larger by just
-//! that, bit for bit.
+//! Forces, lengths and times in other units, larger by a power of two. The counts are the same, and all other values
+//! are larger by exactly this factor, bit for bit.
 
 use host_sim::{
     scene::{Scene, element::Travel},
@@ -9,7 +9,7 @@ use zwidth::VelocitySettings;
 
 use crate::dice::{Dice, cases, trace};
 
-/// How much larger everything of a dimension is.
+/// Factor for the values of each dimension.
 #[derive(Clone, Copy, Debug)]
 struct Larger {
     force: f64,
@@ -104,7 +104,7 @@ impl Larger {
             expected.position_m *= self.length;
             expected.output_n *= self.force;
             if expected.output_n.abs() < 1e-300 {
-                expected.output_n = other.output_n; // an amplifier dies away into subnormal numbers
+                expected.output_n = other.output_n; // an amplifier's decaying output reaches subnormal numbers
             }
             assert_eq!(*other, expected, "{name}: {self:?} {hit:?} {scene:?}");
         }
@@ -119,7 +119,7 @@ fn numeric(dice: &mut Dice) -> Numeric {
     dice.one_of(&[Numeric::Fixed, Numeric::F64, Numeric::F64Rounded])
 }
 
-/// Any scene, its elements too.
+/// Any scene with any elements.
 fn any(dice: &mut Dice) -> Scene {
     let mut scene = dice.scene();
     dice.linear_elements(&mut scene);
@@ -149,7 +149,7 @@ fn larger_lengths_change_nothing_else() {
         let scene = any(dice);
         let (hit, length) = (dice.wall(&scene), dice.one_of(&POWERS));
         let numeric = numeric(dice);
-        // with the forces, so that masses, dampers and springs stay what they are
+        // force and length have the same factor, so masses, dampers and springs stay the same
         Larger { force: length, length, time: 1.0 }.holds(&dice.name, &scene, &hit, numeric);
     });
 }

@@ -1,4 +1,4 @@
-//! Designs, settings and motions as cases are made of them: all that is accepted, the ends of every range often.
+//! Strategies for designs, settings and motions: all accepted values, with the ends of every range often.
 
 use proptest::prelude::*;
 use zwidth::{
@@ -6,12 +6,12 @@ use zwidth::{
     velocity::{Edge, EstimatorName, PARAMETERS, Senses},
 };
 
-/// A place in a range: 0 and 1 are its ends, and come often.
+/// A fraction of a range: 0 and 1 are its ends, and are drawn often.
 pub fn part() -> impl Strategy<Value = f64> + Clone {
     prop_oneof![8 => 0.0..=1.0f64, 1 => Just(0.0), 1 => Just(1.0)]
 }
 
-/// That place in a range, by its logarithm where both ends are above 0.
+/// The value at this fraction of a range; on a logarithmic scale if both ends are above 0.
 pub fn between(low: f64, high: f64, part: f64) -> f64 {
     if part <= 0.0 {
         low
@@ -20,7 +20,7 @@ pub fn between(low: f64, high: f64, part: f64) -> f64 {
     } else if low > 0.0 {
         (low * (high / low).powf(part)).clamp(low, high)
     } else {
-        // between 0 and an end, or across 0
+        // a range that begins or ends at 0, or includes it
         (low + (high - low) * part * part * part).clamp(low, high)
     }
 }
@@ -33,7 +33,7 @@ pub fn output() -> impl Strategy<Value = Output> + Clone {
     ]
 }
 
-/// Any design that is accepted.
+/// Any accepted design.
 pub fn design() -> impl Strategy<Value = Design> + Clone {
     (part(), part(), part(), part(), output()).prop_map(
         |(rate, resolution, force, period, output)| {
@@ -64,15 +64,15 @@ pub fn estimator() -> impl Strategy<Value = EstimatorName> + Clone {
     prop::sample::select(EstimatorName::ALL)
 }
 
-/// What [`tuned`] makes of a parameter: a place in its range.
+/// Parameters as fractions of their ranges, for [`tuned`].
 pub type Parts = [f64; PARAMETERS];
 
-/// Places for all parameters.
+/// Fractions for all parameters.
 pub fn parts() -> impl Strategy<Value = Parts> + Clone {
     prop::array::uniform8(part())
 }
 
-/// That estimator with parameters at those places of the ranges that it accepts; none if the design leaves no range.
+/// The estimator with its parameters at these fractions of their accepted ranges. None if the design leaves no range.
 pub fn tuned(name: EstimatorName, parts: Parts, design: &Design) -> Option<VelocitySettings> {
     let mut numbers = [f64::NAN; PARAMETERS];
     for (place, parameter) in name.parameters().iter().enumerate() {
@@ -80,7 +80,7 @@ pub fn tuned(name: EstimatorName, parts: Parts, design: &Design) -> Option<Veloc
             numbers[place] = 0.0;
         }
     }
-    // A refusal names the parameter and its range; the first one that is refused is set next.
+    // An error names the parameter and its range; that parameter is set next.
     for _ in 0..2 * PARAMETERS {
         let Err(SettingsError { parameter, range, .. }) = name.settings(numbers).build(design)
         else {
@@ -101,19 +101,19 @@ pub fn tuned(name: EstimatorName, parts: Parts, design: &Design) -> Option<Veloc
 /// A piece of a motion, in counts and samples.
 #[derive(Clone, Copy, Debug)]
 pub enum Piece {
-    /// At rest for so many samples.
+    /// At rest for this count of samples.
     Hold(u16),
     /// A constant speed, counts per sample.
     Slope(f64, u16),
     /// A constant acceleration, counts per sample^2.
     Curve(f64, u16),
-    /// Back and forth at random by at most so many counts, from a seed.
+    /// Random motion back and forth: largest distance in counts, samples, seed.
     Flicker(u16, u16, u64),
-    /// At once by so many counts.
+    /// A jump by this count.
     Leap(i32),
 }
 
-/// Motions that a handle may make, at speeds up to `fastest` counts per sample.
+/// Motions that a handle can make, with speeds up to `fastest` counts per sample.
 pub fn motion(fastest: f64) -> impl Strategy<Value = Vec<Piece>> + Clone {
     let speed = move || {
         (part(), any::<bool>()).prop_map(move |(part, back)| {
@@ -135,7 +135,7 @@ pub fn motion(fastest: f64) -> impl Strategy<Value = Vec<Piece>> + Clone {
     )
 }
 
-/// Motions that no handle makes: leaps over the whole range of a counter.
+/// Motions that no handle can make: jumps over the whole range of a counter.
 pub fn nonsense() -> impl Strategy<Value = Vec<Piece>> + Clone {
     prop::collection::vec(
         prop_oneof![
@@ -150,7 +150,7 @@ pub fn nonsense() -> impl Strategy<Value = Vec<Piece>> + Clone {
     )
 }
 
-/// Where the handle is at each sample, counts from where it began; in between it is there as a real number.
+/// Position of the handle at each sample, in counts from its start, as real numbers.
 pub fn places(pieces: &[Piece]) -> Vec<f64> {
     let mut places = Vec::new();
     let mut at = 0.0f64;
@@ -179,12 +179,12 @@ pub fn places(pieces: &[Piece]) -> Vec<f64> {
     places
 }
 
-/// The counts at those places.
+/// The counts at these positions.
 pub fn counts(pieces: &[Piece]) -> Vec<i64> {
     places(pieces).into_iter().map(|place| place.floor() as i64).collect()
 }
 
-/// Random numbers where a case has a seed instead of a list.
+/// Random numbers for a case that has a seed instead of a list.
 #[derive(Clone, Copy, Debug)]
 pub struct Random(pub u64);
 
@@ -198,7 +198,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// 0 to `end` less one.
+    /// A number from 0 to `end - 1`.
     pub fn below(&mut self, end: u64) -> u64 {
         ((u128::from(self.bits()) * u128::from(end)) >> 64) as u64
     }
@@ -208,7 +208,7 @@ impl Random {
         (self.bits() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Any senses: mostly nonsense.
+    /// Random senses, mostly without physical meaning.
     pub fn senses(&mut self) -> Senses {
         use zwidth::units::{Acceleration, Force};
         let bits = |random: &mut Self| (random.bits() as i32) >> random.below(31);
@@ -221,8 +221,8 @@ impl Random {
     }
 }
 
-/// Changes of some words that a CRC-32 behind them notices for certain: of one word, or of up to three bits. Of others it
-/// misses one in 2^32.
+/// Changes of some words that a CRC-32 after them detects with certainty: of one word, or of up to three bits. It
+/// misses one in 2^32 of other changes.
 pub fn noticed(words: usize) -> impl Strategy<Value = Vec<(usize, u32)>> + Clone {
     prop_oneof![
         prop::collection::vec((0..words, 1u32..), 1),

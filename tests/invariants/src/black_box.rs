@@ -1,4 +1,4 @@
-//! The records before a fault, and the fault's own in backup RAM.
+//! The records before a fault, and the fault's record in backup RAM.
 
 use proptest::prelude::*;
 use zwidth::{
@@ -9,8 +9,8 @@ use zwidth::{
 use crate::any::noticed;
 
 crate::properties! {
-    /// The black box holds the newest records, every so manyth of them, oldest first, the one with the fault the last;
-    /// from there on nothing is taken until it is released, and then it begins empty.
+    /// The black box holds the newest records, one of every `every` outputs, the oldest first and the record with the
+    /// fault last. From then on it takes no record until it is released. Then it starts empty.
     newest(500, (every, events) in (
         1u32..6,
         prop::collection::vec(prop_oneof![40 => Just(0u8), 2 => Just(1), 1 => Just(2)], 1..120),
@@ -44,8 +44,8 @@ crate::properties! {
         }
     }
 
-    /// A fault's record comes back out of backup RAM as it was; with all a CRC-32 notices for certain, any change of a
-    /// word or of up to three bits, there is none, nor of a RAM that lost its supply.
+    /// A fault's record in backup RAM is read back unchanged. After a change that a CRC-32 detects with certainty (of
+    /// one word, or of up to three bits) there is no record. A RAM that has lost its supply has no record either.
     remembered(1000, (code, causes, sample, words, flips) in (
         any::<prop::sample::Index>(),
         any::<u32>(),

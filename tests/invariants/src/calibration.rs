@@ -9,7 +9,7 @@ use zwidth::{
 
 use crate::any;
 
-/// A calibration that is accepted: percent and rise at those places of their ranges.
+/// An accepted calibration, with percent and rise at these fractions of their ranges.
 fn settings(design: &Design, percent: f64, rise: f64, hold: f64) -> CalibrationSettings {
     CalibrationSettings {
         percent,
@@ -20,9 +20,9 @@ fn settings(design: &Design, percent: f64, rise: f64, hold: f64) -> CalibrationS
 }
 
 crate::properties! {
-    /// A calibration's force comes up no faster than is said, goes to each new force, never beyond the larger of them,
-    /// and is the mirrored one for the mirrored percent; it ends with contact, with a move, when it was held and in two
-    /// minutes.
+    /// A calibration's force rises at most at its set rate, goes to each new force, and never exceeds the larger of old
+    /// and new force. For the mirrored percent the force is mirrored. A calibration ends with contact, with a move,
+    /// when the handle was held, and after two minutes.
     bounded(150, (design, rise, hold, targets, moves) in (
         any::design(),
         any::part(),
@@ -72,7 +72,7 @@ crate::properties! {
                 held = if there { held + 1 } else { 0 };
                 assert!(f64::from(held) * output_s <= says.hold_s + 2.0 * output_s);
                 assert!(f64::from(outputs) * output_s <= 120.0 + 2.0 * output_s);
-                // on its way it never stops and never turns
+                // on its way to the new force, it never stops and never reverses
                 assert!(there || (percent / 100.0 - last) * (part - last) > 0.0);
                 last = part;
             }

@@ -1,4 +1,4 @@
-//! Properties tried for as long as wanted, on every core.
+//! Tries properties for any time, on all cores.
 
 use std::{
     collections::BTreeMap,
@@ -11,27 +11,27 @@ use std::{
 
 use crate::Property;
 
-/// What is tried, and for how long.
+/// Settings of a campaign.
 #[derive(Clone, Debug)]
 pub struct Campaign {
     pub extent: Extent,
-    /// Cases follow from it.
+    /// Seed of all cases.
     pub seed: u64,
     pub properties: Vec<&'static Property>,
 }
 
-/// How much of each property.
+/// How much of each property is tried.
 #[derive(Clone, Copy, Debug)]
 pub enum Extent {
-    /// Until the time is over, at least one batch; the property that has had the least time is the next.
+    /// Until the time is over, at least one batch each. The property with the least time so far comes next.
     Time(Duration),
-    /// The first so many batches: the same cases on every machine.
+    /// The first batches of each property: the same cases on every machine.
     Batches(u64),
     /// The batch of this number only.
     Batch(u64),
 }
 
-/// What has become of one property.
+/// Progress of one property.
 #[derive(Clone, Debug, Default)]
 struct Progress {
     batches: u64,
@@ -40,7 +40,7 @@ struct Progress {
     failed: bool,
 }
 
-/// All that is known so far.
+/// Results so far.
 #[derive(Debug, Default)]
 struct Count {
     seed: u64,
@@ -50,15 +50,15 @@ struct Count {
 
 static COUNT: Mutex<Count> = Mutex::new(Count { seed: 0, begun: None, of: BTreeMap::new() });
 
-/// The last panic of each thread, with its place.
+/// The last panic of each thread, with its place in the source.
 static PANICS: OnceLock<Mutex<BTreeMap<String, String>>> = OnceLock::new();
 
 fn count() -> MutexGuard<'static, Count> {
     COUNT.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Panics are how a check fails, and while a case is made smaller there are thousands: only the place of the last one
-/// is kept.
+/// Stores the place of the last panic instead of printing each one. A failed check is a panic, and making a case
+/// smaller causes thousands of them.
 fn keep_panics_quiet() {
     panic::set_hook(Box::new(|info| {
         let name = thread::current().name().unwrap_or_default().to_owned();
@@ -92,7 +92,7 @@ pub fn summary() -> String {
 }
 
 impl Campaign {
-    /// Tries everything; whether all of it holds. Failures are printed when they are found.
+    /// Tries all properties. Returns whether all hold. Prints failures when they are found.
     pub fn run(&self) -> bool {
         keep_panics_quiet();
         let begun = Instant::now();
@@ -115,7 +115,7 @@ impl Campaign {
         count().of.values().all(|progress| !progress.failed)
     }
 
-    /// The property that has had the least time, and its next batch; none if there is nothing left to do.
+    /// The property with the least time so far, and its next batch; none if all is done.
     fn next(&self, begun: Instant) -> Option<(&'static Property, u64)> {
         let mut count = count();
         let mut open = self.properties.iter().filter_map(|property| {
@@ -133,7 +133,7 @@ impl Campaign {
             open.fold(first, |least, other| if other.2 < least.2 { other } else { least });
         if let Some(progress) = count.of.get_mut(property.title()) {
             progress.batches += 1;
-            // until the time is known; so that other cores take other properties
+            // an estimate until the time is known, so that other cores take other properties
             progress.seconds += 1.0;
         }
         let Extent::Batch(only) = self.extent else { return Some((property, number)) };

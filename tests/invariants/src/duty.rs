@@ -11,7 +11,7 @@ use zwidth::{
 
 use crate::any;
 
-/// A duty that is accepted, a hit's outputs, and the plan.
+/// An accepted duty, the outputs of a hit, and the plan.
 #[derive(Clone, Copy)]
 struct Motor {
     design: Design,
@@ -31,7 +31,7 @@ impl Motor {
         (self.settings.continuous_force_n / self.design.full_scale_n).powi(2)
     }
 
-    /// Part of the heat that an output exchanges.
+    /// Fraction of the heat that the winding loses in an output.
     fn exchange(&self) -> f64 {
         -(-f64::from(self.design.period) / self.design.rate_hz / self.settings.time_constant_s).exp_m1()
     }
@@ -55,7 +55,7 @@ fn motor(longest: u32) -> impl Strategy<Value = Motor> {
     )
 }
 
-/// The winding itself: its heat, and that of the board's model.
+/// The winding: its heat by the equation, and the heat of the board's model.
 struct Winding {
     heat: f64,
     duty: Duty,
@@ -74,21 +74,22 @@ impl Winding {
     }
 }
 
-/// Rounding of the exchange to 2^-32, and of an output's heat to 2^-40, which it makes up for by an exchange's part.
+/// Largest error from the rounding of the exchange to 2^-32 and of an output's heat to 2^-40. The exchange itself
+/// reduces this error.
 fn error_max(motor: &Motor) -> f64 {
     let lsb = 2f64.powi(-33);
     lsb / motor.exchange() + 2f64.powi(-41) / motor.exchange() + 1e-9
 }
 
 crate::properties! {
-    /// For every accepted design the heat is that of the differential equation, to the rounding of its coefficient.
+    /// For each accepted design, the heat is that of the differential equation, up to the rounding of its coefficient.
     heat(400, (motor, pieces) in (
         motor(2000),
         prop::collection::vec((-1.0..=1.0f64, 1u32..400), 1..8),
     )) {
         let mut winding = Winding::cold();
         for (part, outputs) in pieces {
-            // full force now and then: it is what a hit begins with
+            // full force now and then, as at the start of a hit
             let part = if outputs % 5 == 0 { part.signum() } else { part };
             for _ in 0..outputs {
                 winding.output(&motor, part);
@@ -103,8 +104,8 @@ crate::properties! {
         }
     }
 
-    /// No sequence of hits, each begun when the board says that the motor is ready and none longer than was said, makes
-    /// the winding warmer than its limit.
+    /// Hits never make the winding warmer than its limit. Each hit begins when the board reports that the motor is
+    /// ready, and none is longer than planned.
     never_too_warm(400, (motor, hits) in (
         motor(300),
         prop::collection::vec((0.0..=1.0f64, any::part(), 0u32..2000), 1..20),
@@ -128,7 +129,8 @@ crate::properties! {
         }
     }
 
-    /// A motor without force is ready again within the outputs that are said, however warm it was; a cold one always is.
+    /// A motor without force is ready again within the stated outputs, however warm it was. A cold motor is always
+    /// ready.
     ready_again(60, motor in motor(2000).prop_filter("long", |motor| motor.plan.patience() < 60_000)) {
         let mut winding = Winding::cold();
         assert!(winding.duty.is_ready(&motor.plan));
@@ -143,7 +145,7 @@ crate::properties! {
         assert!(outputs.is_some(), "{}", winding.heat);
     }
 
-    /// The longest hit that is named is accepted, and one that is an output longer is not.
+    /// The longest hit that an error message names is accepted. A hit that is one output longer is refused.
     longest_hit(500, (design, tau, force) in (any::design(), any::part(), any::part())) {
         let settings = DutySettings {
             continuous_force_n: any::between(1e-3 * design.full_scale_n, design.full_scale_n, force),
@@ -157,7 +159,7 @@ crate::properties! {
             if samples > 0 {
                 assert!(settings.build(&design, samples).is_ok(), "{longest}");
             }
-            // an output more than whole ones fit, and one for rounding
+            // one output for the next whole output, and one for rounding
             assert!(settings.build(&design, samples + 2 * design.period).is_err(), "{longest}");
         }
     }

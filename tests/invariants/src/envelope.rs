@@ -1,4 +1,4 @@
-//! The envelope of walls that are predicted to be stable.
+//! The envelope of the walls that are predicted to be stable.
 
 use proptest::prelude::*;
 use zwidth::{
@@ -11,12 +11,12 @@ use crate::{any, limits::device};
 
 const KEY: Key = Key { estimator: EstimatorName::Butterworth, cutoff_hz: 1500.0, period: 10, design: 0 };
 
-/// As a record holds it.
+/// A value as a record stores it.
 fn held(value: f64) -> f64 {
     f64::from(value as f32)
 }
 
-/// Points by rising B, as a record holds them: whole steps, or the rounded numbers of one.
+/// Points with rising B as a record stores them: whole steps, or rounded numbers of a record.
 fn points() -> impl Strategy<Value = Vec<Point>> {
     let k = || (0u32..2000, prop::bool::weighted(0.5)).prop_map(|(k, whole)| {
         let k = f64::from(k);
@@ -38,7 +38,8 @@ fn points() -> impl Strategy<Value = Vec<Point>> {
     })
 }
 
-/// What the page says of K and B: between two points the K that both allow, below the first the chord to it.
+/// Whether the documentation allows K and B: between two points, the K that both allow; below the first point, the
+/// chord to it.
 fn is_inside(points: &[Point], k: f64, b: f64) -> bool {
     if k == 0.0 && b == 0.0 {
         return true;
@@ -65,7 +66,7 @@ fn allows(points: &[Point], k: f64, b: f64) -> Result<(), Outside> {
     Envelope::read(words).unwrap().allows(&KEY, k, b)
 }
 
-/// The limits of a refusal, as those read them who see it in a program's errors and at the console.
+/// The limits in an error message, read from its text for a program and from its text for the console.
 fn read(outside: &Outside) -> [[f64; 2]; 2] {
     let reply = Text::<REPLY_MAX>::of(Reply::Outside(*outside, &device(any::PAPER), KEY));
     [outside.to_string(), reply.as_str().to_owned()].map(|line| {
@@ -76,12 +77,12 @@ fn read(outside: &Outside) -> [[f64; 2]; 2] {
     })
 }
 
-/// One in the ninth digit.
+/// One unit in the ninth digit.
 fn unit(value: f64) -> f64 {
     if value == 0.0 { 1e-300 } else { 10f64.powi(value.abs().log10().floor() as i32 - 8) }
 }
 
-/// B and K near what decides: on a point, right beside one, or anywhere.
+/// B and K near a limit: on a point, next to a point, or anywhere.
 fn near(points: &[Point], place: usize, which: u8, part: f64) -> [f64; 2] {
     let point = points[place % points.len()];
     let k = match which % 4 {
@@ -104,7 +105,7 @@ fn near(points: &[Point], place: usize, which: u8, part: f64) -> [f64; 2] {
 }
 
 crate::properties! {
-    /// A wall is allowed where the page says so, and nowhere else, to a part in 10^12 of K and B.
+    /// A wall is allowed exactly where the documentation allows it, up to a part in 10^12 of K and B.
     as_on_the_page(2000, (points, place, which, part) in (points(), any::<usize>(), any::<u8>(), any::part())) {
         let [k, b] = near(&points, place, which, part);
         let inside = is_inside(&points, k, b);
@@ -119,15 +120,15 @@ crate::properties! {
         assert!(allows(&points, k, last * (1.0 + 1e-12)).is_err());
     }
 
-    /// The lowest and the highest gain that a refusal prints are accepted when they are typed; one more in the ninth
-    /// digit is refused.
+    /// The lowest and the highest gain that an error message prints are accepted when they are typed. A gain that is
+    /// one unit in the ninth digit farther is refused.
     printed(2000, (points, part, more) in (points(), any::part(), 0.0..1e6f64)) {
         let last = points[points.len() - 1].damping_n_s_per_m;
         let b = any::between(0.0, last, part);
         for k in [more, 0.0, 1e7] {
             let Err(outside @ Outside::Stiffness { .. }) = allows(&points, k, b) else { continue };
             if outside.allowed().is_some_and(|[low, high]| high - low < 2.0 * unit(high)) {
-                continue; // no number of nine digits may be in it
+                continue; // no number of nine digits may be inside
             }
             for ends in read(&outside) {
                 for (typed, out) in ends.into_iter().zip([-1.0, 1.0]) {

@@ -1,4 +1,4 @@
-//! Every estimator of the table, with all that it accepts on every design that is accepted.
+//! Every estimator of the table, with all accepted parameters on all accepted designs.
 
 use proptest::prelude::*;
 use zwidth::{
@@ -12,7 +12,7 @@ use crate::{
     stated::{LSB, Resonance, stated},
 };
 
-/// An estimator of the table, tuned.
+/// An estimator of the table with its parameters.
 #[derive(Clone, Copy, Debug)]
 struct Tuned {
     design: Design,
@@ -41,7 +41,7 @@ fn tuned() -> impl Strategy<Value = Tuned> + Clone {
     })
 }
 
-/// One after another on the same design.
+/// Estimators that run one after another on the same design.
 fn several() -> impl Strategy<Value = Vec<Tuned>> {
     let one = (any::estimator(), any::parts());
     (any::design(), prop::collection::vec(one, 2..6)).prop_map(|(design, each)| {
@@ -50,7 +50,7 @@ fn several() -> impl Strategy<Value = Vec<Tuned>> {
     })
 }
 
-/// An estimator at work from rest at a count.
+/// A running estimator. It starts at rest at a count.
 struct Run {
     estimator: velocity::Tuned,
     state: State,
@@ -69,11 +69,11 @@ impl Run {
     }
 }
 
-/// The latest edge at sample `n` of a handle that is at `speed * n + phase`, and how fast it goes.
+/// The latest edge at sample `n` of a handle at position `speed * n + phase`.
 fn edge(speed: f64, phase: f64, n: f64) -> Option<Edge> {
     let border = (speed * n + phase).floor() + f64::from(speed < 0.0);
     let age = n - (border - phase) / speed;
-    // before it began to move there was none
+    // before the motion began there was no edge
     (speed != 0.0 && age <= n).then_some(Edge { age: (age * LSB) as u32, up: speed > 0.0 })
 }
 
@@ -85,7 +85,7 @@ fn mirrored(senses: &Senses) -> Senses {
     }
 }
 
-/// LSB by which the velocity of the mirrored motion may differ: what is rounded is rounded up at halves.
+/// LSB by which the velocity of the mirrored motion may differ, since halves are rounded up.
 fn mirror_lsb(name: EstimatorName) -> i32 {
     use EstimatorName as N;
     match name {
@@ -94,11 +94,11 @@ fn mirror_lsb(name: EstimatorName) -> i32 {
     }
 }
 
-/// What the velocities of 300 samples may miss of the counts, where those are whole ones a sample, LSB.
+/// Largest difference between the summed velocities of 300 samples and the counts, at whole counts per sample, LSB.
 const SUM_LSB: f64 = 20.0;
 
 crate::properties! {
-    /// A handle that has always been at rest, at any count, reads exactly 0.
+    /// A handle that was always at rest reads exactly 0, at any count.
     rest(500, (tuned, count) in (tuned(), any::<i32>())) {
         let mut run = Run::at(&tuned, count);
         for _ in 0..200 {
@@ -106,8 +106,8 @@ crate::properties! {
         }
     }
 
-    /// The same motion somewhere else, across any wrap of the count, has the same velocities, bit for bit; through a
-    /// counter of 16 bits too.
+    /// The same motion at another place gives the same velocities bit for bit. It holds across a wrap of the count, and
+    /// for a counter of 16 bits.
     shifted(400, (tuned, pieces, by, seed) in (
         tuned(),
         prop_oneof![any::motion(20_000.0), any::nonsense()],
@@ -124,7 +124,7 @@ crate::properties! {
             let senses = random.senses();
             let velocity = here.step(count, &senses);
             assert_eq!(velocity, there.step(count + i64::from(by), &senses));
-            // as far as the counter follows
+            // as long as the counter can follow
             follows &= (count - last).abs() < 1 << 15;
             last = count;
             let sampled = narrow.sense(&control, count as u32 & 0xFFFF, &senses);
@@ -132,8 +132,8 @@ crate::properties! {
         }
     }
 
-    /// The mirrored motion has the mirrored velocities: exactly, or within 2 LSB where something is rounded, more where
-    /// it may resonate.
+    /// The mirrored motion gives the mirrored velocities: exactly, or within 2 LSB if the estimator rounds, or within a
+    /// larger limit if it may resonate.
     mirror(400, (tuned, pieces, seed) in (tuned(), any::motion(20_000.0), any::<u64>())) {
         let mut random = Random(seed);
         let (mut one, mut other) = (Run::at(&tuned, 0), Run::at(&tuned, 0));
@@ -145,7 +145,7 @@ crate::properties! {
             fastest = fastest.max((count - last).abs());
             last = count;
             let (velocity, back) = (one.step(count, &senses), other.step(-count, &mirrored(&senses)));
-            // where a state saturates it is one LSB farther down than up, which a slow filter keeps
+            // a state that saturates has one LSB more range down than up, which a slow filter keeps
             let saturates = |both: Resonance| {
                 velocity.abs() >= Velocity::LIMIT << Velocity::FRACTION_BITS
                     || fastest as f64 * both.inside >= f64::from(Velocity::LIMIT)
@@ -157,7 +157,7 @@ crate::properties! {
         }
     }
 
-    /// Nothing overflows and every velocity is in range, whatever is counted and sensed, retuned and restarted.
+    /// Nothing overflows and every velocity is in range, with any counts and senses, retuned and restarted.
     no_overflow(400, (each, pieces, seed) in (
         several(),
         prop::collection::vec(prop_oneof![any::nonsense(), any::motion(32_767.0)], 2..5),
@@ -177,8 +177,8 @@ crate::properties! {
         }
     }
 
-    /// A constant speed is measured within the error that docs/estimators.md states, whole counts per sample within
-    /// theirs, once the change of speed has gone.
+    /// After the change of speed has settled, a constant speed is measured within the error of docs/estimators.md.
+    /// Whole counts per sample have a limit of their own.
     slopes(150, (tuned, part, back, whole, phase) in (
         tuned(),
         any::part(),
@@ -196,7 +196,7 @@ crate::properties! {
         }
         let waits = says.settles[0] + says.settles[1] * speed + if stamps && speed > 0.0 { 3.0 / speed } else { 0.0 };
         if waits > 40_000.0 {
-            return Ok(()); // seconds of a slow tuning
+            return Ok(()); // a slow tuning takes seconds
         }
         let speed = if back { -speed } else { speed };
         let mut error = if speed.fract() == 0.0 { says.whole } else { says.error };
@@ -215,25 +215,26 @@ crate::properties! {
             let off = (velocity - speed).abs();
             assert!(n < waits || off <= error + 1e-9, "{off} at {speed}, stated {error}");
             sum += if n < waits { 0.0 } else { velocity - speed };
-            // what is rounded off one is in the next, so that it does not add up
+            // the rounding error of a value is carried to the next one, so errors do not add up
             let whole = speed.fract() == 0.0 && error <= 2.0 / LSB && !stamps;
             assert!(!whole || sum.abs() <= SUM_LSB / LSB, "{sum} in all at {speed}");
         }
     }
 
-    /// A linear estimator is its equations in f64, within 3 LSB and the rounding of its coefficients, over any motion.
+    /// A linear estimator equals its equations in f64 within 3 LSB and the rounding of its coefficients, for any
+    /// motion.
     linear(200, (tuned, pieces, seed) in (tuned(), any::motion(300.0), any::<u64>())) {
         let says = stated(&tuned.settings, &tuned.design);
         let mut random = Random(seed);
         let counts = any::counts(&pieces);
-        // as far as a handle is pushed: what is known may not saturate the state
+        // within the force that moves a handle: a larger known force may saturate the state
         let push = |random: &mut Random| Force::saturating_from_bits((random.bits() as i32) >> 12);
         let senses: Vec<Senses> =
             counts.iter().map(|_| Senses { force: push(&mut random), ..Senses::NONE }).collect();
         let fastest = counts.windows(2).map(|pair| (pair[1] - pair[0]).abs()).max().unwrap_or(0).max(counts[0].abs());
         let full = says.twin.run(&counts, &senses);
         if full.iter().any(|velocity| velocity.abs() > 30_000.0) {
-            return Ok(()); // it saturates
+            return Ok(()); // the state saturates
         }
         let mut run = Run::at(&tuned, 0);
         let lsb = says.lsb(fastest as f64 * LSB);
@@ -243,8 +244,8 @@ crate::properties! {
         }
     }
 
-    /// With ideal edge times the velocity of time stamps is a mean of the true one: never above the fastest speed in either
-    /// direction that the handle has had, to the rounding of the times, wherever it turns.
+    /// With ideal edge times, the velocity of time stamps is a mean of the true velocity, even around a reversal. It
+    /// never exceeds the handle's largest speed in either direction, up to the rounding of the times.
     true_edges(200, (span, phase, pieces) in (
         1u32..=62,
         0.0..1.0f64,
@@ -255,14 +256,14 @@ crate::properties! {
         let (mut last, mut age) = (phase, None);
         let (mut slowest, mut fastest) = (0f64, 0f64);
         let mut up = true;
-        // at rest first, with one sample of it behind
+        // at rest first, with one sample before the motion
         for place in std::iter::once(0.0).chain(any::places(&pieces)) {
             let now = place + phase;
             let speed = now - last;
             (slowest, fastest) = (slowest.min(speed), fastest.max(speed));
             age = age.map(|age: f64| age + 1.0);
             if now.floor() != last.floor() {
-                // the border that was crossed last
+                // the edge that was crossed last
                 up = speed > 0.0;
                 let border = now.floor() + f64::from(!up);
                 age = Some((now - border) / speed);
@@ -275,14 +276,14 @@ crate::properties! {
         }
     }
 
-    /// A handle that stops reads 0, within what is stated for whole counts, once the stop has gone.
+    /// After the stop has settled, a handle that has stopped reads 0 within the limit for whole counts.
     stop(100, (tuned, pieces) in (tuned(), any::motion(300.0))) {
         let says = stated(&tuned.settings, &tuned.design);
         let stamps = says.error.is_nan();
-        // Levant's needs the longer the further it was left behind
+        // Levant's differentiator needs more time after a larger deviation
         let mut waits = says.settles[0] + 1000.0 * says.settles[1];
         if stamps {
-            waits = 33_000.0; // standstill is what no edge has come for in 2^15 samples
+            waits = 33_000.0; // standstill is 2^15 samples without an edge
         }
         if waits > 40_000.0 {
             return Ok(());
@@ -303,8 +304,8 @@ crate::properties! {
         }
     }
 
-    /// A restart, of any estimator by any, makes the velocity jump by no more than docs/estimators.md states for the one
-    /// that takes over.
+    /// After a restart of one estimator by another, the velocity jumps at most by the limit of docs/estimators.md for
+    /// the new estimator.
     restart(400, (each, pieces, next, seed) in (
         several(),
         prop_oneof![any::motion(3000.0), any::motion(5.0)],
@@ -313,7 +314,7 @@ crate::properties! {
     )) {
         let [before, after, ..] = each.as_slice() else { return Ok(()) };
         if *before.estimator() == *after.estimator() {
-            return Ok(()); // it goes on
+            return Ok(()); // the estimator continues without a restart
         }
         let mut random = Random(seed);
         let mut sampler = Sampler::new(0, CounterWidth::Bits32);

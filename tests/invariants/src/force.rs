@@ -1,4 +1,4 @@
-//! The force: supervisor, wall, gain fade, ramp and output together.
+//! The force of supervisor, wall, gain fade, ramp and output together.
 
 use proptest::prelude::*;
 use zwidth::{
@@ -15,7 +15,7 @@ use crate::{
     stated::{LSB, stated},
 };
 
-/// Designs that the supervisor takes: an output within 12.5 ms.
+/// Designs that the supervisor accepts: an output period of at most 12.5 ms.
 fn design() -> impl Strategy<Value = Design> + Clone {
     any::design().prop_map(|design| {
         let most = (0.0125 * design.rate_hz).floor() as u32;
@@ -23,20 +23,20 @@ fn design() -> impl Strategy<Value = Design> + Clone {
     })
 }
 
-/// What happens after an output.
+/// An event after an output.
 #[derive(Clone, Copy, Debug)]
 enum Event {
-    /// So many outputs with the handle where it is.
+    /// The handle stays for this count of outputs.
     Wait(u8),
-    /// The handle moves by so many counts an output, for so many.
+    /// The handle moves by a count per output, for a count of outputs.
     Move(i32, u8),
-    /// Places of K and B in their ranges, of the surface from the handle in counts, and whether the wall only pushes.
+    /// K and B as fractions of their ranges, the surface in counts from the handle, and whether the wall only pushes.
     Wall(f64, f64, Option<i32>, bool),
-    /// The same wall, with K and B at those places.
+    /// The same wall with K and B at these fractions.
     Gains(f64, f64),
-    /// LSB of the force.
+    /// The experiment's push, LSB of the force.
     Push(i32),
-    /// Another estimator: its place in the list, and its numbers.
+    /// Another estimator: its index in the list, and its parameters.
     Estimator(usize, any::Parts),
     Ask(Request),
     Inputs(Inputs),
@@ -79,14 +79,14 @@ fn trouble() -> impl Strategy<Value = Event> {
     prop_oneof![5 => event(true), 1 => inputs, 1 => Just(Event::Inputs(GOOD)), 1 => Just(Event::Ask(Request::Arm))]
 }
 
-/// A rig, and the settings that are in force on it.
+/// A rig, and the settings in force on it.
 struct Bench {
     rig: Rig,
     velocity: VelocitySettings,
     wall: WallSettings,
-    /// Only walls that push.
+    /// Whether all walls only push.
     push_only: bool,
-    /// What the last change of the settings was refused for, if it was.
+    /// Count of accepted changes of the settings.
     changes: u32,
 }
 
@@ -104,7 +104,7 @@ impl Bench {
         bench
     }
 
-    /// K and B at those places: from what a full scale in 10^4 counts is to one in a count.
+    /// K and B at these fractions: from full scale in 10^4 counts to full scale in one count.
     fn gains(&self, k: f64, b: f64) -> [f64; 2] {
         let design = &self.rig.design;
         let unit = design.full_scale_n / design.resolution_m;
@@ -121,7 +121,8 @@ impl Bench {
         }
     }
 
-    /// What happens before the next outputs: how many there are, and the counts that the handle moves by before each.
+    /// Carries out an event. Returns the count of outputs that follow, and the handle's motion before each output in
+    /// counts.
     fn happen(&mut self, event: Event) -> (u8, i32) {
         match event {
             Event::Wait(outputs) => return (outputs, 0),
@@ -158,7 +159,7 @@ impl Bench {
     }
 }
 
-/// The code of a force, by the page: the nearest to the part of full scale, halves away from zero.
+/// The code of a force by the documentation: nearest to its fraction of full scale, halves away from zero.
 fn code(output: Output, force: Force) -> i64 {
     let (zero, full) = match output {
         Output::Continuous => return force.bits().into(),
@@ -171,7 +172,7 @@ fn code(output: Output, force: Force) -> i64 {
     zero + i64::from(force.bits().signum()) * (whole + up)
 }
 
-/// What must hold of every output, whatever goes on.
+/// Conditions for every output.
 fn check(bench: &Bench, rendered: &Rendered) {
     let status = bench.rig.supervisor.status();
     let output = bench.rig.design.output;
@@ -192,8 +193,8 @@ fn check(bench: &Bench, rendered: &Rendered) {
 }
 
 crate::properties! {
-    /// Whatever is changed, asked for, moved and sensed: the force is within full scale and its code is the nearest, it
-    /// is 0 with the code of 0 while the supervisor is not on, and within 5 % in the sign test.
+    /// Whatever changes, requests, motions and senses come, the force is within full scale and its code is the nearest.
+    /// While the supervisor is off, the force is 0 with the code of 0. In the sign test the force is within 5 %.
     within_full_scale(150, (design, push_only, events) in (
         design(),
         any::<bool>(),
@@ -210,15 +211,15 @@ crate::properties! {
         }
     }
 
-    /// From one output to the next with the handle where it was, at the same speed and as far from its count by the
-    /// estimator, the force steps by at most 5 % of full scale a millisecond, and an output where those are farther
-    /// apart, whatever is changed, zeroed and armed when, but for going off.
+    /// Compares two outputs with the handle at the same place and speed. The force steps by at most 5 % of full scale
+    /// per millisecond, or per output if outputs are rarer. It holds for any change, zero and arming; switching off is
+    /// the exception.
     slew(250, (design, armed, events) in (
         design(),
         any::<bool>(),
         prop::collection::vec(event(true), 1..60),
     )) {
-        // a wall that no longer pulls lets go at once, which is no matter of settings on a board
+        // a wall that no longer pulls releases at once; no settings on a board allow this
         let mut bench = Bench::new(design, true);
         if armed {
             bench.rig = bench.rig.armed();
@@ -236,10 +237,10 @@ crate::properties! {
                 let moves = last.0.record.velocity != now.0.record.velocity;
                 let same = last.1 == now.1 && !moves;
                 if let Some(force) = now.0.grant.force().filter(|_| same) {
-                    // off is no force
+                    // off means no force
                     let before = last.0.grant.force().unwrap_or_default();
                     let step = i64::from(force.bits()) - i64::from(before.bits());
-                    // the sign test, which this may be the end of, has its one step in a millisecond
+                    // the sign test, which may end here, has a single step within a millisecond
                     let ms = f64::from(design.period) / design.rate_hz * 1e3;
                     let most = if tests { 1.0 } else { ms.min(1.0) } * f64::from(SLEW);
                     assert!(step.abs() <= most as i64 + 2, "{step} of {most} in {:?}", bench.rig.state());
@@ -249,8 +250,8 @@ crate::properties! {
         }
     }
 
-    /// No request and no change of the settings, not even right behind a zero, puts a wall where the handle is while the
-    /// force is on, and it does not come on in one.
+    /// While the force is on, no request and no change of settings puts a wall at the handle's position, even directly
+    /// after a zero. The force does not come on inside a wall.
     no_wall_on_the_handle(250, (design, place, events) in (
         design(),
         prop::option::of(-300i64..300),
@@ -258,7 +259,7 @@ crate::properties! {
     )) {
         let mut bench = Bench::new(design, false);
         match place {
-            // off, and it would have to move to pass the sign test; but it may begin
+            // The force is off. The handle would have to move to pass the sign test, but the test may begin.
             Some(place) => {
                 bench.rig.output();
                 bench.rig.count += place;
@@ -279,8 +280,8 @@ crate::properties! {
         }
     }
 
-    /// A wall that only pushes never pulls: without a push no force points into it, whatever gains change and fade and
-    /// wherever the handle goes; and with a push none is above it.
+    /// A wall that only pushes never pulls. Without a push no force points into the wall, whatever gains change and
+    /// fade and wherever the handle moves. With a push, no force exceeds the push.
     never_pulls(250, (design, push, events) in (
         design(),
         prop_oneof![2 => Just(0i32), 1 => 0i32..=1 << 30],
@@ -288,7 +289,7 @@ crate::properties! {
     )) {
         let mut bench = Bench::armed(design, true);
         bench.rig.push = Force::saturating_from_bits(push);
-        // a push comes in with 5 % an output
+        // a push rises by 5 % per output
         for _ in 0..25 {
             bench.rig.output();
         }
@@ -305,8 +306,8 @@ crate::properties! {
         }
     }
 
-    /// The force of a wall is that of its spring and damper in SI units, within a few parts in 10^9, and what the page
-    /// says at the surface, beyond full scale and where it would pull.
+    /// The force of a wall is that of its spring and damper in SI units, within a few parts in 10^9. At the surface,
+    /// beyond full scale, and where the wall would pull, the force follows the documentation.
     spring_and_damper(1500, (design, k, b, push_only, depth, speed, push, surface) in (
         any::design(),
         any::part(),
@@ -347,14 +348,14 @@ crate::properties! {
         assert!(!clear || drive.saturated == (asked.abs() > 1.0), "{asked}");
         let code_of = |force| i64::from(control.actuator.command(force).code());
         assert_eq!(code_of(drive.force), code(design.output, drive.force));
-        // odd: the code of the opposite force is as far from that of 0, on the other side
+        // odd symmetry: the code of the opposite force is at the same distance from the code of 0
         let opposite = Force::saturating_from_bits(-drive.force.bits());
         let zero = i64::from(control.actuator.zero().code());
         assert_eq!(code_of(opposite) - zero, zero - code_of(drive.force));
     }
 
-    /// Retuned at any time the estimator starts anew before the new tuning runs: the velocity jumps by no more than
-    /// docs/estimators.md states for a restart.
+    /// An estimator that is retuned at any time restarts before the new tuning runs. The velocity jumps at most by the
+    /// limit of docs/estimators.md for a restart.
     restarts_first(150, (design, names, pieces, at, seed) in (
         design(),
         prop::collection::vec((any::estimator(), any::parts()), 2..6),
@@ -374,7 +375,7 @@ crate::properties! {
         let mut wait = waits.next();
         let (mut order, mut asked) = (None::<LoopParameters>, None);
         let (mut velocity, mut last) = (0.0, 0);
-        // the motion there and back, so that it goes on while the settings change
+        // the motion forward and backward, so that it continues while the settings change
         for count in counts.iter().chain(counts.iter().rev()) {
             let senses = zwidth::velocity::Senses { edge: None, ..random.senses() };
             let before = *orders.control();
@@ -384,7 +385,7 @@ crate::properties! {
                 && *loop_of(next).estimator == *before.estimator
             {
                 asked = None;
-                // with the force off none is known
+                // while the force is off, the estimator knows no force
                 let known = zwidth::velocity::Senses { force: Force::ZERO, ..senses };
                 let says = stated(&next, &design).jump(velocity, (count - last) as f64, &known);
                 let jump = (now - velocity).abs();
@@ -393,7 +394,7 @@ crate::properties! {
             (velocity, last) = (now, *count);
             wait = wait.map(|wait| wait - 1);
             if wait == Some(0) {
-                // two of them may be one and the same in integers: then it goes on
+                // two tunings may be equal as integers: then the estimator continues
                 let running = &before.estimator;
                 if let Some(next) = tuned.next().filter(|next| *loop_of(*next).estimator != **running) {
                     (order, asked) = (Some(loop_of(next)), Some(next));

@@ -46,7 +46,7 @@ fn record() -> impl Strategy<Value = Record> {
         })
 }
 
-/// CRC-32/ISO-HDLC bit by bit.
+/// CRC-32/ISO-HDLC, calculated bit by bit.
 fn crc(bytes: &[u8]) -> u32 {
     let mut crc = u32::MAX;
     for byte in bytes {
@@ -58,7 +58,7 @@ fn crc(bytes: &[u8]) -> u32 {
     !crc
 }
 
-/// Bytes by the table of docs/telemetry.md.
+/// Bytes of a frame by the table of docs/telemetry.md.
 fn bytes(frame: &Frame) -> Vec<u8> {
     let record = &frame.record;
     let mut bytes = vec![0x5A, 0x57, 1, record.fault];
@@ -74,7 +74,7 @@ fn bytes(frame: &Frame) -> Vec<u8> {
     bytes
 }
 
-/// A host that takes all frames, and says nothing.
+/// A host that takes all frames and sends nothing.
 #[derive(Clone, Default)]
 struct Listener(Rc<RefCell<Vec<u8>>>);
 
@@ -121,7 +121,7 @@ impl Port for Listener {
 
 static DEVICE: LazyLock<Device<'static>> = LazyLock::new(|| limits::device(any::PAPER));
 
-/// A report of that output, and of nothing else.
+/// A report of this output only.
 fn report(record: Record) -> Report {
     let status = Status {
         state: State::Off,
@@ -143,8 +143,8 @@ fn report(record: Record) -> Report {
 }
 
 crate::properties! {
-    /// A frame is the bytes of the page's table, comes back as it was, and with all a CRC-32 notices for certain, any
-    /// change of a word or of up to three bits, does not come at all.
+    /// A frame has the bytes of the documentation's table, and is read back unchanged. After a change that a CRC-32
+    /// detects with certainty (of one word, or of up to three bits) it is not read at all.
     as_on_the_page(1000, (sequence, record, flips) in (
         any::<u32>(),
         record(),
@@ -163,8 +163,8 @@ crate::properties! {
         assert_eq!(Frame::decode(&other), (other == sent).then_some(frame));
     }
 
-    /// From a stream that begins anywhere, loses frames and holds garbage every whole frame is read, in order; drops and
-    /// garbage are counted.
+    /// In a stream that begins anywhere, lacks frames and contains garbage, every complete frame is read in order.
+    /// Drops and garbage are counted.
     out_of_a_stream(150, (first, skipped, parts) in (
         prop_oneof![any::<u32>(), u32::MAX - 20..],
         0usize..40,
@@ -177,7 +177,7 @@ crate::properties! {
         let mut decoder = Decoder::new();
         let (mut sent, mut found, mut garbage, mut dropped) = (Vec::new(), Vec::new(), 0, 0);
         let torn = Frame { sequence: first.wrapping_sub(1), record: Record::EMPTY }.encode();
-        // what is left of a frame that was cut in front
+        // the rest of a frame whose beginning was cut off
         let rest = if skipped == 0 { &[][..] } else { &torn[skipped..] };
         found.extend(rest.iter().filter_map(|byte| decoder.push(*byte)));
         garbage += rest.len() as u64;
@@ -195,8 +195,8 @@ crate::properties! {
         assert_eq!(found, sent);
         assert_eq!((decoder.frames, decoder.garbage, decoder.dropped), (sent.len() as u64, garbage, dropped));
     }
-    /// At every output period what is streamed comes out of the decoder as it was, output for output, with the settings and
-    /// the fault of each; at the end less than a millisecond waits still.
+    /// At every output period, the decoder returns the streamed outputs unchanged, with the settings and the fault of
+    /// each. At the end, less than a millisecond of data still waits.
     streamed(100, (period, first, parts) in (
         prop::sample::select(vec![1u32, 2, 5, 10]),
         any::<u32>(),
@@ -216,7 +216,7 @@ crate::properties! {
                 sample: before.sample + u64::from(period) * (1 + lost),
                 settings: before.settings + settings,
                 fault: before.fault ^ fault,
-                // the console's own: this device has no design
+                // set by the console: this device has no design
                 flags: match record.flags.contains(Flags::REPLAY) {
                     true => record.flags,
                     false => record.flags.with_design(0),

@@ -1,4 +1,4 @@
-//! The wall hit: RMS, verdict and when it comes.
+//! The wall hit: its RMS, its verdict and the time of the verdict.
 
 use proptest::prelude::*;
 use zwidth::{
@@ -6,7 +6,7 @@ use zwidth::{
     units::{Force, Position},
 };
 
-/// Positions of a hit: how far they spread, and around where.
+/// Positions of a hit: their spread and their mean.
 fn positions() -> impl Strategy<Value = Vec<(i32, bool)>> {
     (any::<i32>(), 0u32..=32, 0..=3u8).prop_flat_map(|(around, bits, contact)| {
         let spread = (1i64 << bits) - 1;
@@ -18,10 +18,10 @@ fn positions() -> impl Strategy<Value = Vec<(i32, bool)>> {
     })
 }
 
-/// `n^2` times the variance, times 2^32, and `n^2` times the square of a limit in 2^-16 counts.
+/// `n^2` times the variance, times 2^32; compare with `n^2` times the square of a limit in 2^-16 counts.
 fn scatter(window: &[(i32, bool)]) -> i128 {
     let n = window.len() as i128;
-    // about the first, as twice the sum over all pairs would take too long
+    // relative to the first position, since a sum over all pairs would take too long
     let first = i128::from(window.first().map_or(0, |(x, _)| *x));
     let sum: i128 = window.iter().map(|(x, _)| i128::from(*x) - first).sum();
     let squares: i128 = window.iter().map(|(x, _)| (i128::from(*x) - first).pow(2)).sum();
@@ -46,7 +46,7 @@ fn model(plan: &HitPlan, limit: u32, samples: &[(i32, bool)]) -> Verdict {
     if stable { Verdict::Stable } else { Verdict::Unstable }
 }
 
-/// A limit at which the verdict turns: the RMS of what is there, or one that is near it by chance.
+/// A limit at which the verdict changes: the RMS of the positions, or a random value near it.
 fn limit_near(window: &[(i32, bool)], off: i64) -> u32 {
     let n = window.len() as f64;
     let rms = (scatter(window) as f64).sqrt() / n * 65_536.0;
@@ -54,8 +54,8 @@ fn limit_near(window: &[(i32, bool)], off: i64) -> u32 {
 }
 
 crate::properties! {
-    /// A hit is judged with the last sample of its window, exactly: below the limit, at it or above, in contact or not;
-    /// an early verdict is the late one, and what comes after the end changes nothing.
+    /// A hit is judged exactly at the last sample of its window: below, at or above the limit, in contact or not. An
+    /// early verdict equals the late one. Samples after the end change nothing.
     judged(1500, (samples, settle, off) in (positions(), 0u32..60, -2i64..=2)) {
         let settle = settle.min(samples.len() as u32 - 1);
         let window = samples.len() as u32 - settle;
@@ -79,7 +79,7 @@ crate::properties! {
         }
     }
 
-    /// The same positions a number of counts away, or mirrored, are judged the same.
+    /// Positions that are shifted by whole counts, or mirrored, give the same verdict.
     moved_and_mirrored(500, (samples, by, limit) in (
         prop::collection::vec((-1_000_000i32..1_000_000, any::<bool>()), 1..100),
         -1_000_000_000i32..1_000_000_000,

@@ -1,8 +1,8 @@
-//! What must always hold of the library, each as a property that random cases try.
+//! Properties of the library that must always hold. Random cases try each property.
 //!
-//! A property is a line of text, a strategy that makes cases, and a check, by area in the modules below. What a check
-//! compares with is written a second time here, from the pages and not from the code. `cargo test` tries each property
-//! with a fixed seed, `cargo invariants` for as long as wanted with any ([`campaign`]).
+//! A property has a line of text, a strategy for its cases, and a check. The modules below are areas of the library. A
+//! check compares with a second implementation, written from the documentation and not from the code. `cargo test`
+//! tries each property with a fixed seed. `cargo invariants` tries them for any time, with any seed ([`campaign`]).
 
 #![forbid(unsafe_code)]
 #![allow(

@@ -1,4 +1,4 @@
-//! Limits as a person reads and types them.
+//! Limits as a person reads them in messages and types them.
 
 use zwidth::{
     Design, HitSettings, Output, Settings, SettingsError, WallSettings,
@@ -12,16 +12,16 @@ use zwidth::{
 
 use crate::{any, rig::NO_WALL};
 
-/// A limit is printed with so many.
+/// Count of digits of a printed limit.
 const DIGITS: i32 = 9;
 
-/// What is refused there, by a number in its place.
+/// The error for a number at this place, if the number is refused.
 type Refusal<'a> = dyn Fn(f64) -> Option<SettingsError> + 'a;
 
-/// Those numbers with one of them exchanged.
+/// Replaces one of the numbers.
 type With<T> = fn(T, f64) -> T;
 
-/// What a refusal prints, for those who read scenes and for those at the console.
+/// The text of an error, for readers of scenes and for users of the console.
 fn printed(error: &SettingsError) -> [String; 2] {
     [error.to_string(), Text::<200>::of(Reply::Range(error)).as_str().to_owned()]
 }
@@ -33,10 +33,11 @@ fn ends(line: &str) -> [f64; 2] {
     [low, high].map(|end| end.parse().unwrap())
 }
 
-/// Both ends as they are printed are accepted when typed, and the next number beyond them with as many digits is not.
+/// Both printed ends are accepted when they are typed. The next number outside, with the same count of digits, is
+/// refused.
 fn holds(name: &str, refusal: &Refusal<'_>) {
     let wrong = |value: f64| refusal(value).filter(|error| error.parameter == name);
-    // beyond either end, and nowhere
+    // outside either end, and not a number
     for far in [f64::NAN, -1e300, 1e300] {
         let Some(error) = wrong(far) else { continue };
         if error.range.start() > error.range.end() {
@@ -53,7 +54,7 @@ fn holds(name: &str, refusal: &Refusal<'_>) {
     }
 }
 
-/// The same of whole numbers.
+/// As [`holds`] for whole numbers.
 fn holds_whole(name: &str, refusal: &dyn Fn(u32) -> Option<SettingsError>) {
     let wrong = |value: f64| refusal(value as u32).filter(|error| error.parameter == name);
     let error = wrong(0.0).unwrap();
@@ -80,7 +81,7 @@ fn safety(design: &Design) -> SafetySettings {
     }
 }
 
-/// A device of that design; `hit` is as long as it may be or shorter.
+/// A device of this design; `hit` sets the length of its hit, up to the longest.
 pub fn device(design: Design) -> Device<'static> {
     let far = 5e3 * design.resolution_m;
     Device {
@@ -133,8 +134,8 @@ const GRID: WalkSettings = WalkSettings {
 };
 
 crate::properties! {
-    /// Every limit of an estimator's parameters that is printed is accepted when it is typed, and the next number beyond
-    /// it is refused.
+    /// Each printed limit of an estimator's parameters is accepted when it is typed, and the next number outside is
+    /// refused.
     of_estimators(1500, (design, name, parts) in (any::design(), any::estimator(), any::parts())) {
         let Some(settings) = any::tuned(name, parts, &design) else { return Ok(()) };
         let (_, numbers) = EstimatorName::of(&settings);
@@ -146,7 +147,7 @@ crate::properties! {
                 name.settings(numbers).build(&design).err()
             });
             if whole {
-                // a part of a sample is none
+                // a part of a sample is not allowed
                 let Some(SettingsError { range, .. }) = settings.with_tuning(-1.0).build(&design).err() else {
                     continue;
                 };
@@ -159,7 +160,8 @@ crate::properties! {
         }
     }
 
-    /// The same of designs, walls and hits.
+    /// Each printed limit of designs, walls and hits is accepted when it is typed, and the next number outside is
+    /// refused.
     of_settings(800, (design, seed) in (any::design(), any::part())) {
         let numbers: [(&str, With<Design>); 3] = [
             ("rate_hz", |design, rate_hz| Design { rate_hz, ..design }),
@@ -194,7 +196,8 @@ crate::properties! {
         }
     }
 
-    /// The same of the limits of supervisor, duty, return move, calibration and walk.
+    /// Each printed limit of supervisor, duty, return move, calibration and walk is accepted when it is typed, and the
+    /// next number outside is refused.
     of_devices(800, (design, part) in (any::design(), any::part())) {
         let limits = safety(&design);
         let numbers: [(&str, With<SafetySettings>); 6] = [
@@ -253,19 +256,19 @@ crate::properties! {
         }
     }
 
-    /// The same of what goes with a device's other numbers: the full scale that a calibration may find, where a hit
-    /// starts, and how long settle and window may be together.
+    /// Limits that depend on a device's other numbers behave the same: the full scale that a calibration may find, the
+    /// start of a hit, and the longest settle and window together.
     of_hits(800, (design, wall, settle) in (any::design(), 0.0..1.0f64, 0.01..0.99f64)) {
         let bench = device(design);
         holds("full_scale_n", &|value| bench.calibrated(value).err());
         let mut stored = bench.defaults();
         if bench.hit_sequence(&stored, false).is_err() {
-            return Ok(()); // no return move is possible on it
+            return Ok(()); // no return move is possible on this design
         }
         stored.settings.wall.position_m = (1e3 + 2e4 * wall) * design.resolution_m;
         let with = |start_m: f64| bench.experiment(&zwidth::store::Stored { start_m, ..stored }).err();
         holds("start_m", &with);
-        // what is printed as the longest, shared out in milliseconds
+        // the printed longest time, divided in milliseconds
         let long = zwidth::store::Stored { settle_s: 100.0, window_s: 1e4 / design.rate_hz, ..stored };
         let Some(error) = bench.hit_sequence(&long, false).err() else { return Ok(()) };
         if error.parameter != "settle_s and window_s together" {
@@ -278,7 +281,7 @@ crate::properties! {
             let window_s: f64 = Decimal(end - settle_s).to_string().parse().unwrap();
             let built = bench.hit_sequence(&zwidth::store::Stored { settle_s, window_s, ..stored }, false);
             assert!(built.is_ok(), "{line}: {settle_s} and {window_s}: {:?}", built.err());
-            // a sample more; half of one is rounded away
+            // one sample more, since half a sample is rounded away
             let window_s = window_s + 1.0 / design.rate_hz;
             let built = bench.hit_sequence(&zwidth::store::Stored { settle_s, window_s, ..stored }, false);
             assert!(built.is_err(), "{line}: {settle_s} and {window_s} of {longest} are accepted");

@@ -14,7 +14,7 @@ cargo invariants [--minutes M | --batches N | --batch N] [--seed S] [--only NAME
   --only NAME  properties whose name has that in it
   --list       names and what they state";
 
-/// Ended by a signal.
+/// Exit code after a signal.
 const INTERRUPTED: i32 = 130;
 
 fn main() -> ExitCode {

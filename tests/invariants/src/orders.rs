@@ -1,4 +1,4 @@
-//! Renderer and sampling task, force off: settings go down as orders, in the order in which the firmware sends them.
+//! Renderer and sampling task with the force off. Settings are sent as orders, in the firmware's order.
 
 use zwidth::{
     CounterWidth, LoopParameters,
@@ -13,12 +13,12 @@ use zwidth::{
     velocity::Senses,
 };
 
-/// What reached the sampling task.
+/// Values that the sampling task has received.
 #[derive(Clone, Debug)]
 pub struct ToSample {
-    /// Newest parameters that reached it.
+    /// Newest parameters that the sampling task has received.
     pub control: LoopParameters,
-    /// Newest command that reached it.
+    /// Newest command that the sampling task has received.
     pub down: GuardCommand,
 }
 
@@ -34,7 +34,7 @@ impl Sampling for ToSample {
     fn turn_encoder(&mut self, _: bool) {}
 }
 
-/// The renderer with the sampling task.
+/// The renderer and the sampling task.
 pub struct Orders {
     renderer: Renderer<4>,
     to_sample: ToSample,
@@ -56,7 +56,7 @@ impl Orders {
         }
     }
 
-    /// One sample, and what the output task does with it: an output, then an order that is there.
+    /// Runs one sample and the output task: an output, then a waiting order.
     pub fn sample(
         &mut self,
         count: i64,
@@ -98,7 +98,7 @@ impl Orders {
         step.report
     }
 
-    /// What the sampling task takes with the next sample.
+    /// Parameters that the sampling task uses in the next sample.
     pub fn control(&self) -> &LoopParameters {
         &self.to_sample.control
     }

@@ -7,7 +7,7 @@ use zwidth::{
     velocity::EstimatorName,
 };
 
-/// What `k TEXT` comes to.
+/// The number that the console reads from `k TEXT`.
 fn number(text: &str) -> Option<f64> {
     match parse(format!("k {text}").as_bytes()) {
         Ok(Command::Stiffness(value)) => Some(value),
@@ -16,8 +16,8 @@ fn number(text: &str) -> Option<f64> {
     }
 }
 
-/// Whether a text is a number of the page: a sign, digits with at most one point, at most 15 of them significant, at
-/// most three digits of exponent, and a power of ten within 22 when the digits are taken as a whole number.
+/// Whether the documentation allows a text as a number: a sign, digits with at most one point, at most 15 significant
+/// digits, at most three digits of exponent, and a power of ten within 22 if the digits are taken as a whole number.
 fn is_offered(text: &str) -> bool {
     let unsigned = text.strip_prefix(['+', '-']).unwrap_or(text);
     let lower = unsigned.to_ascii_lowercase();
@@ -37,7 +37,7 @@ fn is_offered(text: &str) -> bool {
     significant.len() <= 15 && (significant.is_empty() || power.abs() <= 22)
 }
 
-/// Texts that are numbers, nearly numbers, and none.
+/// Texts that are numbers, almost numbers, or not numbers.
 fn text() -> impl Strategy<Value = String> {
     prop_oneof![
         4 => "[+-]?[0-9]{0,9}(\\.[0-9]{0,9})?([eE][+-]?[0-9]{1,3})?",
@@ -52,8 +52,8 @@ fn text() -> impl Strategy<Value = String> {
 }
 
 crate::properties! {
-    /// What is read as a number is the standard library's f64, bit for bit but for the sign of 0; and every number that
-    /// the page offers is read.
+    /// A number that is read equals the standard library's f64 bit for bit, except for the sign of 0. Every number that
+    /// the documentation allows is read.
     numbers(4000, text in text()) {
         let expected = text.parse::<f64>().ok().filter(|_| is_offered(&text));
         let read = number(&text);
@@ -64,8 +64,8 @@ crate::properties! {
         }
     }
 
-    /// A number that is shown is within half of its twelfth digit, and what is shown of one with twelve digits is read
-    /// as that number.
+    /// A printed number is within half a unit of its twelfth digit. The printed form of a number with twelve digits is
+    /// read as the same number.
     shown(4000, (digits, exponent, negative, any) in (
         1u64..1_000_000_000_000,
         -21i32..=10,
@@ -84,8 +84,8 @@ crate::properties! {
         assert!(!normal || (back / any - 1.0).abs() < 5.1e-12, "{any} became {back}");
     }
 
-    /// A line is a name of the help with what it wants behind it, in any case and with any blanks: nothing else is read
-    /// as a command, and every refusal fits a line.
+    /// A command is a name of the help with its values, in any case and with any blanks. Nothing else is read as a
+    /// command, and every error message fits a line.
     commands(3000, (place, words, upper, blank) in (
         any::<prop::sample::Index>(),
         prop::collection::vec(prop_oneof![
@@ -120,12 +120,12 @@ crate::properties! {
         }
     }
 
-    /// Any bytes are cut into lines as the standard library cuts them; one that is too long is refused once, blank ones
-    /// are passed over.
+    /// Any bytes are cut into lines as by the standard library. A line that is too long is refused once. Blank lines
+    /// are ignored.
     lines(150, pieces in prop::collection::vec(
         prop_oneof![
             2 => prop::collection::vec(any::<u8>(), 0..20),
-            // around the longest that is taken
+            // near the longest accepted length
             2 => (LINE_MAX - 3..LINE_MAX + 4).prop_map(|length| vec![b'x'; length]),
             1 => (0..2 * LINE_MAX).prop_map(|length| vec![b' '; length]),
             4 => prop::sample::select(vec!["\n", "\r", "\r\n"]).prop_map(|end| end.as_bytes().to_vec()),

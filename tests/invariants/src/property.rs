@@ -1,25 +1,25 @@
-//! A property, and how the modules write theirs down.
+//! A property, and the macro with which the modules define theirs.
 
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 
-/// A property: a line of text and how to try it.
+/// A property: a line of text and a function that tries it.
 #[derive(Clone, Copy, Debug)]
 pub struct Property {
     /// Module and name: `room::name`.
     pub name: &'static str,
     /// Statement that must hold.
     pub states: &'static str,
-    /// Cases of a batch.
+    /// Count of cases in a batch.
     pub cases: u32,
-    /// Tries it; the error is the minimal case.
+    /// Tries the property; the error is the smallest failing case.
     pub(crate) run: fn(&mut TestRunner) -> Result<(), String>,
 }
 
 impl Property {
-    /// Tries one batch. Its cases follow from seed, name and number alone.
+    /// Tries one batch. The cases depend only on seed, name and number.
     ///
     /// # Errors
-    /// What does not hold, and the smallest case that was found for it.
+    /// The failed statement and the smallest failing case.
     pub fn batch(&self, seed: u64, number: u64) -> Result<(), String> {
         let mut bytes = [0; 32];
         let name = self.name.bytes().fold(0xCBF2_9CE4_8422_2325u64, |hash, byte| {
@@ -41,8 +41,8 @@ impl Property {
     }
 }
 
-/// The properties of a module: text, name, cases of a batch, strategy, and the check of a case, which panics where it
-/// does not hold.
+/// The properties of a module: text, name, count of cases in a batch, strategy, and the check of a case. The check
+/// panics if the property does not hold.
 #[macro_export]
 macro_rules! properties {
     ($(
@@ -85,7 +85,7 @@ macro_rules! properties_of {
     };
 }
 
-/// One batch of that property, always the same.
+/// Tries one batch of a property, always the same.
 #[cfg(test)]
 pub fn sample(properties: &[Property], name: &str) {
     let property = properties.iter().find(|property| property.title().ends_with(name)).unwrap();
@@ -99,12 +99,12 @@ pub fn sample(properties: &[Property], name: &str) {
 const SAMPLE_SEED: u64 = 1;
 
 impl Property {
-    /// Its name without that of the package.
+    /// The property's name without the package's name.
     pub fn title(&self) -> &'static str {
         self.name.split_once("::").map_or(self.name, |(_, title)| title)
     }
 
-    /// What to say of a case for which it does not hold.
+    /// The message for a failing case.
     pub fn failure(&self, text: &str, seed: u64, number: u64) -> String {
         format!(
             "{}: does not hold:{}\n{text}\nagain: cargo invariants --seed {seed} --only {} --batch {number}",

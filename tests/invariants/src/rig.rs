@@ -1,4 +1,4 @@
-//! The sampling task, the output task and a handle, in step as on the board; the handle is where a case puts it.
+//! The sampling task, the output task and a handle, synchronised as on the board. The case sets the handle's position.
 
 use zwidth::{
     CounterWidth, Design, LoopParameters, Settings, VelocitySettings, WallSettings,
@@ -10,7 +10,7 @@ use zwidth::{
     velocity::Senses,
 };
 
-/// Inputs when all is well.
+/// Inputs without a fault.
 pub const GOOD: Inputs = Inputs {
     stop_closed: true,
     supply_good: true,
@@ -19,7 +19,7 @@ pub const GOOD: Inputs = Inputs {
     found: FaultSet::EMPTY,
 };
 
-/// A wall that does nothing.
+/// A wall without a force.
 pub const NO_WALL: WallSettings = WallSettings {
     position_m: 0.0,
     stiffness_n_per_m: 0.0,
@@ -27,7 +27,7 @@ pub const NO_WALL: WallSettings = WallSettings {
     push_only: true,
 };
 
-/// Limits that are as wide as they may be, so that a case is not ended by them.
+/// The widest limits, so that they do not end a case.
 pub fn wide(design: &Design) -> SafetySettings {
     let unit = design.resolution_m * design.rate_hz;
     SafetySettings {
@@ -48,27 +48,27 @@ pub fn wide(design: &Design) -> SafetySettings {
 #[derive(Clone, Copy)]
 pub struct Rig {
     pub design: Design,
-    /// Parameters that are in force.
+    /// Parameters in force.
     pub control: LoopParameters,
-    /// The half that renders.
+    /// The part of the supervisor that renders.
     pub supervisor: Supervisor,
     sampler: GuardedSampler,
     guard: Guard,
     view: GuardView,
     down: GuardCommand,
-    /// What the experiment pushes with.
+    /// Push of the experiment.
     pub push: Force,
-    /// What the board says.
+    /// Inputs from the board.
     pub inputs: Inputs,
-    /// What the counter reads.
+    /// Reading of the counter.
     pub count: i64,
-    /// What the hardware does.
+    /// Output of the hardware.
     pub output: Option<Force>,
     position: i32,
 }
 
 impl Rig {
-    /// Off, at count 0.
+    /// A rig that is off, at count 0.
     pub fn new(design: Design, plan: SafetyPlan, control: LoopParameters) -> Self {
         Self {
             design,
@@ -86,12 +86,12 @@ impl Rig {
         }
     }
 
-    /// Where the handle is, counts, as the last output saw it.
+    /// Position of the handle at the last output, counts.
     pub fn position(&self) -> i32 {
         self.position
     }
 
-    /// One sample, and the output if one is due.
+    /// Runs one sample, and the output if one is due.
     pub fn sample(&mut self) -> (Step, Option<Rendered>) {
         let Self { sampler, control, down, guard, count, .. } = self;
         let step = sampler.step(control, *count as u32, &Senses::NONE, down, guard);
@@ -116,7 +116,7 @@ impl Rig {
         (step, rendered)
     }
 
-    /// Up to the next output.
+    /// Runs up to the next output.
     pub fn output(&mut self) -> Rendered {
         loop {
             if let (_, Some(rendered)) = self.sample() {
@@ -125,14 +125,14 @@ impl Rig {
         }
     }
 
-    /// Meets a request after an output.
+    /// Carries out a request after an output.
     pub fn ask(&mut self, request: Request) -> Result<(), Refusal> {
         let result = self.supervisor.request(request);
         self.down = self.supervisor.down();
         result
     }
 
-    /// Exchanges the settings after an output, if they may be.
+    /// Replaces the settings after an output, if that is allowed.
     pub fn change(&mut self, control: LoopParameters) -> Result<(), Refusal> {
         self.supervisor.may_change(&self.control, &control)?;
         self.control = control.after(&self.control);
@@ -143,14 +143,14 @@ impl Rig {
         self.supervisor.status().state
     }
 
-    /// Zeroed, and through the sign test: the handle goes where the force pushes it. The ramp is next.
+    /// Sets the zero and passes the sign test: the handle follows the force. The ramp comes next.
     pub fn pass_sign_test(&mut self) {
         self.output();
         self.ask(Request::Zero).unwrap();
         self.output();
         self.output();
         self.ask(Request::Arm).unwrap();
-        // as few as two outputs are a quarter of the test: so fast that its answer is far above the limit
+        // two outputs may be a quarter of the test, which is so fast that the response is far above the limit
         let quarter = 0.025 * self.design.rate_hz / f64::from(self.design.period);
         let faster = (200.0 / (quarter * quarter)).ceil() as i64;
         let (mut speed, mut outputs) = (0, 0);
@@ -167,7 +167,7 @@ impl Rig {
         }
     }
 
-    /// The full force may act, and the handle is at rest.
+    /// Runs until the full force is allowed, with the handle at rest.
     pub fn armed(mut self) -> Self {
         self.pass_sign_test();
         while self.state() != State::Armed {

@@ -1,4 +1,4 @@
-//! The ring of positions between sampling and output task, stepped by hand.
+//! The ring of positions between sampling and output task, run step by step.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -10,17 +10,17 @@ mod position_ring;
 
 use position_ring::{FOLLOWED, Follower, is_kept, note, read};
 
-/// There is one ring.
+/// Guards the only ring.
 static RING: Mutex<()> = Mutex::new(());
 
-/// A position that tells its sample.
+/// A position that encodes its sample.
 fn place(sample: u64) -> Position {
     Position::from_counts((sample.wrapping_mul(0x9E37_79B9) >> 3) as i32)
 }
 
 crate::properties! {
-    /// Whenever samples come between its steps, the follower reads the position of every sample up to the one that it
-    /// follows to, in order and once; those are left out that are too old.
+    /// Whenever samples come between its steps, the follower reads the position of every sample up to the requested
+    /// one, in order and once. Positions that are too old are left out.
     followed(300, (first, turns) in (
         prop_oneof![Just(0u64), any::<u32>().prop_map(u64::from)],
         prop::collection::vec((
@@ -43,7 +43,7 @@ crate::properties! {
             follower.follow_to(last);
             let oldest = (last + 1).saturating_sub(half);
             if !begun {
-                // it may have begun in the middle of the samples: what was never noted is not looked at
+                // the follower may start in the middle of the samples; positions that were never noted are not read
                 for _ in oldest..first.max(oldest) {
                     follower.read();
                 }
@@ -52,7 +52,7 @@ crate::properties! {
             next = next.max(oldest);
             let mut between = between.into_iter();
             for sample in next..=last {
-                // a sample comes while the others are being read
+                // a sample comes while other positions are read
                 if between.next() == Some(true) && noted <= last + half {
                     note(noted, place(noted));
                     noted += 1;
@@ -64,7 +64,7 @@ crate::properties! {
         }
     }
 
-    /// Positions that are read together are those of their samples, or said to be kept no longer.
+    /// Positions that are read together belong to their samples, or are reported as lost.
     read_together(300, (first, newest, since) in (any::<u32>().prop_map(u64::from), 0u64..400, 0u64..400)) {
         let _alone = RING.lock().unwrap_or_else(PoisonError::into_inner);
         let next = first + newest + 1 + since;

@@ -1,5 +1,5 @@
-//! What docs/estimators.md states of each estimator, written down a second time: sums of differences from their
-//! weights, the others from the equations at the head of the page's sections.
+//! A second implementation of the statements of docs/estimators.md. Sums of differences come from their weights; the
+//! other estimators come from the equations at the head of the sections.
 
 use std::f64::consts::{PI, SQRT_2};
 
@@ -12,36 +12,37 @@ use zwidth::{
 /// LSB of the velocity in a count per sample.
 pub const LSB: f64 = 65_536.0;
 
-/// What is stated of an estimator with those settings on that device, in counts and samples.
+/// Statements about an estimator with these settings on this device, in counts and samples.
 #[derive(Clone, Debug)]
 pub struct Stated {
     /// Largest error at a constant speed.
     pub error: f64,
-    /// The same at whole counts per sample.
+    /// Largest error at whole counts per sample.
     pub whole: f64,
     /// Whether an error is stated for these settings.
     pub holds: bool,
-    /// Samples until a change of speed by one count per sample has gone, and for each further one.
+    /// Samples until a change of speed by one count per sample has settled, and samples for each further count per
+    /// sample.
     pub settles: [f64; 2],
-    /// What a difference of one count per sample between the next counts and the old velocity makes of the velocity at
-    /// once, after a restart.
+    /// First velocity after a restart, as a function of the difference between the next counts and the old velocity.
     pub first: First,
-    /// The same in `f64`, where it is linear.
+    /// The estimator in `f64`, if it is linear.
     pub twin: Twin,
-    /// Of a filter that may resonate.
+    /// Limits of a filter that may resonate.
     pub resonance: Option<Resonance>,
 }
 
-/// What a resonance raises: bounds by the magnitudes of responses.
+/// Effects of a resonance, bounded by the magnitudes of responses.
 #[derive(Clone, Copy, Debug)]
 pub struct Resonance {
-    /// What rounding may leave in the velocity, LSB: half a LSB by the response `(1 - q)^k / A` of the error feedback.
+    /// Largest rounding error of the velocity, LSB: half an LSB times the response `(1 - q)^k / A` of the error
+    /// feedback.
     pub rounding: f64,
-    /// What the coefficients' rounding may, as a part of the fastest difference.
+    /// Largest error from the coefficients' rounding, as a fraction of the fastest difference.
     pub coefficients: f64,
-    /// What it makes of the largest input, at most.
+    /// Largest gain from input to output.
     pub gain: f64,
-    /// The same of what comes before the last section, where a value may saturate unseen; 0 with one section.
+    /// Largest gain before the last section, where a value may saturate unseen; 0 with one section.
     pub inside: f64,
 }
 
@@ -57,7 +58,7 @@ fn product(p: &[f64], q: &[f64]) -> Vec<f64> {
 }
 
 impl Resonance {
-    /// Of a biquad with those coefficients; `order` is that of its error feedback.
+    /// Limits of a biquad with these coefficients; `order` is the order of its error feedback.
     fn of(b: &[f64], a: &[f64], order: u32, samples: f64) -> Self {
         let (mut past, mut poles, mut shaped) = ([0.0; 2], 0.0, 0.0);
         let mut last = [0.0; 2];
@@ -68,13 +69,13 @@ impl Resonance {
             poles += f64::abs(now);
             (last, past) = ([now, last[0]], [now, past[0]]);
         }
-        // the velocity itself is at most the differences times the poles' response and the numerator's magnitudes
+        // the velocity is at most the differences times the poles' response and the numerator's magnitudes
         let gain: f64 = poles * b.iter().map(|b| b.abs()).sum::<f64>();
         let coefficients = poles * (3.0 + 2.0 * gain) * 2f64.powi(-30);
         Self { rounding: 0.5 * shaped + 1.0, coefficients, gain, inside: 0.0 }
     }
 
-    /// Of another one behind this one, which raises what this one leaves.
+    /// Limits of this section with a second section after it, which raises the errors of this one.
     fn then(self, next: Self) -> Self {
         Self {
             rounding: self.rounding * next.gain + next.rounding,
@@ -85,19 +86,19 @@ impl Resonance {
     }
 }
 
-/// A linear estimator in `f64`, by its equations.
+/// A linear estimator in `f64`, from its equations.
 #[derive(Clone, Debug)]
 pub enum Twin {
-    /// It is not linear.
+    /// The estimator is not linear.
     None,
-    /// Coefficients b and a of a filter behind the difference.
+    /// Coefficients b and a of a filter after the difference.
     Filter(Vec<f64>, Vec<f64>),
-    /// Gains of position, velocity and acceleration, and what is known of that.
+    /// Gains of position, velocity and acceleration, and the source of the known acceleration.
     Observer([f64; 3], Option<First>),
 }
 
 impl Twin {
-    /// Velocities at those counts, from rest at 0; without senses nothing is known.
+    /// Velocities at these counts, from rest at 0. Without senses no acceleration is known.
     pub fn run(&self, counts: &[i64], senses: &[Senses]) -> Vec<f64> {
         match self {
             Self::None => Vec::new(),
@@ -131,7 +132,8 @@ impl Twin {
         }
     }
 
-    /// LSB by which the integers may be off it at speeds up to that, LSB: rounding, and that of the coefficients.
+    /// Largest difference of the integers from the equations at speeds up to `fastest`, LSB: by rounding, and by
+    /// rounded coefficients.
     pub fn lsb(&self, fastest: f64) -> f64 {
         match self {
             Self::Filter(b, _) => 3.0 + fastest * 3.0 * 2f64.powi(-31) / b.iter().sum::<f64>(),
@@ -140,24 +142,24 @@ impl Twin {
     }
 }
 
-/// How the first velocity after a restart follows the counts.
+/// How the first velocity after a restart depends on the counts.
 #[derive(Clone, Copy, Debug)]
 pub enum First {
-    /// By that part of the difference, and at most so much beside it.
+    /// This fraction of the difference, and at most this value in addition.
     Part(f64, f64),
-    /// The square root of the difference times that.
+    /// The square root of the difference times this value.
     Root(f64),
-    /// The difference, at most that.
+    /// The difference, limited to this value.
     Bounded(f64),
-    /// That part of the difference that half the known acceleration leaves, and the acceleration per full scale of
-    /// force, or what was measured.
+    /// This fraction of the difference after half the known acceleration is subtracted; then the acceleration at
+    /// full-scale force, or `None` if it is measured.
     Known(f64, Option<f64>),
-    /// A mean over that time, or the bound of a count since the last edge.
+    /// A mean over this time, or the limit from one count since the last edge.
     Mean(f64),
 }
 
 impl First {
-    /// What is known of the acceleration.
+    /// The known acceleration.
     fn acceleration(&self, senses: &Senses) -> f64 {
         match self {
             Self::Known(_, Some(full_scale)) => {
@@ -172,7 +174,7 @@ impl First {
 }
 
 impl Stated {
-    /// LSB by which the integers may be off the equations at speeds up to that, LSB.
+    /// Largest difference of the integers from the equations at speeds up to `fastest`, LSB.
     pub fn lsb(&self, fastest: f64) -> f64 {
         match self.resonance {
             Some(Resonance { rounding, coefficients, .. }) => rounding + fastest * coefficients,
@@ -180,8 +182,8 @@ impl Stated {
         }
     }
 
-    /// Largest jump of the velocity with the first sample after a restart at `velocity`; 2 LSB of it and 2^-30 of the
-    /// difference are for rounding.
+    /// Largest jump of the velocity in the first sample after a restart at `velocity`. It includes 2 LSB and 2^-30 of
+    /// the difference for rounding.
     pub fn jump(&self, velocity: f64, counts: f64, senses: &Senses) -> f64 {
         let off = (counts - velocity).abs();
         let rounding = 2.0 / LSB + off * 2f64.powi(-30);
@@ -199,14 +201,14 @@ impl Stated {
     }
 }
 
-/// Half the sum of the magnitudes of the response to a position, so many samples of it.
+/// Half the sum of the magnitudes of the first `samples` samples of the response to a position.
 fn ripple(twin: &Twin, samples: f64) -> f64 {
     let mut counts = vec![0; samples.min(60_000.0) as usize];
     counts[0] = 1;
     twin.run(&counts, &[]).iter().map(|v| 0.5 * v.abs()).sum()
 }
 
-/// `u` of the Kalman filters, from what their page has: `2 u^2 = L (1 - u)` or `2 u^3 = L (1 - u) (2 - u)`.
+/// `u` of the Kalman filters, from the documentation's equation: `2 u^2 = L (1 - u)` or `2 u^3 = L (1 - u) (2 - u)`.
 fn kalman_u(ratio: f64, states: i32) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..60 {
@@ -217,7 +219,7 @@ fn kalman_u(ratio: f64, states: i32) -> f64 {
     (low + high) / 2.0
 }
 
-/// What the page states.
+/// The documentation's statements for these settings.
 pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
     use VelocitySettings as V;
     let exact = |error: f64, lsb: f64, settles: f64, first: First| Stated {
@@ -256,7 +258,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
     };
     let second_order = |cutoff_hz: f64, prewarp: bool, quality: f64| {
         let (b, a) = of_second_order(cutoff_hz, prewarp, quality);
-        // the slower pole of two real ones, or how fast a ringing decays
+        // the slower of two real poles, or the decay of the ringing
         let slowest = (quality * SQRT_2).min(1.0 / (quality * SQRT_2));
         low_pass(&b, &a, slowest * cutoff_hz / design.rate_hz)
     };
@@ -287,25 +289,25 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
     };
     let c =
         |acceleration: f64| acceleration / (design.resolution_m * design.rate_hz * design.rate_hz);
-    // less noise than a count takes quantisation for motion
+    // with a noise limit below one count, quantisation counts as motion
     let windowed = |error: f64, window_samples: u32, noise_counts: f64| {
         let window = f64::from(window_samples);
         let error = if noise_counts < 1.0 { 1.0 } else { error / window };
         exact(error, 0.0, window + 1.0, First::Part(1.0, 1.0))
     };
-    // a biquad by meaning, behind what is late by so many samples
+    // a biquad from its physical parameters, after a delay of `late` samples
     let section = |[frequency_hz, damping, lead_s, zero]: [f64; 4], late: f64| {
         let w = 2.0 * PI * frequency_hz / design.rate_hz;
         let product = (-2.0 * damping * w).exp();
         let apart = (damping * damping - 1.0).abs().sqrt() * w;
         let sum = 2.0 * product.sqrt() * if damping < 1.0 { apart.cos() } else { apart.cosh() };
-        // (1 - p)(1 - p'), where nothing cancels
+        // (1 - p)(1 - p'), in a form without cancellation
         let lost = 1.0 - product.sqrt();
         let s = match damping < 1.0 {
             true => lost * lost + 4.0 * product.sqrt() * (apart / 2.0).sin().powi(2),
             false => lost * lost - 4.0 * product.sqrt() * (apart / 2.0).sinh().powi(2),
         };
-        // what the poles are late by, and the second zero leads by
+        // delay of the poles, and lead of the second zero
         let (poles, h) = ((sum - 2.0 * product) / s, zero / (1.0 - zero));
         let g = lead_s * design.rate_hz + late + poles - h;
         let b = [s * (1.0 + g) * (1.0 + h), -s * (g + h + 2.0 * g * h), s * g * h];
@@ -334,7 +336,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
         V::ButterworthPrewarped { cutoff_hz } => butterworth(cutoff_hz, true),
         V::FirstOrder { cutoff_hz } => first_order(cutoff_hz, false),
         V::FirstOrderPrewarped { cutoff_hz } => first_order(cutoff_hz, true),
-        // a quality of 2 raises what rounding leaves as it raises everything at its resonance
+        // a quality of 2 raises rounding errors like everything else at its resonance
         V::SecondOrder { cutoff_hz, quality } => {
             let (b, a) = of_second_order(cutoff_hz, false, quality);
             let says = second_order(cutoff_hz, false, quality);
@@ -387,7 +389,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
         V::Kalman2 { acceleration_rms_m_per_s2 } => kalman(acceleration_rms_m_per_s2, 2),
         V::Kalman3 { jerk_rms_m_per_s3 } => kalman(jerk_rms_m_per_s3, 3),
         V::TimeStamps { span_samples } => Stated {
-            error: f64::NAN, // it goes with the speed
+            error: f64::NAN, // the error depends on the speed
             whole: f64::NAN,
             holds: true,
             settles: [2.0 * f64::from(span_samples) + 10.0, 0.0],

@@ -5,7 +5,7 @@ use zwidth::experiment::{Cell, Ended, Verdict, Walk, WalkError, WalkSettings, Wa
 
 use crate::any::Random;
 
-/// A grid in whole units, so that which cells there are is no matter of rounding: start, step and cap of K, then of B.
+/// A grid in whole units, so that rounding cannot change its cells: start, step and largest value of K, then of B.
 #[derive(Clone, Copy, Debug)]
 struct Grid {
     unit: [f64; 2],
@@ -40,7 +40,7 @@ fn grid() -> impl Strategy<Value = Grid> {
     let axis = |first: i64| {
         (1i64..40, first..60, 0i64..500).prop_map(|(step, start, more)| [start, step, start.max(step) + more])
     };
-    // steps of a decimal unit, which add up to what is not quite the cap
+    // steps in decimal units, whose sum differs slightly from the largest value
     let unit = prop::sample::select(vec![1.0, 0.1, 0.01, 0.3, 10.01, 7e-3]);
     ([unit.clone(), unit], axis(1), axis(0)).prop_map(|(unit, k, b)| Grid { unit, k, b })
 }
@@ -48,11 +48,11 @@ fn grid() -> impl Strategy<Value = Grid> {
 /// Which walls are stable.
 #[derive(Clone, Copy, Debug)]
 enum World {
-    /// Below a parabola of B.
+    /// Walls below a parabola of B are stable.
     Arch { top: i64, middle: i64, fall: i64 },
-    /// At random, so many of eight; contact everywhere.
+    /// Random walls: `of_eight` of eight are stable, with contact everywhere.
     Random { seed: u64, of_eight: u64 },
-    /// The same, and now and then there is no contact.
+    /// Random walls, and some of them have no contact.
     Loose { seed: u64 },
 }
 
@@ -82,7 +82,7 @@ fn world() -> impl Strategy<Value = World> {
     ]
 }
 
-/// What a walk hits, finds and ends with, as the paper tells it: column by column.
+/// The hits, points and end of a walk as the paper describes it: column by column.
 #[derive(Debug, Default, PartialEq)]
 struct Told {
     hits: Vec<[i64; 2]>,
@@ -95,7 +95,7 @@ fn told(grid: &Grid, world: &World) -> Told {
     let mut capped = false;
     let cell = |[i, j]: [i64; 2]| Cell { stiffness: i as i32, damping: j as i32 };
     let [mut i, mut j] = [0, 0];
-    // the highest stable K of each column, from the K of the one before
+    // the highest stable K of each column, starting at the K of the column before
     loop {
         let mut highest = None;
         let mut at = i;
@@ -142,8 +142,8 @@ fn told(grid: &Grid, world: &World) -> Told {
 }
 
 crate::properties! {
-    /// A walk hits the cells, finds the boundary, sums it up and ends as one told column by column on whole numbers,
-    /// whatever is stable; over, it stays within its caps and repeats its answer.
+    /// A walk has the hits, boundary, area and end of a walk described column by column in whole numbers, whatever
+    /// walls are stable. After its end it stays within its largest values and repeats its answer.
     told_column_by_column(300, (grid, world) in (grid(), world())) {
         let told = told(&grid, &world);
         let settings = grid.settings();

@@ -136,7 +136,7 @@ struct Common {
     period: Option<u32>,
 }
 
-/// Exit codes as of the simulator.
+/// Exit codes are the simulator's.
 fn main() -> ExitCode {
     ExitCode::from(terminal::run(|cli: Cli| execute(cli.command)))
 }
@@ -148,7 +148,7 @@ fn execute(command: Command) -> Result<(), Error> {
             let capture = outputs.option(telemetry.as_ref())?;
             let session = common.session(scene)?;
             let ended = run(&session, common.period, &mut outputs, capture);
-            // A capture is whole wherever it ends, and wanted most where the program stopped.
+            // A capture is whole at every instant, and it is wanted most where the program stopped.
             outputs.commit().and(ended)
         }
         Command::Hit { common, json, cutoff, stiffness, damping, telemetry, force } => {
@@ -180,14 +180,14 @@ fn execute(command: Command) -> Result<(), Error> {
     }
 }
 
-/// The cutoff that was asked for, or the scene's; an estimator without one does not look at it.
+/// The cutoff that was asked for, or else the scene's. An estimator without a cutoff ignores the value.
 fn cutoff_of(scene: &NamedScene, asked: Option<f64>) -> Result<f64, Error> {
     let own = || asked::filter(scene, None).map(|own| own.cutoff_hz().unwrap_or_default());
     asked.map_or_else(own, Ok)
 }
 
 impl Common {
-    /// The scene, and no output yet.
+    /// Reads the scene; no output exists yet.
     fn open(&self, force: bool) -> Result<(NamedScene, Outputs), Error> {
         let mut scene = NamedScene::load(&self.scene)?;
         if let Some(period) = self.period {
@@ -210,7 +210,7 @@ impl Common {
     }
 }
 
-/// Samples per output that a board has.
+/// Checks that a board takes this count of samples per output.
 fn check_period(name: &str, period: u32) -> Result<(), Error> {
     if PERIODS.contains(&period) {
         return Ok(());
@@ -221,12 +221,12 @@ fn check_period(name: &str, period: u32) -> Result<(), Error> {
 
 /// Samples between two looks at the keyboard.
 const SLICE: u64 = 100;
-/// Samples that are still run after the last line, so that its reply comes.
+/// Samples to run after the last line, so that the reply to it comes.
 const LAST: u64 = 2_000;
 /// Longest wait between two looks at the interrupt flag.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// As fast as it goes, at most as fast as real time; out of a file or pipe as fast as it goes.
+/// Runs a session: from a keyboard at most in real time, from a file or pipe as fast as possible.
 fn run(
     session: &Session,
     period: Option<u32>,
@@ -238,7 +238,7 @@ fn run(
         ask(&mut world, &format!("period {period}"))?;
     }
     if let Some(capture) = capture {
-        outputs.write(capture, &[])?; // a board that says nothing gives an empty file
+        outputs.write(capture, &[])?; // a board that sends nothing gives an empty file
     }
     let live = std::io::stdin().is_terminal();
     let units = session.scene.scene.units;
@@ -258,7 +258,7 @@ fn run(
             if ended {
                 return Ok(());
             }
-            // From a pipe the next line is waited for, so that a run is the same every time.
+            // Input from a pipe is waited for, so that each run is the same.
             match lines.recv_timeout(if live { Duration::ZERO } else { LOOK }) {
                 Ok(line) => waiting = typed(&mut world, units, line?.trim())?,
                 Err(RecvTimeoutError::Timeout) if live => {}
@@ -300,7 +300,7 @@ struct HitJson<'a> {
     quiet: Option<QuietJson<'a>>,
 }
 
-/// What a hit by the criterion `quiet` says more: of the push that decides, and of each.
+/// Additional fields of a hit by the criterion `quiet`: the push that decides, and each push.
 #[derive(Serialize)]
 struct QuietJson<'a> {
     force_rms_n: f64,

@@ -1,4 +1,4 @@
-//! What a person types at `cargo board run`: a line for the board, or a word for the hand.
+//! Lines typed at `cargo board run`: for the board, or for the simulated hand.
 
 use std::{
     io::{BufRead as _, Read as _},
@@ -15,10 +15,10 @@ use crate::SLICE;
 /// Longest time of `wait`, s.
 const WAIT_MAX_S: f64 = 3600.0;
 
-/// Longest line that is taken, bytes: beyond the firmware's own limit.
+/// Longest line that is accepted, bytes: longer than the firmware's own limit.
 const LINE_MAX: u64 = 1000;
 
-/// What a person typed: for the board, or for the hand. Returns the samples to wait for.
+/// Passes a typed line to the board or to the hand. Returns how many samples to wait.
 pub(super) fn typed(world: &mut World<'_>, units: Units, line: &str) -> Result<u64, Error> {
     let mut words = line.split_whitespace();
     let number = |text: Option<&str>| text.and_then(|text| text.parse::<f64>().ok());
@@ -55,7 +55,7 @@ pub(super) fn typed(world: &mut World<'_>, units: Units, line: &str) -> Result<u
     Ok(SLICE)
 }
 
-/// What a place of the hand is counted in.
+/// Name and unit of a position of the hand.
 pub(super) fn place_name(units: Units) -> &'static str {
     if units.is_rotary() { "RADIANS" } else { "METRES" }
 }
@@ -63,7 +63,7 @@ pub(super) fn place_name(units: Units) -> &'static str {
 /// Speed of the hand, m per sample: 0.1 m/s.
 const HAND_M: f64 = 1e-5;
 
-/// Takes the handle to `place_m` and holds it there.
+/// Moves the handle to `place_m` and holds it there.
 fn move_by_hand(world: &mut World<'_>, place_m: f64) -> Result<(), Error> {
     let mut at_m = world.position_m();
     world.hold(at_m, true);
@@ -76,7 +76,7 @@ fn move_by_hand(world: &mut World<'_>, place_m: f64) -> Result<(), Error> {
     Ok(())
 }
 
-/// Lines from the keyboard, until its end. Who types faster than the board takes lines waits.
+/// Lines from the keyboard, until its end. A user who types faster than the board reads has to wait.
 pub(super) fn stdin() -> Receiver<Result<String, Error>> {
     let (send, receive) = sync_channel(16);
     thread::spawn(move || {

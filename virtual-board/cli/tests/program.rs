@@ -1,5 +1,4 @@
-//! The command line as a user meets it, without a firmware: bad input, output files, interruption. tests/elf has the
-//! rest.
+//! Tests the command line without a firmware: bad input, output files, interruption. tests/elf has the other tests.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "a test fails loudly")]
 

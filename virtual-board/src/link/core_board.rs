@@ -1,6 +1,6 @@
-//! The firmware's library on a simulated device, without a chip: the same console, supervisor, experiments and core as in
-//! the release image, moved sample by sample around the simulator's plant. It says nothing about instructions, registers
-//! or flash, and needs a hundredth of the time.
+//! The firmware's library with a simulated device, without a chip. Console, supervisor, experiments and core are the
+//! same as in the release image. They run sample by sample with the simulator's plant. This board does not test
+//! instructions, registers or flash; it runs about a hundred times faster than the emulator.
 
 use std::{collections::VecDeque, sync::Arc};
 
@@ -26,18 +26,20 @@ use crate::{
     world::Finger,
 };
 
-/// Bytes of the channel of commands, as on a board.
+/// Size of the command channel, bytes; the same as on a board.
 const TYPED: usize = 255;
-/// While a hand holds the handle at the scene's 0: until the program has begun, then until the zero is met.
+/// Samples for which a hand holds the handle at the scene's 0: first until the program has started, then until the zero
+/// is set.
 const HELD_SAMPLES: u64 = 600;
 
-/// The device of a scene on a board, kept for good as an image's record is; of the board's own scene the image's.
+/// The device of a scene on a board; never freed, like the record of an image. The board's own scene gets the image's
+/// device.
 fn device_of(scene: &NamedScene, board: Board) -> Result<&'static Device<'static>, Error> {
     let Some(record) = device::record(scene, board)? else { return Ok(device::built_in(board)) };
     Ok(Box::leak(Box::new(device::read(&record, board)?)))
 }
 
-/// The library in a loop with a device.
+/// The library in closed loop with a device.
 pub struct CoreBoard {
     program: CoreProgram,
     parts: Parts<AnyPlant>,
@@ -46,7 +48,7 @@ pub struct CoreBoard {
     samples: u64,
     disabled_at: Option<u64>,
     stop_open: bool,
-    /// Forces on their way, N, each with the sample within which it takes effect; the one that acts.
+    /// Forces that do not act yet, N, each with the sample within which it begins to act; then the acting force.
     on_the_way: VecDeque<(u64, f64)>,
     acting_n: f64,
     finger: Option<Finger>,
@@ -55,11 +57,11 @@ pub struct CoreBoard {
 }
 
 impl CoreBoard {
-    /// Switches it on: a hand has zeroed it at the scene's 0 and has just let it go. `board` says what the device record
-    /// has to go with.
+    /// Switches the board on. A hand has set the zero at the scene's 0 and has just released the handle. `board`: the
+    /// board for which the device record is made.
     ///
     /// # Errors
-    /// The scene goes with no record of that board.
+    /// No record of that board fits the scene.
     pub fn start(scene: &NamedScene, board: Board) -> Result<Self, Error> {
         let device = device_of(scene, board)?;
         let parts = PreparedScene::new(&scene.scene)?.parts().clone();
@@ -84,7 +86,8 @@ impl CoreBoard {
         Ok(board)
     }
 
-    /// Holds the handle at the scene's 0, zeroes the count, lets go; the board's output until then is discarded.
+    /// Holds the handle at the scene's 0, sets the count to zero and releases the handle. Discards the board's output
+    /// until then.
     fn zero(&mut self) {
         for n in 0..HELD_SAMPLES {
             self.sample();
@@ -97,7 +100,7 @@ impl CoreBoard {
         self.program.channels().telemetry.clear();
     }
 
-    /// Runs the board for 1 ms; `speed`, only shown, is simulated seconds per real second.
+    /// Runs the board for 1 ms. `speed` is simulated seconds per real second; it is only displayed.
     pub fn millisecond(&mut self, speed: f64) {
         self.finger = self.wires.finger();
         let wanted = self.wires.is_stop_open();
@@ -114,7 +117,7 @@ impl CoreBoard {
         self.look(speed);
     }
 
-    /// What is typed; a board that is none has nothing to test.
+    /// Reads what was typed. This board has no hardware, so there is nothing for a self-test to test.
     fn hear(&mut self) {
         let room = TYPED.saturating_sub(self.program.channels().typed.len());
         for byte in self.wires.typed(room) {
@@ -131,10 +134,10 @@ impl CoreBoard {
             }
             self.line.clear();
         }
-        self.line.truncate(TYPED); // a line without an end is none
+        self.line.truncate(TYPED); // a line without an end is not a line
     }
 
-    /// What may take enable away, and the force with it.
+    /// Applies a change that may disable the amplifier, which ends the force.
     fn enabling<T>(&mut self, what: impl FnOnce(&mut CoreProgram) -> T) -> T {
         let before = self.program.is_enabled();
         let done = what(&mut self.program);
@@ -148,7 +151,7 @@ impl CoreBoard {
         done
     }
 
-    /// One sample: the count first, then the output if one is due, then the plant.
+    /// Runs one sample: first the count, then the output if it is due, then the plant.
     fn sample(&mut self) {
         let index = self.samples;
         let next_n = self.on_the_way.front().filter(|(at, _)| *at == index);

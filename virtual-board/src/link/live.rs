@@ -1,4 +1,4 @@
-//! A virtual board that runs by itself, in real time, in a thread of its own.
+//! A virtual board that runs in real time, in its own thread.
 
 use std::{
     net::TcpListener,
@@ -21,18 +21,18 @@ use crate::{
     world::{Ended, World},
 };
 
-/// How far it may run ahead of real time.
+/// Largest time by which the board may be ahead of real time.
 const AHEAD: Duration = Duration::from_millis(1);
-/// Where it is behind by more, it does not try to catch up.
+/// If the board is behind real time by more than this, it does not catch up.
 const BEHIND: Duration = Duration::from_millis(20);
 
-/// What comes before real time.
+/// Set-up of the board before real time begins.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Begin {
-    /// A hand has held the handle at the scene's 0 and zeroed it there, so that the board's positions are the scene's;
-    /// else it rests where the device rests.
+    /// True: a hand has held the handle at the scene's 0 and set the zero there, so the board's positions are the
+    /// scene's. False: the handle rests where the device rests.
     pub zeroed: bool,
-    /// Another output period than the board's own.
+    /// Output period in place of the board's own, in samples.
     pub period: Option<u32>,
 }
 
@@ -57,12 +57,12 @@ impl LiveBoard {
     /// Switches a board on.
     ///
     /// # Errors
-    /// The image is none of this firmware, or refuses what it was told.
+    /// The image is not of this firmware, or refuses a command.
     pub fn start(session: Session, begin: Begin) -> Result<Self, Failed> {
         Self::with_gdb(session, begin, None)
     }
 
-    /// The same, with gdb's port, whose listener does not block.
+    /// As [`start`](Self::start), with a port for gdb. Its listener does not block.
     ///
     /// # Errors
     /// As [`start`](Self::start).
@@ -101,7 +101,7 @@ impl Drop for LiveBoard {
     }
 }
 
-/// Slices of a millisecond in real time.
+/// Runs slices of a millisecond in real time.
 struct RealTime<'a> {
     wires: &'a Arc<Wires>,
     ended: &'a AtomicBool,
@@ -157,7 +157,7 @@ impl gdb::Board for RealTime<'_> {
     }
 }
 
-/// How far it has come in real time.
+/// Progress of the board in real time.
 struct Pace {
     begun: Instant,
     slices: u32,

@@ -1,5 +1,5 @@
-//! A board as its host sees it: bytes of RTT channels, and whether there is a board at all. Whoever talks to a board
-//! uses this and nothing else, so that it cannot tell a virtual one from a real one.
+//! The host's view of a board: bytes of RTT channels, and whether a board is connected. A user of [`Link`] cannot tell
+//! a virtual board from a real one.
 
 mod core_board;
 mod gdb;
@@ -34,12 +34,12 @@ pub const REPLIES: usize = 2;
 /// Down channel of the commands.
 pub const COMMANDS: usize = 0;
 
-/// Between two looks at a channel.
+/// Time between two looks at a channel.
 const LOOK: Duration = Duration::from_millis(1);
-/// A client that takes nothing for so long is let go: the board does not wait for it meanwhile.
+/// A client that reads nothing for so long is disconnected. The board does not wait for the client.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// What a read or write of a stream that does not wait came to; none: not now.
+/// Result of a read or write of a non-blocking stream; none: not possible now.
 fn at_once(done: io::Result<usize>) -> io::Result<Option<usize>> {
     match done {
         Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
@@ -49,14 +49,14 @@ fn at_once(done: io::Result<usize>) -> io::Result<Option<usize>> {
     }
 }
 
-/// The channels of a board. Nothing here waits.
+/// The channels of a board. No function here waits.
 pub trait Link: Send {
-    /// Appends what has come on up channel `channel` since it was last read.
+    /// Appends the bytes that up channel `channel` has received since the last read.
     fn read(&mut self, channel: usize, into: &mut Vec<u8>);
 
-    /// Sends bytes down channel `channel`; returns how many found room.
+    /// Sends bytes down channel `channel`. Returns how many bytes had room.
     fn write(&mut self, channel: usize, bytes: &[u8]) -> usize;
 
-    /// Why there is no board any more, once that is so.
+    /// The reason why the board is lost; none while it is connected.
     fn lost(&self) -> Option<String>;
 }

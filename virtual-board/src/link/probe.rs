@@ -1,8 +1,9 @@
-//! A board behind a debug probe, by RTT in its memory. Probes themselves are elsewhere: here is what is done with one.
+//! A board behind a debug probe, by RTT in the board's memory. Drivers of probes are elsewhere; this module uses a
+//! probe.
 //!
-//! A probe halts the core when it attaches and when it lets go. So the force is off before either: whoever attaches has
-//! seen to it, and the first thing that is sent is `disarm`; the last one is `disarm`, too, and the probe is let go when
-//! the board has said that it is off. A halt with the force on is fault 32.
+//! A probe halts the core when it attaches and when it detaches. A halt with the force on is fault 32. So the force
+//! must be off before both. The caller switches it off before attaching. The first line and the last line that this
+//! link sends are `disarm`. The probe detaches when the board has replied that the force is off.
 
 use std::{
     thread,
@@ -23,43 +24,43 @@ mod channels;
 #[cfg(test)]
 mod tests;
 
-/// A board that gives no sign for so long is lost: a reset takes less.
+/// A board without a sign of life for so long is lost. A reset takes less time.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// An answer takes some milliseconds; behind a `save` a second.
+/// Longest wait for an answer. An answer usually takes some milliseconds; after a `save` it takes a second.
 const ANSWER: Duration = Duration::from_secs(2);
-/// The same when leaving: a program that was interrupted has 0.4 s in all.
+/// Longest wait for the answer when leaving: an interrupted program has 0.4 s in all.
 const LEAVE: Duration = Duration::from_millis(200);
-/// Between two looks while nothing else is to be done.
+/// Time between two looks at an idle board.
 const LOOK: Duration = Duration::from_millis(1);
-/// Bytes of the program that are compared: the vectors, which nearly every change of a program moves.
+/// Bytes of the program that are compared: the vectors, which nearly every change of a program changes.
 const COMPARED: usize = 256;
 
-/// A core that a probe has opened. What it says went wrong is one line.
+/// A core that a probe has opened. Each error is one line of text.
 pub trait Core: Memory<Error = String> {
-    /// Whether it stands still.
+    /// Whether the core is halted.
     ///
     /// # Errors
     /// The probe cannot tell.
     fn is_halted(&mut self) -> Result<bool, String>;
 }
 
-/// What a debug probe has to be able to do.
+/// Operations that a debug probe must have.
 pub trait Probe {
-    /// Opens the core. That takes as long as several transfers, so one serves all channels.
+    /// Opens the core. Opening takes as long as several transfers, so one opening serves all channels.
     ///
     /// # Errors
-    /// It could not be reached: one line.
+    /// The core could not be reached; one line of text.
     fn core(&mut self) -> Result<impl Core, String>;
 }
 
-/// How a board was met.
+/// State of a board when the probe attached.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Met {
-    /// Without force and without a fault.
+    /// Force off, no fault.
     Off,
-    /// With fault 32: a debugger's halt, this one or one before, has taken the force away.
+    /// Fault 32: this halt or an earlier halt by a debugger has removed the force.
     Halted,
-    /// Otherwise: what it says of itself.
+    /// Another state, in the board's own words.
     Otherwise(String),
 }
 
@@ -88,19 +89,19 @@ impl std::fmt::Display for Met {
     }
 }
 
-/// A board behind a probe that nobody else has.
+/// A board behind a probe that no other program uses.
 pub struct ProbeLink<P: Probe> {
     probe: P,
     channels: Channels,
-    /// `disarm` was said for the last time.
+    /// The last `disarm` was sent.
     left: bool,
 }
 
 impl<P: Probe> ProbeLink<P> {
-    /// Takes over a probe that is attached to a board with that program. Sends `disarm`, and asks how the board is.
+    /// Takes over a probe that is attached to a board with that program. Sends `disarm` and asks for the board's state.
     ///
     /// # Errors
-    /// It is another program, it does not run or it does not answer: one line.
+    /// The board has another program, does not run or does not answer; one line of text.
     pub fn attach(mut probe: P, elf: &Elf) -> Result<(Self, Met), String> {
         let address = elf.address_of("_SEGGER_RTT").ok_or("the ELF has no symbol _SEGGER_RTT")?;
         compare(&mut probe.core()?, elf)?;
@@ -108,7 +109,7 @@ impl<P: Probe> ProbeLink<P> {
         let mut link = Self { probe, channels, left: false };
         let unanswered = |why| format!("the board does not answer: {why}");
         if let Err(why) = link.disarm(ANSWER) {
-            link.left = true; // it was tried
+            link.left = true; // the last `disarm` was tried
             return Err(unanswered(why));
         }
         let is_status = |line: &str| line.starts_with("ok status");
@@ -116,16 +117,16 @@ impl<P: Probe> ProbeLink<P> {
         Ok((link, Met::read(&status)))
     }
 
-    /// Switches the force off; waits for the reply.
+    /// Switches the force off and waits for the reply.
     fn disarm(&mut self, patience: Duration) -> Result<(), String> {
-        // Without a device record nothing can arm, and there is no such command.
+        // Without a device record the board cannot arm, and has no command `disarm`.
         let is_off =
             |line: &str| line == "ok disarm" || line.starts_with("error: no device record");
-        // A line that was begun ends here, as no command.
+        // The first newline ends a line that was begun, so that it is not a command with `disarm`.
         self.ask(b"\ndisarm\n", is_off, patience).map(drop)
     }
 
-    /// Sends a line and waits for one that answers it, even to a board that is lost.
+    /// Sends a line and waits for a line that answers it. It also tries a board that is lost.
     fn ask(
         &mut self,
         line: &[u8],
@@ -148,8 +149,8 @@ impl<P: Probe> ProbeLink<P> {
         line: &[u8],
         is_answer: impl Fn(&str) -> bool,
     ) -> Result<String, String> {
-        let _ = self.turn(b""); // the loop meets what is wrong again
-        self.channels.up[REPLIES].bytes.clear(); // what is old
+        let _ = self.turn(b""); // the loop meets an error again
+        self.channels.up[REPLIES].bytes.clear(); // old replies
         let mut unsent = line;
         loop {
             let trouble = match self.turn(unsent) {
@@ -178,18 +179,18 @@ impl<P: Probe> ProbeLink<P> {
         }
     }
 
-    /// Sends what has room, and takes what has come; how much was sent.
+    /// Sends as many bytes as have room and takes the received bytes. Returns how many bytes were sent.
     fn turn(&mut self, bytes: &[u8]) -> Result<usize, String> {
         let mut core = self.probe.core()?;
         let sent = if bytes.is_empty() { 0 } else { self.channels.send(&mut core, bytes)? };
-        // What was sent is sent, whatever comes of the rest: that is tried again with the next turn.
+        // Sent bytes stay sent, even if the rest fails. The next turn tries the rest again.
         match self.channels.exchange(&mut core) {
             Err(error) if sent == 0 => Err(error),
             _ => Ok(sent),
         }
     }
 
-    /// Whatever goes wrong may pass, but not for ever.
+    /// Judges an error: it may be temporary, but after [`PATIENCE`] the board is lost.
     fn weigh<T>(&mut self, result: Result<T, String>) -> Option<T> {
         let error = match result {
             Ok(value) => {
@@ -205,7 +206,7 @@ impl<P: Probe> ProbeLink<P> {
         None
     }
 
-    /// Force off, acknowledged, for the last time.
+    /// Switches the force off for the last time and waits for the reply.
     fn leave(&mut self) -> Result<(), String> {
         if std::mem::replace(&mut self.left, true) {
             return Ok(());
@@ -215,7 +216,7 @@ impl<P: Probe> ProbeLink<P> {
 }
 
 impl<P: Probe + Send> Link for ProbeLink<P> {
-    /// One look serves all channels, each once.
+    /// One look serves all channels, each of them once.
     fn read(&mut self, channel: usize, into: &mut Vec<u8>) {
         if self.channels.up.get(channel).is_some_and(|up| !up.fresh) && self.lost().is_none() {
             let looked = self.probe.core().and_then(|mut core| self.channels.exchange(&mut core));
@@ -251,7 +252,7 @@ impl<P: Probe> Drop for ProbeLink<P> {
     }
 }
 
-/// Whether that program is in the board's flash: another one has its channels and its log elsewhere.
+/// Checks that the board's flash contains that program. Another program has its channels and its log elsewhere.
 fn compare(core: &mut impl Core, elf: &Elf) -> Result<(), String> {
     let Some((address, program)) = elf.flash.iter().min_by_key(|(address, _)| *address) else {
         return Err("the ELF has nothing for the flash".to_owned());
@@ -269,7 +270,7 @@ fn compare(core: &mut impl Core, elf: &Elf) -> Result<(), String> {
     }
 }
 
-/// Between two looks; a program that shall end goes on only to leave.
+/// Waits between two looks. After an interrupt the program continues only to leave the board.
 fn rest(leaving: bool) -> Result<(), String> {
     thread::sleep(LOOK);
     let is_over = interrupt::is_requested() && !leaving;

@@ -1,4 +1,4 @@
-//! RTT over TCP: a port for each channel, as OpenOCD's `rtt server` has them.
+//! RTT over TCP: one port for each channel, like OpenOCD's `rtt server`.
 
 use std::{
     io::{Read as _, Write as _},
@@ -8,20 +8,20 @@ use std::{
 
 use super::{Link, UP_CHANNELS, at_once};
 
-/// How long a server may take to answer.
+/// Longest time for a server to answer.
 const CONNECT: Duration = Duration::from_secs(3);
 
-/// A board behind a server: up and down channel n on TCP port P + n.
+/// A board behind a server: up and down channel n use TCP port P + n.
 pub struct RttTcp {
     channels: [TcpStream; UP_CHANNELS],
     lost: Option<String>,
 }
 
 impl RttTcp {
-    /// Connects to `HOST:PORT` and the ports after it.
+    /// Connects to `HOST:PORT` and to the ports after it.
     ///
     /// # Errors
-    /// The address is none, or nobody answers there: one line.
+    /// The address is not valid, or no server answers there; one line of text.
     pub fn connect(address: &str) -> Result<Self, String> {
         let (host, port) = address
             .rsplit_once(':')

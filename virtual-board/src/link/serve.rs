@@ -1,4 +1,4 @@
-//! `cargo board serve`: the virtual board for other people's tools, RTT over TCP on the loopback interface.
+//! `cargo board serve`: offers the virtual board to other tools, as RTT over TCP on the loopback interface.
 
 use std::{
     io::{self, ErrorKind, Read as _, Write as _},
@@ -20,10 +20,10 @@ use host_sim::{
 use super::{Begin, LOOK, Link as _, LiveBoard, PATIENCE, at_once};
 use crate::session::Session;
 
-/// Tries to find as many free ports in a row as there are channels, where any will do.
+/// Tries to find a row of free ports, one for each channel, if any port will do.
 const TRIES: usize = 100;
 
-/// Where to listen; 0: anywhere.
+/// Ports to listen on; 0: any free port.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Ports {
     /// The first of three.
@@ -33,7 +33,7 @@ pub struct Ports {
 
 /// A virtual board behind three TCP ports, until it is dropped.
 pub struct Server {
-    /// Port of channel 0; those of the others follow.
+    /// Port of channel 0. The other channels have the ports after it.
     pub port: u16,
     /// Port of gdb, if there is one.
     pub gdb: Option<u16>,
@@ -43,10 +43,10 @@ pub struct Server {
 }
 
 impl Server {
-    /// Listens there, then switches the board on.
+    /// Listens on the ports, then switches the board on.
     ///
     /// # Errors
-    /// A port is taken; the image refuses what it is told.
+    /// A port is in use, or the image refuses a command.
     pub fn start(session: Session, period: Option<u32>, ports: Ports) -> Result<Self, Error> {
         let (port, listeners) = listen(ports.rtt)?;
         let gdb = ports.gdb.map(listen_for_gdb).transpose()?;
@@ -72,10 +72,10 @@ impl Drop for Server {
     }
 }
 
-/// Serves until it is interrupted, or the board's program ends.
+/// Serves until the user interrupts it or the board's program ends.
 ///
 /// # Errors
-/// As [`Server::start`]; and the end.
+/// The errors of [`Server::start`], and the end of the board's program.
 pub fn serve(session: Session, period: Option<u32>, ports: Ports) -> Result<(), Error> {
     let server = Server::start(session, period, ports)?;
     let first = server.port;
@@ -102,7 +102,7 @@ pub fn serve(session: Session, period: Option<u32>, ports: Ports) -> Result<(), 
     }
 }
 
-/// Loopback only, a port for each channel in a row.
+/// Listens on loopback only, with consecutive ports, one for each channel.
 fn listen(port: u16) -> Result<(u16, Vec<TcpListener>), Error> {
     let bind = |port: u16| TcpListener::bind((Ipv4Addr::LOCALHOST, port));
     let row = |first: TcpListener| -> io::Result<(u16, Vec<TcpListener>)> {
@@ -126,7 +126,7 @@ fn listen(port: u16) -> Result<(u16, Vec<TcpListener>), Error> {
     Err(Error::Input(format!("--rtt {port}: this port and the two after it: {last}")))
 }
 
-/// The same for gdb.
+/// Listens for gdb on loopback only.
 fn listen_for_gdb(port: u16) -> Result<(u16, TcpListener), Error> {
     let bound = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).and_then(|listener| {
         listener.set_nonblocking(true)?;
@@ -135,12 +135,12 @@ fn listen_for_gdb(port: u16) -> Result<(u16, TcpListener), Error> {
     bound.map_err(|error| Error::Input(format!("--gdb {port}: this port: {error}")))
 }
 
-/// One client at a time, as a probe has one owner; who comes meanwhile waits.
+/// Serves one client at a time, since a probe has one owner too. Other clients wait.
 fn channel_of(channel: usize, listener: &TcpListener, board: &LiveBoard, over: &AtomicBool) {
     while !over.load(Relaxed) {
         match listener.accept() {
             Ok((client, _)) => {
-                // A client that breaks off is its own business.
+                // A client that disconnects is not an error of the board.
                 let _ = attend(channel, client, board, over);
                 board.wires.attend(channel, false);
             }
@@ -175,7 +175,7 @@ fn attend(
         if stuck > PATIENCE {
             return Err(ErrorKind::TimedOut.into());
         }
-        // What the board has no room for stays in the socket, and at last with the client.
+        // Bytes without room on the board stay in the socket; if the socket is full, they stay with the client.
         if down.is_empty() {
             match at_once(client.read(&mut bytes))? {
                 Some(0) => return Ok(()),

@@ -1,4 +1,4 @@
-//! A virtual board that goes on when it is told to: in a page there are no threads, and no clock but the page's.
+//! A virtual board that runs only when it is called. A web page has no threads, and only the page's clock.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use crate::{
     world::World,
 };
 
-/// A board with a hand that lets its handle go.
+/// A board whose hand has released the handle.
 pub struct SteppedBoard {
     world: World<'static>,
     slices: Slices,
@@ -16,18 +16,18 @@ pub struct SteppedBoard {
 }
 
 impl SteppedBoard {
-    /// Switches a board on: a hand has zeroed it at the scene's 0 and has just let it go. Kept for good, as the program's
-    /// table of log messages is: one for each page.
+    /// Switches a board on. A hand has set the zero at the scene's 0 and has just released the handle. The board is
+    /// never freed, like the program's table of log messages: a page has one of each.
     ///
     /// # Errors
-    /// The image is none of this firmware, or refuses what it was told.
+    /// The image is not of this firmware, or refuses a command.
     pub fn start(session: Session) -> Result<Self, Failed> {
         let world = Box::leak(Box::new(session)).boot_and_let_go()?;
         let wires = Arc::new(Wires::default());
         Ok(Self { world, slices: Slices::new(Arc::clone(&wires)), wires })
     }
 
-    /// A millisecond on the board; `speed` for those who look: seconds there for each second here.
+    /// Runs the board for a millisecond. `speed` is simulated seconds per real second; it is only displayed.
     ///
     /// # Errors
     /// The program ended.

@@ -1,5 +1,5 @@
-//! What goes between a virtual board and whoever is beside it: bytes of the channels, the finger on the handle, the
-//! switch of the emergency stop, what a person sees.
+//! Connections between a virtual board and its surroundings: bytes of the channels, the finger on the handle, the
+//! switch of the emergency stop, and the visible state.
 
 use std::{
     collections::VecDeque,
@@ -16,25 +16,26 @@ use crate::{
     world::{Finger, World},
 };
 
-/// Bytes of a channel that wait for the host. What is more stays on the board, which drops what is too much.
+/// Largest count of bytes of a channel that wait for the host. Further bytes stay on the board, which drops them when
+/// its buffer is full.
 const WAITING: usize = 1 << 16;
 /// Samples between two looks at the channels: a millisecond.
 pub const SLICE: u64 = 10;
 
-/// What a person would see who looks at the device.
+/// Visible state of the device.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Seen {
     /// Time on the board since it was switched on, s.
     pub time_s: f64,
-    /// Where the handle is in the scene, m.
+    /// Position of the handle in the scene, m.
     pub position_m: f64,
-    /// Force of the finger on it, N.
+    /// Force of the finger on the handle, N.
     pub finger_n: f64,
-    /// The amplifier is enabled.
+    /// Whether the amplifier is enabled.
     pub enabled: bool,
-    /// When enable last dropped, in seconds on the board.
+    /// When enable last dropped, s of the board's time.
     pub disabled_s: Option<f64>,
-    /// Seconds on the board for each second here, lately.
+    /// Recent speed: simulated seconds per real second.
     pub speed: f64,
 }
 
@@ -42,7 +43,7 @@ pub struct Seen {
 #[derive(Default)]
 pub struct Wires {
     up: [Mutex<VecDeque<u8>>; UP_CHANNELS],
-    /// Channels that nobody reads stay on the board.
+    /// Which channels are read. The bytes of other channels stay on the board.
     read: [AtomicBool; UP_CHANNELS],
     down: Mutex<VecDeque<u8>>,
     finger: Mutex<Option<Finger>>,
@@ -56,7 +57,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Wires {
-    /// The channel is read from now on, or no longer: then the board finds it full.
+    /// Sets whether the channel is read. The board finds a channel full that is not read.
     pub fn attend(&self, channel: usize, read: bool) {
         if let (Some(flag), Some(bytes)) = (self.read.get(channel), self.up.get(channel)) {
             flag.store(read, Relaxed);
@@ -66,32 +67,32 @@ impl Wires {
         }
     }
 
-    /// An end of the link.
+    /// A new host's end of the link.
     pub fn link(self: &Arc<Self>) -> WiredLink {
         WiredLink(Arc::clone(self))
     }
 
-    /// A finger pulls at the handle from now on, or none.
+    /// Sets the finger that pulls at the handle from now on, or none.
     pub fn touch(&self, finger: Option<Finger>) {
         *lock(&self.finger) = finger;
     }
 
-    /// The switch of the emergency stop.
+    /// Opens or closes the emergency stop.
     pub fn emergency_stop(&self, open: bool) {
         self.stop_open.store(open, Relaxed);
     }
 
-    /// What a person would see.
+    /// The visible state of the device.
     pub fn seen(&self) -> Seen {
         *lock(&self.seen)
     }
 
-    /// There is no board any more.
+    /// Marks the board as lost.
     pub fn lose(&self, why: String) {
         *lock(&self.lost) = Some(why);
     }
 
-    /// Takes what a program has said on a channel, as far as there is room.
+    /// Takes bytes that a program has written to a channel, as far as there is room.
     pub(super) fn take(&self, channel: usize, said: &mut Vec<u8>) {
         let Some(bytes) = self.up.get(channel) else { return };
         let mut bytes = lock(bytes);
@@ -99,7 +100,7 @@ impl Wires {
         bytes.extend(said.drain(..said.len().min(room)));
     }
 
-    /// What has been typed, up to so many bytes.
+    /// Takes at most `room` typed bytes.
     pub(super) fn typed(&self, room: usize) -> Vec<u8> {
         let mut down = lock(&self.down);
         let count = down.len().min(room);
@@ -118,10 +119,10 @@ impl Wires {
         *lock(&self.seen) = seen;
     }
 
-    /// As a probe does, each millisecond.
+    /// Exchanges bytes each millisecond, as a probe does.
     pub(super) fn exchange(&self, world: &mut World<'_>) {
         let Powered { mcu, rtt, .. } = &mut world.powered;
-        mcu.take_counter_readings(); // kept by nobody, they would fill the memory in hours
+        mcu.take_counter_readings(); // nobody reads the notes, which would fill the memory in hours
         for (channel, (bytes, read)) in (0..).zip(self.up.iter().zip(&self.read)) {
             let mut bytes = lock(bytes);
             let room = WAITING.saturating_sub(bytes.len());
@@ -177,7 +178,8 @@ impl Link for WiredLink {
     }
 }
 
-/// A board's milliseconds: before each, what people do comes in; after it, what the board says goes out.
+/// Runs a board by milliseconds. People's actions come in before each millisecond; the board's output goes out after
+/// it.
 pub struct Slices {
     wires: Arc<Wires>,
     stop_open: bool,
@@ -197,7 +199,7 @@ impl Slices {
         }
     }
 
-    /// One of them.
+    /// Runs one millisecond.
     ///
     /// # Errors
     /// The program ended.

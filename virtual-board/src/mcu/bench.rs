@@ -1,5 +1,6 @@
-//! What a self-test looks at beyond the control: option bytes, the watchdog's oscillator at TIM5's channel 4, errors of DAC
-//! and converter, what the amplifier says of its current, two wires from the port to the encoder's inputs. Neither a reset nor a supply that goes changes them.
+//! Values that a self-test measures beyond the control: option bytes, the watchdog's oscillator at TIM5's channel 4,
+//! errors of DAC and converter, the amplifier's current signal, and two wires from the port to the encoder's inputs.
+//! Neither a reset nor a loss of supply changes these values.
 
 use std::sync::{
     Arc,
@@ -15,19 +16,19 @@ use super::{
 
 #[derive(Debug)]
 pub struct Bench {
-    /// Wires from PC6 to A and from PC8 to B, the encoder is not there.
+    /// Whether wires connect PC6 to A and PC8 to B. The encoder is then not connected.
     pub wires: AtomicBool,
-    /// Level of the brown-out reset (`BOR_LEV`), 3 as delivered.
+    /// Level of the brown-out reset (`BOR_LEV`); 3 in a new chip.
     pub brown_out_reset: AtomicU32,
-    /// The watchdog's oscillator, Hz; 0: it stands still.
+    /// Frequency of the watchdog's oscillator, Hz; 0: the oscillator is stopped.
     pub oscillator_hz: AtomicU64,
-    /// Error of the converter: its reading less the true value.
+    /// Error of the converter, codes: reading minus true value.
     pub converter_error: AtomicI32,
-    /// Error of the DAC: its output less the command, codes.
+    /// Error of the DAC, codes: output minus command.
     pub dac_error: AtomicI32,
-    /// The converters do not answer.
+    /// Whether the converters give no result.
     pub converters_stand: AtomicBool,
-    /// What the amplifier says of its current, codes of the converter.
+    /// The amplifier's current signal, in codes of the converter.
     pub current: AtomicU32,
 }
 
@@ -45,7 +46,7 @@ impl Default for Bench {
     }
 }
 
-/// The pins of the wires, ports 'C': A and B.
+/// The pins of the wires on port 'C', first for A, then for B.
 pub(super) const WIRES: [(usize, u32); 2] = [(2, 6), (2, 8)];
 
 pub(super) struct Wire {
@@ -69,7 +70,7 @@ impl WireSink for Wire {
     }
 }
 
-/// The flash controller's port, which counts the accesses: `BOR_LEV` in OPTCR.
+/// The flash controller's port. It counts the accesses and shows `BOR_LEV` in OPTCR.
 #[derive(Debug)]
 pub(super) struct FlashPort {
     pub(super) lazy: Lazy,
@@ -90,14 +91,14 @@ impl Port for FlashPort {
     }
 }
 
-/// TIM5's port: LSI at channel 4 (`TI4_RMP` = 01), captured at its rising edges.
+/// TIM5's port: channel 4 captures the rising edges of LSI (`TI4_RMP` = 01).
 #[derive(Debug)]
 pub(super) struct PacePort {
     pub(super) lazy: Lazy,
     pub(super) clock: Arc<Clock>,
     pub(super) bench: Arc<Bench>,
     pub(super) core_hz: u64,
-    /// OR, and the edge that was read last.
+    /// The option register OR, and the number of the edge that was read last.
     pub(super) option: AtomicU32,
     pub(super) read: AtomicU64,
 }
@@ -112,7 +113,7 @@ const CAPTURED: u32 = 1 << 4;
 const CAPTURE_ON: u32 = 1 << 12;
 
 impl PacePort {
-    /// The oscillator's last edge: its number, and the cycles since.
+    /// Number of the oscillator's last edge, and the cycles since that edge.
     #[expect(clippy::cast_possible_truncation, reason = "edges and cycles of one run")]
     fn edge(&self) -> Option<(u64, u64)> {
         let hz = self.bench.oscillator_hz.load(Relaxed);
@@ -154,7 +155,7 @@ impl Port for PacePort {
             (CCR4, Some((_, since))) => {
                 let period = u64::from(self.lazy.peek(ARR)) + 1;
                 let count = u64::from(self.lazy.peek(CNT)) + period;
-                // The timer has half the core's clock, and the oscillator's edge lies within a few periods.
+                // The timer has half the core's clock, and the last edge is at most a few timer periods old.
                 ((count - since / 2 % period) % period) as u32
             }
             _ => value,

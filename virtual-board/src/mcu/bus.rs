@@ -1,4 +1,4 @@
-//! Time, and the peripherals' side of the bus.
+//! The machine's time, and the bus side of the peripherals.
 
 use std::{
     fmt,
@@ -16,18 +16,18 @@ use rsemu::core::{
 
 use super::{DacListener, gate::Block};
 
-/// The machine's time in core cycles, of the clock that the program has set up.
+/// The machine's time, in core cycles of the clock that the program has set up.
 #[derive(Debug, Default)]
 pub(super) struct Clock {
-    /// Start of the present instruction.
+    /// Start of the present instruction, cycles.
     now: AtomicU64,
-    /// Time of the edge that is being delivered: an event of TIM1 may lie before `now`.
+    /// Time of the edge that is being delivered, cycles. An event of TIM1 may be earlier than `now`.
     edge: AtomicU64,
-    /// A peripheral was accessed: its next event may have moved.
+    /// Whether a peripheral was accessed, so that its next event may have moved.
     touched: AtomicBool,
-    /// The chip's own clock is another.
+    /// Whether the chip's clock differs from the clock that was set up.
     changed: AtomicBool,
-    /// Since when, the cycles that it had lost by then, what it is, and what it was set up to be, MHz.
+    /// State of a changed clock: cycle of the change, cycles lost by then, present frequency, set-up frequency, MHz.
     since: AtomicU64,
     lost: AtomicU64,
     mhz: AtomicU64,
@@ -49,7 +49,7 @@ impl Clock {
     }
 
     pub(super) fn take_touched(&self) -> bool {
-        // One thread only: a swap would cost each step what a whole instruction does.
+        // The program has one thread. An atomic swap would cost each step as much as an instruction.
         let touched = self.touched.load(Relaxed);
         if touched {
             self.touched.store(false, Relaxed);
@@ -57,7 +57,7 @@ impl Clock {
         touched
     }
 
-    /// From now on the chip's own clock has so many MHz, where the program has set it up to have `set_up_mhz`.
+    /// Changes the chip's clock to `mhz` from now on. The program has set it up to `set_up_mhz`.
     pub(super) fn change(&self, mhz: u64, set_up_mhz: u64) {
         let now = self.now();
         self.lost.store(now - self.own(now), Relaxed);
@@ -67,19 +67,19 @@ impl Clock {
         self.changed.store(true, Relaxed);
     }
 
-    /// The chip's own clock is not the one that was set up.
+    /// Whether the chip's clock differs from the clock that was set up.
     #[inline(always)]
     pub(super) fn is_changed(&self) -> bool {
         self.changed.load(Relaxed)
     }
 
-    /// The clock has stopped.
+    /// Whether the clock has stopped.
     #[inline(always)]
     pub(super) fn stands(&self) -> bool {
         self.changed.load(Relaxed) && self.mhz.load(Relaxed) == 0
     }
 
-    /// So many cycles of the chip's own clock take so long.
+    /// Duration of `cycles` cycles of the chip's clock, in cycles of the clock that was set up.
     #[inline(always)]
     pub(super) fn stretched(&self, cycles: u64) -> u64 {
         if !self.changed.load(Relaxed) {
@@ -88,7 +88,7 @@ impl Clock {
         (cycles * self.set_up_mhz.load(Relaxed)).div_ceil(self.mhz.load(Relaxed).max(1))
     }
 
-    /// Cycles that the chip's own clock has counted up to `cycle`.
+    /// Cycles of the chip's clock up to `cycle`.
     fn own(&self, cycle: u64) -> u64 {
         if !self.changed.load(Relaxed) {
             return cycle;
@@ -99,7 +99,7 @@ impl Clock {
         cycle.min(since).saturating_sub(lost) + passed * mhz / set_up
     }
 
-    /// When it will have counted that.
+    /// The cycle at which the chip's clock will have counted `count`.
     fn when_own(&self, count: u64) -> u64 {
         if !self.changed.load(Relaxed) || count == u64::MAX {
             return count;
@@ -130,28 +130,28 @@ impl Clock {
     }
 }
 
-/// What a [`Clock`] holds.
+/// Contents of a [`Clock`].
 pub(super) type ClockState = ([u64; 6], [bool; 2]);
 
-/// What a bus master's access passes through before it reaches a device's registers.
+/// Steps around a bus master's access to a device's registers.
 pub(super) trait Port: Send + Sync + fmt::Debug {
-    /// Before every access: bring the device to the present.
+    /// Runs before every access: brings the device to the present.
     fn before(&self);
-    /// Before a word is written to `offset`; returns what to write.
+    /// Runs before a word is written to `offset`. Returns the value to write.
     fn write(&self, _offset: u64, value: u32) -> u32 {
         value
     }
-    /// After a word was read from `offset`; returns what the core gets.
+    /// Runs after a word was read from `offset`. Returns the value that the core gets.
     fn read(&self, _offset: u64, value: u32) -> u32 {
         value
     }
-    /// The same for a debugger: nothing changes.
+    /// Reads a register for a debugger. Nothing changes.
     fn look(&self, offset: u64, value: u32) -> u32 {
         self.read(offset, value)
     }
 }
 
-/// A device that runs at a whole fraction of the core's clock and is advanced when looked at.
+/// A device that runs at a whole fraction of the core's clock. It is advanced only when it is accessed.
 #[derive(Clone)]
 pub(super) struct Lazy {
     pub(super) device: Arc<dyn Device>,
@@ -159,11 +159,11 @@ pub(super) struct Lazy {
     clock: Arc<Clock>,
     /// Core cycles per tick.
     divider: u64,
-    /// It has a clock of its own.
+    /// Whether the device has a clock of its own.
     apart: bool,
-    /// Core cycles for which it stood still while the core was halted.
+    /// Core cycles for which the device was stopped in halts of the core.
     pub(super) stood: Arc<AtomicU64>,
-    /// Cycle up to which the device must be advanced before it is read; 0: it is up to date.
+    /// Cycle to which the device must be advanced before it is read; 0: the device is up to date.
     owed: Arc<AtomicU64>,
 }
 
@@ -181,12 +181,12 @@ impl Lazy {
         Self { device, operations, clock, divider, apart: false, stood, owed }
     }
 
-    /// With a clock of its own, which runs on when the chip's does not.
+    /// Gives the device a clock of its own, which runs on when the chip's clock stops.
     pub(super) fn apart(self) -> Self {
         Self { apart: true, ..self }
     }
 
-    /// Brings the device to `cycle`.
+    /// Advances the device to `cycle`.
     pub(super) fn advance_to(&self, cycle: u64) {
         let owed = self.owed.load(Relaxed);
         self.owed.store(0, Relaxed);
@@ -195,7 +195,7 @@ impl Lazy {
         self.device.advance_to(cycle.saturating_sub(self.stood.load(Relaxed)) / self.divider);
     }
 
-    /// The same where nothing looks at it: as long as nothing happens in it, time is only owed.
+    /// Advances the device to `cycle` if an event is due by then. Otherwise only notes that the time is owed.
     #[inline]
     pub(super) fn bring_to(&self, cycle: u64) {
         if self.next_event() <= cycle {
@@ -205,7 +205,8 @@ impl Lazy {
         }
     }
 
-    /// Brings it where it is owed to be: before something looks at it, or changes what its time depends on.
+    /// Advances the device by the owed time. Needed before an access, and before a change that affects the device's
+    /// time.
     #[inline]
     pub(super) fn pay(&self) {
         let owed = self.owed.load(Relaxed);
@@ -214,19 +215,19 @@ impl Lazy {
         }
     }
 
-    /// Its state is another.
+    /// Clears the owed time, since the device's state was replaced.
     pub(super) fn owe_nothing(&self) {
         self.owed.store(0, Relaxed);
     }
 
-    /// It stands still for the next `cycles`.
+    /// Stops the device for the next `cycles`.
     pub(super) fn stand_still(&self, cycles: u64) {
         self.pay();
         self.stood.fetch_add(cycles, Relaxed);
     }
 
-    /// Brings the device to the present as [`bring_to`](Self::bring_to), event by event, so that each of its edges
-    /// is delivered with its own time.
+    /// Advances the device to the present event by event, like [`bring_to`](Self::bring_to). So each edge is delivered
+    /// at its own time.
     pub(super) fn catch_up_by_edges(&self) {
         let now = self.clock.now();
         loop {
@@ -268,7 +269,7 @@ impl Lazy {
 /// A device's register block.
 ///
 /// # Panics
-/// It has none.
+/// The device has no registers.
 pub(super) fn registers_of(device: &dyn Device) -> Arc<dyn MemOps> {
     let region = device.region("").expect("a device with registers");
     let RegionKind::Io(operations) = region.kind() else { panic!("registers are an I/O region") };
@@ -323,7 +324,7 @@ impl<P: Port> MemOps for Registers<P> {
             return self.lazy.operations.write(offset, &word, attributes);
         }
         if self.lazy.operations.constraints().min == Width::U32 {
-            // The bridge repeats a half-word on both halves; the blocks concerned use the lower one.
+            // The bridge repeats a half-word on both halves. The blocks here use the lower half.
             let mut word = [0; 4];
             word[..from.len()].copy_from_slice(from);
             let word = self.port.write(offset & !3, u32::from_le_bytes(word)).to_le_bytes();
@@ -333,14 +334,14 @@ impl<P: Port> MemOps for Registers<P> {
     }
 
     fn constraints(&self) -> AccessConstraints {
-        // Peripherals of these chips take half-words; some of the emulator's only take words.
+        // Peripherals of these chips accept half-words, but some of the emulator's accept only words.
         let mut constraints = self.lazy.operations.constraints();
         constraints.min = Width::U8;
         constraints
     }
 }
 
-/// The plain port: advance, nothing else.
+/// A port that only advances the device.
 #[derive(Debug)]
 pub(super) struct Plain(pub(super) Lazy);
 
@@ -412,7 +413,7 @@ impl MemOps for Storage {
     }
 }
 
-/// The DAC: channel 1's holding register is its output, as long as the channel is enabled.
+/// The DAC. The holding register of channel 1 is its output while the channel is enabled.
 pub(super) struct Dac {
     pub(super) registers: Arc<Storage>,
     pub(super) clock: Arc<Clock>,

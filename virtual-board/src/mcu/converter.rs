@@ -1,8 +1,8 @@
 //! ADC1 and ADC2: single conversions that the program begins (RM0390 13.3.4, 13.4, 13.13; RM0090 13.3.4, 13.4, 13.13).
 //!
-//! A conversion takes the voltage at the end of its sampling and shows it twelve cycles of its clock later. Two inputs
-//! are wired: 4 is the DAC's pin, whose buffer gives 0.2 to 3.1 V; 8 is what the amplifier says of its current. The
-//! voltage of a pin settles at once. Reading the data clears the flag.
+//! A conversion takes the voltage at the end of its sampling time. It shows the result twelve converter cycles later.
+//! Two inputs are wired. Input 4 is the DAC's pin, whose buffer gives 0.2 to 3.1 V. Input 8 is the amplifier's current
+//! signal. The voltage of a pin settles at once. A read of the data clears the flag.
 
 use std::sync::{
     Arc,
@@ -17,12 +17,12 @@ use super::{
     gate::Block,
 };
 
-/// Both converters, and what they share.
+/// Both converters and the values that they share.
 #[derive(Debug)]
 pub(super) struct Converters {
     pub(super) registers: Arc<Storage>,
     pub(super) dac: Arc<Storage>,
-    /// When the DAC was last written.
+    /// Cycle at which the DAC was last written.
     pub(super) written_at: Arc<AtomicU64>,
     pub(super) clock: Arc<Clock>,
     pub(super) bench: Arc<Bench>,
@@ -37,20 +37,21 @@ const SMPR1: u64 = 0x0C;
 const SMPR2: u64 = 0x10;
 const SQR3: u64 = 0x34;
 const DR: u64 = 0x4C;
-/// Of the model, where the chip has nothing: whether a conversion goes on, when it began, and what was there.
+/// Offsets that only the model has: whether a conversion runs, its start time, and its input at the start.
 const GOES_ON: u64 = 0x60;
 const BEGAN: [u64; 2] = [0x64, 0x68];
 const THERE: u64 = 0x6C;
-/// The second converter's registers.
+/// Offset of the second converter's registers.
 const SECOND: u64 = 0x100;
 /// Control register that both converters share.
 const CCR: u64 = 0x304;
-/// Cycles of the converter's clock for the value of three bits.
+/// Sampling time for each value of the three bits, in cycles of the converter's clock.
 const SAMPLING: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
 const CONVERSION: u64 = 12;
 
 impl Converters {
-    /// Core cycles of one of the converter's: APB2 has half the core's clock, of which it takes a part.
+    /// Core cycles per cycle of the converter's clock, which is a fraction of APB2's clock. APB2 has half the core's
+    /// clock.
     fn divider(&self) -> u64 {
         2 * [2, 4, 6, 8][(self.registers.get(CCR) >> 16 & 3) as usize]
     }
@@ -59,7 +60,7 @@ impl Converters {
         self.registers.get(base + SQR3) & 31
     }
 
-    /// Core cycles of sampling.
+    /// Sampling time in core cycles.
     fn sampling(&self, base: u64) -> u64 {
         let channel = self.channel(base);
         let (register, place) =
@@ -68,7 +69,7 @@ impl Converters {
         SAMPLING[code as usize] * self.divider()
     }
 
-    /// The code of that input now.
+    /// The present code of an input.
     fn input(&self, channel: u32) -> u32 {
         let error = |code: u32, error: i32| code.saturating_add_signed(error).min(4095);
         match channel {
@@ -93,7 +94,7 @@ impl Converters {
         self.registers.set(base + GOES_ON, 1);
     }
 
-    /// Shows what is over.
+    /// Shows the result of a conversion that has ended.
     fn follow(&self, base: u64) {
         let stands = self.bench.converters_stand.load(Relaxed);
         if stands || self.registers.get(base + GOES_ON) == 0 {
@@ -105,7 +106,7 @@ impl Converters {
         if now < sampled + CONVERSION * self.divider() {
             return;
         }
-        // What the pin was told while it was sampled is what was sampled.
+        // A change of the input during the sampling time gives the new value.
         let changed = (began..=sampled).contains(&self.written_at.load(Relaxed));
         let code = if changed && began > 0 {
             self.input(self.channel(base))

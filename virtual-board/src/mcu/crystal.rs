@@ -1,13 +1,13 @@
-//! The crystal, or the clock in its place, fails, and what the chip's own clock does then.
+//! Simulates a failure of the crystal, or of the external clock in its place, and the effect on the chip's clock.
 //!
-//! By RM0390 6.2.7 and RM0090 7.2.7: with `CSSON`, an HSE that was ready and fails sets `CSSF`, which holds the NMI until
-//! `CSSC` is written and is a break of TIM1 where `BKE` is set; HSE and the PLL on it are off, and the core goes on from
-//! HSI. Without `CSSON` the chip does not notice. What a PLL does without its input the manuals do not say: here its
-//! clock stands. Both last until a reset, when the crystal is there again. What has a clock of its own, the independent
-//! watchdog, runs on.
+//! By RM0390 6.2.7 and RM0090 7.2.7, with `CSSON`: if an HSE that was ready fails, `CSSF` is set. `CSSF` holds the NMI
+//! until `CSSC` is written, and is a break of TIM1 if `BKE` is set. HSE and a PLL that uses it are switched off, and
+//! the core continues with HSI. Without `CSSON` the chip does not notice the failure. The manuals do not say what a PLL
+//! does without its input: in this model its clock stops. Both states last until a reset, at which the crystal works
+//! again. The independent watchdog has a clock of its own and runs on.
 //!
-//! A core that sleeps with `SLEEPDEEP` stops all but that one too (stop mode in the manuals' chapter 5); what wakes it other
-//! than a reset is not modelled.
+//! A core that sleeps with `SLEEPDEEP` stops all clocks but the watchdog's too (stop mode in the manuals' chapter 5). A
+//! wake-up by anything but a reset is not modelled.
 
 use std::sync::{
     Arc,
@@ -29,17 +29,17 @@ const HSE_READY: u32 = 1 << 17;
 const SECURITY_ON: u32 = 1 << 19;
 const PLL_ON: u32 = 0b11 << 24;
 const PLL_FROM_HSE: u32 = 1 << 22;
-/// In CFGR: what is asked for, and what is (`SW`, `SWS`).
+/// The requested and the present clock in CFGR (`SW`, `SWS`).
 const SWITCH: u32 = 0b1111;
 const SECURITY_FLAG: u32 = 1 << 7;
 const SECURITY_CLEAR: u32 = 1 << 23;
-/// Bit of the core's SCR.
+/// Bit of the core's system control register SCR.
 const SLEEP_DEEP: u32 = 1 << 2;
 
-/// How the crystal is.
+/// State of the crystal.
 #[derive(Debug, Default)]
 pub(super) struct Crystal {
-    /// It does not swing.
+    /// Whether the crystal has failed.
     pub(super) dead: AtomicBool,
     /// The clock security system has switched HSE and PLL off.
     pub(super) switched: AtomicBool,
@@ -47,13 +47,13 @@ pub(super) struct Crystal {
     pub(super) flag: AtomicBool,
 }
 
-/// RCC as the program sees it.
+/// RCC's port.
 #[derive(Debug)]
 pub(super) struct ClockPort {
     pub(super) lazy: Lazy,
     pub(super) clock: Arc<Clock>,
     pub(super) crystal: Arc<Crystal>,
-    /// What it gates the clocks of.
+    /// Devices whose clocks RCC gates.
     pub(super) gated: Vec<Lazy>,
 }
 
@@ -83,7 +83,7 @@ impl Port for ClockPort {
 }
 
 impl Mcu {
-    /// The crystal, or the clock in its place, does not come or comes no more; until the next reset.
+    /// Stops the crystal, or the external clock in its place, until the next reset.
     pub fn kill_hse(&mut self) {
         self.settle();
         self.service();
@@ -111,7 +111,7 @@ impl Mcu {
         self.service();
     }
 
-    /// A core that falls asleep with `SLEEPDEEP` stops its clock.
+    /// Stops the clock of a core that sleeps with `SLEEPDEEP`.
     pub(super) fn stop_if_deep(&self) {
         if self.soc.cpu.with_sys(|sys| sys.scr & SLEEP_DEEP != 0) {
             self.change_clock(0);

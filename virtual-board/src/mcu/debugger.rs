@@ -1,4 +1,4 @@
-//! What a debugger does to the chip: halts of the core, breakpoints and steps, looks at registers and memory.
+//! Actions of a debugger on the chip: halts of the core, breakpoints, steps, access to registers and memory.
 
 use std::{collections::BTreeSet, ops::Range, sync::atomic::Ordering::Relaxed};
 
@@ -12,45 +12,45 @@ use super::{
     main_output::{BDTR, MAIN_OUTPUT_ENABLE},
 };
 
-/// TIM1's main output enable after a halt that has dropped the outputs. The manuals say that they are off "as if"
-/// it were reset.
+/// State of TIM1's main output enable after a halt that has switched the outputs off. The manuals leave this open: the
+/// outputs are off "as if" the bit were reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AfterHalt {
-    /// It was only masked: the outputs are back.
+    /// The bit was only masked: the outputs are on again.
     Kept,
-    /// It is reset: the outputs stay off.
+    /// The bit is reset: the outputs stay off.
     Reset,
 }
 
-/// A halt that goes on.
+/// A halt that has not ended.
 #[derive(Debug)]
 pub struct Halt {
-    /// TIM1 stands still, with its outputs off.
+    /// Whether TIM1 is stopped, with its outputs off.
     masked: bool,
-    /// Its main output enable, which is masked meanwhile.
+    /// The main output enable, which is masked during the halt.
     enabled: bool,
     stored: u64,
     resets: u64,
 }
 
-/// Where a debugger wants the core to stop.
+/// Conditions at which the core is to halt.
 #[derive(Clone, Debug, Default)]
 pub struct Stops {
     pub breakpoints: BTreeSet<u32>,
-    /// Stop after the first instruction that leads out of this.
+    /// Stop after the first instruction that leads out of this range.
     pub step: Option<Range<u32>>,
 }
 
 /// Reason why the core stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Met {
-    /// The instruction that comes next has a breakpoint.
+    /// The next instruction has a breakpoint.
     Breakpoint(u32),
-    /// The step is over.
+    /// The step has ended.
     Step,
 }
 
-/// What a debugger sees of the core.
+/// The core's registers, as a debugger reads them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Registers {
     /// R0 to R15. R13 is the stack pointer in use.
@@ -63,31 +63,31 @@ pub struct Registers {
     pub fpscr: u32,
 }
 
-/// Why memory cannot be written.
+/// Reason why memory cannot be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refused {
     /// Flash is programmed by the program only.
     Flash,
-    /// There is no memory there.
+    /// No memory has this address.
     Nothing,
 }
 
-/// TIM1's BDTR on the bus.
+/// Bus address of TIM1's BDTR.
 const TIM1_BDTR: u32 = 0x4001_0044;
-/// SP in the core's registers; the CONTROL bit by which it is the process stack's.
+/// Index of SP in the core's registers, and the CONTROL bit that selects the process stack.
 const SP: usize = 13;
 const SPSEL: u32 = 1 << 1;
 
 impl Mcu {
-    /// A debugger halts the core for `cycles`. What the program has set DBGMCU's bits for stands still; TIM1's
-    /// outputs are off meanwhile if it does. `moe`: what the manuals leave open.
+    /// Halts the core for `cycles`, as a debugger does. Blocks whose DBGMCU bits are set stop. If TIM1 stops, its
+    /// outputs are off during the halt. `moe` selects the behaviour that the manuals leave open.
     pub fn halt(&mut self, cycles: u64, moe: AfterHalt) {
         let halt = self.begin_halt();
         self.stay_halted(cycles);
         self.end_halt(&halt, moe);
     }
 
-    /// The same, piece by piece: the core stands from here on.
+    /// Begins a halt: the core is halted from now on.
     pub fn begin_halt(&mut self) -> Halt {
         self.settle();
         let masked = self.soc.tim1_stops();
@@ -105,7 +105,7 @@ impl Mcu {
         }
     }
 
-    /// So many cycles of it.
+    /// Lets `cycles` of the halt pass.
     pub fn stay_halted(&mut self, cycles: u64) {
         self.soc.stand_still(cycles);
         self.now += cycles;
@@ -113,9 +113,9 @@ impl Mcu {
         self.service(); // the watchdog's reset comes before the core runs on
     }
 
-    /// The core goes on.
+    /// Ends a halt: the core runs again.
     pub fn end_halt(&mut self, halt: &Halt, moe: AfterHalt) {
-        // What DMA2 stores meanwhile switches off for good.
+        // A store by DMA2 during the halt switches the outputs off until the program enables them.
         let kept = halt.stored == self.stored_by_dma;
         let running = halt.resets == self.resets && kept && !self.soc.stop.load(Relaxed);
         if halt.masked && running && moe == AfterHalt::Kept {
@@ -124,19 +124,20 @@ impl Mcu {
         }
     }
 
-    /// The last sampling event as many cycles later, if its timer stood still in a halt of so many: the next one is.
+    /// Moves the last sampling event `cycles` later if its timer stopped in a halt of `cycles`. The next event comes
+    /// later by the same time.
     pub fn shift_event(&mut self, cycles: u64) {
         if self.event.0 > 0 && self.soc.tim5_stops() {
             self.event.0 += cycles;
         }
     }
 
-    /// A debugger sets DBGMCU's bits of APB1: what else stands still in a halt.
+    /// Sets DBGMCU's bits of APB1 as a debugger does: these blocks also stop in a halt.
     pub fn stop_in_halts(&mut self, apb1_bits: u32) {
         self.soc.dbgmcu.set(0x08, self.soc.dbgmcu.get(0x08) | apb1_bits);
     }
 
-    /// Runs until `cycle` as [`run_until`](Self::run_until), or until one of the stops is met.
+    /// Runs until `cycle` as [`run_until`](Self::run_until) does, or until one of the stops is met.
     ///
     /// # Errors
     /// The core locked up.
@@ -156,7 +157,7 @@ impl Mcu {
         Ok(None)
     }
 
-    /// What a debugger sees of the core.
+    /// The core's registers, as a debugger reads them.
     pub fn core_registers(&self) -> Registers {
         let cpu = &self.soc.cpu;
         let from = cpu.regs();
@@ -175,7 +176,8 @@ impl Mcu {
         Registers { core: from.r, xpsr: from.xpsr, system, float, fpscr: cpu.fpscr() }
     }
 
-    /// What it writes into them. Of SP and the stack pointer that it stands for, the one that differs counts.
+    /// Writes the core's registers. SP and the stack pointer in use are the same register. If SP was
+    /// changed, its new value counts.
     pub fn set_core_registers(&mut self, to: &Registers) {
         let before = self.core_registers();
         self.set_registers(|registers| {
@@ -199,7 +201,7 @@ impl Mcu {
         self.soc.cpu.set_fpscr(to.fpscr);
     }
 
-    /// Reads memory or registers, without what a reading does where the core reads; returns how many bytes there are.
+    /// Reads memory or registers without the side effects of a read by the core. Returns how many bytes exist.
     pub fn look(&mut self, address: u32, into: &mut [u8]) -> usize {
         self.clock.set(self.now);
         let mut done = 0;
@@ -225,10 +227,10 @@ impl Mcu {
         done
     }
 
-    /// Writes memory or registers as the core would, in a halt: TIM1's outputs stay off.
+    /// Writes memory or registers in a halt, as the core would. TIM1's outputs stay off.
     ///
     /// # Errors
-    /// There is nothing that can be written.
+    /// The address has nothing that can be written.
     pub fn put(&mut self, halt: &mut Halt, address: u32, from: &[u8]) -> Result<(), Refused> {
         let end = address.checked_add(u32::try_from(from.len()).unwrap_or(u32::MAX));
         let end = end.ok_or(Refused::Nothing)?;

@@ -1,10 +1,10 @@
-//! DMA2: a request copies words from memory to a peripheral's register, without the core.
+//! DMA2 copies words from memory to a peripheral's register on request, without the core.
 //!
-//! By RM0090 10.3 and 10.5 (RM0390 9.3 and 9.5), as far as memory to peripheral goes in direct mode: enabling a stream
-//! fetches its first word; a request of the selected channel, which stays until it is served, stores that word, and the
-//! next is fetched; at the end of the count a circular stream begins anew, any other is off. What protects a stream that is on from
-//! stores is modelled too. Not modelled: other directions, the FIFO, double buffers, interrupts, the time a transfer
-//! takes (some ten cycles).
+//! By RM0090 10.3 and 10.5 (RM0390 9.3 and 9.5), for transfers from memory to a peripheral in direct mode. Enabling a
+//! stream fetches its first word. A request of the selected channel stays until it is served: the stream stores the
+//! word and fetches the next word. At the end of the count a circular stream begins again, and any other stream is
+//! switched off. The write protection of an enabled stream is modelled too. Not modelled: other directions, the FIFO,
+//! double buffers, interrupts, the duration of a transfer (some ten cycles).
 
 use std::sync::{
     Arc,
@@ -18,7 +18,7 @@ use rsemu::core::{
 
 use super::{bus::Storage, flag::Flag, gate::Block};
 
-/// Offsets in a stream, and its distance from the next.
+/// Offset of the first stream, and the distance from one stream to the next.
 const FIRST: u64 = 0x10;
 const STRIDE: u64 = 0x18;
 const CR: u64 = 0x00;
@@ -34,9 +34,9 @@ const TO_PERIPHERAL: u32 = 0b01 << 6;
 const INCREMENTS: u32 = 0b11 << 9;
 const SIZES: u32 = 0b1111 << 11;
 const WORDS: u32 = 0b1010 << 11;
-/// Bits of CR that a stream which is on lets through: EN, and the interrupt enables.
+/// Bits of CR that can be written in an enabled stream: EN and the interrupt enables.
 const OPEN: u32 = 0b1_1111;
-/// FCR out of reset: direct mode, the FIFO empty; its level, and that of one word in it (FS).
+/// FCR after reset (direct mode, FIFO empty); the bits of the FIFO's level; the level with one word (FS).
 const FCR_RESET: u32 = 0x21;
 const FIFO_LEVEL: u32 = 0b111 << 3;
 const FIFO_HOLDS_ONE: u32 = 0b001 << 3;
@@ -45,7 +45,7 @@ const FIFO_HOLDS_ONE: u32 = 0b001 << 3;
 const STREAM: u64 = 1;
 const CHANNEL: u32 = 7;
 
-/// The controller with the one request that is wired: TIM8_UP.
+/// The controller with the only request that is wired: TIM8_UP.
 #[derive(Debug)]
 pub(super) struct Dma {
     pub(super) registers: Arc<Storage>,
@@ -53,9 +53,9 @@ pub(super) struct Dma {
     pub(super) request: Arc<Flag>,
     /// The word that waits in the stream.
     pub(super) fetched: AtomicU32,
-    /// Its count when it was enabled.
+    /// The stream's count when the stream was enabled.
     pub(super) count: AtomicU32,
-    /// Enabled, and nothing fetched yet.
+    /// Whether the stream was enabled but has fetched nothing yet.
     pub(super) begins: AtomicBool,
 }
 
@@ -76,13 +76,13 @@ impl Dma {
         dma
     }
 
-    /// Does what is asked for, with or without a clock; true if something was stored.
+    /// Serves the requests, with or without a clock. Returns true if a word was stored.
     pub(super) fn serve(&self, space: &AddressSpace, clocked: bool) -> bool {
         let control = self.registers.get(at(CR));
         let on = control & ENABLE != 0 && clocked;
         let fetch = || {
             let from = u64::from(self.registers.get(at(M0AR)));
-            // An address that is not there would be a transfer error.
+            // On the chip, an address without memory would be a transfer error.
             let word = space.read(from, Width::U32, MemAttrs::default()).unwrap_or_default();
             self.fetched.store(u32::try_from(word).unwrap_or_default(), Relaxed);
             let fifo = self.registers.get(at(FCR));

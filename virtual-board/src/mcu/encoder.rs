@@ -1,5 +1,5 @@
-//! The encoder's A and B: on TIM2, which counts their edges, and where the board wires them there on
-//! TIM3, which captures them.
+//! The encoder's signals A and B. TIM2 counts their edges. Where the board also wires them to TIM3, TIM3 captures their
+//! edges.
 
 use std::{
     collections::VecDeque,
@@ -22,13 +22,13 @@ use super::{
 /// The first two inputs of a timer.
 pub(super) type Inputs = [(WireId, SinkPin); 2];
 
-/// Offset of a timer's counter.
+/// Offset of a timer's counter register.
 const CNT: u64 = 0x24;
-/// Offsets of its captures.
+/// Offsets of a timer's capture registers.
 const CCR1: u64 = 0x34;
 const CCR2: u64 = 0x38;
 
-/// A and B with edges at their own times.
+/// The signals A and B, with each edge at its own time.
 #[derive(Debug)]
 pub(super) struct EncoderInput {
     pub(super) counter: Lazy,
@@ -37,12 +37,12 @@ pub(super) struct EncoderInput {
     state: Mutex<Edges>,
     /// Cycle of the last reading of the counter.
     pub(super) read_at: AtomicU64,
-    /// All that was read from it.
+    /// All readings of the counter.
     readings: Mutex<Vec<u32>>,
     notes: Mutex<Option<EdgeNotes>>,
 }
 
-/// When the encoder's edges came, and when the program looked.
+/// Times of the encoder's edges and of the program's readings.
 #[derive(Clone, Debug, Default)]
 pub struct EdgeNotes {
     /// Cycle and count of each edge.
@@ -51,23 +51,23 @@ pub struct EdgeNotes {
     pub read_at: Vec<u64>,
     /// Cycle of each reading of the capturing timer's counter.
     pub captures_read_at: Vec<u64>,
-    /// Cycles at which the captures of A and of B were read after that, if they were.
+    /// Cycles at which the captures of A and of B were read after each reading, if they were read.
     pub captured_at: Vec<[Option<u64>; 2]>,
 }
 
 #[derive(Clone, Debug, Default)]
 struct Edges {
     waiting: VecDeque<(u64, i32)>,
-    /// What A and B stand for, and what they will.
+    /// Count that A and B show now, and count after the last waiting edge.
     shown: i32,
     last: i32,
-    /// Channels that do not move.
+    /// Channels whose level does not change.
     dead: [bool; 2],
     /// Levels of A and B.
     levels: [bool; 2],
 }
 
-/// All that an [`EncoderInput`] remembers, but for its timers.
+/// All state of an [`EncoderInput`], except for its timers.
 #[derive(Clone, Debug)]
 pub(super) struct EncoderState {
     edges: Edges,
@@ -81,7 +81,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl EncoderInput {
-    /// The timer that counts, and the one that captures if its inputs are wired.
+    /// Takes the counting timer, and the capturing timer with its inputs, if the board wires them.
     pub(super) fn new(
         (counter, counted): (Lazy, Inputs),
         (capture, captured): (Lazy, Option<Inputs>),
@@ -97,7 +97,7 @@ impl EncoderInput {
         }
     }
 
-    /// Lets A and B go to `count`, one edge every `spacing` cycles, the first one at `from`.
+    /// Moves A and B to `count`, one edge every `spacing` cycles, the first one at `from`.
     pub(super) fn go_to(&self, count: i32, from: u64, spacing: u64) {
         let mut edges = lock(&self.state);
         let mut at = from;
@@ -109,7 +109,7 @@ impl EncoderInput {
         }
     }
 
-    /// Shows `count` at once: the place that the firmware's counter starts from.
+    /// Shows `count` at once, before the firmware's counter starts.
     pub(super) fn start_at(&self, count: i32) {
         let mut edges = lock(&self.state);
         *edges = Edges { shown: count, last: count, ..Edges::default() };
@@ -138,21 +138,21 @@ impl EncoderInput {
         self.capture.advance_to(cycle);
     }
 
-    /// Shows what `before`, that of the chip before a reset, showed: the reset moves no handle.
+    /// Takes over the signals of `before`, the input before a reset: a reset does not move the handle.
     pub(super) fn go_on_from(&self, before: &Self) {
         let mut edges = lock(&self.state);
         *edges = std::mem::take(&mut *lock(&before.state));
         self.show(&mut edges);
     }
 
-    /// A channel stays as it is, or is shown again.
+    /// Freezes the level of a channel, or lets the channel work again.
     pub(super) fn kill(&self, channel: usize, dead: bool) {
         let mut edges = lock(&self.state);
         edges.dead[channel & 1] = dead;
         self.show(&mut edges);
     }
 
-    /// A channel is driven by something else than the encoder.
+    /// Sets the level of a channel from a source other than the encoder.
     pub(super) fn set_level(&self, channel: usize, high: bool, now: u64) {
         self.advance_to(now);
         let mut edges = lock(&self.state);
@@ -160,17 +160,17 @@ impl EncoderInput {
         self.drive(&edges);
     }
 
-    /// What was read from the counter.
+    /// All readings of the counter.
     pub(super) fn readings(&self) -> Vec<u32> {
         lock(&self.readings).clone()
     }
 
-    /// The counter's readings, which it then forgets.
+    /// Takes the readings of the counter and clears the list.
     pub(super) fn take_readings(&self) -> Vec<u32> {
         std::mem::take(&mut *lock(&self.readings))
     }
 
-    /// Takes notes from now on, and returns those so far.
+    /// Starts new notes, and returns the notes so far.
     pub(super) fn take_notes(&self) -> EdgeNotes {
         lock(&self.notes).replace(EdgeNotes::default()).unwrap_or_default()
     }
@@ -181,7 +181,7 @@ impl EncoderInput {
         }
     }
 
-    /// Gray code: A leads B while the count rises.
+    /// Sets the levels of the present count in Gray code: A leads B while the count rises.
     fn show(&self, edges: &mut Edges) {
         let count = edges.shown;
         let levels = [(count + 1) >> 1 & 1, count >> 1 & 1];
@@ -212,7 +212,7 @@ impl EncoderInput {
         }
     }
 
-    /// The timers are put back after it: they see the levels here.
+    /// Restores the signals. The timers must be restored after it, since they see the levels here.
     pub(super) fn restore(&self, from: &EncoderState) {
         self.drive(&from.edges);
         lock(&self.state).clone_from(&from.edges);
@@ -277,28 +277,28 @@ impl Port for CapturePort {
 }
 
 impl Mcu {
-    /// Puts A and B at `count` before the program has started to count.
+    /// Sets A and B to `count` before the program starts to count.
     pub fn encoder_at(&mut self, count: i32) {
         self.soc.encoder.start_at(count);
     }
 
-    /// Every value that the program has read from the encoder's counter since the last reset.
+    /// All values that the program has read from the encoder's counter since the last reset.
     pub fn counter_readings(&self) -> Vec<u32> {
         self.soc.encoder.readings()
     }
 
-    /// The same since they were last taken.
+    /// Takes the values that the program has read from the encoder's counter since the last call.
     pub fn take_counter_readings(&mut self) -> Vec<u32> {
         self.soc.encoder.take_readings()
     }
 
-    /// Lets A and B go to `count`: one edge every `spacing` cycles, the first at `from`. Edges are
-    /// delivered in the order of the calls.
+    /// Moves A and B to `count`: one edge every `spacing` cycles, the first one at `from`. Edges are delivered in the
+    /// order of the calls.
     pub fn encoder_to(&mut self, count: i32, from: u64, spacing: u64) {
         self.soc.encoder.go_to(count, from, spacing);
     }
 
-    /// Takes notes of the encoder's edges from now on, and returns those so far. A reset ends it.
+    /// Starts new notes of the encoder's edges, and returns the notes so far. A reset ends the notes.
     pub fn take_edge_notes(&mut self) -> EdgeNotes {
         self.soc.encoder.take_notes()
     }

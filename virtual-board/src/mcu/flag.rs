@@ -1,4 +1,4 @@
-//! Wires of the chip that are looked at.
+//! Wires of the chip whose level can be read.
 
 use std::sync::{
     Arc,
@@ -7,7 +7,7 @@ use std::sync::{
 
 use rsemu::core::wire::{Level, WireId, WireSink};
 
-/// A wire that is looked at.
+/// A wire whose level can be read.
 #[derive(Debug, Default)]
 pub(super) struct Flag(pub(super) AtomicBool);
 
@@ -27,7 +27,7 @@ impl WireSink for Flag {
     }
 }
 
-/// Remembers that a wire was high at some time.
+/// Remembers that a wire was high at any time.
 #[derive(Debug, Default)]
 pub(super) struct Latch(pub(super) Arc<Flag>);
 

@@ -1,7 +1,7 @@
-//! RCC's bits of a block that the emulator has no model of: its clock, and its reset.
+//! RCC's clock and reset bits for blocks that the emulator does not model.
 //!
-//! Without a clock a register reads as 0 and takes no store (RM0090 7.3.10, RM0390 6.3.10). While the bit in RSTR is set
-//! the block stays as it is out of reset (RM0090 7.3.5, RM0390 6.3.5). The emulator's own blocks do so by themselves.
+//! Without a clock, a register reads as 0 and ignores stores (RM0090 7.3.10, RM0390 6.3.10). While the bit in RSTR is
+//! set, the block stays in its reset state (RM0090 7.3.5, RM0390 6.3.5). The emulator's own blocks do this themselves.
 
 use std::sync::{
     Arc,
@@ -20,7 +20,7 @@ pub(super) trait Block: MemOps {
     fn reset(&self);
 }
 
-/// A block behind its two bits.
+/// A block with its clock bit and its reset bit.
 #[derive(Debug)]
 pub(super) struct Gate {
     block: Arc<dyn Block>,
@@ -38,7 +38,7 @@ impl Gate {
     }
 }
 
-/// Its reset.
+/// The block's reset line.
 impl WireSink for Gate {
     fn set_level(&self, _: WireId, _: u32, level: Level) {
         self.held.store(level.is_high(), Relaxed);

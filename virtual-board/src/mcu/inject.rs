@@ -1,5 +1,5 @@
-//! What can go wrong inside the chip, done to it from outside: bits that flip, an interrupt that stays
-//! away, a program counter that is somewhere else. The program itself is left as it is.
+//! Faults inside the chip, set from outside: bits that flip, an interrupt that does not come, a program counter that
+//! jumps. The program itself stays the same.
 
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -10,14 +10,14 @@ use rsemu::{
 
 use super::{Mcu, Stopped, exception_of};
 
-/// ITSTATE and the Thumb bit in xPSR.
+/// Bits of ITSTATE and the Thumb bit in xPSR.
 const IT_BITS: u32 = super::IT_BITS;
 const TIM1: u32 = 0x4001_0000;
 const TIM8: u32 = 0x4001_0400;
 const DMA2: u32 = 0x4002_6400;
 
 impl Mcu {
-    /// Keeps an interrupt from being taken: its enable bit in the NVIC is 0, or 1 again.
+    /// Masks an interrupt by clearing its enable bit in the NVIC, or unmasks it.
     pub fn mask(&mut self, exception: u16, masked: bool) {
         self.soc.cpu.with_sys(|sys| sys.set_enable(Exception(exception), !masked));
     }
@@ -28,11 +28,11 @@ impl Mcu {
     /// The core locked up.
     ///
     /// # Panics
-    /// That does not happen within a quarter of a second.
+    /// The exception does not run within a quarter of a second.
     pub fn run_into(&mut self, exception: u16) -> Result<(), Stopped> {
         let limit = self.now + self.core_hz() / 4;
         loop {
-            // Not with the first instruction: the entry is over then.
+            // One more instruction, so that the entry has ended.
             self.run_until(self.now + 1)?;
             let inside = exception_of(self.soc.cpu.xpsr()) == exception;
             if inside && !self.soc.cpu.is_asleep() {
@@ -48,7 +48,7 @@ impl Mcu {
     /// The core locked up.
     ///
     /// # Panics
-    /// It does not within a quarter of a second.
+    /// The program does not mask interrupts within a quarter of a second.
     pub fn run_into_mask(&mut self) -> Result<(), Stopped> {
         let limit = self.now + self.core_hz() / 4;
         while self.soc.cpu.regs().basepri == 0 {
@@ -58,7 +58,7 @@ impl Mcu {
         Ok(())
     }
 
-    /// From now on a core that locks up is no end: everything else goes on, until the watchdog resets it.
+    /// From now on a lock-up of the core is not an error. Everything else runs until the watchdog resets the core.
     pub fn outlive_lock_up(&mut self) {
         self.outlives = true;
     }
@@ -74,10 +74,10 @@ impl Mcu {
         self.service();
     }
 
-    /// A bit of a register of TIM1, TIM8 or DMA2 is the other one, also where no store could make it so.
+    /// Inverts a bit of a register of TIM1, TIM8 or DMA2, even where no store could change it.
     ///
     /// # Panics
-    /// The address is of no such register.
+    /// The address is not one of these registers.
     pub fn flip_behind_the_bus(&mut self, address: u32, bit: u8) {
         self.clock.set(self.now);
         let (offset, one) = (u64::from(address & 0x3FF), 1 << bit);
@@ -95,12 +95,12 @@ impl Mcu {
         self.service();
     }
 
-    /// A bit of the word that waits in DMA2's stream is the other one.
+    /// Inverts a bit of the word that waits in DMA2's stream.
     pub fn flip_fetched(&mut self, bit: u8) {
         self.soc.dma.fetched.fetch_xor(1 << bit, Relaxed);
     }
 
-    /// What stands in flash from `address` on is something else.
+    /// Overwrites flash from `address` on.
     pub fn program(&mut self, address: u32, bytes: &[u8]) {
         let offset = u64::from(address - super::FLASH);
         self.soc.flash.load_image(offset, bytes).expect("inside of the flash");
@@ -118,7 +118,7 @@ impl Mcu {
         word.map_or(0, |word| u32::try_from(word).unwrap_or_default())
     }
 
-    /// An exception becomes pending, an interrupt with its enable bit set.
+    /// Makes an exception pending. An interrupt also gets its enable bit set.
     pub fn pend(&mut self, exception: u16) {
         self.soc.cpu.with_sys(|sys| {
             sys.set_enable(Exception(exception), true);
@@ -130,7 +130,7 @@ impl Mcu {
         self.registers.msp
     }
 
-    /// Bits of S0 to S31 (0 to 31), or of FPSCR, flip.
+    /// Inverts bits of S0 to S31 (registers 0 to 31) or of FPSCR.
     pub fn flip_float(&mut self, register: u8, bits: u32) {
         let cpu = &self.soc.cpu;
         if register < 32 {
@@ -149,7 +149,7 @@ impl Mcu {
         self.look_anew();
     }
 
-    /// The program counter points to `address` all at once.
+    /// Sets the program counter to `address`.
     pub fn jump(&mut self, address: u32) {
         let cpu = &self.soc.cpu;
         cpu.set_xpsr(cpu.xpsr() & !IT_BITS);
@@ -158,7 +158,7 @@ impl Mcu {
         self.look_anew();
     }
 
-    /// One of the encoder's channels (0: A, 1: B) stays at the level that it has, or works again.
+    /// Freezes one of the encoder's channels (0: A, 1: B) at its present level, or lets it work again.
     pub fn kill_channel(&mut self, channel: usize, dead: bool) {
         self.soc.encoder.kill(channel, dead);
     }

@@ -25,21 +25,21 @@ pub(super) const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
 const AUTOMATIC_OUTPUT_ENABLE: u32 = 1 << 14;
 pub(super) const BREAK_ENABLE: u32 = 1 << 12;
 const LOCK_LEVEL: u32 = 0b11 << 8;
-/// Of a port: mode and function of its pins; the mode of an alternate function, and that of TIM1.
+/// Registers and values of a port: pin mode, pin function, the alternate-function mode, and TIM1's function.
 const MODER: u64 = 0x00;
 const AFRL: u64 = 0x20;
 const ALTERNATE: u32 = 0b10;
 const TIM1: u32 = 1;
-/// What each lock level adds, register by register (RM0090 17.4.18, RM0390 16.4.18, LOCK): dead time, break bits and
-/// idle levels; polarities and off states; modes and preloads. Channels are outputs here.
+/// Bits that each lock level freezes, by register (RM0090 17.4.18, RM0390 16.4.18, LOCK). Level 1: dead time, break
+/// bits, idle levels. Level 2: polarities, off states. Level 3: modes, preloads. The channels are outputs here.
 const LOCKED: [&[(u64, u32)]; 3] = [
     &[(BDTR, 0x70FF), (0x04, 0x7F00)],
     &[(BDTR, 0x0C00), (0x20, 0x2AAA)],
     &[(0x18, 0x7878), (0x1C, 0x7878)],
 ];
 
-/// TIM1's port: BDTR with its lock, the break input and its flag, which the emulator's timer stores but does not act
-/// on, and when the duty was written.
+/// TIM1's port. It models BDTR's lock, the break input and its flag, which the emulator's timer only stores. It also
+/// notes when the duty was written.
 #[derive(Debug)]
 pub(super) struct Break {
     pub(super) lazy: Lazy,
@@ -53,8 +53,8 @@ pub(super) struct Break {
     pub(super) written_at: Arc<AtomicU64>,
 }
 
-/// The pin of the break input. The timer sees it only while its port gives it to TIM1 (RM0390 7.3.2, RM0090 8.3.2:
-/// alternate function 1); else it sees a low level, at which an input that is active high does not break.
+/// The pin of the break input. The timer sees the pin only while its port connects it to TIM1 (RM0390 7.3.2, RM0090
+/// 8.3.2: alternate function 1). Otherwise the timer sees a low level, which is inactive for an active-high input.
 #[derive(Clone, Debug)]
 pub(super) struct BreakInput {
     port: Arc<dyn MemOps>,
@@ -69,7 +69,7 @@ impl BreakInput {
     pub(super) fn is_connected(&self) -> bool {
         let bits = |offset: u64, width: u8, index: u8| {
             let mut word = [0; 4];
-            let _ = self.port.read(offset, &mut word, MemAttrs::DEBUG); // a port has these registers
+            let _ = self.port.read(offset, &mut word, MemAttrs::DEBUG); // every port has these registers
             u32::from_le_bytes(word) >> (width * index) & ((1 << width) - 1)
         };
         let half = self.number / 8;
@@ -78,7 +78,7 @@ impl BreakInput {
     }
 }
 
-/// One reset of TIM1 opens the lock and clears the flag.
+/// A reset of TIM1 opens the lock and clears the flag.
 #[derive(Debug)]
 pub(super) struct Unlock {
     pub(super) locked: Arc<AtomicBool>,
@@ -95,13 +95,13 @@ impl WireSink for Unlock {
 }
 
 impl Break {
-    /// The input is active, or the clock security system's flag, which breaks as well (RM0090 17.4.18, BKE).
+    /// Whether the break is active: by the input, or by the clock security system's flag (RM0090 17.4.18, BKE).
     fn is_active(&self) -> bool {
         let connected = || self.input.as_ref().is_some_and(BreakInput::is_connected);
         self.open.load(Relaxed) && connected() || self.crystal.flag.load(Relaxed)
     }
 
-    /// What a store changes: all but what is locked.
+    /// The value that a store leaves in the register: locked bits keep their values.
     fn unlocked(&self, offset: u64, value: u32) -> u32 {
         let written = self.locked.load(Relaxed);
         let level = if written { self.lazy.peek(BDTR) >> 8 & 3 } else { 0 };

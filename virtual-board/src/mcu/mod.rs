@@ -1,10 +1,10 @@
-//! The emulated microcontroller: the only place that knows the emulator crate.
+//! The emulated microcontroller. No other module uses the emulator crate.
 //!
-//! Instruction-exact, cycle-approximate: the core's cycle model has zero wait states, exception
-//! entry charges 12 cycles and 8 stacking accesses, the return about 18, some 16 cycles more per
-//! interrupt than silicon. Nothing was compared with silicon. What the emulator lacks is mended
-//! here, each where it is done: four priority bits, the vector table's address, TIM1's break input
-//! and automatic output enable, the voltage detector, a crystal that fails, ITSTATE in a stacked xPSR, time while asleep.
+//! Instruction-exact, cycle-approximate. The core's cycle model has zero wait states. An exception's entry takes 12
+//! cycles and 8 stacking accesses, and its return takes about 18 cycles. Each interrupt takes some 16 cycles more than
+//! on silicon. No cycle count was compared with silicon. This module adds what the emulator lacks: four priority bits,
+//! the vector table's address, TIM1's break input and automatic output enable, the voltage detector, a crystal that
+//! fails, ITSTATE in a stacked xPSR, time while asleep.
 
 mod bench;
 mod bus;
@@ -59,19 +59,19 @@ const HARD_FAULT: u16 = 3;
 /// Bits of ITSTATE in xPSR.
 const IT_BITS: u32 = 0x0600_FC00;
 
-/// What differs between the chips.
+/// Properties in which the chips differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Chip {
-    /// Core clock after set-up, Hz; a multiple of 32 kHz and 8 MHz.
+    /// Core clock after set-up, Hz; a multiple of 32 kHz and of 8 MHz.
     pub core_hz: u64,
     pub flash_bytes: usize,
-    /// What tells it from others (`DEV_ID`).
+    /// Identification of the chip (`DEV_ID`).
     pub id: u32,
-    /// Has the regulator's over-drive, which 180 MHz needs.
+    /// Whether the regulator has an over-drive, which 180 MHz needs.
     pub over_drive: bool,
 }
 
-/// Usual supply of the chip, mV.
+/// Normal supply of the chip, mV.
 pub const SUPPLY_MV: u32 = 3300;
 
 /// A pin of the chip.
@@ -89,87 +89,87 @@ impl Pin {
     }
 }
 
-/// Is told when a pin changes.
+/// A callback for changes of a pin.
 pub trait PinListener: Send + Sync {
-    /// `pin` is at `high` from `cycle` on.
+    /// `pin` has the level `high` from `cycle` on.
     fn level(&self, cycle: u64, pin: Pin, high: bool);
 }
 
-/// Is told when the DAC changes.
+/// A callback for changes of the DAC.
 pub trait DacListener: Send + Sync {
-    /// The DAC gives `code` from `cycle` on; `None` while it is off.
+    /// The DAC gives `code` from `cycle` on; `None`: the DAC is off.
     fn code(&self, cycle: u64, code: Option<u32>);
 }
 
-/// What hangs on the chip.
+/// Connections of the chip.
 #[derive(Clone, Default)]
 pub struct Listeners {
-    /// TIM1's channels, `"ch1"` to `"ch4"`, and the pin that each comes out on.
+    /// TIM1's channels, `"ch1"` to `"ch4"`, and the output pin of each.
     pub channels: Vec<(&'static str, Pin)>,
-    /// Who watches which pin.
+    /// Pins and their listeners.
     pub pins: Vec<(Pin, Arc<dyn PinListener>)>,
-    /// Who watches the DAC.
+    /// Listener of the DAC.
     pub dac: Option<Arc<dyn DacListener>>,
-    /// The encoder's A and B are wired to TIM3's channels 1 and 2 as well.
+    /// Whether the encoder's A and B are also wired to TIM3's channels 1 and 2.
     pub captured: bool,
     /// The pin of TIM1's break input.
     pub stop: Option<Pin>,
-    /// What a self-test looks at.
+    /// Values that a self-test measures.
     pub bench: Arc<Bench>,
-    /// Notes of the words of RAM that were read, if those are wanted.
+    /// Notes of the words of RAM that were read, if they are wanted.
     pub reads: Option<Arc<Vec<AtomicBool>>>,
 }
 
-/// Why the program does not run on.
+/// Reason why the program has stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stopped {
     /// The core locked up at this address.
     LockedUp(u32),
 }
 
-/// What drives the pins from outside: the level, and that of the alternate function if it is driven too.
+/// Pins that are driven from outside: level, and level of the alternate function if that is driven too.
 type Outside = BTreeMap<Pin, (bool, Option<bool>)>;
 
-/// A microcontroller with a program, running.
+/// A microcontroller that runs a program.
 pub struct Mcu {
     chip: Chip,
     listeners: Listeners,
     memories: Memories,
     clock: Arc<Clock>,
     soc: Soc,
-    /// The core's registers after the last step; asking for them takes as long as half a step.
+    /// The core's registers after the last step. A copy, since asking the emulator takes half as long as a step.
     registers: Regs,
-    /// The last step left the program counter where it was: the core sleeps, is locked up, or branches to
-    /// where it is.
+    /// Whether the last step left the program counter unchanged: the core sleeps, is locked up, or branches to the same
+    /// address.
     stands: bool,
     now: u64,
     /// Cycle of the next event of a device.
     next: u64,
-    /// Cycle up to which the flash is erased or programmed, and the core stalls.
+    /// Cycle until which the flash is busy and the core stalls.
     stalled: u64,
     asleep: u64,
     instructions: u64,
     resets: u64,
-    /// Cycle of the last sampling event, and whether its counter reading is still to come.
+    /// Cycle of the last sampling event, and whether its counter reading is still expected.
     event: (u64, bool),
     events: u64,
-    /// Cycle at which a force was last written, as far as it was looked at.
+    /// Cycle of the last write of a force that was noted.
     commanded_at: u64,
-    /// Program counters at which hard faults came.
+    /// Program counters at which hard faults occurred.
     hard_faults: Vec<u32>,
     /// Words that DMA2 has stored.
     stored_by_dma: u64,
-    /// A core that locks up is waited out: the watchdog resets it.
+    /// Whether a run continues after a lock-up, until the watchdog resets the core.
     outlives: bool,
     watch: Watch,
     outside: Outside,
-    /// Flash as it was last saved, and how often its registers had been touched then.
+    /// The last saved copy of flash, and the count of accesses to its registers at that time.
     flash_saved: Option<(Arc<Vec<u8>>, u64)>,
     fast: Fast,
 }
 
 impl Mcu {
-    /// A chip out of power-on reset, with the pieces of a program at their flash addresses.
+    /// A chip after power-on reset. The pieces of the program are at their flash addresses.
     ///
     /// # Panics
     /// A piece lies outside the flash.
@@ -213,7 +213,7 @@ impl Mcu {
         }
     }
 
-    /// Runs until `cycle`, or a few cycles beyond it: instructions are whole.
+    /// Runs until `cycle`, or a few cycles longer, since instructions are not split.
     ///
     /// # Errors
     /// The core locked up.
@@ -226,8 +226,8 @@ impl Mcu {
         Ok(())
     }
 
-    /// One instruction, or, if those may be `MANY`, up to `cycle` or the next event; or sleep up to there. Whether
-    /// instructions were run.
+    /// Runs one instruction. With `MANY`, runs up to `cycle` or the next event. A sleeping core sleeps up to there.
+    /// Returns whether instructions ran.
     #[inline(always)]
     fn advance<const MANY: bool>(&mut self, cycle: u64) -> Result<bool, Stopped> {
         self.clock.set(self.now);
@@ -273,8 +273,8 @@ impl Mcu {
         if self.soc.flash_registers.next_event() <= self.now {
             self.soc.flash_registers.advance_to(self.now);
         }
-        // RM0390 3.5, RM0090 3.6: a fetch waits until the flash is no longer busy. With the caches a loop in them goes on;
-        // here the core waits always.
+        // RM0390 3.5, RM0090 3.6: a fetch waits until the flash is no longer busy. On the chip a loop in the caches
+        // runs on; in this model the core always waits.
         let written = self.soc.flash_registers.next_event();
         self.stalled = if written == u64::MAX { 0 } else { written };
         let before = self.soc.cpu.irq_asserted(PACE_IRQ);
@@ -358,7 +358,7 @@ impl Mcu {
         }
     }
 
-    /// Notes a task that begins, also one that follows itself at once.
+    /// Notes a task that begins, also one that runs again directly after itself.
     fn note_entry(&mut self, (was, from): (u16, u32), (exception, pc): (u16, u32)) {
         let Some(addresses) = self.watch.noted() else { return };
         let again = was == exception && from != pc;
@@ -375,18 +375,18 @@ impl Mcu {
         }
     }
 
-    /// Where an exception's code begins.
+    /// Address of an exception's code.
     fn handler(&self, exception: u16) -> Option<u32> {
         let vector = self.memories.flash.get(4 * usize::from(exception)..)?.first_chunk()?;
         Some(u32::from_le_bytes(*vector) & !1)
     }
 
-    /// The reset pin is pulled.
+    /// Resets the chip by its reset pin.
     pub fn reset(&mut self) {
         self.restart("pinrst");
     }
 
-    /// The supply goes and comes back: of the memories only flash is kept.
+    /// Switches the supply off and on. Of the memories only flash is kept.
     pub fn power_cycle(&mut self) {
         for memory in [&self.memories.ram, &self.memories.backup] {
             memory.fill(0, memory.len(), 0).expect(WIRED);
@@ -394,7 +394,7 @@ impl Mcu {
         self.restart("porrst");
     }
 
-    /// A reset: everything but the memories and what is outside the chip starts anew.
+    /// Resets everything except the memories and the parts outside the chip.
     fn restart(&mut self, cause: &str) {
         self.memories.flash = self.soc.flash.contents();
         let (open, supply_mv) = (self.soc.stop.load(Relaxed), self.soc.supply.mv());
@@ -426,7 +426,7 @@ impl Mcu {
         self.chip.core_hz
     }
 
-    /// Sampling events so far.
+    /// Count of sampling events so far.
     pub fn events(&self) -> u64 {
         self.events
     }
@@ -436,12 +436,12 @@ impl Mcu {
         (self.event.0 > 0).then_some(self.event.0)
     }
 
-    /// Cycle at which a force was last written, to the DAC or to a compare register.
+    /// Cycle of the last write of a force, to the DAC or to a compare register.
     pub fn written_at(&self) -> u64 {
         self.soc.commanded_at.load(Relaxed)
     }
 
-    /// Resets so far, power-on not counted.
+    /// Count of resets so far, without power-on.
     pub fn resets(&self) -> u64 {
         self.resets
     }
@@ -455,7 +455,7 @@ impl Mcu {
         self.instructions
     }
 
-    /// The core sleeps until an interrupt.
+    /// Whether the core sleeps until an interrupt.
     pub fn is_asleep(&self) -> bool {
         self.soc.cpu.is_asleep()
     }
@@ -465,17 +465,17 @@ impl Mcu {
         self.asleep
     }
 
-    /// What was seen from outside.
+    /// Observations of the run.
     pub fn watch(&self) -> &Watch {
         &self.watch
     }
 
-    /// The same, to clear it.
+    /// Observations of the run, to be cleared or set up.
     pub fn watch_mut(&mut self) -> &mut Watch {
         &mut self.watch
     }
 
-    /// What a self-test looks at.
+    /// Values that a self-test measures.
     pub fn bench(&self) -> &Bench {
         &self.listeners.bench
     }
@@ -485,29 +485,29 @@ impl Mcu {
         self.soc.pin(pin)
     }
 
-    /// Delivers the pins' changes up to now; the timers that make them are advanced when looked at.
+    /// Delivers the pins' changes up to now. Reading a timer advances it.
     pub fn settle(&mut self) {
         self.settle_to(self.now);
     }
 
-    /// The same, but the encoder's edges up to `cycle`, which lies within the last instruction: those after it
-    /// may still be given, and a timer that were advanced beyond them would capture them late.
+    /// As [`settle`](Self::settle), but delivers the encoder's edges only up to `cycle`, which lies within the last
+    /// instruction. Later edges may still be added. A timer that was advanced beyond them would capture them late.
     pub fn settle_to(&mut self, cycle: u64) {
         self.clock.set(self.now);
         self.soc.pwm.catch_up_by_edges();
         self.soc.encoder.deliver(cycle);
     }
 
-    /// Reads RAM; zeros beyond it.
+    /// Reads RAM. Addresses outside RAM read as zero.
     pub fn read(&self, address: u32, into: &mut [u8]) {
         if self.memories.ram.read_at(u64::from(address.wrapping_sub(RAM)), into).is_err() {
             into.fill(0);
         }
     }
 
-    /// Writes RAM; nothing beyond it.
+    /// Writes RAM. Writes outside RAM are ignored.
     pub fn write(&mut self, address: u32, from: &[u8]) {
-        // Outside of RAM nothing is written.
+        // A write outside RAM is ignored.
         let _ = self.memories.ram.write_at(u64::from(address.wrapping_sub(RAM)), from);
     }
 

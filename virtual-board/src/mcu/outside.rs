@@ -1,4 +1,4 @@
-//! What is driven from outside of the chip: pins, the stop, the supply.
+//! Inputs that are driven from outside the chip: pins, the stop, the supply.
 
 use super::{Mcu, Pin, SUPPLY_IRQ};
 
@@ -9,7 +9,7 @@ impl Mcu {
         self.soc.set_pin(pin, high);
     }
 
-    /// Drives the pins from outside that were driven: a reset moves no switch.
+    /// Drives again all pins that are driven from outside, since a reset moves no switch.
     pub(super) fn drive_pins(&self) {
         for (pin, (high, alternate)) in &self.outside {
             self.soc.set_pin(*pin, *high);
@@ -23,7 +23,8 @@ impl Mcu {
     pub fn set_break(&mut self, open: bool) {
         self.clock.set(self.now);
         if let Some(pin) = self.listeners.stop {
-            // The emulator's port reads an alternate-function pin as what drives it from inside.
+            // The emulator's port takes the level of an alternate-function pin from inside the chip, so set that level
+            // too.
             self.outside.insert(pin, (open, Some(open)));
         }
         self.drive_pins();

@@ -1,4 +1,4 @@
-//! Which words of RAM the program reads.
+//! Notes the words of RAM that the program reads.
 
 use std::sync::{
     Arc,
@@ -9,7 +9,7 @@ use rsemu::core::space::{AccessConstraints, MemAttrs, MemOps, MemResult, RamStor
 
 use super::{Mcu, RAM};
 
-/// RAM that takes notes.
+/// RAM that notes each read.
 #[derive(Debug)]
 pub(super) struct Noted {
     ram: Arc<RamStore>,
@@ -31,7 +31,7 @@ impl MemOps for Noted {
                 word.store(true, Relaxed);
             }
         }
-        let _ = self.ram.read_at(offset, into); // within its length
+        let _ = self.ram.read_at(offset, into); // the address is within its length
         Ok(())
     }
 
@@ -46,15 +46,14 @@ impl MemOps for Noted {
 }
 
 impl Mcu {
-    /// Begins anew, as a reset does, and takes notes of the words of RAM that are read from now on. Put a state back
-    /// after it.
+    /// Resets the chip and notes the words of RAM that are read from now on. Restore a snapshot only after this call.
     pub fn note_reads(&mut self) {
         let words = self.memories.ram.len() / 4;
         self.listeners.reads = Some(Arc::new((0..words).map(|_| AtomicBool::new(false)).collect()));
         self.restart("porrst");
     }
 
-    /// Addresses of the words of RAM that were read since, in order.
+    /// Addresses of the words of RAM that were read since the notes began, in order.
     pub fn words_read(&self) -> Vec<u32> {
         let words = self.listeners.reads.iter().flat_map(|words| words.iter());
         words

@@ -1,8 +1,8 @@
-//! The whole state of the chip, saved and put back.
+//! Saves and restores the whole state of the chip.
 //!
-//! The emulator's devices save their registers; what they leave out, because another device drives it, is driven
-//! again: pins, the encoder's levels, the supply. What is the chip's own here (memories, time, queues of edges, what
-//! was watched) is copied. Flash is shared by all snapshots between which nothing touched its registers.
+//! The emulator's devices save their registers. They do not save inputs that another device drives: pins, the encoder's
+//! levels, the supply. These are driven again. State of this crate (memories, time, queues of edges, observations) is
+//! copied. Snapshots share a copy of flash if its registers were not accessed between them.
 
 use std::sync::{Arc, atomic::Ordering::Relaxed};
 
@@ -22,7 +22,7 @@ use super::{
     soc::{FLAGS, Soc, WIRED},
 };
 
-/// What a chip is, at one cycle.
+/// State of a chip at one cycle.
 #[derive(Clone)]
 pub struct Snapshot {
     devices: Vec<u8>,
@@ -31,9 +31,10 @@ pub struct Snapshot {
     backup: Vec<u8>,
     clock: ClockState,
     encoder: EncoderState,
-    /// Cycles for which each timer has stood still.
+    /// Cycles for which each timer was stopped.
     stood: Vec<u64>,
-    /// The blocks that the emulator has no model of: DBGMCU, DAC, ADCs, DMA2; what waits in DMA2, its count, and whether it begins.
+    /// Registers of the blocks that the emulator does not model: DBGMCU, DAC, ADCs, DMA2. DMA2 also has its waiting
+    /// word, its count, and whether it begins.
     stored: [Vec<u32>; 4],
     dma: ([u32; 2], bool),
     flags: [bool; FLAGS],
@@ -49,13 +50,13 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// The registers, memories and devices of the chip, to be compared.
+    /// Registers, memories and devices of the chip, for comparisons.
     pub fn bytes(&self) -> impl Iterator<Item = u8> + '_ {
         [&self.devices, &*self.flash, &self.ram, &self.backup].into_iter().flatten().copied()
     }
 }
 
-/// A device's name among the saved ones: they are kept in the order of their names.
+/// Name of a device in the saved state. The emulator keeps devices in the order of their names.
 fn name(index: usize) -> String {
     format!("{index:02}")
 }
@@ -70,7 +71,7 @@ fn save<'a>(devices: impl Iterator<Item = &'a dyn Device>) -> Vec<u8> {
     writer.to_vec().expect(WIRED)
 }
 
-/// Devices put back in their order.
+/// Restores devices in their order.
 fn load<'a>(devices: impl Iterator<Item = &'a dyn Device>, bytes: &[u8]) {
     let reader = StateReader::new(bytes).expect(WIRED);
     for (index, device) in devices.enumerate() {
@@ -90,7 +91,7 @@ impl Soc {
         [&self.dbgmcu, &self.dac, &self.adc, &self.dma.registers]
     }
 
-    /// All but flash: what gates a timer's clock before the timer, the core last.
+    /// All devices but flash. A device that gates a timer's clock comes before the timer; the core is last.
     fn devices(&self) -> impl Iterator<Item = &dyn Device> {
         self.rcc_and_power()
             .chain(self.timers().map(|lazy| &*lazy.device))
@@ -140,7 +141,7 @@ impl Mcu {
         }
     }
 
-    /// Puts a state back that this chip, or another with the same program, was in.
+    /// Restores a state of this chip or of another chip with the same program.
     pub fn restore(&mut self, from: &Snapshot) {
         self.restore_flash(&from.flash);
         self.clock.restore(&from.clock);
@@ -187,7 +188,7 @@ impl Mcu {
         self.clock.restore(&from.clock);
     }
 
-    /// Flash with its registers, saved anew only if somebody has touched those.
+    /// Flash with its registers. The copy is renewed only if the registers were accessed since.
     fn saved_flash(&mut self) -> Arc<Vec<u8>> {
         let touched = self.soc.flash_touched.load(Relaxed);
         if let Some((saved, at)) = &self.flash_saved
@@ -196,7 +197,7 @@ impl Mcu {
             return Arc::clone(saved);
         }
         let saved = Arc::new(save(std::iter::once(&*self.soc.flash as &dyn Device)));
-        // While it is busy it changes by itself.
+        // A busy flash changes without an access.
         let idle = self.soc.flash.next_event_tick().is_none();
         self.flash_saved = idle.then(|| (Arc::clone(&saved), touched));
         saved

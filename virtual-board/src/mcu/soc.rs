@@ -1,4 +1,4 @@
-//! The chip around the core: which device at which address, and what is wired to what.
+//! The devices around the core: addresses and connections.
 
 use std::sync::{
     Arc,
@@ -31,10 +31,10 @@ use super::{
     supply::{PowerPort, Supply},
 };
 
-/// Errors of the emulator's own set-up are ours: the properties are constants.
+/// Message for errors of the emulator's set-up. They are errors of this crate, since the properties are constants.
 pub(super) const WIRED: &str = "the emulator has this device, property and pin";
 
-/// What outlives a reset.
+/// Memories that a reset keeps.
 #[derive(Clone)]
 pub(super) struct Memories {
     pub(super) ram: Arc<RamStore>,
@@ -48,7 +48,7 @@ pub(super) struct Soc {
     pub(super) pwm: Lazy,
     pub(super) encoder: Arc<EncoderInput>,
     pub(super) flash: Arc<Flash>,
-    /// Its registers, and how often they were accessed.
+    /// The flash's registers, and the count of their accesses.
     pub(super) flash_registers: Lazy,
     pub(super) flash_touched: Arc<AtomicU64>,
     pub(super) rcc: Lazy,
@@ -58,19 +58,19 @@ pub(super) struct Soc {
     /// The supply detector's interrupt.
     pub(super) supply_line: Arc<Flag>,
     pub(super) watchdog_bites: Arc<Flag>,
-    /// It was fed since somebody looked.
+    /// Whether the watchdog was fed since the flag was last read.
     pub(super) fed: Arc<Flag>,
     pub(super) stop: Arc<AtomicBool>,
     /// The break flag of TIM1.
     pub(super) broken: Arc<AtomicBool>,
-    /// Where the stop comes in.
+    /// Pin of the stop.
     input: Option<BreakInput>,
-    /// BDTR was written since the reset: its lock level is frozen.
+    /// Whether BDTR was written since the reset, which freezes its lock level.
     locked: Arc<AtomicBool>,
     pub(super) supply: Arc<Supply>,
     pub(super) dbgmcu: Arc<Storage>,
     halt_timer: Lazy,
-    /// TIM8, which asks DMA2 to switch off.
+    /// TIM8, which requests DMA2's store that switches the output off.
     pub(super) output_timer: Lazy,
     pub(super) crystal: Arc<Crystal>,
     pub(super) dma: Arc<Dma>,
@@ -79,15 +79,15 @@ pub(super) struct Soc {
     watchdog: Lazy,
     pub(super) dac: Arc<Storage>,
     pub(super) adc: Arc<Storage>,
-    /// Cycle at which a force was last written, to the DAC or to a compare register.
+    /// Cycle of the last write of a force, to the DAC or to a compare register.
     pub(super) commanded_at: Arc<AtomicU64>,
     gpio: Vec<Arc<Gpio>>,
 }
 
-/// How many [`Soc::flags`] there are.
+/// Count of [`Soc::flags`].
 pub(super) const FLAGS: usize = 10;
 
-/// The longest that programming a word and erasing 16 KiB take, 32 bits at a time (data sheets of STM32F446 and STM32F407,
+/// Longest time of programming a word and of erasing 16 KiB, 32 bits at a time (data sheets of STM32F446 and STM32F407,
 /// 6.3.12 and 5.3.12: flash memory programming).
 const PROGRAM_US: u64 = 100;
 const ERASE_MS: u64 = 500;
@@ -99,7 +99,7 @@ struct WatchdogPort {
     fed: Arc<Flag>,
 }
 
-/// What is written into KR, at offset 0, to feed it.
+/// Value that feeds the watchdog when it is written into KR, at offset 0.
 const RELOAD: u32 = 0xAAAA;
 
 impl Port for WatchdogPort {
@@ -115,7 +115,7 @@ impl Port for WatchdogPort {
     }
 }
 
-/// A timer channel to the port's alternate function of one pin.
+/// Connects a timer channel to the alternate function of one pin.
 struct ToPort(Arc<Gpio>, u32);
 
 impl WireSink for ToPort {
@@ -124,7 +124,7 @@ impl WireSink for ToPort {
     }
 }
 
-/// A pin to whoever listens.
+/// Connects a pin to a listener.
 struct ToListener(Arc<dyn PinListener>, Arc<Clock>, Pin);
 
 impl WireSink for ToListener {
@@ -139,7 +139,7 @@ const DBGMCU_APB1_FZ: u64 = 0x08;
 const DBGMCU_APB2_FZ: u64 = 0x0C;
 
 impl Soc {
-    /// The break input: while open, an enabled break holds MOE clear.
+    /// Sets the break input. While it is open, an enabled break holds MOE clear.
     pub(super) fn set_break(&self, open: bool) {
         self.stop.store(open, Relaxed);
         if open && self.input.as_ref().is_some_and(BreakInput::is_connected) {
@@ -147,7 +147,7 @@ impl Soc {
         }
     }
 
-    /// What breaks has become active.
+    /// Applies a break that has become active.
     pub(super) fn break_output(&self) {
         let bdtr = self.pwm.peek(BDTR);
         if bdtr & BREAK_ENABLE != 0 {
@@ -229,7 +229,7 @@ impl Soc {
         }));
         let locked = Arc::new(AtomicBool::new(false));
         let broken = Arc::new(AtomicBool::new(false));
-        // RCC's bits of each block: its clock, and its reset.
+        // RCC's clock and reset bits of a block.
         let from_rcc = |bit: &str, id: WireId, sink: Arc<dyn WireSink>, line: u32| {
             let wire = WireBuilder::new().source(id).sink(sink, line).build_shared();
             rcc.connect(bit, WireSource::new(wire, id)).expect(WIRED);
@@ -291,7 +291,7 @@ impl Soc {
         let pace = lazy(pace_timer, 2);
         let halt_timer = lazy(halt_timer, 2);
         let output_timer = lazy(output_timer, 1);
-        // HSE cycles, for the delays of the ready bits only.
+        // In HSE cycles, only for the delays of the ready bits.
         let rcc = lazy(rcc, chip.core_hz / 8_000_000).apart();
         let pwr = lazy(pwr, 8);
         let flash_registers = lazy(Arc::clone(&flash) as _, 1);
@@ -317,7 +317,7 @@ impl Soc {
         let exti = lazy(exti, 1);
         let dbgmcu = Storage::new();
         dbgmcu.set(0, chip.id);
-        // Flash and RAM are found in a table, which halves the time of an access; the rest by a search.
+        // Flash and RAM are found by a table, which halves the time of an access. Other devices are found by a search.
         let cover = u64::from(RAM + RAM_BYTES);
         let table = DispatchPolicy::Dense { page_bits: 16, cover };
         let space = AddressSpace::new("cpu", 32).with_dispatch(table);
@@ -419,7 +419,7 @@ impl Soc {
         map(Registers::region(&flash_registers, port), 0x4002_3C00);
         map(dbgmcu.region(), 0xE004_2000);
 
-        // The chips have 4 priority bits, the emulator's default is 3.
+        // The chips have 4 priority bits; the emulator's default is 3.
         let mut config = Config::CORTEX_M4F;
         config.reset_vtor = 0x0800_0000;
         let cpu = ArmV7m::new(config.with_priority_bits(4));
@@ -460,9 +460,9 @@ impl Soc {
         }
     }
 
-    /// Sets RCC's flags as a reset by `cause` leaves them: it pulls the reset pin as well.
+    /// Sets RCC's flags as a reset by `cause` leaves them. Each reset pulls the reset pin as well.
     pub(super) fn note_reset(&self, cause: &str) {
-        // Out of its own reset the block has those of power-on: RMVF clears them.
+        // After its own reset the block has the flags of power-on. RMVF clears them.
         self.rcc.poke(RCC_CSR, RMVF);
         for input in ["pinrst", cause] {
             let id = WireIdAllocator::new().alloc();
@@ -472,17 +472,17 @@ impl Soc {
         }
     }
 
-    /// TIM1 stands still while the core is halted.
+    /// Whether TIM1 stops while the core is halted.
     pub(super) fn tim1_stops(&self) -> bool {
         self.dbgmcu.get(DBGMCU_APB2_FZ) & 1 != 0
     }
 
-    /// TIM5 stands still while the core is halted.
+    /// Whether TIM5 stops while the core is halted.
     pub(super) fn tim5_stops(&self) -> bool {
         self.dbgmcu.get(DBGMCU_APB1_FZ) >> 3 & 1 != 0
     }
 
-    /// The core is halted for `cycles`: what DBGMCU's bits say stands still.
+    /// Stops the blocks whose DBGMCU bits are set, for a halt of `cycles`.
     pub(super) fn stand_still(&self, cycles: u64) {
         let [apb1, apb2] = [DBGMCU_APB1_FZ, DBGMCU_APB2_FZ].map(|offset| self.dbgmcu.get(offset));
         for (register, bit, device) in [
@@ -512,7 +512,7 @@ impl Soc {
         [tim1, tim5, &encoder.counter, &encoder.capture].into_iter().chain(others)
     }
 
-    /// All that is brought to the present when looked at.
+    /// All devices that are advanced only when they are accessed.
     pub(super) fn lazies(&self) -> impl Iterator<Item = &Lazy> {
         self.timers().chain(&self.others).chain([&self.exti, &self.flash_registers])
     }
@@ -521,8 +521,8 @@ impl Soc {
         self.gpio.iter().map(|port| &**port as &dyn Device)
     }
 
-    /// Interrupt lines, the watchdog's reset, TIM8's request, the stop, the break flag, what BDTR and DMA2 wait for, the
-    /// crystal's state.
+    /// Interrupt lines, the watchdog's reset, TIM8's request, the stop, the break flag, BDTR's lock, and the crystal's
+    /// state.
     pub(super) fn flags(&self) -> [&AtomicBool; FLAGS] {
         let [pace, supply, bites, asks] =
             [&self.pace_line, &self.supply_line, &self.watchdog_bites, &self.dma.request]

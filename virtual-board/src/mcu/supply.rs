@@ -1,4 +1,4 @@
-//! The supply and its voltage detector, which the emulator has no input for: PWR's port.
+//! PWR's port: the supply and its voltage detector. The emulator has no input for them.
 
 use std::sync::{
     Arc, OnceLock,
@@ -12,8 +12,8 @@ use rsemu::core::{
 
 use super::bus::{Clock, Lazy, Port};
 
-/// Thresholds of each level of the detector (PLS), mV: the highest at which it still finds a rising
-/// supply too low, and the highest at which it finds a falling one so (data sheet of the STM32F446,
+/// Thresholds of each level of the detector (PLS), mV. First the highest voltage at which the detector still finds a
+/// rising supply low, then the highest voltage at which it finds a falling supply low (data sheet of the STM32F446,
 /// section 6.3.5, largest values; the STM32F407's are the same).
 const LEVELS_MV: [[u32; 2]; 8] = [
     [2190, 2080],
@@ -26,14 +26,14 @@ const LEVELS_MV: [[u32; 2]; 8] = [
     [3210, 3090],
 ];
 
-/// A supply from outside, and the detector's state.
+/// The supply voltage, and the detector's state.
 #[derive(Debug)]
 pub(super) struct Supply {
     mv: AtomicU32,
-    /// Level and enable bit as written to CR.
+    /// The level and the enable bit, as written to CR.
     control: AtomicU32,
     low: AtomicU32,
-    /// EXTI's line of the detector.
+    /// The detector's line of EXTI.
     line: OnceLock<(WireId, SinkPin)>,
 }
 
@@ -61,7 +61,7 @@ impl Supply {
         self.compare();
     }
 
-    /// The detector compares all the time; its output goes back only above the rising threshold.
+    /// Compares the supply with the thresholds. The output clears only above the rising threshold.
     fn compare(&self) {
         let level = (self.control.load(Relaxed) >> 5 & 7) as usize;
         let [rising, falling] = LEVELS_MV[level];
@@ -86,7 +86,7 @@ impl Supply {
         [&self.mv, &self.control, &self.low].map(|word| word.load(Relaxed))
     }
 
-    /// What watches its output is put back after it.
+    /// Restores the state. Devices that see the detector's output must be restored after it.
     pub(super) fn restore(&self, from: [u32; 3]) {
         for (to, from) in [&self.mv, &self.control, &self.low].into_iter().zip(from) {
             to.store(from, Relaxed);
@@ -95,11 +95,11 @@ impl Supply {
     }
 
     pub(super) fn connect(&self, id: WireId, pin: SinkPin) {
-        let _ = self.line.set((id, pin)); // once, by the chip
+        let _ = self.line.set((id, pin)); // the chip sets it once
     }
 }
 
-/// PWR as the program sees it.
+/// PWR's port.
 #[derive(Debug)]
 pub(super) struct PowerPort {
     pub(super) lazy: Lazy,

@@ -1,5 +1,5 @@
-//! What is seen from outside, instruction by instruction, without touching the program: interrupt
-//! masks, the sampling delay, cycles per task, the lowest stack pointer.
+//! Observes each instruction without changing the program: interrupt masks, the sampling delay, cycles per task, the
+//! lowest stack pointer.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,13 +14,13 @@ pub const RENDER: u16 = 16 + 51;
 /// Exception number of the link task: SPI2 is interrupt 36.
 pub const LINK: u16 = 16 + 36;
 
-/// Hardware priority of the sampling task; a BASEPRI of 1 to this would mask it.
+/// Hardware priority of the sampling task. A BASEPRI from 1 to this value would mask the task.
 const SAMPLE_PRIORITY: u8 = 0x10;
 
-/// Cycles of one kind of exception, from its entry to its return, without what preempted it.
+/// Cycles of one kind of exception, from entry to return. Cycles of a task that preempts it do not count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cycles {
-    /// How often it ran.
+    /// Count of runs.
     pub runs: u64,
     /// Cycles of the shortest run.
     pub least: u64,
@@ -44,64 +44,63 @@ impl Cycles {
         self.total += cycles;
     }
 
-    /// Mean of all runs.
+    /// Mean cycles of a run.
     #[expect(clippy::cast_precision_loss, reason = "for people to read")]
     pub fn mean(&self) -> f64 {
         self.total as f64 / self.runs.max(1) as f64
     }
 }
 
-/// What was seen since the watch was last cleared. Masks and delays count from the first sample.
+/// Observations since the watch was last cleared. Masks and delays count from the first sample.
 #[derive(Clone, Debug, Default)]
 pub struct Watch {
-    /// Instructions with PRIMASK set after the first sample.
+    /// Count of instructions with PRIMASK set after the first sample.
     pub primask: u64,
-    /// Instructions with a BASEPRI that masks the sampling task.
+    /// Count of instructions with a BASEPRI that masks the sampling task.
     pub forbidden_basepri: u64,
-    /// Longest time with a BASEPRI that masks anything, cycles.
+    /// Longest time with a nonzero BASEPRI, cycles.
     pub longest_mask: u64,
-    /// Sampling events by the BASEPRI that was up when they came (0: none).
+    /// Count of sampling events for each BASEPRI at the event (0: none).
     pub events_by_basepri: BTreeMap<u8, u64>,
-    /// Cycles from the sampling event to the reading of the counter: how often each.
+    /// Count of each delay from a sampling event to the reading of the counter, in cycles.
     pub delays: BTreeMap<u64, u64>,
-    /// Cycles from the sampling event to each writing of a force to the output's registers by the
-    /// output task.
+    /// Cycles from a sampling event to each write of a force into the output's registers by the output task.
     pub commands: Cycles,
     /// Cycles of each task, by exception number.
     pub tasks: BTreeMap<u16, Cycles>,
-    /// Times that the emulator's loss of ITSTATE was mended.
+    /// How often the emulator's loss of ITSTATE was corrected.
     pub mended: u64,
     /// Longest time from one feeding of the watchdog to the next, cycles.
     pub longest_unfed: u64,
     fed_at: Option<u64>,
     /// Lowest main stack pointer.
     pub lowest_stack: u32,
-    /// Cycles of the sampling task by the address of the instruction, if asked for.
+    /// Cycles of the sampling task for each instruction address, if wanted.
     pub profile: Option<BTreeMap<u32, u64>>,
-    /// The longest run of the sampling task, address and cycles of each instruction; with the profile.
+    /// The longest run of the sampling task: address and cycles of each instruction. Noted with the profile.
     pub longest: Vec<(u32, u64)>,
     run: Vec<(u32, u64)>,
-    /// Instructions of the sampling task whose cycles are to be told apart.
+    /// Addresses of instructions of the sampling task whose cycles are counted apart.
     pub marks: BTreeSet<u32>,
-    /// The cycles of those, by run of the sampling task.
+    /// Cycles of the marked instructions, per run of the sampling task.
     pub marked: Cycles,
-    /// The cycles of all others.
+    /// Cycles of all other instructions, per run.
     pub unmarked: Cycles,
     in_marks: u64,
-    /// Tasks as they began, if those are wanted, and the addresses of the words that are noted with each.
+    /// Starts of tasks, if wanted, and the addresses of the words that are noted with each start.
     entries: Option<([u32; 3], Vec<Entry>)>,
     masked: u64,
     running: bool,
-    /// Running exceptions, innermost last: number, cycles spent in it.
+    /// Running exceptions, the innermost last: number, and cycles spent in it.
     nested: Vec<(u16, u64)>,
 }
 
-/// A task begins, or none runs any more.
+/// The start of a task, or the end of the last running task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Entry {
     /// Exception number; 0: none runs.
     pub exception: u16,
-    /// The words of RAM that are noted.
+    /// Values of the noted words of RAM.
     pub words: [u32; 3],
 }
 
@@ -121,7 +120,7 @@ impl Watch {
         Self { lowest_stack: u32::MAX, ..Self::default() }
     }
 
-    /// Forgets what was seen; what is running goes on.
+    /// Clears the observations. Running exceptions are kept.
     pub fn clear(&mut self) {
         let running = self.running;
         let nested = std::mem::take(&mut self.nested);
@@ -131,17 +130,17 @@ impl Watch {
         *self = Self { running, nested, marks, fed_at, entries, ..Self::new() };
     }
 
-    /// Notes the tasks as they begin, from now on, each with the words of RAM at `addresses`.
+    /// Notes each start of a task from now on, with the words of RAM at `addresses`.
     pub fn note_entries(&mut self, addresses: [u32; 3]) {
         self.entries = Some((addresses, Vec::new()));
     }
 
-    /// The tasks that began since this was asked, in order.
+    /// The tasks that began since the last call, in order.
     pub fn take_entries(&mut self) -> Vec<Entry> {
         self.entries.as_mut().map_or_else(Vec::new, |(_, entries)| std::mem::take(entries))
     }
 
-    /// The words that are to be noted, if they are.
+    /// Addresses of the words to note, if notes are wanted.
     pub(super) fn noted(&self) -> Option<[u32; 3]> {
         self.entries.as_ref().map(|(addresses, _)| *addresses)
     }
@@ -152,7 +151,7 @@ impl Watch {
         }
     }
 
-    /// An exception runs, or was preempted.
+    /// Whether an exception runs or was preempted.
     pub(super) fn is_active(&self, exception: u16) -> bool {
         self.nested.iter().any(|(number, _)| *number == exception)
     }
@@ -170,7 +169,7 @@ impl Watch {
         }
     }
 
-    /// The program begins anew.
+    /// Restarts the watch when the program restarts.
     pub(super) fn restart(&mut self) {
         self.running = false;
         self.nested.clear();
@@ -178,7 +177,7 @@ impl Watch {
         self.fed_at = None;
     }
 
-    /// The watchdog is fed.
+    /// Notes that the watchdog is fed.
     pub(super) fn feed(&mut self, cycle: u64) {
         let since = self.fed_at.replace(cycle).map_or(0, |last| cycle - last);
         self.longest_unfed = self.longest_unfed.max(since);
@@ -198,13 +197,13 @@ impl Watch {
         self.commands.add(cycles);
     }
 
-    /// Whether instructions of this exception can be told together, by [`steps`](Self::steps).
+    /// Whether [`steps`](Self::steps) can note several instructions of this exception together.
     pub(super) fn takes_steps(&self, exception: u16) -> bool {
         let inside = self.nested.last().map_or(0, |(number, _)| *number);
         inside == exception && self.profile.is_none() && self.marks.is_empty()
     }
 
-    /// Several instructions of the running exception, in which PRIMASK and BASEPRI have not changed.
+    /// Notes several instructions of the running exception. PRIMASK and BASEPRI are the same in all of them.
     pub(super) fn steps(
         &mut self,
         instructions: u64,
@@ -225,7 +224,7 @@ impl Watch {
         }
     }
 
-    /// `still_active` says whether an exception is still active, if the number changes.
+    /// Notes a step. `still_active` tells whether an exception is still active, if the exception number changes.
     pub(super) fn step(&mut self, step: &Step, still_active: impl Fn(u16) -> bool) {
         self.lowest_stack = self.lowest_stack.min(step.stack);
         if step.exception == SAMPLE
@@ -243,8 +242,8 @@ impl Watch {
                 *spent += step.cycles;
             }
         } else {
-            // The cycles of a return belong to the exception that ends, those of an entry to the
-            // one that begins; tail-chaining is both in one step and counts as an entry.
+            // Cycles of a return belong to the exception that ends. Cycles of an entry belong to the exception that
+            // begins. Tail-chaining is both in one step and counts as an entry.
             let returns = self.nested.iter().any(|(number, _)| *number == step.exception)
                 || step.exception == 0;
             if returns && let Some((_, spent)) = self.nested.last_mut() {
@@ -282,8 +281,8 @@ impl Watch {
     }
 }
 
-/// The emulator drops ITSTATE from the xPSR that it stacks on exception entry, so that code
-/// preempted inside an IT block resumes wrongly: put it back.
+/// Restores ITSTATE in a stacked xPSR. The emulator drops it on exception entry, so code that is preempted inside an IT
+/// block would resume wrongly.
 pub(super) fn mend_itstate(
     ram: &RamStore,
     msp: u32,

@@ -1,4 +1,4 @@
-//! A debugger at the board: while it halts the core, the plant stands still.
+//! A debugger at the board. While it halts the core, the plant does not move.
 
 use super::{Ended, World};
 use crate::{
@@ -6,36 +6,36 @@ use crate::{
     mcu::{AfterHalt, Halt, Met, Refused, Stops},
 };
 
-/// A halt that goes on.
+/// A halt that has not ended.
 #[derive(Debug)]
 pub struct Halted {
     chip: Halt,
     begun: u64,
-    /// Sum of the amplifier at the halt.
+    /// Integral of the amplifier's command at the halt.
     sum: i64,
 }
 
 impl World<'_> {
-    /// A debugger halts the core for `cycles`; the world goes on after it.
+    /// Halts the core for `cycles`. The plant continues after the halt.
     pub fn halt(&mut self, cycles: u64, moe: AfterHalt) {
         self.powered.mcu.halt(cycles, moe);
         self.moved_to = self.powered.mcu.now();
     }
 
-    /// The core stands from here on, and the plant with it. The plant's step is in the middle of the core's time, and
-    /// goes on there.
+    /// Halts the core and the plant. The plant's step may be incomplete, and continues from the same time after the
+    /// halt.
     pub fn begin_halt(&mut self) -> Halted {
         let Powered { mcu, amplifier, .. } = &mut self.powered;
         let (sum, begun) = (amplifier.pause(mcu.now()), mcu.now());
         Halted { chip: mcu.begin_halt(), begun, sum }
     }
 
-    /// So many cycles of it: what the debugger has not stopped runs on.
+    /// Lets `cycles` of the halt pass. Blocks that the debugger has not stopped run on.
     pub fn stay_halted(&mut self, cycles: u64) {
         self.powered.mcu.stay_halted(cycles);
     }
 
-    /// The core goes on, and the plant with it.
+    /// Ends the halt: the core and the plant continue.
     pub fn end_halt(&mut self, halted: &Halted, moe: AfterHalt) {
         let Powered { mcu, amplifier, .. } = &mut self.powered;
         mcu.end_halt(&halted.chip, moe);
@@ -45,15 +45,15 @@ impl World<'_> {
         self.moved_to += cycles;
     }
 
-    /// A debugger writes memory or registers in a halt.
+    /// Writes memory or registers in a halt, as a debugger does.
     ///
     /// # Errors
-    /// There is nothing that can be written.
+    /// The address has nothing that can be written.
     pub fn put(&mut self, halted: &mut Halted, address: u32, from: &[u8]) -> Result<(), Refused> {
         self.powered.mcu.put(&mut halted.chip, address, from)
     }
 
-    /// One sample, or the rest of it, as [`sample`](Self::sample); or until a debugger's stop is met.
+    /// Runs one sample, or the rest of it, as [`sample`](Self::sample) does, or until a debugger's stop is met.
     ///
     /// # Errors
     /// As [`sample`](Self::sample).

@@ -1,38 +1,38 @@
-//! What is wrong outside of the chip, and what the motor does meanwhile.
+//! Defects outside the chip, and notes of the motor's force during them.
 
 use std::{f64::consts::TAU, sync::atomic::Ordering::Relaxed};
 
 use super::World;
 
-/// What is wrong with encoder and amplifier.
+/// Defects of encoder, amplifier and converters.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Defects {
     /// Defect of the encoder's count.
     pub count: Option<CountDefect>,
-    /// While it is enabled the amplifier gives this part of full scale, whatever it is told.
+    /// While the amplifier is enabled, it gives this fraction of full scale, whatever the command is.
     pub stuck: Option<f64>,
-    /// The DAC gives so much too much, part of full scale.
+    /// Offset of the DAC's output, fraction of full scale.
     pub dac: f64,
-    /// The converters do not answer.
+    /// Whether the converters give no result.
     pub converters_stand: bool,
 }
 
-/// A count that is not that of the handle: `at + offset + ratio (count - at) + per_sample (samples - since)`.
+/// Defect of a count: it becomes `at + offset + ratio (count - at) + per_sample (samples - since)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CountDefect {
-    /// The count when it began, and the sample.
+    /// The count at which the defect began.
     pub at: i32,
-    /// The same of the sample.
+    /// The sample at which the defect began.
     pub since: u64,
-    /// Counts that came at once.
+    /// Counts that are added at once.
     pub offset: i32,
-    /// Part of the motion that is counted.
+    /// Fraction of the motion that is counted.
     pub ratio: f64,
-    /// Counts that nobody moved.
+    /// Counts that are added in each sample without motion.
     pub per_sample: f64,
 }
 
-/// A hand that moves the handle to and fro, whatever the force.
+/// A hand that moves the handle to and fro, whatever the force is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Swing {
     /// Middle of the motion, m.
@@ -41,24 +41,24 @@ pub struct Swing {
     pub amplitude_m: f64,
     /// Cycles per second, Hz.
     pub rate_hz: f64,
-    /// From this step on.
+    /// Step of the plant at which the swing begins.
     pub since: u64,
 }
 
-/// What the motor did in one sample.
+/// Observations of one sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Seen {
     /// End of the sample, cycles.
     pub at: u64,
-    /// The handle then, m.
+    /// Position of the handle at the end of the sample, m.
     pub position_m: f64,
-    /// A hand holds or leads it.
+    /// Whether a hand holds or moves the handle.
     pub held: bool,
-    /// Mean force on the handle, part of full scale.
+    /// Mean force on the handle, fraction of full scale.
     pub force: f64,
-    /// Enable was active at the end of it.
+    /// Whether enable was active at the end of the sample.
     pub enabled: bool,
-    /// When the program last wrote a force, cycles.
+    /// Cycle of the program's last write of a force.
     pub written_at: u64,
 }
 
@@ -94,20 +94,20 @@ impl Swing {
 const SENSE_S: f64 = 1e-4;
 
 impl World<'_> {
-    /// Swings the handle about where it is, from now on, until it is held or led.
+    /// Swings the handle about its present position, until it is held or moved by a hand.
     pub fn swing(&mut self, amplitude_m: f64, rate_hz: f64) {
         let (centre_m, since) = (self.position_m(), self.steps * self.samples + self.stepped);
         self.swing = Some(Swing { centre_m, amplitude_m, rate_hz, since });
     }
 
-    /// From now on the encoder counts like this.
+    /// Sets a defect of the encoder's count from now on.
     pub fn count_wrongly(&mut self, offset: i32, ratio: f64, per_sample: f64) {
         let at = self.encoder.count(self.shown_m());
         let defect = CountDefect { at, since: self.samples, offset, ratio, per_sample };
         self.defects.count = Some(defect);
     }
 
-    /// What the converters see of it, the amplifier's voltage behind a filter that the PWM's ripple needs.
+    /// Shows the force to the converters. The amplifier's signal passes a filter, which the ripple of the PWM needs.
     pub(super) fn show(&mut self, given: f64) {
         self.filtered += (given - self.filtered) * (1.0 - (-self.step_s / SENSE_S).exp());
         let bench = self.powered.mcu.bench();
@@ -119,7 +119,7 @@ impl World<'_> {
         bench.current.store(codes(current, 4096.0).max(0).unsigned_abs(), Relaxed);
     }
 
-    /// The step that ends at cycle `at`.
+    /// Notes the step that ends at cycle `at`.
     pub(super) fn note(&mut self, given: f64, at: u64) {
         #[expect(clippy::cast_precision_loss, reason = "10 or 50")]
         let part = given / self.steps as f64;

@@ -1,13 +1,13 @@
 //! A person's finger.
 
-/// A finger on the handle: a spring and a damper towards where the finger wants to be. It acts where the motor acts.
+/// A finger on the handle: a spring and a damper to the finger's target. Its force acts where the motor's force acts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Finger {
-    /// Where it wants the handle, m.
+    /// Target position of the finger, m.
     pub target_m: f64,
     pub stiffness_n_per_m: f64,
     pub damping_n_s_per_m: f64,
-    /// What it can do at most, N.
+    /// Largest force of the finger, N.
     pub limit_n: f64,
 }
 

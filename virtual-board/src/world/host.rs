@@ -1,4 +1,4 @@
-//! The host at the probe: what the board says, and what it is told.
+//! The host at the probe: reads the board's output and sends commands.
 
 use super::{Ended, World};
 use crate::board::Powered;
@@ -7,7 +7,7 @@ impl World<'_> {
     /// Reads the probe's channels.
     ///
     /// # Errors
-    /// The log makes no sense.
+    /// The log cannot be decoded.
     pub fn probe(&mut self) -> Result<(), Ended> {
         let Powered { mcu, rtt, .. } = &mut self.powered;
         let log = rtt.read(mcu, 0);
@@ -18,11 +18,11 @@ impl World<'_> {
         Ok(())
     }
 
-    /// Sends a line and returns the reply to it: the next line that is `ok` or `error`, and no
-    /// report of an experiment.
+    /// Sends a line and returns its reply: the next line that begins with `ok` or `error` and is not a report of an
+    /// experiment.
     ///
     /// # Errors
-    /// No reply within 0.1 s, or as [`sample`](Self::sample).
+    /// There was no reply within 0.1 s, or as [`sample`](Self::sample).
     pub fn ask(&mut self, line: &str) -> Result<String, Ended> {
         self.replies.clear();
         self.send(&format!("{line}\n"))?;
@@ -37,7 +37,7 @@ impl World<'_> {
     /// Puts bytes into the command channel.
     ///
     /// # Errors
-    /// The channel has no room within 0.1 s.
+    /// The channel had no room within 0.1 s.
     pub fn send(&mut self, bytes: &str) -> Result<(), Ended> {
         let mut rest = bytes.as_bytes();
         for _ in 0..1_000 {
@@ -55,7 +55,7 @@ impl World<'_> {
     /// Waits up to `samples` for the next reply.
     ///
     /// # Errors
-    /// None came, or as [`sample`](Self::sample).
+    /// No reply came, or as [`sample`](Self::sample).
     pub fn reply(&mut self, samples: u64) -> Result<String, Ended> {
         for _ in 0..samples.div_ceil(10) {
             self.run(10)?;

@@ -1,11 +1,11 @@
-//! A board in the world: the plant of a scene on its encoder, its amplifier on the plant.
+//! A board in closed loop: the plant of a scene moves its encoder, and its amplifier drives the plant.
 //!
-//! The plant moves in [`STEPS`] exact steps per sample, each with the mean force of its span. The
-//! steps end [`LEAD_S`] before the samples, and the encoder's edges come out within that time, so
-//! that a count that is read belongs to the plant [`LEAD_S`] earlier. That is part of the latency.
+//! The plant moves in [`STEPS`] exact steps per sample, each with the mean force of its time span. The steps end
+//! [`LEAD_S`] before the samples, and the encoder's edges are shown within that time. So a count that the program reads
+//! is the plant's position [`LEAD_S`] earlier. This delay is part of the latency.
 //!
-//! Where a program looks at the times of the edges ([`World::with_edge_times`]), the steps are as long as
-//! that lead: each edge comes out a lead after the plant was there, to the cycle.
+//! If a program uses the times of the edges ([`World::with_edge_times`]), each step is as long as [`LEAD_S`]. Then each
+//! edge is shown exactly one lead after the plant was at the edge.
 
 mod debugger;
 mod defects;
@@ -33,11 +33,11 @@ use crate::{
 
 /// Steps of the plant per sample.
 pub const STEPS: u64 = 10;
-/// From the plant to the counter, s.
+/// Delay from the plant to the counter, s.
 pub const LEAD_S: f64 = 2e-6;
-/// Steps of the plant per sample that are as long as [`LEAD_S`], at 10 kHz.
+/// Steps of the plant per sample that have a length of [`LEAD_S`], at 10 kHz.
 const FINE_STEPS: u64 = 50;
-/// Cycles from one encoder edge to the next: more than the timer's input filter takes.
+/// Cycles from one encoder edge to the next: more than the timer's input filter needs.
 const EDGE_CYCLES: u64 = 20;
 
 /// A running board with a device on it.
@@ -47,38 +47,38 @@ pub struct World<'a> {
     state: AnyState,
     encoder: Quantiser,
     sensing: Sensing,
-    /// Steps per sample, and their length.
+    /// Steps per sample, and the length of a step.
     steps: u64,
     step_s: f64,
-    /// What A and B stand for between two counts, if their edges come at their own times.
+    /// Position that A and B show, in counts with fractions, if each edge has its own time.
     shown: Option<f64>,
-    /// Samples since it was switched on, and steps of the present one.
+    /// Samples since the board was switched on, and steps of the present sample.
     samples: u64,
     stepped: u64,
     full_scale_n: f64,
-    /// How the amplifier says its current.
+    /// Settings of the amplifier's current signal.
     current: CurrentSettings,
-    /// The motor's current behind a filter, part of full scale.
+    /// The motor's current after a filter, fraction of full scale.
     filtered: f64,
-    /// The handle is held where it is, or led at [`led_m_per_s`](Self::led_m_per_s).
+    /// Position at which a hand holds the handle; the hand moves it at [`led_m_per_s`](Self::led_m_per_s).
     held: Option<f64>,
     led_m_per_s: f64,
-    /// What pulls at the handle while it is not held.
+    /// Finger that pulls at the handle while no hand holds it.
     pub finger: Option<Finger>,
-    /// The hand swings the handle.
+    /// Motion of a hand that swings the handle.
     swing: Option<Swing>,
-    /// The motor's wires are swapped.
+    /// Whether the motor's wires are swapped.
     pub motor_reversed: bool,
-    /// A and B are swapped since the encoder stood at this count.
+    /// The count at which A and B were swapped, if they are swapped.
     swapped_at: Option<i32>,
-    /// What else is wrong outside of the chip.
+    /// Other defects outside the chip.
     pub defects: Defects,
-    /// What the motor did with each sample, if that is wanted.
+    /// Observations of each sample, if they are wanted.
     pub seen: Option<Vec<Seen>>,
     log: log::Decoder<'a>,
-    /// Cycle up to which the plant has moved.
+    /// Cycle to which the plant has moved.
     moved_to: u64,
-    /// Lines of defmt since they were last taken.
+    /// Lines of the log since they were last taken.
     pub lines: Vec<String>,
     /// Replies since they were last taken.
     pub replies: String,
@@ -86,7 +86,7 @@ pub struct World<'a> {
     pub telemetry: Vec<u8>,
 }
 
-/// A board in the world at one moment: chip, amplifier, handle, what is on its way to the host.
+/// State of a board and its plant at one time: chip, amplifier, handle, data on the way to the host.
 #[derive(Clone)]
 pub struct Snapshot {
     pub mcu: mcu::Snapshot,
@@ -110,14 +110,14 @@ pub struct Snapshot {
     telemetry: Vec<u8>,
 }
 
-/// Why a run ended.
+/// Reason why a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ended {
     /// The core locked up.
     Stopped(Stopped),
     /// The log cannot be decoded.
     Log,
-    /// What was waited for did not come in time.
+    /// An expected line did not come in time.
     Timeout,
 }
 
@@ -134,11 +134,10 @@ impl From<log::Malformed> for Ended {
 }
 
 impl<'a> World<'a> {
-    /// A board that has just been switched on, with the handle held at `start_m`, which is where
-    /// its count starts from 0.
+    /// Switches a board on, with the handle held at `start_m`. The board's count starts from 0 there.
     ///
     /// # Errors
-    /// The ELF is not this firmware, or the scene has `[jitter]`, a hand that pushes, another protocol or another
+    /// The ELF is not this firmware. Or the scene has `[jitter]`, a hand that pushes, another protocol or another
     /// criterion.
     pub fn new(
         board: Board,
@@ -150,7 +149,7 @@ impl<'a> World<'a> {
         Self::of(board, elf, table, scene, (start_m, STEPS))
     }
 
-    /// The same with every edge of the encoder at its own time.
+    /// As [`new`](Self::new), with every edge of the encoder at its own time.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -177,7 +176,7 @@ impl<'a> World<'a> {
             return Err("[jitter]: a board samples when it samples; leave it out".to_owned());
         }
         let hit = &scene.wall_hit;
-        // Counts stand for the motion that nobody sees.
+        // A board knows only its counts, so only the counts can be judged.
         let judged = match hit.criterion {
             Criterion::Rms => hit.rms_of() == RmsOf::Counts,
             Criterion::Quiet => true,
@@ -226,7 +225,7 @@ impl<'a> World<'a> {
         })
     }
 
-    /// Everything as it is now.
+    /// The complete present state.
     pub fn snapshot(&mut self) -> Snapshot {
         Snapshot {
             mcu: self.powered.mcu.snapshot(),
@@ -251,7 +250,7 @@ impl<'a> World<'a> {
         }
     }
 
-    /// Everything as it was then, in this world or in another one of the same board, program and scene.
+    /// Restores a state, in this world or in another one of the same board, program and scene.
     pub fn restore(&mut self, from: &Snapshot) {
         self.powered.mcu.restore(&from.mcu);
         self.powered.amplifier.restore(from.amplifier);
@@ -274,7 +273,7 @@ impl<'a> World<'a> {
         self.telemetry.clone_from(&from.telemetry);
     }
 
-    /// Holds the handle at `position_m`, or lets it go from there at rest.
+    /// Holds the handle at `position_m`, or releases it there from rest.
     pub fn hold(&mut self, position_m: f64, held: bool) {
         self.held = held.then_some(position_m);
         self.led_m_per_s = 0.0;
@@ -282,14 +281,14 @@ impl<'a> World<'a> {
         self.state = self.plant.at_rest(position_m);
     }
 
-    /// Leads the handle on from where it is, at this speed.
+    /// Moves the handle by hand from its present position at this speed.
     pub fn lead(&mut self, speed_m_per_s: f64) {
         self.held = Some(self.position_m());
         self.led_m_per_s = speed_m_per_s;
         self.swing = None;
     }
 
-    /// Leads the handle to `to_m` at 0.5 m/s, and holds it there.
+    /// Moves the handle by hand to `to_m` at 0.5 m/s, and holds it there.
     ///
     /// # Errors
     /// As [`sample`](Self::sample).
@@ -308,18 +307,18 @@ impl<'a> World<'a> {
         Ok(())
     }
 
-    /// The switch of the emergency stop opens, or closes again.
+    /// Opens or closes the emergency stop.
     pub fn emergency_stop(&mut self, open: bool) {
         self.powered.mcu.set_break(open);
     }
 
-    /// The reset pin is pulled.
+    /// Resets the board by its reset pin.
     pub fn reset(&mut self) {
         self.powered.mcu.settle();
         self.powered.mcu.reset();
     }
 
-    /// The supply goes and comes back; the switches and the handle stay as they are.
+    /// Switches the supply off and on. The switches and the handle stay as they are.
     pub fn power_cycle(&mut self) {
         self.powered.mcu.settle();
         self.powered.mcu.power_cycle();
@@ -331,7 +330,7 @@ impl<'a> World<'a> {
         self.plant.position_m(&self.state)
     }
 
-    /// All of the motor's force, N.
+    /// Largest force of the motor, N.
     pub fn full_scale_n(&self) -> f64 {
         self.full_scale_n
     }
@@ -342,16 +341,16 @@ impl<'a> World<'a> {
         finger.force_n(self.position_m(), self.plant.speed_m_per_s(&self.state))
     }
 
-    /// One sample, from [`LEAD_S`] before one sampling event to the same before the next; or the rest of it.
+    /// Runs one sample, or the rest of it: from [`LEAD_S`] before a sampling event to [`LEAD_S`] before the next.
     ///
     /// # Errors
-    /// The program ended, or its log makes no sense.
+    /// The program ended, or its log cannot be decoded.
     pub fn sample(&mut self) -> Result<(), Ended> {
         while !self.step()? {}
         Ok(())
     }
 
-    /// Everything up to that cycle, or a few beyond it: instructions are whole.
+    /// Runs everything up to `cycle`, or a few cycles longer, since instructions are not split.
     ///
     /// # Errors
     /// As [`sample`](Self::sample).
@@ -362,19 +361,19 @@ impl<'a> World<'a> {
         Ok(self.powered.mcu.run_until(cycle)?)
     }
 
-    /// One step of the plant; whether it was the last one of a sample.
+    /// Runs one step of the plant. Returns whether it was the last step of a sample.
     fn step(&mut self) -> Result<bool, Ended> {
         let to = self.step_end();
         self.powered.mcu.run_until(to)?;
         Ok(self.follow(to))
     }
 
-    /// Where the present step of the plant ends.
+    /// Cycle at which the present step of the plant ends.
     fn step_end(&self) -> u64 {
         self.moved_to + self.powered.board.cycles_per_sample() / self.steps
     }
 
-    /// The plant moves to where the core has come; whether that was the last step of a sample.
+    /// Moves the plant to cycle `to`. Returns whether that was the last step of a sample.
     fn follow(&mut self, to: u64) -> bool {
         let from = self.moved_to;
         self.powered.mcu.settle_to(to);
@@ -418,32 +417,32 @@ impl<'a> World<'a> {
         true
     }
 
-    /// Swaps the encoder's channels, so that from here on it counts the other way round, or puts
-    /// them right.
+    /// Swaps the encoder's channels, so that the encoder counts in the opposite direction from here on; or restores
+    /// them.
     pub fn swap_channels(&mut self, swapped: bool) {
         self.swapped_at = swapped.then(|| self.encoder.count(self.position_m()));
     }
 
-    /// What A and B stand for.
+    /// Count that A and B show.
     fn shown_count(&self) -> i32 {
         let count = self.encoder.count(self.shown_m());
         let count = self.defects.count(count, self.samples);
         self.swapped_at.map_or(count, |at| at.wrapping_mul(2).wrapping_sub(count))
     }
 
-    /// The same between the counts.
+    /// As [`shown_count`](Self::shown_count), with the fraction between two counts.
     fn shown_place(&self) -> f64 {
         let place = self.encoder.place(self.shown_m());
         self.swapped_at.map_or(place, |at| 2.0 * f64::from(at) + 1.0 - place)
     }
 
-    /// Where the encoder takes the handle to be, m.
+    /// Position that the encoder measures, m.
     fn shown_m(&self) -> f64 {
         self.sensing.shown_m(self.position_m(), 0, self.samples)
     }
 
-    /// Lets the edges of the step that ended at cycle `at` come out over the `cycles` after it. Within
-    /// a step the handle moves evenly: at 100 m/s^2 to 5e-11 m.
+    /// Shows the edges of the step that ended at cycle `at`, over the `cycles` after it. The motion within a step is
+    /// taken as uniform: at 100 m/s^2 the error is 5e-11 m.
     fn show_edges(&mut self, before: f64, at: u64, cycles: u64) {
         let after = self.shown_place();
         self.shown = Some(after);
@@ -467,7 +466,7 @@ impl<'a> World<'a> {
         }
     }
 
-    /// Puts the plant's steps in phase with the samples, once those have begun.
+    /// Aligns the plant's steps with the samples after the first sample.
     fn align(&mut self) {
         let Some(event) = self.powered.mcu.last_event() else { return };
         let board = self.powered.board;
@@ -481,12 +480,12 @@ impl<'a> World<'a> {
         let per_sample = board.cycles_per_sample();
         let next = event + per_sample - lead;
         if self.moved_to % per_sample != next % per_sample {
-            // Once, right after the first sample: the handle is held still then.
+            // This happens once, directly after the first sample, while the handle is held.
             self.moved_to += (next + per_sample - self.moved_to % per_sample) % per_sample;
         }
     }
 
-    /// `samples` samples, with the probe's channels read every 5 ms.
+    /// Runs `samples` samples, and reads the probe's channels every 5 ms.
     ///
     /// # Errors
     /// As [`sample`](Self::sample).

@@ -1,4 +1,4 @@
-//! What goes wrong, and how it is brought about without touching the program.
+//! Named faults, and how each of them is caused without a change of the program.
 
 use virtual_board::{
     elf::{Elf, SAMPLE_STATE},
@@ -9,14 +9,14 @@ use virtual_board::{
 
 use super::place::{flip_word, word_at};
 
-/// Where the device is when it happens.
+/// State of board and handle when the fault begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Before {
-    /// Armed, the handle pressed 0.3 mm into the wall: 40 % force.
+    /// Armed; the handle is held 0.3 mm inside the wall, at 40 % of the full force.
     Pressed,
-    /// Armed, the handle on its way to the wall, with a push of 48 %.
+    /// Armed; the handle moves to the wall, with a push of 48 %.
     Moving,
-    /// Off; the fault case begins before `arm`, and its time is counted from the enable.
+    /// Off; the fault begins before `arm`, and its time is counted from enable.
     Off,
 }
 
@@ -24,44 +24,44 @@ impl Before {
     pub const ALL: [Self; 3] = [Self::Pressed, Self::Moving, Self::Off];
 }
 
-/// Brings a fault about; returns the cycle at which it began.
+/// Causes the fault. Returns the cycle at which it began.
 pub type Begin = fn(&Elf, &mut World<'_>) -> Result<u64, Failed>;
-/// The same between two outputs, all at once.
+/// Causes the fault at once, between two outputs.
 pub type Cause = fn(&Elf, &mut World<'_>) -> Result<(), Failed>;
-/// Takes the fault away again.
+/// Ends the cause of the fault.
 pub type End = fn(&mut World<'_>) -> Result<(), Failed>;
 
-/// One way to go wrong.
+/// A named fault with its expected results.
 pub struct FaultCase {
     /// Name in reports, unique among the cases.
     pub name: &'static str,
-    /// Fault code that is expected.
+    /// Expected fault code.
     pub code: u32,
-    /// All codes that `faults` has to name, if not only that one.
+    /// All codes that `faults` has to list, if there are more than `code`.
     pub all: &'static [u32],
-    /// Longest time until enable is inactive, us. The code of zero force is there by then, or within
-    /// one output where hardware alone has dropped enable.
+    /// Longest time until enable is inactive, us. The output code is zero by then. If hardware alone has dropped
+    /// enable, the code is zero within one output more.
     pub limit_us: f64,
-    /// The program stands still for so long, and cannot write a code meanwhile.
+    /// Time for which the program is halted and cannot write an output code, us.
     pub halted_us: f64,
     /// State of board and handle when the fault begins.
     pub before: Before,
-    /// Brings it about; returns the cycle at which it began.
+    /// Causes the fault. Returns the cycle at which it began.
     pub begin: Begin,
-    /// Brings it about at once, in place of `begin`, between two outputs.
+    /// Causes the fault at once, between two outputs, in place of `begin`.
     pub cause: Option<Cause>,
-    /// Takes the cause away.
+    /// Ends the cause of the fault.
     pub end: End,
-    /// As long as the cause is there `clear` is refused.
+    /// Whether `clear` is refused as long as the cause is present.
     pub stays: bool,
-    /// It ends in a reset, which RAM does not survive.
+    /// Whether the fault ends in a reset, which clears RAM.
     pub resets: bool,
-    /// Part of the short campaign.
+    /// Whether the case is in the short campaign.
     pub short: bool,
 }
 
 impl FaultCase {
-    /// Pressed into the wall, and as most are; the fault that is expected is `code` alone.
+    /// A case with the usual values: pressed into the wall, and only the fault `code` is expected.
     pub(super) const fn of(name: &'static str, code: u32, limit_us: f64, begin: Begin) -> Self {
         Self {
             name,
@@ -103,33 +103,33 @@ impl FaultCase {
         Self { resets: true, ..self }
     }
 
-    /// Not part of the short campaign.
+    /// Takes the case out of the short campaign.
     pub(super) const fn long(self) -> Self {
         Self { short: false, ..self }
     }
 }
 
-/// The world moves in samples: what is seen may be up to one sample old.
+/// The simulation runs in samples, so an observation may be one sample old.
 const GRID_US: f64 = 100.0;
-/// By the sampling task itself.
+/// Limit for a fault that the sampling task finds.
 pub const SAMPLE_US: f64 = 100.0 + GRID_US;
-/// One output and one sample.
+/// Limit for a fault that an output finds: one output and one sample.
 pub const RENDER_US: f64 = 1_100.0 + GRID_US;
-/// No code is needed for it.
+/// Limit for a fault that hardware handles without an instruction.
 pub const AT_ONCE_US: f64 = 1.0;
-/// From the jump of the program counter to the handler's first store.
+/// Limit from a jump of the program counter to the handler's first store.
 const HANDLER_US: f64 = 2.0;
-/// By the detector's interrupt, after a `render` that is running, and what the logger masks.
+/// Limit for the detector's interrupt, which waits for a running `render` and for the time that the logger masks.
 pub const BROWN_OUT_US: f64 = 60.0;
-/// The watchdog, at its nominal clock, and one output since it was fed.
+/// Limit for the watchdog at its nominal clock, and one output since it was fed.
 pub const WATCHDOG_US: f64 = 51_000.0;
 
-/// Without the processor: the output watchdog (contract.rs), and the world's grid.
+/// Limit without the processor: the output watchdog (contract.rs), and one sample.
 pub const OUTPUT_WATCHDOG_US: f64 = zwidth::period::OUTPUT_WATCHDOG_US as f64 + GRID_US;
 
 pub(super) const FAULT_CASES: [FaultCase; 29] = [
     FaultCase::of("count jump", 10, SAMPLE_US, |_, world| {
-        // Between two outputs.
+        // Run to a sample between two outputs.
         while world.powered.mcu.events() % 10 != 4 {
             world.sample()?;
         }
@@ -137,7 +137,7 @@ pub(super) const FAULT_CASES: [FaultCase; 29] = [
         world.hold(world.position_m() + 700e-6, true);
         Ok(begun)
     }),
-    // Of its time the estimator takes a part.
+    // The limit includes the estimator's delay.
     FaultCase::of("over-speed", 11, RENDER_US, |_, world| {
         let begun = world.powered.mcu.now();
         let start_m = world.position_m();
@@ -260,12 +260,12 @@ pub(super) const FAULT_CASES: [FaultCase; 29] = [
     .long(),
 ];
 
-/// RAM that the program does not have, and a branch to itself.
+/// RAM that the program does not use; a branch to itself is written there.
 pub(super) const UNUSED: u32 = 0x2001_F000;
 pub(super) const LOOP: [u8; 2] = [0xFE, 0xE7];
-/// No memory is here.
+/// An address without memory.
 const NOWHERE: u32 = 0x1000_0000;
-/// Erased flash, beyond the code: all ones is no instruction.
+/// Erased flash after the code. A word of ones is not an instruction.
 const ERASED: u32 = 0x0807_0000;
 
 const fn panic(name: &'static str, begin: Begin) -> FaultCase {
@@ -276,7 +276,7 @@ const fn hard_fault(name: &'static str, begin: Begin) -> FaultCase {
     FaultCase::of(name, 42, HANDLER_US, begin).all(&[23, 42]).resets()
 }
 
-/// The sign test has to find it.
+/// A fault that the sign test has to find.
 const fn at_arm(name: &'static str, begin: Begin, end: End) -> FaultCase {
     FaultCase::of(name, 14, 100_000.0 + RENDER_US, begin).before(Before::Off).until(end)
 }
@@ -295,14 +295,14 @@ fn revive<const CHANNEL: usize>(world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// The emergency stop opens.
+/// Opens the emergency stop.
 pub(super) fn stop(world: &mut World<'_>) -> Result<u64, Failed> {
     let begun = world.powered.mcu.now();
     world.emergency_stop(true);
     Ok(begun)
 }
 
-/// The supply sags, and goes up again in the end.
+/// The supply drops, and is restored at the end.
 const fn brown_out(name: &'static str, begin: Begin) -> FaultCase {
     FaultCase::of(name, 31, BROWN_OUT_US, begin).until(recover)
 }
@@ -317,7 +317,7 @@ fn recover(world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// The position that the firmware has, counts from its zero.
+/// The firmware's position, in counts from its zero.
 fn counts(world: &mut World<'_>) -> Result<i32, Failed> {
     let status = ask(world, "status")?;
     let mut words = status.split(' ').skip_while(|word| *word != "position");
@@ -325,8 +325,8 @@ fn counts(world: &mut World<'_>) -> Result<i32, Failed> {
     count.ok_or_else(|| Failed::Refused(format!("no position in: {status}")))
 }
 
-/// Where `sample` has the position: in the encoder and in the report of the last output. Found with the handle held for
-/// a while.
+/// Addresses of the words in which `sample` keeps the position: in the encoder and in the report of the last output.
+/// They are found while the handle is held.
 fn position_words(elf: &Elf, world: &mut World<'_>) -> Result<Vec<u32>, Failed> {
     let (from, size) = elf.place_of(SAMPLE_STATE)?;
     let before = world.snapshot();
@@ -354,7 +354,7 @@ fn enabled_by_arm(world: &mut World<'_>) -> Result<u64, Failed> {
     Err(Failed::Refused("`arm` does not enable the amplifier".into()))
 }
 
-/// Keeps `render` from being taken for so many samples, from right before a due one.
+/// Masks `render` for `samples` samples, from just before it is due.
 fn mask_render(world: &mut World<'_>, samples: u64) -> Result<u64, Failed> {
     while !world.powered.mcu.events().is_multiple_of(10) {
         world.sample()?;
@@ -371,12 +371,12 @@ fn mask_render(world: &mut World<'_>, samples: u64) -> Result<u64, Failed> {
     Ok(begun)
 }
 
-/// The program counter jumps to the panic handler.
+/// Makes the program counter jump to the panic handler.
 fn panic_in(elf: &Elf, world: &mut World<'_>, exception: u16) -> Result<u64, Failed> {
     lose_the_way(world, exception, elf.place_of("rust_begin_unwind")?.0)
 }
 
-/// The program counter jumps to `address` while that exception runs; then the watchdog bites.
+/// Makes the program counter jump to `address` while `exception` runs. Then the watchdog resets the board.
 pub(super) fn lose_the_way(
     world: &mut World<'_>,
     exception: u16,

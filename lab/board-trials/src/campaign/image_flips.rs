@@ -1,5 +1,5 @@
-//! Single bits of the program in flash that flip with the force on and the handle in contact: what finds them, and what
-//! the force is until then.
+//! Flips single bits of the program in flash, with the force on and the handle in contact. Notes what finds each flip,
+//! and the force until then.
 
 use host_sim::error::Error;
 use seal::SEAL;
@@ -13,33 +13,33 @@ use super::{
 };
 use crate::random::Random;
 
-/// Longest pass of the check at output period 10, s: no force may be wrong for longer.
+/// Longest pass of the check at output period 10, s. No wrong force may last longer.
 pub const PASS_S: f64 = 0.2;
-/// Samples for which a flip is watched: longer than it takes to find that passes come to no end.
+/// Samples for which a flip is watched: longer than the firmware needs to find that passes do not end.
 pub const WATCHED: u64 = LONGEST as u64 + 1_000;
 
-/// Where in flash.
+/// Part of the image in flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Part {
-    /// Vector table, and the seal behind it.
+    /// Vector table, and the checksum after it.
     Vectors,
-    /// Instructions, and what stands between them.
+    /// Instructions, and data between instructions.
     Code,
     /// Constants.
     Constants,
-    /// What is copied to RAM at boot.
+    /// Initial values that are copied to RAM at boot.
     Variables,
     /// The device record.
     Record,
 }
 
-/// All of them.
+/// All parts.
 pub const PARTS: [Part; 5] =
     [Part::Vectors, Part::Code, Part::Constants, Part::Variables, Part::Record];
 
 impl Part {
-    /// For people.
+    /// Name of the part for printed results.
     pub const fn text(self) -> &'static str {
         match self {
             Self::Vectors => "vectors",
@@ -51,27 +51,27 @@ impl Part {
     }
 }
 
-/// How a flip ended.
+/// Result of a flip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum End {
-    /// Found by the check, and until then the force was what it should be, but for 2 ms at most.
+    /// The check found the flip. Until then the force was right, except for 2 ms at most.
     Harmless,
-    /// Found by the check, and the force was wrong for longer than 2 ms before.
+    /// The check found the flip, but the force was wrong for longer than 2 ms before.
     Wrong,
-    /// Off by something else, before the check came by.
+    /// Something else switched the force off before the check found the flip.
     Other,
-    /// A wrong force for longer than a pass.
+    /// A wrong force lasted longer than a pass.
     Late,
-    /// Found by nothing.
+    /// Nothing found the flip.
     Unnoticed,
 }
 
-/// All of them.
+/// All results.
 pub const ENDS: [End; 5] = [End::Harmless, End::Wrong, End::Other, End::Late, End::Unnoticed];
 
 impl End {
-    /// For people.
+    /// Name of the result for printed results.
     pub const fn text(self) -> &'static str {
         match self {
             Self::Harmless => "found by the check, force right",
@@ -82,7 +82,7 @@ impl End {
         }
     }
 
-    /// Whether it must not be.
+    /// Whether this result is a failure of the campaign.
     pub const fn is_bad(self) -> bool {
         matches!(self, Self::Late | Self::Unnoticed)
     }
@@ -101,27 +101,27 @@ impl End {
 
 /// One flip.
 pub struct ImageFlip {
-    /// Where in flash.
+    /// Part of the image with the flip.
     pub part: Part,
-    /// What and when, for people.
+    /// Place and time of the flip, for printed results.
     pub what: String,
-    /// How it ended.
+    /// Result of the flip.
     pub end: End,
-    /// What came of it.
+    /// Measured consequence of the flip.
     pub verdict: Verdict,
 }
 
-/// The words of flash that can flip.
+/// The words of the image that can flip.
 pub struct Image {
-    /// First address, one behind the last.
+    /// Address ranges: first address, and the address after the last.
     spans: Vec<(Part, [u32; 2])>,
 }
 
 impl Image {
-    /// Those of an ELF that are checked while the board runs.
+    /// The words of an ELF that the board checks while it runs.
     ///
     /// # Errors
-    /// It has no seal.
+    /// The ELF has no checksum.
     pub fn of(elf: &Elf) -> Result<Self, Error> {
         let [vectors, code, constants, variables] = seal::parts(elf).map_err(Error::input)?;
         let seal = elf.address_of(SEAL).unwrap_or_default();
@@ -137,7 +137,7 @@ impl Image {
         Ok(Self { spans })
     }
 
-    /// The word of that number, over all parts.
+    /// The word with this number, counted over all parts.
     fn word(&self, mut number: u32) -> Option<(Part, u32)> {
         self.spans.iter().find_map(|&(part, [from, to])| {
             let words = (to - from) / 4;
@@ -153,10 +153,10 @@ impl Image {
     }
 }
 
-/// Number `number` of a seed: each bit as likely as any other.
+/// Runs flip `number` of a seed. Each bit has the same probability.
 ///
 /// # Errors
-/// The board does not come to the moment of the flip.
+/// The board does not reach the time of the flip.
 pub fn flip(
     world: &mut World<'_>,
     (stage, image): (&Stage, &Image),

@@ -1,5 +1,6 @@
-//! What is kept without a supply or over a reset is damaged: settings in flash, by power cuts too, and backup RAM. From
-//! off: the force never comes on, and the settings are some that were saved, or the defaults.
+//! Damages data that the board keeps without a supply or over a reset: backup RAM, and the settings in flash, also by
+//! power cuts. The force is off at the start and must stay off. The settings must be the defaults or settings that were
+//! saved.
 
 use virtual_board::{
     board::{Board, Powered},
@@ -23,9 +24,9 @@ const SECTOR_WORDS: usize = 4096;
 /// Backup RAM, 4 KiB.
 pub(super) const BACKUP: u32 = 0x4002_4000;
 const BACKUP_WORDS: u32 = 1024;
-/// Contents that are tried at random.
+/// Count of random contents that are tried.
 const RANDOM: usize = 16;
-/// Samples until the board has booted, whatever its flash holds: 12 ms at most.
+/// Samples until the board has booted with any contents of flash: 12 ms at most.
 const BOOT: u64 = 150;
 
 const NO_FAULT: &str = "ok status off, fault none";
@@ -59,16 +60,16 @@ fn stored(board: Board, stiffness_n_per_m: f64) -> Stored {
     }
 }
 
-/// A record of that board's device with that stiffness.
+/// A record of that board's device with this stiffness.
 fn record(world: &World<'_>, sequence: u32, stiffness_n_per_m: f64) -> [u32; RECORD_WORDS] {
     stored(world.powered.board, stiffness_n_per_m).to_words(sequence)
 }
 
-/// What a board said and did when it was switched on.
+/// The board's replies after it was switched on.
 struct Booted {
-    /// Where the settings come from.
+    /// Line with the source of the settings.
     loaded: String,
-    /// The stiffness in force.
+    /// The stiffness that the board uses.
     stiffness: String,
     status: String,
 }
@@ -83,7 +84,7 @@ impl Booted {
     }
 }
 
-/// Switches off and on with those words in the settings' sectors, the rest of which is erased.
+/// Writes these words into the settings' sectors, erases the rest, and switches the supply off and on.
 fn boot(world: &mut World<'_>, pieces: &[(u32, &[u32])]) -> Result<Booted, Failed> {
     for sector in [SECTOR_A, SECTOR_B] {
         world.powered.mcu.program(sector, &[0xFF; 4 * SECTOR_WORDS]);
@@ -96,7 +97,7 @@ fn boot(world: &mut World<'_>, pieces: &[(u32, &[u32])]) -> Result<Booted, Faile
     booted(world)
 }
 
-/// What comes of it when the program begins anew.
+/// The board's replies after the program has started again.
 fn booted(world: &mut World<'_>) -> Result<Booted, Failed> {
     world.replies.clear();
     world.seen = Some(Vec::new());
@@ -115,10 +116,10 @@ fn booted(world: &mut World<'_>) -> Result<Booted, Failed> {
     Ok(Booted { loaded, stiffness, status })
 }
 
-/// Each byte of the newest of two records, every bit of it turned, or of the only one.
+/// Flips all bits of each byte of the newest record, with an older record and without one.
 ///
 /// # Errors
-/// The board takes other settings than the older ones, or the defaults, or does not say so.
+/// The board uses other settings than the older ones or the defaults, or does not report the damage.
 pub fn flip_every_byte(world: &mut World<'_>, step: usize) -> Result<usize, Failed> {
     let (older, newest) = (record(world, 1, 1000.0), record(world, 2, 2000.0));
     let both = |newest: &[u32]| older.iter().chain(newest).copied().collect::<Vec<_>>();
@@ -148,10 +149,10 @@ impl Booted {
     }
 }
 
-/// The board saves, and the power goes before, in and after each word that it writes.
+/// The board saves, and the power is cut before, during and after each word that it writes.
 ///
 /// # Errors
-/// It has other settings then than the older or the newer ones.
+/// After the cut the board has other settings than the older or the newer ones.
 pub fn cut_every_word(world: &mut World<'_>, step: usize) -> Result<usize, Failed> {
     let older = record(world, 1, 1000.0);
     let states = save(world, &older)?;
@@ -164,7 +165,7 @@ pub fn cut_every_word(world: &mut World<'_>, step: usize) -> Result<usize, Faile
     for (n, state) in states.iter().enumerate().step_by(step) {
         cuts.push((n, *state));
         if n < RECORD_WORDS {
-            // The word that was being programmed: some of its bits are 0 already.
+            // The word that was being programmed: some of its bits are already 0.
             for bits in [0xFFFF_0000, 0x0F0F_5A5A] {
                 let mut half = *state;
                 half[n] &= newest[n] | bits;
@@ -186,7 +187,7 @@ pub fn cut_every_word(world: &mut World<'_>, step: usize) -> Result<usize, Faile
     Ok(cuts.len())
 }
 
-/// Lets the board save; the words of the record's place before, between and after all stores.
+/// Lets the board save. Returns the words at the record's place before, between and after all stores.
 fn save(
     world: &mut World<'_>,
     older: &[u32; RECORD_WORDS],
@@ -212,15 +213,15 @@ fn save(
             states.push(state);
         }
     }
-    world.restore(&before); // the chip has run ahead of the world
+    world.restore(&before); // the chip has run further than the plant
     Ok(states)
 }
 
-/// The next record goes to the other sector, which is erased for it: what a cut leaves there is worth nothing, and the
-/// newest record is not in it.
+/// Cuts the power in an erase. The next record goes to the other sector, which is erased for it. So a cut can only
+/// damage the erased sector, which does not hold the newest record.
 ///
 /// # Errors
-/// The board has other settings then than the newest.
+/// After the cut the board has other settings than the newest ones.
 pub fn cut_an_erase(world: &mut World<'_>) -> Result<usize, Failed> {
     let records = u32::try_from(SECTOR_WORDS / RECORD_WORDS).unwrap_or_default();
     let full: Vec<u32> = (0..records)
@@ -242,8 +243,9 @@ pub fn cut_an_erase(world: &mut World<'_>) -> Result<usize, Failed> {
     Ok(cuts.len())
 }
 
-/// A whole record with a number that is not allowed. One of the loop leaves the defaults in force, and says so; one of an
-/// experiment may leave the others as they are, and the experiment is refused.
+/// Stores a whole record with a value that is not allowed. If the value is one of the control loop, the board uses the
+/// defaults and reports it. If the value is one of an experiment, the board may keep the other settings, and refuses
+/// the experiment.
 ///
 /// # Errors
 /// The board has other settings.
@@ -284,7 +286,7 @@ fn any_word(random: &mut Random) -> u32 {
     u32::try_from(random.below(1 << 32)).unwrap_or_default()
 }
 
-/// Both sectors full of anything.
+/// Fills both sectors with random data.
 fn fill_the_flash(world: &mut World<'_>) -> Result<usize, Failed> {
     for seed in (0..).take(RANDOM) {
         let mut random = Random(seed);
@@ -298,7 +300,8 @@ fn fill_the_flash(world: &mut World<'_>) -> Result<usize, Failed> {
     Ok(RANDOM)
 }
 
-/// Backup RAM full of anything when the reset pin is pulled: no fault is made up, and the settings stay what they are.
+/// Fills the backup RAM with random data and resets the board. No fault may appear, and the settings must stay the
+/// same.
 fn fill_the_backup(world: &mut World<'_>) -> Result<usize, Failed> {
     let older = record(world, 1, 1000.0);
     boot(world, &[(SECTOR_A, &older)])?;

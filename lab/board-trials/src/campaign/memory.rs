@@ -12,9 +12,9 @@ use super::{
     situation::Situation,
 };
 
-/// All of the motor's force, in the firmware's unit.
+/// Full force of the motor, in the firmware's unit.
 const FULL_SCALE: u32 = 1 << 30;
-/// Names the queues, and the state of `render`, among the symbols.
+/// Part of the names of the symbols that hold the queues and the state of `render`.
 const QUEUES: &str = "queues";
 const RENDER_STATE: &str = "local_resource_render";
 
@@ -29,13 +29,13 @@ pub fn memory_rows() -> Vec<Row> {
     ]
 }
 
-/// What was looked for, as an offset from where the search began.
+/// Converts a search's result to an offset from the start of the search.
 fn found(place: Option<usize>, nothing: &str) -> Result<u32, Failed> {
     let place = place.and_then(|place| u32::try_from(place).ok());
     place.ok_or_else(|| Failed::Refused(nothing.into()))
 }
 
-/// Types each line, and gives after each a look at the board.
+/// Types each line, and calls a function on the board after each line.
 fn after_each<T>(
     world: &mut World<'_>,
     lines: &[&str],
@@ -49,7 +49,8 @@ fn after_each<T>(
     lines.iter().map(look).collect()
 }
 
-/// The byte that says how the motor is wired: found by turning it with the force off, and then turned with the force on.
+/// Flips the motor sign. Its byte is found by changing the sign with the force off, and is then changed with the force
+/// on.
 fn motor_sign(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     let (from, size) = elf.place_of(RENDER_STATE)?;
@@ -68,7 +69,7 @@ fn bytes_of(world: &World<'_>, from: u32, size: u32) -> Vec<u8> {
     bytes
 }
 
-/// A bit of the running hit's push, worth half of full scale.
+/// Flips a bit of the running hit's push. The bit is worth half of full scale.
 fn push(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let (plan, words) = hit_plan(elf, world)?;
     let full_n = world.full_scale_n();
@@ -83,8 +84,9 @@ fn push(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// A bit of the word that says whether a hit is on its way to its start or pushes: the push would go, and it would never
-/// end. It is before the hit's plan, has a small value while it pushes, and 0 or 1 on the way there.
+/// Flips a bit of the word that tells whether a hit is on the way to its start or pushes. The push would then stop, and
+/// the hit would never end. The word is before the hit's plan. It has a small value during the push, and 0 or 1 on the
+/// way.
 fn phase(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let pushes = words_of(elf, world, RENDER_STATE)?.1;
     let before = world.snapshot();
@@ -100,8 +102,8 @@ fn phase(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Where the running hit's plan stands in the memory of `render`, and its words: they stand there twice, one after the
-/// other.
+/// Offset of the running hit's plan in the memory of `render`, and its words. The memory holds the plan twice, one copy
+/// after the other.
 fn hit_plan(elf: &Elf, world: &World<'_>) -> Result<(u32, [u32; 4]), Failed> {
     let (from, words) = words_of(elf, world, RENDER_STATE)?;
     let twice = |pair: &[u32]| {
@@ -112,8 +114,9 @@ fn hit_plan(elf: &Elf, world: &World<'_>) -> Result<(u32, [u32; 4]), Failed> {
     Ok((from + 4 * offset, [0, 1, 2, 3].map(|n| words[offset as usize + n])))
 }
 
-/// A bit of the count at position 0, worth 128 counts. Found with the force off: it turns with each `zero`, stays while
-/// the handle moves, and is always the difference of two other words, last count and position.
+/// Flips a bit of the count at position 0; the bit is worth 128 counts. The word is found with the force off. It
+/// changes with each `zero` and stays the same while the handle moves. It is always the difference of two other words:
+/// last count and position.
 fn origin(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     let (from, _) = elf.place_of(SAMPLE_STATE)?;
@@ -145,8 +148,8 @@ fn origin(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// A bit of what the supervisor does: armed becomes the sign test, which was passed, so that the next output comes to yet
-/// another state. Two equal bytes are it, which are 0 when it is off, 1 in the sign test, and 3 now.
+/// Flips a bit of the supervisor's state. The state `armed` becomes the finished sign test, so the next output enters
+/// yet another state. The state is kept in two equal bytes: 0 while off, 1 in the sign test, 3 now.
 fn state(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     let (from, size) = elf.place_of(RENDER_STATE)?;
@@ -163,12 +166,12 @@ fn state(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// An index of the queue of orders points to the other of its two places: what stands there was met before. The index is
-/// found with the force off: it turns with each order, and with nothing else.
+/// Changes an index of the queue of orders to the other of its two places, which holds an order that was already
+/// carried out. The index is found with the force off: it changes with each order, and only then.
 fn order(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     ask(world, "disarm")?;
-    world.run(200)?; // an experiment says that it ended
+    world.run(200)?; // an experiment reports that it ended
     let (from, words) = words_of(elf, world, QUEUES)?;
     let mut seen = vec![words];
     for line in ["k 9000", "k 10000", "k 9000", "k 10000", "k 9000"] {

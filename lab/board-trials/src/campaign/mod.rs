@@ -1,17 +1,17 @@
-//! Faults done to a board while its force is on: named ones, and single bits at random. How long until it is off, and
-//! what the handle gets meanwhile. docs/lab/campaigns.md has the tables.
+//! Injects faults into a board while its force is on: named faults, and random flips of single bits. Measures the time
+//! until the force is off, and what the handle does until then. docs/lab/campaigns.md has the tables.
 //!
 //! | file | holds |
 //! |------|-------|
-//! | `fault_case`, `no_processor`, `registers`, `outside`, `memory` | named faults, and how each is brought about |
-//! | `kept` | the same of what is kept in flash and backup RAM |
-//! | `rows` | all of them, with the time that each may take |
-//! | `situation` | free, with the whole force and in contact, and what the force is there without a fault |
-//! | `place`, `random` | where a bit can flip, and flips |
+//! | `fault_case`, `no_processor`, `registers`, `outside`, `memory` | named faults, and how each is caused |
+//! | `kept` | faults in the data that flash and backup RAM keep |
+//! | `rows` | all named faults, with the time limit of each |
+//! | `situation` | free motion, full force and contact, and the force in each without a fault |
+//! | `place`, `random` | places where a bit can flip; random flips |
 //! | `image_flips` | flips in the program in flash |
-//! | `verdict` | what came of a fault |
+//! | `verdict` | the result of a fault |
 //! | `run` | faults on several threads |
-//! | `report` | options, and what is printed |
+//! | `report` | options and printed results |
 
 pub mod fault_case;
 pub mod image_flips;

@@ -1,5 +1,5 @@
-//! The processor, its interrupts or the sampling stop, by themselves or because a debugger halts the core: hardware
-//! alone has to switch off.
+//! The processor, its interrupts or the sampling stop, by themselves or because a debugger halts the core. Only
+//! hardware can then switch the force off.
 
 use virtual_board::{
     elf::{Elf, SAMPLE_STATE},
@@ -23,13 +23,13 @@ const DIER: u32 = 0x0C;
 const ARR: u32 = 0x2C;
 /// The vector table's address.
 const VTOR: u32 = 0xE000_ED08;
-/// Erased flash: vectors of all ones.
+/// Erased flash, where all vectors are words of ones.
 const ERASED: u32 = 0x0807_0000;
-/// PendSV, and the interrupt of TIM7, which no task is bound to.
+/// PendSV, and the interrupt of TIM7. Neither has a task.
 const PEND_SV: u16 = 14;
 const TIM7: u16 = 16 + 55;
 
-/// DBGMCU's bit of the watchdog.
+/// The watchdog's bit in DBGMCU.
 const WATCHDOG_STOPS: u32 = 1 << 12;
 
 pub(super) const NO_PROCESSOR: [FaultCase; 18] = [
@@ -43,7 +43,7 @@ pub(super) const NO_PROCESSOR: [FaultCase; 18] = [
         22,
         WATCHDOG_US,
         |_, world| {
-            flip_register(world, WATCHDOG_RELOAD, 10); // a second more
+            flip_register(world, WATCHDOG_RELOAD, 10); // one second longer
             world.run(20)?;
             world.powered.mcu.write(UNUSED, &LOOP);
             lose_the_way(world, LINK, UNUSED)
@@ -64,7 +64,7 @@ pub(super) const NO_PROCESSOR: [FaultCase; 18] = [
     })
     .halted(30_000.0),
     FaultCase::of("debugger halt, 200 ms", 22, AT_ONCE_US, |_, world| {
-        // As a script does on connecting: what the program says of the watchdog holds again soon.
+        // A debugger's script stops the watchdog when it connects. The program's own setting is soon in force again.
         world.powered.mcu.stop_in_halts(WATCHDOG_STOPS);
         world.run(20)?;
         halt(world, 2_000, AfterHalt::Kept)
@@ -95,7 +95,7 @@ pub(super) const NO_PROCESSOR: [FaultCase; 18] = [
         world.powered.mcu.set_registers(|registers| registers.msp = 0x10);
         Ok(())
     }),
-    // With the next exception, which has to be stacked.
+    // The next exception causes the fault, since it has to be stacked.
     at_once("stack overrun", 42, SAMPLE_US, |elf, world| {
         world.powered.mcu.outlive_lock_up();
         let end = elf.place_of("__sheap")?.0.next_multiple_of(256);
@@ -119,7 +119,7 @@ pub(super) const NO_PROCESSOR: [FaultCase; 18] = [
     unexpected("an unused interrupt", |_, world| pend(world, TIM7)).long(),
 ];
 
-/// A debugger halts the core for so many samples.
+/// A debugger halts the core for `samples` samples.
 fn halt(world: &mut World<'_>, samples: u64, moe: AfterHalt) -> Result<u64, Failed> {
     let begun = world.powered.mcu.now();
     let last = world.powered.mcu.last_event().unwrap_or_default();
@@ -127,7 +127,7 @@ fn halt(world: &mut World<'_>, samples: u64, moe: AfterHalt) -> Result<u64, Fail
     let halted = samples * per_sample + per_sample / 3;
     world.halt(halted, moe);
     world.sample()?;
-    // Unless the watchdog came: the samples stood still, and go on where they were.
+    // Without a reset by the watchdog, the sampling must continue at the same phase.
     if let Some(next) = world.powered.mcu.last_event() {
         let gap = next - last - halted;
         if gap > 2 * per_sample || !gap.is_multiple_of(per_sample) {
@@ -137,18 +137,18 @@ fn halt(world: &mut World<'_>, samples: u64, moe: AfterHalt) -> Result<u64, Fail
     Ok(begun)
 }
 
-/// By `cause`, and it ends in a reset.
+/// A case that `cause` causes at once, and that ends in a reset.
 const fn at_once(name: &'static str, code: u32, limit_us: f64, cause: Cause) -> FaultCase {
     let begin: Begin = |_, world| Ok(world.powered.mcu.now());
     FaultCase { cause: Some(cause), ..FaultCase::of(name, code, limit_us, begin).resets() }
 }
 
-/// Nothing runs any more that could switch off; in the end the watchdog resets.
+/// A case in which no task that could switch off runs any more. At the end the watchdog resets the board.
 const fn stopped(name: &'static str, cause: Cause) -> FaultCase {
     at_once(name, 22, OUTPUT_WATCHDOG_US, cause)
 }
 
-/// `DefaultHandler` switches off, as soon as no task runs.
+/// A case in which `DefaultHandler` switches off as soon as no task runs.
 const fn unexpected(name: &'static str, cause: Cause) -> FaultCase {
     at_once(name, 45, BROWN_OUT_US, cause).all(&[23, 45])
 }
@@ -164,8 +164,8 @@ fn pend(world: &mut World<'_>, exception: u16) -> Result<(), Failed> {
     Ok(())
 }
 
-/// The word of `sample` that has the number of the next due one: 10 more every 10 samples, and of those that do so the
-/// one that is ahead.
+/// Address of the word of `sample` with the number of the next due sample. Such a word grows by 10 every 10 samples; of
+/// these words, it is the one with the largest value.
 fn next_due(elf: &Elf, world: &mut World<'_>) -> Result<u32, Failed> {
     let (from, size) = elf.place_of(SAMPLE_STATE)?;
     let mut seen = Vec::new();

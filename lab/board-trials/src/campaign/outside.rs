@@ -1,4 +1,5 @@
-//! What goes wrong outside of the chip, at its host and in RTT's block, and two faults at once: with the emergency stop.
+//! Faults outside the chip, at its host and in RTT's control block, and pairs of faults: the emergency stop with
+//! another fault.
 
 use virtual_board::{
     board::{Board, Force, Powered},
@@ -13,19 +14,19 @@ use super::{
     row::{Row, SOON_S},
 };
 
-/// An encoder whose count stays: the check of a push without motion, and an output.
+/// Limit for an encoder whose count does not change: the check of a push without motion, and an output.
 const STUCK_S: f64 = 0.0525;
-/// A count that moves too little: the rest of a span of 50 ms, and the next.
+/// Limit for a count that moves too little: the rest of a span of 50 ms, and the next span.
 const SHORT_OF_S: f64 = 0.1025;
-/// A current that differs by a third of full scale, in the mean of 13 ms.
+/// Limit for a current that differs by a third of full scale, in the mean of 13 ms.
 const SENSED_S: f64 = 0.018;
-/// For which the host stalls and floods.
+/// Samples for which the host reads nothing and sends without a pause.
 const FLOOD_SAMPLES: u64 = 4_000;
 const FLOOD_S: f64 = FLOOD_SAMPLES as f64 * 1e-4;
-/// Whatever the plant allows.
+/// A limit that depends on the plant alone.
 const EVER_S: f64 = 1.3;
 
-/// All of them. `current_sense`: the amplifier says its current.
+/// All rows of this file. `current_sense`: the board measures the amplifier's current.
 pub fn outside(board: Board, current_sense: bool) -> Vec<Row> {
     let mut rows = memory_rows();
     rows.extend(everywhere());
@@ -52,7 +53,7 @@ pub fn outside(board: Board, current_sense: bool) -> Vec<Row> {
     rows
 }
 
-/// The encoder's count is off by so much, follows that part of the motion, and drifts.
+/// A row with a wrong count: it has an offset, follows a part of the motion, and drifts.
 fn counts(name: &str, limit_s: f64, (offset, ratio, per_sample): (i32, f64, f64)) -> Row {
     Row::at_once(name, limit_s, move |_, world| {
         world.count_wrongly(offset, ratio, per_sample);
@@ -124,10 +125,10 @@ const SLEEP_DEEP: u32 = 1 << 2;
 const BDTR: u32 = 0x4001_0044;
 const BREAK_ENABLE: u32 = 1 << 12;
 const GPIO: u32 = 0x4002_0000;
-/// Of RTT's block: up channel 1.
+/// Offset of up channel 1 in RTT's control block.
 const CHANNEL_1: u32 = 24 + 24;
 
-/// A host that reads nothing and sends without a pause, with every channel set to blocking.
+/// Simulates a host that reads nothing and sends without a pause, with every channel set to blocking.
 ///
 /// # Errors
 /// The program ended.

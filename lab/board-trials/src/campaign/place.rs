@@ -1,4 +1,4 @@
-//! Where a bit can flip: what the program reads of RAM, the core's registers, the peripherals' registers.
+//! Places where a bit can flip: RAM that the program reads, the core's registers, the peripherals' registers.
 
 use virtual_board::{
     elf::{Elf, SAMPLE_STATE},
@@ -12,7 +12,7 @@ use virtual_board::{
 pub enum Region {
     /// Data that `sample` keeps between two samples.
     Sample,
-    /// Data that `render` keeps between two outputs, without those that only telemetry and black box read.
+    /// Data that `render` keeps between two outputs, without data that only telemetry and black box read.
     Render,
     /// Data that the tasks exchange.
     Between,
@@ -20,7 +20,7 @@ pub enum Region {
     Link,
     /// Statics of all other parts.
     Other,
-    /// The stack, from its pointer to its end.
+    /// The stack, from the stack pointer to its end.
     Stack,
     /// Registers of the core.
     Core,
@@ -53,7 +53,7 @@ impl Region {
         }
     }
 
-    /// Of a static, by its name.
+    /// The region of a static with this name.
     fn of(symbol: &str) -> Self {
         let has = |parts: &[&str]| parts.iter().any(|part| symbol.contains(part));
         if has(&[SAMPLE_STATE]) {
@@ -72,17 +72,17 @@ impl Region {
 
 /// Words of RAM and bits of registers that can flip.
 pub struct Places {
-    /// By region, the RAM's.
+    /// Words of RAM, by region.
     words: [Vec<u32>; REGIONS.len()],
-    /// Bits of the peripherals' registers that can be other than they are.
+    /// Bits of the peripherals' registers that can change.
     pub bits: Vec<(u32, u8)>,
-    /// Those of the independent watchdog.
+    /// Bits of the independent watchdog's register that can change.
     pub watchdog: Vec<(u32, u8)>,
-    /// One behind the last word of the stack.
+    /// Address after the last word of the stack.
     pub stack_end: u32,
 }
 
-/// Registers of a block: its name, its base, and offsets.
+/// A block of registers: name, base address, offsets.
 type Block = (&'static str, u32, &'static [u16]);
 
 const BLOCKS: [Block; 19] = [
@@ -122,10 +122,10 @@ const BLOCKS: [Block; 19] = [
     ("core", 0xE000_E000, &[0x10, 0x100, 0x104, 0x108, 0x200, 0x204, 0x208, 0x400, 0x424, 0x430]),
 ];
 
-/// The independent watchdog: RLR, which a key opens for stores. Not PR: of a divider that becomes smaller than what it has
-/// counted so far the emulator makes an endless wait.
+/// The independent watchdog: only RLR, which a key opens for stores. PR is left out: if the divider becomes smaller
+/// than its present count, the emulator waits without end.
 const IWDG: Block = ("IWDG", 0x4000_3000, &[0x08]);
-/// Address of its reload register RLR.
+/// Address of the watchdog's reload register RLR.
 pub(super) const WATCHDOG_RELOAD: u32 = 0x4000_3008;
 const IWDG_KEY: u32 = 0x4000_3000;
 const IWDG_OPEN: u32 = 0x5555;
@@ -137,7 +137,7 @@ const AIRCR_KEY: u32 = 0x05FA_0000;
 const NVIC_CLEARS: u32 = 0x80;
 
 impl Places {
-    /// Of a board, whose program has read these words.
+    /// The places of a board whose program has read these words.
     pub fn new(elf: &Elf, world: &mut World<'_>, read: &[u32]) -> Self {
         let region = |address: u32| {
             let holds =
@@ -176,8 +176,8 @@ impl Places {
     }
 }
 
-/// A bit of a register is the other one. Where a register has one address to set and one to clear, by these; where a key
-/// opens it, with that.
+/// Flips a bit of a register. Uses the set and clear addresses of a register that has them, and the key of a register
+/// that needs one.
 pub fn flip_register(world: &mut World<'_>, address: u32, bit: u8) {
     let mcu = &mut world.powered.mcu;
     let (was, one) = (mcu.peek(address), 1 << bit);
@@ -194,7 +194,7 @@ pub fn flip_register(world: &mut World<'_>, address: u32, bit: u8) {
     }
 }
 
-/// Where the symbol of that name begins, and its words.
+/// Address of the symbol with this name, and its words.
 pub(super) fn words_of(
     elf: &Elf,
     world: &World<'_>,
@@ -212,16 +212,16 @@ pub(super) fn word_at(world: &World<'_>, address: u32) -> u32 {
     u32::from_le_bytes(word)
 }
 
-/// A bit of RAM is the other one.
+/// Flips a bit of RAM.
 pub(super) fn flip_word(world: &mut World<'_>, address: u32, bit: u8) {
     let flipped = word_at(world, address) ^ 1 << bit;
     world.powered.mcu.write(address, &flipped.to_le_bytes());
 }
 
-/// Registers of the core: 13 general ones, stack pointer, link register, program counter, xPSR and the masks.
+/// Count of core registers: 13 general ones, stack pointer, link register, program counter, xPSR and the masks.
 pub const CORE_REGISTERS: u8 = 20;
 
-/// A bit of a core register is the other one; its name.
+/// Flips a bit of a core register. Returns the register's name.
 pub fn flip_core(world: &mut World<'_>, register: u8, bit: u8) -> String {
     let one = 1u32 << bit;
     world.powered.mcu.set_registers(|registers| match register {
@@ -248,7 +248,7 @@ pub fn flip_core(world: &mut World<'_>, register: u8, bit: u8) -> String {
     .into()
 }
 
-/// The same of S0 to S31 (0, and which), FPSCR (1) or CONTROL.
+/// As [`flip_core`], for S0 to S31 (kind 0, and the number), FPSCR (kind 1) or CONTROL.
 pub fn flip_further(world: &mut World<'_>, (kind, float): (u8, u8), bit: u8) -> String {
     let mcu = &mut world.powered.mcu;
     match kind {
@@ -267,7 +267,7 @@ pub fn flip_further(world: &mut World<'_>, (kind, float): (u8, u8), bit: u8) -> 
     }
 }
 
-/// What a register is called.
+/// Name of a register.
 pub fn register_name(address: u32) -> String {
     let is = |(_, base, offsets): &&Block| {
         offsets.iter().any(|&offset| base + u32::from(offset) == address)

@@ -1,4 +1,4 @@
-//! Single bits that flip at random: where, when, and what came of it.
+//! Random flips of single bits: place, time and result.
 
 use host_sim::error::Error;
 use virtual_board::world::World;
@@ -13,29 +13,30 @@ use super::{
 };
 use crate::random::Random;
 
-/// Samples for which a flip is watched: longer than the independent watchdog takes, and twice that where the force is
-/// not right by then.
+/// Longest time for which a flip is watched, samples. If the force is right at half of this time, the watch ends there.
+/// Half of this time is longer than the independent watchdog takes.
 pub const WATCHED: u64 = 1_200;
-/// Moments of each situation.
+/// Count of start times in each situation.
 pub const STARTS: usize = 16;
-/// A wrong force has to be off within so long, s.
+/// Longest allowed time of a wrong force, s.
 const ALLOWED_S: f64 = 3e-3;
 
-/// One in so many flips of the core is in the registers of floats, FPSCR or CONTROL, each as often; and one in so many of
-/// the peripherals in the watchdog, whose bits are about that part. All others are what they were before there were these.
+/// One flip in so many of the core is in S0 to S31, FPSCR or CONTROL, each with the same probability. One flip in so
+/// many of the peripherals is in the watchdog, which has about this share of the bits. All other flips are the
+/// same as without these two shares.
 const FURTHER: u64 = 8;
 const WATCHDOG: u64 = 64;
 
 pub struct Flip {
-    /// Of the chip's state.
+    /// Part of the chip's state with the flip.
     pub region: Region,
-    /// What and when, for people.
+    /// Place and time of the flip, for printed results.
     pub what: String,
-    /// What came of it.
+    /// Measured consequence of the flip.
     pub verdict: Verdict,
 }
 
-/// Number `number` of a seed: the regions in turn, then situations, the rest by chance.
+/// Runs flip `number` of a seed. The number selects the region and the situation in turn; the rest is random.
 pub fn flip(
     world: &mut World<'_>,
     (stages, places): (&[Stage], &Places),
@@ -51,7 +52,8 @@ pub fn flip(
     world.restore(&start.snapshot);
     let begin = world.powered.mcu.now();
     let sample = world.powered.board.cycles_per_sample();
-    // Half of them at any time, in which the core mostly sleeps; half while it works. What is in use only then flips then.
+    // Half of the flips come at any time, mostly while the core sleeps. The other half come while the core works, so
+    // that they also reach state that is in use only then.
     let working = matches!(region, Region::Core | Region::Stack) || random.below(2) == 0;
     let at = match working {
         true => *random.one(&start.code),

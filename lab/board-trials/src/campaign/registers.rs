@@ -1,4 +1,4 @@
-//! Registers that are not as the program has set them.
+//! Faults in registers: each register gets another value than the program has set.
 
 use virtual_board::{
     board::{Board, Force},
@@ -18,12 +18,12 @@ const TIM8: u32 = 0x4001_0400;
 const DMA2_STREAM1: u32 = 0x4002_6428;
 const NVIC_PRIORITIES: u32 = 0xE000_E400;
 
-/// What happens to a register.
+/// Change of a register.
 #[derive(Clone, Copy, Debug)]
 pub enum Change {
     /// These bits are flipped.
     Flip(u32),
-    /// It becomes this value.
+    /// The register gets this value.
     Be(u32),
 }
 use Change::{Be, Flip};
@@ -33,13 +33,13 @@ pub struct RegisterRow {
     /// Name, as reports print it.
     pub name: &'static str,
     pub address: u32,
-    /// What happens to it.
+    /// Change of the register.
     pub change: Change,
-    /// The program still runs and reports fault 43, `registers`.
+    /// Whether the program still runs and reports fault 43, `registers`.
     pub says: bool,
 }
 
-/// All of a board.
+/// All register faults of a board.
 pub fn register_rows(board: Board) -> Vec<RegisterRow> {
     let cycles = u32::try_from(board.cycles_per_sample()).unwrap_or_default();
     let mut rows = vec![
@@ -66,23 +66,23 @@ pub fn register_rows(board: Board) -> Vec<RegisterRow> {
         ("DMA2 stream off", DMA2_STREAM1, Flip(1), true),
         ("TIM8 without clock", RCC + 0x44, Flip(1 << 1), true),
         ("DMA2 without clock", RCC + 0x30, Flip(1 << 22), true),
-        ("TIM6 without clock", RCC + 0x40, Flip(1 << 4), false), // a halt as well
+        ("TIM6 without clock", RCC + 0x40, Flip(1 << 4), false), // the board takes it for a halt
         ("TIM5 without clock asleep", RCC + 0x60, Flip(1 << 3), true),
         ("clock divider of APB1", RCC + 0x08, Flip(1 << 10), true),
         ("clock security system", RCC, Flip(1 << 19), true),
         ("TIM1 in reset", RCC + 0x24, Flip(1), false), // MOE has gone as in a halt
         ("TIM8 in reset", RCC + 0x24, Flip(1 << 1), true),
-        ("TIM2 in reset", RCC + 0x20, Flip(1), false), // its count jumps to 0 as well
+        ("TIM2 in reset", RCC + 0x20, Flip(1), false), // its count jumps to 0 too
         ("TIM5 in reset", RCC + 0x20, Flip(1 << 3), false),
-        ("TIM6 in reset", RCC + 0x20, Flip(1 << 4), false), // a halt as well
+        ("TIM6 in reset", RCC + 0x20, Flip(1 << 4), false), // the board takes it for a halt
         ("DMA2 in reset", RCC + 0x10, Flip(1 << 22), true),
         ("converters in reset", RCC + 0x24, Flip(1 << 8), true),
-        ("port A in reset", RCC + 0x10, Flip(1), false), // the encoder's pins as well
+        ("port A in reset", RCC + 0x10, Flip(1), false), // the encoder's pins change too
         ("encoder's pin", GPIOA, Flip(1 << 2), true),
         ("voltage detector", 0x4000_7000, Flip(1 << 4), true),
         ("`sample` at the lowest priority", NVIC_PRIORITIES + 48, Flip(0x00E0_0000), true),
         ("`render` above `sample`", NVIC_PRIORITIES + 48, Flip(0x2000_0000), true),
-        // SysTick with it: as the register is after reset.
+        // SysTick changes too: this is the register's value after reset.
         ("PendSV at the highest priority", 0xE000_ED20, Be(0), true),
         ("stack guard's region", 0xE000_EDA0, Flip(1), true),
         ("priority groups", 0xE000_ED0C, Be(0x05FA_0500), true),

@@ -61,10 +61,11 @@ pub struct Campaign {
     pub json: bool,
 }
 
-/// Most of the flips that may be wrong and unnoticed, and off late.
+/// Largest allowed share of flips whose wrong force stays on, and of flips that are off late.
 const UNNOTICED_MOST: f64 = 1e-3;
 const LATE_MOST: f64 = 5e-3;
-/// From so many flips on the share itself is held against that; with fewer the lower end of its interval.
+/// From this count of flips on, the share itself must be below the limit. With fewer flips, the lower end of its
+/// interval must be.
 const MANY: u64 = 10_000;
 
 #[derive(Serialize)]
@@ -86,9 +87,9 @@ struct RowJson {
     situation: Situation,
     #[serde(flatten)]
     verdict: Verdict,
-    /// At random, and where; null for a named one.
+    /// Place of a random flip; null for a named fault.
     region: Option<Region>,
-    /// Why a named one is never found there.
+    /// Reason why a named fault is never found in this situation.
     reason: Option<&'static str>,
 }
 
@@ -106,7 +107,7 @@ struct ClassJson {
 #[derive(Serialize)]
 struct RegionJson {
     board: &'static str,
-    /// Null: all of them.
+    /// Null: all regions.
     region: Option<Region>,
     flips: u64,
     counts: Tally<Class>,
@@ -115,15 +116,15 @@ struct RegionJson {
     unnoticed: [f64; 3],
 }
 
-/// Flips in the program in flash.
+/// Results of flips in one part of the program in flash.
 #[derive(Serialize)]
 struct PartJson {
     board: &'static str,
-    /// Null: all of them.
+    /// Null: all parts.
     part: Option<Part>,
     flips: u64,
     ends: Tally<End>,
-    /// The share with a wrong force until the check came by, with its 95 % interval.
+    /// Share of flips with a wrong force until the check found the flip, with its 95 % interval.
     wrong: [f64; 3],
     /// The longest time of a wrong force, s.
     wrong_s: f64,
@@ -133,7 +134,7 @@ struct PartJson {
     off_s: f64,
 }
 
-/// One of them.
+/// One flip in the program in flash.
 #[derive(Serialize)]
 struct ImageFlipJson {
     board: &'static str,
@@ -145,7 +146,7 @@ struct ImageFlipJson {
     speed_m_per_s: f64,
 }
 
-/// How many of each.
+/// Count of each result.
 #[derive(Serialize)]
 struct Tally<K: Ord>(BTreeMap<K, u64>);
 
@@ -169,10 +170,10 @@ impl<K: Ord> Tally<K> {
     }
 }
 
-/// Runs it.
+/// Runs the campaign.
 ///
 /// # Errors
-/// Bad input, a fault that is late or unnoticed where it must not be, or lets the handle gain speed, or Ctrl-C.
+/// Bad input, Ctrl-C, or a fault that breaks its limits: it is late, unnoticed, or lets the handle gain speed.
 pub fn execute(options: &Campaign) -> Result<(), Error> {
     let begun = Instant::now();
     let boards = match &options.board {
@@ -218,7 +219,7 @@ pub fn execute(options: &Campaign) -> Result<(), Error> {
     if wrong.is_empty() { Ok(()) } else { Err(Error::Internal(wrong.join("; "))) }
 }
 
-/// What each adds returns what must not be among it.
+/// Each `add` function returns a description of the results that break a limit.
 impl Json {
     fn add_rows(
         &mut self,
@@ -272,7 +273,7 @@ impl Json {
         wrong
     }
 
-    /// Flips in the program in flash.
+    /// Adds the flips in the program in flash.
     fn add_image(
         &mut self,
         Board { name: board, .. }: Board,
@@ -311,7 +312,7 @@ impl Json {
     }
 }
 
-/// The board's own device, or the same with an amplifier that says its current.
+/// The scene of the board's own device, with the amplifier's current signal if the option asks for it.
 fn scene(board: Board, options: &Campaign) -> Result<NamedScene, Error> {
     let mut named = NamedScene::load(board.name)?;
     if options.current_sense {
@@ -324,7 +325,7 @@ fn scene(board: Board, options: &Campaign) -> Result<NamedScene, Error> {
     Ok(named)
 }
 
-/// The rows of that list.
+/// The rows that the option selects.
 fn chosen(board: Board, options: &Campaign) -> Result<Vec<Row>, Error> {
     let all = rows(board, options.current_sense);
     let asked: Vec<String> = options.rows.iter().map(|name| slug(name)).collect();
@@ -391,7 +392,7 @@ fn percent(share: f64) -> String {
     format!("{:.3} %", share * 100.0)
 }
 
-/// A share and its interval.
+/// Text of a share and its interval.
 fn interval(of: [f64; 3]) -> String {
     let [share, low, high] = of.map(percent);
     format!("{share} ({low} to {high})")
@@ -482,7 +483,7 @@ mod tests {
         }
     }
 
-    /// Wilson's interval of 0 of 10,000 is z^2 / (n + z^2); of one half it is even about it.
+    /// For 0 of 10,000, Wilson's interval ends at z^2 / (n + z^2). For one half, the interval is symmetric.
     #[test]
     fn a_share_has_its_interval() {
         let [share_0, low, high] = share(0, 10_000);

@@ -1,34 +1,34 @@
-//! A named fault, and how long it may take.
+//! A named fault and its time limit.
 
 use virtual_board::{elf::Elf, session::Failed, world::World};
 
 use super::situation::Situation;
 
-/// Whatever need not wait for the plant is off within so long, s; the world's grid is a sample.
+/// Time limit of a fault that does not depend on the plant's motion, s. It includes a sample of the simulation's grid.
 pub const SOON_S: f64 = 3e-3;
 pub(super) const GRID_S: f64 = 1e-4;
 
 type Begin = dyn Fn(&Elf, &mut World<'_>) -> Result<u64, Failed> + Send + Sync;
-/// How many cases were tried, or what was wrong with one of them.
+/// Returns the count of tried cases, or the error of one case.
 type Keeps = fn(&mut World<'_>) -> Result<usize, Failed>;
 
 /// A fault with its name and limits.
 pub struct Row {
     /// Name in reports, unique among the rows.
     pub name: String,
-    /// Brings it about; the cycle at which it began.
+    /// Causes the fault. Returns the cycle at which it began.
     pub begin: Box<Begin>,
     /// Longest time to off, s.
     pub limit_s: f64,
-    /// Why it is never found, free and in contact.
+    /// Reasons why the fault is never found: in free motion, and in contact.
     pub never: [Option<&'static str>; 2],
-    /// The force is off before.
+    /// Whether the force is off before the fault.
     pub from_off: bool,
     /// The fault is injected in free motion only, since its target does not exist in contact.
     pub only_free: bool,
     /// The fault is not injected at the full force.
     pub not_full: bool,
-    /// In place of `begin`: damages what is kept, over and over, from off.
+    /// Test that replaces `begin`: it damages kept data many times, with the force off.
     pub keeps: Option<Keeps>,
 }
 
@@ -51,7 +51,7 @@ impl Row {
         }
     }
 
-    /// The same of what takes no time.
+    /// A row whose fault begins at once.
     pub fn at_once(
         name: impl Into<String>,
         limit_s: f64,
@@ -64,7 +64,7 @@ impl Row {
         Self::of(name, limit_s, begin)
     }
 
-    /// One from off: force stays off, and what was kept is what was saved, or nothing.
+    /// A row that starts with the force off. The force must stay off, and kept data must be what was saved, or nothing.
     pub fn keeping(name: &str, keeps: Keeps) -> Self {
         Self { from_off: true, keeps: Some(keeps), ..Self::at_once(name, SOON_S, |_, _| Ok(())) }
     }
@@ -79,24 +79,24 @@ impl Row {
         Self { not_full: true, ..self }
     }
 
-    /// In free motion it cannot be found, because of that.
+    /// Gives the reason why the fault cannot be found in free motion.
     pub fn never_free(mut self, why: &'static str) -> Self {
         self.never[0] = Some(why);
         self
     }
 
-    /// The same in contact.
+    /// Gives the reason why the fault cannot be found in contact.
     pub fn never_in_contact(mut self, why: &'static str) -> Self {
         self.never[1] = Some(why);
         self
     }
 
-    /// Why it cannot be found there.
+    /// Reason why the fault cannot be found in this situation.
     pub fn reason(&self, situation: Situation) -> Option<&'static str> {
         self.never[usize::from(!situation.is_free())]
     }
 
-    /// Whether the row is run in this situation; at the full force only rows that have to be off soon.
+    /// Whether the row is run in this situation. At the full force, only rows with the limit [`SOON_S`] are run.
     pub fn is_in(&self, situation: Situation) -> bool {
         let soon = self.limit_s <= SOON_S + GRID_S && self.never[0].is_none();
         match situation {
@@ -106,13 +106,13 @@ impl Row {
         }
     }
 
-    /// What to type for it: words with a dash between.
+    /// Name of the row on the command line: words with a dash between.
     pub fn slug(&self) -> String {
         slug(&self.name)
     }
 }
 
-/// Letters and digits, a dash for all else.
+/// Keeps letters and digits, and replaces everything else by a dash.
 pub fn slug(name: &str) -> String {
     let lower = name.to_lowercase();
     let words = lower.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());

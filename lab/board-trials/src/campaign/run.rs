@@ -1,4 +1,4 @@
-//! Faults on several threads: the results do not depend on how many.
+//! Runs faults on several threads. The results do not depend on the count of threads.
 
 use host_sim::{error::Error, output::terminal::note};
 use virtual_board::{
@@ -16,13 +16,13 @@ use super::{
 };
 use crate::threads::on_threads;
 
-/// Samples for which a row is watched at least, and those of the longest.
+/// Shortest and longest time for which a row is watched, samples.
 const LEAST: u64 = 1_200;
 const LONGEST: u64 = 13_500;
-/// The start that rows begin at.
+/// Number of the start time of all rows.
 const ROW_START: usize = 3;
 
-/// A board made ready for faults.
+/// A board that is ready for faults.
 pub struct Ground<'a> {
     session: &'a Session,
     stages: [Stage; SITUATIONS.len()],
@@ -31,7 +31,7 @@ pub struct Ground<'a> {
 }
 
 impl<'a> Ground<'a> {
-    /// For these rows, and for flips.
+    /// Prepares a board for these rows and for flips.
     ///
     /// # Errors
     /// The board cannot be armed.
@@ -65,10 +65,10 @@ impl<'a> Ground<'a> {
         Ok(Self { session, stages, places, full_m_per_s2 })
     }
 
-    /// What came of each row in each situation.
+    /// Results of each row in each situation.
     ///
     /// # Errors
-    /// A fault cannot be brought about, or Ctrl-C.
+    /// A fault cannot be caused, or Ctrl-C.
     pub fn rows(
         &self,
         rows: &[Row],
@@ -141,10 +141,10 @@ impl<'a> Ground<'a> {
         Ok(measure.verdict(world))
     }
 
-    /// The same of flips in the program in flash, in contact.
+    /// Results of flips in the program in flash, in contact.
     ///
     /// # Errors
-    /// The image has no seal, or Ctrl-C.
+    /// The image has no checksum, or Ctrl-C.
     pub fn image_flips(
         &self,
         numbered: (u64, u64),
@@ -158,7 +158,7 @@ impl<'a> Ground<'a> {
         })
     }
 
-    /// What came of so many flips of a seed, from number `first` on.
+    /// Results of `count` flips of a seed, from number `first` on.
     ///
     /// # Errors
     /// Ctrl-C.
@@ -187,7 +187,7 @@ impl<'a> Ground<'a> {
     }
 }
 
-/// For which a row is watched.
+/// Samples for which a row is watched.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some thousand")]
 fn samples(row: &Row) -> u64 {
     ((row.limit_s * 1e4) as u64 + 200).clamp(LEAST, LONGEST)

@@ -1,25 +1,25 @@
-//! Where the handle is when a fault comes, and what the force is from then on if none does.
+//! Situations of the handle when a fault comes, and the force in each situation without a fault.
 
 use virtual_board::{
     session::{Failed, Session, ask, ask_each},
     world::{Seen, Snapshot, World},
 };
 
-/// Where the handle is.
+/// Situation of the handle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Situation {
-    /// On its way to a wall that is far, pushed by the motor with 48 % of full scale. Nobody holds it.
+    /// The motor pushes the handle to a distant wall with 48 % of full scale. No hand holds the handle.
     Free,
-    /// A hand swings it inside a wall, whatever the force: 0.1 to 0.5 mm deep, at 20 Hz. So the force that should be
-    /// there is known, and a force that stays is wrong soon.
+    /// A hand swings the handle inside a wall, 0.1 to 0.5 mm deep, at 20 Hz, whatever the force is. So the right force
+    /// is known, and a force that does not change soon becomes wrong.
     Contact,
-    /// As free, with all of the motor's force: it is at the wall 0.14 s later, and fast. So faults that have to be off
-    /// soon are looked at, and shortly.
+    /// As `Free`, with the full force of the motor. The handle reaches the wall 0.14 s later at high speed. So only
+    /// faults that have to be off soon are injected, and they are watched for a short time.
     Full,
 }
 
-/// All of them, in the order of their numbers.
+/// All situations, in the order of their numbers.
 pub const SITUATIONS: [Situation; 3] = [Situation::Free, Situation::Contact, Situation::Full];
 
 impl Situation {
@@ -31,36 +31,36 @@ impl Situation {
         }
     }
 
-    /// Nobody holds the handle.
+    /// Whether no hand holds the handle.
     pub const fn is_free(self) -> bool {
         !matches!(self, Self::Contact)
     }
 
-    /// Push of the hit, N; in digits that can be typed.
+    /// Push of the hit, N; rounded to digits that can be typed.
     pub fn push_n(self, full_scale_n: f64) -> f64 {
         if self == Self::Full { (full_scale_n * 1e6).round() / 1e6 } else { PUSH_N }
     }
 }
 
-/// Swings of the hand: depth, m, about a mean, and how often, Hz.
+/// Amplitude of the swing, m, about a mean depth, and its frequency, Hz.
 const DEPTH_M: f64 = 0.3e-3;
 const SWING_M: f64 = 0.2e-3;
 const SWING_HZ: f64 = 20.0;
 /// Push of the hit in free motion, N.
 const PUSH_N: f64 = 2.835;
-/// Samples for which a fault is watched with the whole force.
+/// Samples for which a fault is watched at the full force.
 pub const FULL_SAMPLES: u64 = 250;
 /// Samples that `arm` takes.
 const ARM_SAMPLES: u64 = 4_000;
 
-/// A board that goes on being looked at when its core locks up.
+/// Switches on a board that continues to run when its core locks up.
 pub(super) fn boot(session: &Session) -> Result<World<'_>, Failed> {
     let mut world = session.boot()?;
     world.powered.mcu.outlive_lock_up();
     Ok(world)
 }
 
-/// A board with its force on.
+/// A board with its force on in this situation.
 pub fn ready(session: &Session, situation: Situation) -> Result<World<'_>, Failed> {
     let mut world = boot(session)?;
     let zero_m = world.position_m();
@@ -94,41 +94,42 @@ pub fn ready(session: &Session, situation: Situation) -> Result<World<'_>, Faile
     }
 }
 
-/// What the host has read so far.
+/// Drops what the host has read so far.
 fn forget(world: &mut World<'_>) {
     world.telemetry.clear();
     world.lines.clear();
     world.replies.clear();
 }
 
-/// A moment at which a fault can come.
+/// A time at which a fault can come.
 pub struct Start {
-    /// State of the board at that moment.
+    /// State of the board at this time.
     pub snapshot: Snapshot,
-    /// Samples of the reference before it.
+    /// Count of the reference's samples before this time.
     pub index: usize,
-    /// Cycles of the output period after it at which an instruction begins.
+    /// Cycles within the next output period at which an instruction begins.
     pub code: Vec<u64>,
 }
 
-/// A situation without a fault.
+/// A run of a situation without a fault.
 pub struct Stage {
-    /// Moments, spread over some output periods.
+    /// Times for faults, spread over some output periods.
     pub starts: Vec<Start>,
-    /// What the motor does from the first of them on.
+    /// The motor's force from the first start on.
     pub seen: Vec<Seen>,
-    /// RAM that the program reads meanwhile.
+    /// Words of RAM that the program reads during the run.
     pub read: Vec<u32>,
 }
 
-/// Samples from one start to the next: the second clock's comparison of 64 outputs is spread over.
+/// Samples from one start to the next. The starts are spread over the second clock's comparison, which takes 64
+/// outputs.
 const BETWEEN: u64 = 41;
 
 impl Stage {
-    /// With so many starts, followed by so many samples.
+    /// Runs a situation with `starts` starts, and `samples` samples after the last one.
     ///
     /// # Errors
-    /// The board does not come so far.
+    /// The board does not reach this situation.
     pub fn new(
         session: &Session,
         situation: Situation,
@@ -161,7 +162,7 @@ impl Stage {
     }
 }
 
-/// Cycles at which an instruction begins, for one output period.
+/// Cycles of one output period at which an instruction begins.
 fn code(world: &mut World<'_>) -> Result<Vec<u64>, Failed> {
     let mut cycles = Vec::new();
     let end = world.powered.mcu.now() + 10 * world.powered.board.cycles_per_sample();

@@ -1,4 +1,4 @@
-//! What came of a fault.
+//! Measures the result of a fault.
 
 use serde::Serialize;
 use virtual_board::world::{Seen, World};
@@ -9,17 +9,17 @@ use zwidth::{
 
 use super::{kept::BACKUP, row::SOON_S};
 
-/// How a fault ended.
+/// Class of a fault's result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Class {
-    /// The force was what it should be, all the time.
+    /// The force was right all the time.
     NoEffect,
-    /// It was not, by 5 % of full scale at most, or for 2 ms at most.
+    /// The force was wrong by 5 % of full scale at most, or for 2 ms at most.
     Bounded,
-    /// Off within the time that is allowed.
+    /// The force was off within the allowed time.
     OffInTime,
-    /// Off, but later than that.
+    /// The force was off, but later than allowed.
     OffLate,
     /// A wrong force stayed on.
     Unnoticed,
@@ -40,23 +40,24 @@ impl Class {
     }
 }
 
-/// What came of one fault; JSON has the columns of a row.
+/// Result of one fault. JSON has these fields in each row.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Verdict {
     pub class: Class,
     /// From the fault to enable inactive, s.
     pub off_s: Option<f64>,
-    /// For which the force was wrong or old until then, s.
+    /// Time for which the force was wrong or old until it was off, s.
     #[serde(skip)]
     pub wrong_s: f64,
-    /// What the handle gets until then, m/s: in free motion more than its speed at the fault, while no hand holds it; in
-    /// contact that of a handle that is let go at the fault, by the force that should not be there, over 5 mm at most.
+    /// Speed that the handle gains until the force is off, m/s. In free motion: the increase since the fault while no
+    /// hand holds the handle. In contact: the speed of a handle that is released at the fault and driven by the wrong
+    /// part of the force, over 5 mm at most.
     pub speed_m_per_s: f64,
-    /// Travel of the handle until then, m.
+    /// Travel of the handle until the force is off, m.
     pub travel_m: f64,
-    /// Code of the fault that the board tells.
+    /// Code of the fault that the board reports.
     pub code: Option<u8>,
-    /// Force is on, and a fault is latched; or it came back by itself.
+    /// Whether the force was on with a latched fault, or came back by itself.
     #[serde(skip)]
     pub on_in_fault: bool,
 }
@@ -74,7 +75,7 @@ impl Verdict {
         }
     }
 
-    /// Why it must not be, if it must not; `reason`: why it cannot be found.
+    /// Reason why this result is a failure; none if it is not. `reason`: why the fault cannot be found.
     pub fn wrong(&self, reason: Option<&str>) -> Option<String> {
         let fast = self.off_s.is_some_and(|off_s| off_s <= SOON_S);
         if matches!(self.class, Class::OffLate | Class::Unnoticed) && reason.is_none() {
@@ -89,53 +90,53 @@ impl Verdict {
     }
 }
 
-/// How a fault is watched, what counts as time, and for which handle.
+/// Settings of a measurement: how a fault is watched, the time limit, and the handle.
 #[derive(Clone, Copy)]
 pub struct Measure<'a> {
     /// Cycle of the fault.
     pub begun: u64,
-    /// Samples for which it is watched if it is not off before.
+    /// Samples for which the fault is watched if the force stays on.
     pub samples: u64,
-    /// Half of them do where the force is right then.
+    /// Whether half of the samples are enough if the force is right by then.
     pub half_if_right: bool,
-    /// What the motor does without the fault.
+    /// The motor's force without the fault.
     pub reference: &'a [Seen],
-    /// The program may have become another, unable to say its code: what is in the backup RAM is told.
+    /// Whether the fault code is read from the backup RAM, since the damaged program may not report it.
     pub from_memory: bool,
-    /// s until it has to be off: since the fault if it is known when the force began to be wrong (a row), else since
-    /// the force is wrong or old.
+    /// Time limit until off, s. For a row it counts from the fault, since the force is wrong from then on. For a flip
+    /// it counts from the time at which the force becomes wrong or old.
     pub allowed_s: f64,
-    /// All force since the fault counts as wrong, even where it is still right.
+    /// Whether all force since the fault counts as wrong, even while it is still right.
     pub from_fault: bool,
-    /// Nobody holds the handle.
+    /// Whether no hand holds the handle.
     pub free: bool,
-    /// Full scale over the handle's mass, m/s^2.
+    /// Full-scale force divided by the handle's mass, m/s^2.
     pub full_m_per_s2: f64,
 }
 
-/// Largest difference of the force that counts as none, because of the sample grid; part of full scale.
+/// Largest difference of the force that counts as zero, because of the sample grid; fraction of full scale.
 const SAME: f64 = 0.01;
-/// Largest difference of the force that counts as small, part of full scale.
+/// Largest difference of the force that counts as small, fraction of full scale.
 const SMALL: f64 = 0.05;
-/// Longest time with a larger difference that still counts as bounded, s.
+/// Longest time of a larger difference that still counts as bounded, s.
 pub(super) const SHORT_S: f64 = 2e-3;
-/// A force is old after so many samples: an output period, a sample, and the time of `render`.
+/// Age at which a force is old, samples: an output period, a sample, and the time of `render`.
 const OLD: u64 = 12;
-/// A handle that is let go is looked at for so far, m.
+/// Distance over which a released handle is followed, m.
 const LET_GO_M: f64 = 5e-3;
 /// Time of one sample, s.
 const SAMPLE_S: f64 = 1e-4;
 
-/// Most that the handle may gain, over its speed at the fault, if it is off within [`SOON_S`], m/s.
+/// Largest allowed gain of speed since the fault, if the force is off within [`SOON_S`], m/s.
 const GAIN_MOST_M_PER_S: f64 = 0.1;
 
 /// Samples watched after off: at least, and at most while the board has not reported its fault.
 const AFTER: u64 = 60;
 const TOLD: u64 = 2_000;
-/// Those after off of a program that has become another: an output, and the output watchdog.
+/// Samples watched after off if the program was damaged: an output, and the output watchdog.
 const AFTER_FROM_MEMORY: u64 = 30;
 
-/// Whether the force of the last 10 ms equals `right`.
+/// Whether the force in the last 10 ms equals `right`.
 fn is_right(world: &World<'_>, right: &[Seen]) -> bool {
     let seen = world.seen.as_deref().unwrap_or_default();
     let last = seen.iter().zip(right).skip(seen.len().saturating_sub(100));
@@ -143,7 +144,7 @@ fn is_right(world: &World<'_>, right: &[Seen]) -> bool {
         && last.into_iter().all(|(now, right)| (now.force - right.force).abs() <= SAME)
 }
 
-/// Fault code in the backup RAM; `None` for a reset while armed, which any reset would leave there.
+/// Fault code in the backup RAM. `None` for the code of a reset while armed, since any reset would leave it there.
 fn kept_code(world: &mut World<'_>) -> Option<u8> {
     let words = std::array::from_fn(|n| {
         world.powered.mcu.peek(BACKUP + 4 * u32::try_from(n).unwrap_or_default())
@@ -152,7 +153,7 @@ fn kept_code(world: &mut World<'_>) -> Option<u8> {
     (record.fault != Fault::ResetWhileArmed).then(|| record.fault.code())
 }
 
-/// A fault being watched.
+/// State of a fault that is watched.
 #[derive(Default)]
 struct Watched {
     off_at: Option<u64>,
@@ -163,7 +164,8 @@ struct Watched {
 }
 
 impl Measure<'_> {
-    /// Runs on until it is off and has said why, or as long as it is watched; what came of it.
+    /// Runs until the force is off and the board has reported the fault, or until the watched time ends. Returns the
+    /// result.
     pub fn verdict(&self, world: &mut World<'_>) -> Verdict {
         let watched = self.watch(world);
         let seen = world.seen.take().unwrap_or_default();
@@ -175,7 +177,7 @@ impl Measure<'_> {
         let mut watched = Watched::default();
         let mut after = 0;
         for n in 1..=samples + TOLD {
-            // A log that makes no sense, or a core that stands: what counts is the force.
+            // An unreadable log or a halted core does not end the measurement: only the force counts.
             let _ = world.sample();
             if n % 50 == 0 {
                 watched.listen(world, from_memory);
@@ -196,7 +198,7 @@ impl Measure<'_> {
                 None => {}
                 Some(_) if enabled => {
                     watched.listen(world, from_memory);
-                    // Without a fault it is an output that was left out: the force may go on.
+                    // Without a fault code, an output was left out. The force may come back.
                     if watched.code.is_none() {
                         (watched.off_at, after) = (None, 0);
                     } else {
@@ -217,7 +219,7 @@ impl Measure<'_> {
         watched
     }
 
-    /// What came of it: the force that was seen, beside the one without the fault.
+    /// Compares the force with the reference and returns the result.
     fn judge(&self, watched: &Watched, seen: &[Seen], cycles_per_sample: u64) -> Verdict {
         let hz = cycles_per_sample as f64 / SAMPLE_S;
         let (mut larger, mut other, mut stale) = (0u32, false, 0u32);
@@ -300,7 +302,7 @@ impl Watched {
 mod tests {
     use super::*;
 
-    /// 3 ms and 0.1 m/s: either of them more is another matter.
+    /// A fault that is off within 3 ms must not let the handle gain more than 0.1 m/s. A slower fault may.
     #[test]
     fn what_is_off_soon_must_not_have_gained_speed() {
         let off = |off_s, speed_m_per_s| Verdict {

@@ -1,39 +1,39 @@
-//! What a session does to a board, and its form in a script: one action a line.
+//! An action of a session on a board, and its form in a script: one action per line.
 
 use std::{fmt, str::FromStr};
 
 use serde::{Serialize, Serializer};
 
-/// One thing that happens to a board.
+/// An action on a board.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
-    /// Lines typed, all at once, and their answers awaited.
+    /// Type these lines all at once, and wait for the replies.
     Say(String),
-    /// Lines typed; what comes next comes before their answers.
+    /// Type these lines. The next action comes before the replies.
     Type(String),
-    /// So many samples pass.
+    /// Wait this count of samples.
     Wait(u64),
-    /// Cycles pass: what comes next happens within a sample.
+    /// Wait this count of cycles, so that the next action happens within a sample.
     Cycles(u64),
-    /// The hand leads the handle at this speed, m/s, for so many samples, and holds it.
+    /// Move the handle by hand at this speed, m/s, for this count of samples; then hold it.
     Lead(f64, u64),
-    /// The hand holds the handle where it is.
+    /// Hold the handle at its present position.
     Hold,
-    /// The hand lets go.
+    /// Release the handle.
     Free,
-    /// The handle is farther by so many metres at once, and held.
+    /// Move the handle by this distance at once, m, and hold it.
     Jump(f64),
-    /// The emergency stop opens, or closes.
+    /// Open the emergency stop, or close it.
     Stop(bool),
-    /// Voltage of the supply, mV.
+    /// Set the supply, mV.
     Supply(u32),
-    /// The reset pin is pulled.
+    /// Reset the board by its reset pin.
     Reset,
-    /// The supply goes and comes back.
+    /// Switch the supply off and on.
     Power,
 }
 
-/// As a line of a script.
+/// Writes the action as a line of a script.
 impl Serialize for Action {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
@@ -60,11 +60,11 @@ impl fmt::Display for Action {
     }
 }
 
-/// What the lines of a script may be.
+/// Allowed forms of a script's lines.
 pub const FORMS: &str = "> LINE, ~ LINE, wait SAMPLES, cycles CYCLES, lead M_PER_S SAMPLES, hold, free, jump METRES, \
                          emergency open|closed, supply MILLIVOLTS, reset, power";
 
-/// Longest that one action may take, samples: ten minutes.
+/// Longest duration of one action, samples: ten minutes.
 const LONGEST: u64 = 6_000_000;
 
 impl FromStr for Action {

@@ -1,4 +1,4 @@
-//! Many sessions, one after another on each core, and what they showed.
+//! Runs many sessions, one after another on each core, and collects their results.
 
 use std::{
     path::Path,
@@ -20,39 +20,39 @@ use super::{
 };
 use crate::{random::Random, threads::on_threads};
 
-/// Commands of one session, about.
+/// Approximate count of commands in a session.
 const SESSION: u64 = 150;
 
-/// A session that went otherwise than the library.
+/// A session in which the board and the library differed.
 #[derive(Clone, Debug, Serialize)]
 pub struct Failure {
     pub what: String,
     /// Number of the session.
     pub session: u64,
-    /// Commands that all sessions together had come to when it was found.
+    /// Count of commands of all sessions when the failure was found.
     pub after_commands: u64,
-    /// After how long it was found, s.
+    /// Time until the failure was found, s.
     pub after_s: f64,
-    /// The shortest session found that shows it.
+    /// The shortest session found with the same failure.
     #[serde(rename = "script")]
     pub actions: Vec<Action>,
 }
 
-/// All sessions of a campaign.
+/// Results of all sessions of a campaign.
 #[derive(Clone, Debug, Default)]
 pub struct Outcome {
-    /// What was done and seen.
+    /// Counts of actions and observations.
     pub counts: Counts,
     pub sessions: u64,
-    /// The first that failed.
+    /// The first failure.
     pub failure: Option<Failure>,
-    /// Ctrl-C has ended it.
+    /// Whether Ctrl-C has ended the campaign.
     pub interrupted: bool,
-    /// Time that it took, s.
+    /// Duration, s.
     pub wall_s: f64,
 }
 
-/// `commands` commands or a few more, in sessions that follow from `seed`, until one fails.
+/// Runs about `commands` commands, in sessions that follow from `seed`, until a session fails.
 ///
 /// # Errors
 /// The board does not start.
@@ -100,7 +100,7 @@ pub fn sessions(
     Ok(all)
 }
 
-/// One session of some commands: what was done, and how it ended.
+/// Runs one session of some commands. Returns its actions and its end.
 fn one(
     run: &mut Run<'_>,
     session: &Session,
@@ -108,7 +108,7 @@ fn one(
     commands: u64,
 ) -> (Vec<Action>, Result<(), End>) {
     let (device, good_mv) = (device::built_in(session.board), session.board.supply_mv);
-    // Each at a period of its own to begin with.
+    // Each session begins with an output period of its own.
     let mut actions = vec![Action::Say(format!("period {}", random.of(&PERIODS)))];
     if let Err(end) = run.act(&actions[0]) {
         return (actions, Err(end));
@@ -134,7 +134,7 @@ fn boot(session: &Session) -> Result<Run<'_>, Error> {
     })
 }
 
-/// A session that was written down.
+/// Runs a session from a script.
 ///
 /// # Errors
 /// The board does not start, or Ctrl-C.
@@ -157,10 +157,10 @@ pub fn replay(session: &Session, actions: &[Action]) -> Result<Outcome, Error> {
     Ok(Outcome { counts: run.checks.counts, sessions: 1, failure, interrupted: false, wall_s })
 }
 
-/// Reads a script: one action a line; what begins with `#` is for people.
+/// Reads a script: one action per line. Lines with `#` are comments.
 ///
 /// # Errors
-/// It cannot be read, or a line is no action.
+/// The file cannot be read, or a line is not an action.
 pub fn script(path: &Path) -> Result<Vec<Action>, Error> {
     let text = input::read(path, input::SCENE)?;
     let text = String::from_utf8(text)

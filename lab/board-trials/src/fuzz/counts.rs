@@ -1,19 +1,19 @@
-//! What sessions come to.
+//! Counts of a session.
 
 use std::ops::AddAssign;
 
 use serde::Serialize;
 
-/// What a session has shown so far; JSON has what people are told.
+/// Counts of a session so far. JSON has the fields that are printed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
     /// Lines that were typed.
     pub commands: u64,
-    /// Lines of the board that were the library's.
+    /// Lines of the board that equal the library's.
     pub replies: u64,
-    /// Frames that were the library's.
+    /// Frames that equal the library's.
     pub frames: u64,
-    /// Samples at which code and enable were the library's.
+    /// Samples at which code and enable equal the library's.
     pub outputs: u64,
     pub faults: u64,
     /// Resets and power cycles.

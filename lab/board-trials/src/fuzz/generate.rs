@@ -1,4 +1,4 @@
-//! Sessions at random: what a person, a hand and the world may do next, mostly such that something happens.
+//! Generates random sessions: actions of a person, a hand and the surroundings. Most of them have an effect.
 
 use zwidth::{
     console::usages,
@@ -12,7 +12,7 @@ use zwidth::{
 use super::{action::Action, oracle::is_in_image, run::Checks};
 use crate::random::Random;
 
-/// Numbers that are no wall's.
+/// Numbers that do not suit a wall.
 const ODD: [&str; 16] = [
     "0",
     "-0",
@@ -34,7 +34,7 @@ const ODD: [&str; 16] = [
 const PIECES: [&str; 10] =
     ["#", "k", "\t", "\u{1b}[A", "é", "9e", "--", "hit;", "stop now", "\u{7f}"];
 
-/// A board as a person sees it who decides what to do next.
+/// State of the board that decides the next actions.
 pub struct Situation<'a> {
     device: &'static Device<'static>,
     stored: &'a Stored,
@@ -44,7 +44,7 @@ pub struct Situation<'a> {
 }
 
 impl<'a> Situation<'a> {
-    /// What is known of a board that has begun.
+    /// The state of a board that has started.
     pub fn of(checks: &'a Checks, device: &'static Device<'static>, good_mv: u32) -> Option<Self> {
         let program = checks.oracle.program()?;
         let (stored, newest) = (program.stored(), program.newest.as_ref()?);
@@ -59,7 +59,7 @@ impl<'a> Situation<'a> {
         self.stored.settings.wall.position_m
     }
 
-    /// Cutoff, K and B of a wall at the border of the envelope.
+    /// Cutoff, K and B of a wall at the limit of the envelope.
     fn border(&self, pick: u64) -> Option<[f64; 3]> {
         let count = self.border_points().count() as u64;
         let pick = pick.checked_rem(count).unwrap_or_default();
@@ -133,7 +133,7 @@ fn armed(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     }
 }
 
-/// A hit to its end, with a wall ahead.
+/// A hit to its end, with a wall in front of the handle.
 fn hit(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     let wall_m = seen.position_m() + random.between(0.001, 0.006);
     let any_n = random.between(-3.0, 6.2);
@@ -153,7 +153,7 @@ fn several(random: &mut Random, seen: &Situation<'_>, most: u64) -> String {
     lines.join("\n")
 }
 
-/// Many lines without a pause, off or armed; with the force off often at another output period before.
+/// Many lines without a pause, off or armed. With the force off, the output period is often changed before.
 fn burst(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     let mut actions = Vec::new();
     if random.once_in(2) {
@@ -169,13 +169,13 @@ fn burst(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
         _ => useful(random, seen),
     };
     let lines: Vec<String> = (0..20 + random.below(60)).map(|_| line(random)).collect();
-    // Flash that is written has its own time.
+    // A line with `save` is left out, since writing flash takes its own time.
     let lines: Vec<String> = lines.into_iter().filter(|line| !line.contains("save")).collect();
     actions.push(Action::Say(lines.join("\n")));
     actions
 }
 
-/// The hand leads the handle towards the wall, or anywhere.
+/// A hand moves the handle towards the wall, or anywhere.
 fn lead(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     let target_m = match random.below(4) {
         0 => random.between(-0.03, 0.09),
@@ -198,7 +198,7 @@ fn off(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
             say(random.of(&signs))
         }
         4 => vec![Action::Say(format!("period {}", random.of(&PERIODS)))],
-        // with both of them round the board arms and pushes the other way
+        // if both signs are reversed, the board arms and pushes in the opposite direction
         _ if stored.signs.motor_reversed != stored.signs.encoder_reversed => {
             say(random.of(&["motor +", "motor -", "encoder +", "encoder -"]))
         }
@@ -238,7 +238,7 @@ fn faulted(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     }
 }
 
-/// The world: switches, supply, resets, the hand, at any cycle, with or without a command under way.
+/// Actions of the surroundings: switches, supply, resets and the hand, at any cycle, also during a command.
 fn world(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     let mut actions = Vec::new();
     if random.once_in(3) {
@@ -276,7 +276,7 @@ fn world(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     actions
 }
 
-/// A command with a value that may well be taken.
+/// A command with a value that the board may accept.
 fn useful(random: &mut Random, seen: &Situation<'_>) -> String {
     let [cutoff_hz, high, b] = seen.border(random.below(1_000)).unwrap_or([1500.0, 2000.0, 10.0]);
     let k = (high * random.of(&[0.1, 0.4, 0.9, 1.0, 1.0, 1.001, 1.5])).round();
@@ -323,7 +323,7 @@ fn useful(random: &mut Random, seen: &Situation<'_>) -> String {
     }
 }
 
-/// Any line: a command with or without what it needs, numbers that are none, garbage.
+/// Any line: a command with or without its values, invalid numbers, or random text.
 fn any(random: &mut Random) -> String {
     if random.once_in(6) {
         let length = 1 + random.below(20);
@@ -332,13 +332,13 @@ fn any(random: &mut Random) -> String {
     let usages: Vec<&str> = usages().filter(|usage| is_in_image(usage)).collect();
     let usage = random.of(&usages);
     let (name, form) = usage.split_once(' ').unwrap_or((usage, ""));
-    // Whoever tests a board needs one.
+    // A self-test needs a board with its wires.
     let name = if name == "selftest" { "get" } else { name };
     let words: Vec<&str> = form.split('|').collect();
     let word = match form {
         "" => return name.to_owned(),
         "SAMPLES" => random.of(&["1", "2", "5", "10", "1e1", "3", "0", "-1", "1.5", "11"]),
-        // A promise of a word is broken by what the session does next.
+        // With a long time, the session's next actions would miss the time limit that `alive` sets.
         "MS" => random.of(&["0", "0", "-1", "19", "1e5", "x", "500"]),
         "NAME" => random.of(&["", "none", "difference", "butterworth", "quiet-2", "a_b"]),
         _ if form.bytes().all(|byte| byte.is_ascii_uppercase() || byte == b'_') => random.of(&ODD),

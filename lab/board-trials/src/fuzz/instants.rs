@@ -1,5 +1,6 @@
-//! Stop, supply and reset at each instant of an output period: between every two instructions of an armed board in its
-//! wall, and while it sleeps now and then. Each must end in its own fault, with enable inactive in time.
+//! Applies stop, supply drop and reset at each instant of an output period: between every two instructions of an armed
+//! board in its wall, and at some instants of sleep. Each event must end in its own fault, with enable inactive in
+//! time.
 
 use std::time::Instant;
 
@@ -14,7 +15,7 @@ use zwidth::telemetry::Decoder;
 use super::rule;
 use crate::threads::on_threads;
 
-/// What is done to the board.
+/// An event at the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
     /// The emergency stop opens.
@@ -25,23 +26,23 @@ pub enum Event {
     Reset,
 }
 
-/// All of them, with their names.
+/// All events with their names.
 pub const EVENTS: [(Event, &str); 3] =
     [(Event::Stop, "stop"), (Event::Supply, "supply"), (Event::Reset, "reset")];
 
-/// Cycles of sleep between two instants that are tried.
+/// Cycles of sleep between two tried instants.
 const SLEEP: u64 = 500;
-/// The supply's detector has so long, s (docs/faults.md).
+/// Time limit of the supply's detector, s (docs/faults.md).
 const SUPPLY_S: f64 = 60e-6;
-/// Samples within which the fault is told, and those that a start takes at most.
+/// Samples within which the fault must be reported, and the longest start, samples.
 const TOLD: u64 = 25;
 const STARTED: u64 = 600;
 /// A supply that is too low, mV.
 const LOW_MV: u32 = 2_000;
-/// Pieces that the period is cut into, for the cores to share.
+/// Count of pieces of the period, which the cores share.
 const PIECES: usize = 64;
 
-/// One instant that went wrong.
+/// An instant with a wrong result.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Wrong {
     pub event: &'static str,
@@ -50,27 +51,27 @@ pub struct Wrong {
     pub what: String,
 }
 
-/// Sweep of a board over all instants.
+/// Result of a board's sweep over all instants.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Sweep {
-    /// Instants tried, each with every event.
+    /// Count of tried instants. Every event is tried at each of them.
     pub instants: u64,
-    /// Cycles of the period in which code runs; all of them are covered.
+    /// Cycles of the period in which code runs. The sweep covers all of them.
     #[serde(rename = "cycles_of_code")]
     pub cycles: u64,
     /// Cycles of the whole period.
     #[serde(rename = "cycles")]
     pub period: u64,
-    /// Time that it took, s.
+    /// Duration, s.
     pub wall_s: f64,
-    /// What went wrong, in the order of the cycles.
+    /// Wrong results, in the order of their cycles.
     pub wrong: Vec<Wrong>,
 }
 
-/// The sweep of a board; `part`: only one instant of so many.
+/// Sweeps a board. `part`: tries only one instant in so many.
 ///
 /// # Errors
-/// The board does not come to the state in which the events are to be tried, or Ctrl-C.
+/// The board does not reach the state in which the events are tried, or Ctrl-C.
 pub fn sweep(session: &Session, part: u64, threads: usize) -> Result<Sweep, Error> {
     let begun = Instant::now();
     let start = pressed(session)?.snapshot();
@@ -96,7 +97,7 @@ pub fn sweep(session: &Session, part: u64, threads: usize) -> Result<Sweep, Erro
     Ok(sweep)
 }
 
-/// An armed board, its handle held 0.3 mm inside a wall.
+/// An armed board whose handle is held 0.3 mm inside a wall.
 fn pressed(session: &Session) -> Result<World<'_>, Error> {
     let mut world = session.boot()?;
     ask_each(&mut world, &["zero", "unlock envelope", "wall 0.005", "k 4000", "b 20", "arm"])?;
@@ -114,7 +115,7 @@ fn pressed(session: &Session) -> Result<World<'_>, Error> {
     }
 }
 
-/// The instants from the first to the second of `ends`; the period began at `begin`.
+/// Tries the instants between `ends`. The period began at cycle `begin`.
 fn stretch(world: &mut World<'_>, begin: u64, ends: [u64; 2], part: u64) -> Result<Sweep, Error> {
     let [from, to] = ends;
     let mut sweep = Sweep::default();
@@ -146,7 +147,7 @@ fn stretch(world: &mut World<'_>, begin: u64, ends: [u64; 2], part: u64) -> Resu
     }
 }
 
-/// Does it, and looks for its fault.
+/// Applies the event and checks its fault.
 fn try_event(world: &mut World<'_>, event: Event) -> Result<(), String> {
     let ended = |ended: Ended| format!("the program ended: {ended:?}");
     world.probe().map_err(ended)?;

@@ -1,16 +1,16 @@
-//! Random sessions on the firmware's image, held against the firmware's library without a chip.
+//! Random sessions on the firmware's image, compared with the firmware's library without a chip.
 //!
 //! | file | holds |
 //! |------|-------|
-//! | `action` | what is done to a board, and scripts of it |
+//! | `action` | an action on a board, and scripts of actions |
 //! | `oracle` | the library beside the image |
-//! | `properties` | rules that hold whatever the library says |
-//! | `run`, `counts` | a session, and what it came to |
-//! | `generate` | sessions at random |
+//! | `properties` | rules that do not depend on the library |
+//! | `run`, `counts` | a session and its counts |
+//! | `generate` | random sessions |
 //! | `shrink` | the shortest session that still fails |
-//! | `campaign` | many of them |
+//! | `campaign` | many sessions |
 //! | `instants` | stop, supply and reset at each instant of an output period |
-//! | `report` | options, and what is printed |
+//! | `report` | options and printed results |
 
 mod action;
 mod campaign;
@@ -23,7 +23,7 @@ pub mod report;
 mod run;
 mod shrink;
 
-/// What is wrong, unless the rule holds.
+/// Returns an error unless the rule holds.
 fn rule(holds: bool, otherwise: impl FnOnce() -> String) -> Result<(), String> {
     if holds { Ok(()) } else { Err(otherwise()) }
 }

@@ -1,6 +1,6 @@
-//! The oracle: the firmware's own library without a chip ([`CoreProgram`]) beside the image on the virtual board. Its
-//! tasks run when those of the image run, on the counts that the image has read, with the bytes, the reports and the
-//! orders that the image had taken and given by then. Then both have to say and to put out the same.
+//! The oracle: the firmware's own library without a chip ([`CoreProgram`]), beside the image on the virtual board. The
+//! library's tasks run when the image's tasks run. They get the counts, bytes, reports and orders that the image had at
+//! that time. Then both must give the same replies, frames and outputs.
 
 use std::{
     collections::VecDeque,
@@ -24,25 +24,25 @@ use zwidth::{
 
 use super::{counts::Counts, rule};
 
-/// Places of the queue of reports, as on a board.
+/// Size of the queue of reports, as on a board.
 const REPORTS: u32 = 16;
 
-/// What the image has read and done since it was last looked at.
+/// What the image has read and done since the last call.
 pub struct Observed {
     /// Readings of the encoder's counter.
     pub counts: Vec<u32>,
-    /// Tasks that began, each with how far the channel of commands and the reports were read, and orders were written.
+    /// Starts of tasks. Each has the read offsets of commands and reports, and the write offset of orders.
     pub entries: Vec<Entry>,
-    /// What it has said.
+    /// Bytes of replies.
     pub replies: Vec<u8>,
     pub telemetry: Vec<u8>,
 }
 
-/// A frame, and what it has beside its outputs.
+/// A frame, and its values beside the outputs.
 #[derive(Clone)]
 struct Told {
     sequence: u32,
-    /// With what was pushed.
+    /// The outputs, each with its force.
     outputs: Vec<(Record, Force)>,
     positions: Vec<Position>,
     settings: Vec<Option<InForce>>,
@@ -51,8 +51,8 @@ struct Told {
 }
 
 impl Told {
-    /// Where the image differs. Which sample a key is of depends on when `link` was preempted; so does which of two frames
-    /// has one.
+    /// Describes where the image differs. Two differences are allowed, since they depend on when `link` was preempted:
+    /// the sample of a key, and which of two frames has a key.
     fn difference(&self, library: &Self) -> Option<String> {
         let keys = self.key.as_ref().zip(library.key.as_ref());
         let keys = keys.filter(|(key, its)| key.sample == its.sample);
@@ -67,12 +67,12 @@ impl Told {
     }
 }
 
-/// What the image has, and what the library, unless that is the same.
+/// Both values if they differ: the image's and the library's.
 fn different<T: PartialEq + Debug>([image, library]: [T; 2]) -> Option<String> {
     (image != library).then(|| format!("the image tells {image:?}, the library {library:?}"))
 }
 
-/// Lines and frames that the other one has not said yet.
+/// Lines and frames that only one side has sent so far.
 #[derive(Clone, Default)]
 struct Said {
     replies: Vec<u8>,
@@ -99,29 +99,29 @@ impl Said {
     }
 }
 
-/// The library beside the image.
+/// The library that runs beside the image.
 #[derive(Clone)]
 pub struct Oracle {
     device: &'static Device<'static>,
     memories: Memories,
     cause: ResetCause,
-    /// None until the image has read its first count.
+    /// The library's program; none until the image has read its first count.
     program: Option<CoreProgram>,
     image: Said,
     library: Said,
     counts: VecDeque<u32>,
     entries: VecDeque<Entry>,
-    /// Bytes that the image has not read yet, and how far it has come.
+    /// Bytes that the image has not read yet, and the image's read offset.
     sent: VecDeque<u8>,
     words: [u32; 3],
-    /// The order that the library has given was given by the image as well.
+    /// Whether the image has also given the library's order.
     given: bool,
     stop_open: bool,
     supply_low: bool,
 }
 
 impl Oracle {
-    /// Beside a board that has just been switched on for the first time.
+    /// An oracle for a board that is switched on for the first time.
     pub fn new(device: &'static Device<'static>) -> Self {
         Self {
             device,
@@ -140,30 +140,30 @@ impl Oracle {
         }
     }
 
-    /// The library, once the image has begun.
+    /// The library's program, once the image has started.
     pub fn program(&self) -> Option<&CoreProgram> {
         self.program.as_ref()
     }
 
-    /// Bytes that were typed.
+    /// Passes typed bytes to the library.
     pub fn send(&mut self, bytes: &[u8]) {
         self.sent.extend(bytes);
     }
 
-    /// Everything that was typed is read and answered.
+    /// Whether all typed bytes are read and answered.
     pub fn is_idle(&self) -> bool {
         self.sent.is_empty()
             && self.entries.is_empty()
             && self.program.as_ref().is_some_and(|program| !program.is_waiting())
     }
 
-    /// No output is under way: from outside, what happens now happens between two of them.
+    /// Whether no output is running, so that an event now happens between two outputs.
     pub fn is_between_outputs(&self) -> bool {
         !self.entries.iter().any(|entry| entry.exception != LINK)
             && self.program.as_ref().is_none_or(|program| program.due.is_none())
     }
 
-    /// The board starts anew.
+    /// Restarts the library when the board restarts.
     pub fn reset(&mut self, cause: ResetCause) {
         let Self { device, stop_open, supply_low, .. } = *self;
         let mut memories = self.program.as_mut().map_or(self.memories, CoreProgram::memories);
@@ -173,19 +173,19 @@ impl Oracle {
         *self = Self { memories, cause, stop_open, supply_low, ..Self::new(device) };
     }
 
-    /// The emergency stop opens or closes.
+    /// Opens or closes the emergency stop.
     pub fn emergency_stop(&mut self, open: bool) {
         self.stop_open = open;
         self.program.iter_mut().for_each(|program| program.emergency_stop(open));
     }
 
-    /// The supply falls below the detector's level or rises above it.
+    /// Lets the supply fall below the detector's level or rise above it.
     pub fn supply(&mut self, low: bool) {
         self.supply_low = low;
         self.program.iter_mut().for_each(|program| program.supply(low));
     }
 
-    /// Follows the image, whose channel of commands has `size` bytes.
+    /// Follows the image. Its command channel has `size` bytes.
     ///
     /// # Errors
     /// The image has done something else than the library.
@@ -219,7 +219,7 @@ impl Oracle {
         Ok(Some(program))
     }
 
-    /// Runs the tasks of the image in the library, as far as all that they went by is there.
+    /// Runs the image's tasks in the library, as far as their inputs are known.
     fn run(&mut self, program: &mut CoreProgram, size: u32) -> Result<(), String> {
         while let Some(entry) = self.entries.front() {
             if entry.exception != LINK {
@@ -239,7 +239,7 @@ impl Oracle {
         Ok(())
     }
 
-    /// The next task, which is not `link`; whether it could be run.
+    /// Runs the next task, which is not `link`. Returns whether it could run.
     fn preempt(&mut self, program: &mut CoreProgram) -> Result<bool, String> {
         match self.entries.front().map(|entry| entry.exception) {
             Some(SAMPLE) => {
@@ -255,7 +255,7 @@ impl Oracle {
         Ok(true)
     }
 
-    /// A run of `link`, and the tasks that have preempted it, which are the next `inside` entries behind its own.
+    /// Runs `link`, and the tasks that preempted it: the next `inside` entries after its own.
     fn link(&mut self, program: &mut CoreProgram, inside: usize, size: u32) -> Result<(), String> {
         let Some(end) = self.entries.get(inside + 1).map(|entry| entry.words) else {
             return Ok(());
@@ -277,7 +277,7 @@ impl Oracle {
         })
     }
 
-    /// `link` as far as the image has come in it.
+    /// Runs `link` as far as the image has run it.
     fn catch_up(
         &mut self,
         program: &mut CoreProgram,
@@ -299,7 +299,7 @@ impl Oracle {
         Ok(())
     }
 
-    /// What both have said.
+    /// Compares the bytes of both sides.
     fn compare(&mut self, counts: &mut Counts) -> Result<(), String> {
         let Self { image, library, .. } = self;
         while let (Some(said), Some(meant)) = (line(&image.replies), line(&library.replies)) {
@@ -323,16 +323,16 @@ impl Oracle {
         Ok(())
     }
 
-    /// What the hardware puts out against the library, where no task is under way: codes from zero, and enable.
+    /// Compares the hardware's outputs with the library's, while no task runs: codes from zero, and enable.
     ///
     /// # Errors
-    /// Something else.
+    /// The outputs differ.
     pub fn outputs(&mut self, code: i32, enabled: bool) -> Result<(), String> {
         let Some(program) = self.program.as_ref().filter(|_| self.entries.is_empty()) else {
             return Ok(());
         };
         let (output, active) = (program.output().unwrap_or_default(), program.is_enabled());
-        // Off, what is left in the register gives no force.
+        // While the output is off, the register's remaining value gives no force.
         let is_same = active == enabled && (code == output || !enabled && code == 0);
         rule(program.due.is_some() || is_same, || {
             format!(
@@ -341,10 +341,10 @@ impl Oracle {
         })
     }
 
-    /// With all that is typed answered both have said the same, and nobody more.
+    /// Checks that both sides have sent the same, after all typed lines are answered.
     ///
     /// # Errors
-    /// Something is missing.
+    /// A side has sent less.
     pub fn is_complete(&self) -> Result<(), String> {
         let waiting = [&self.image, &self.library]
             .map(|said| (String::from_utf8_lossy(&said.replies), said.frames.len()));
@@ -354,7 +354,7 @@ impl Oracle {
     }
 }
 
-/// The end of a run of `link`, with what the image has read in it.
+/// Ends a run of `link`, with the bytes that the image has read in it.
 fn pass(program: &mut CoreProgram, bytes: &mut Option<Vec<u8>>) {
     if let Some(bytes) = bytes.take() {
         program.channels().typed.extend(&bytes);
@@ -362,23 +362,23 @@ fn pass(program: &mut CoreProgram, bytes: &mut Option<Vec<u8>>) {
     }
 }
 
-/// Length of the first line.
+/// Length of the first line in bytes.
 fn line(bytes: &[u8]) -> Option<usize> {
     bytes.iter().position(|byte| *byte == b'\n').map(|at| at + 1)
 }
 
-/// Replies that list what a build has, and what is between the items.
+/// Replies that list parts of a build, and the separators of their items.
 const LISTS: [(&str, &str); 2] = [("ok help, ", ", "), ("error: unknown estimator, allowed ", " ")];
-/// Numbers of the estimators that every build has.
+/// Numbers of the estimators in every build.
 const EVERYWHERE: RangeInclusive<u32> = 1..=5;
 
-/// Whether the image has an item of the library's lists, which have all estimators and the commands that tune them.
+/// Whether the image has an item of the library's lists. The library has all estimators and their commands.
 pub fn is_in_image(item: &str) -> bool {
     let tunes = item.strip_prefix("tuning").is_some_and(|number| number >= "3");
     !tunes && item.parse::<EstimatorName>().map_or(true, |name| EVERYWHERE.contains(&name.id()))
 }
 
-/// Whether the image says what the library does, of its own commit and its own lists.
+/// Whether the image's line equals the library's, except for the commit and the lists of the build.
 fn is_same(said: &str, meant: &str) -> bool {
     let around = |text: &str| -> Option<[String; 3]> {
         let (before, rest) = text.split_once(", commit ")?;

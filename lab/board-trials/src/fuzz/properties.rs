@@ -1,5 +1,5 @@
-//! What has to hold whatever the library says, because the library could be wrong as well: rules over the board's pins
-//! and registers, its resets, its replies and the frames of its telemetry.
+//! Rules that do not depend on the library, since the library could be wrong too. They check the board's pins,
+//! registers, resets, replies and frames of telemetry.
 
 use virtual_board::{board::Force as Wired, world::World};
 use zwidth::{
@@ -11,23 +11,23 @@ use super::{counts::Counts, oracle::Observed, rule};
 
 /// Longest time from one feeding of the watchdog to the next, ms.
 const FED_MS: u64 = 20;
-/// Samples in which a line has to be answered, those before it, and flash that is erased.
+/// Samples in which a line must be answered, including earlier lines and an erase of flash.
 const ANSWER: u64 = 3_000;
 const LINE: u64 = 200;
 const SAVED: u64 = 25_000;
-/// A supply between this and what a board has is good, one below it is not, mV.
+/// Highest supply that counts as low, mV. Sessions set no voltage between it and the board's lowest normal supply.
 const LOW_MV: u32 = 2_800;
 
-/// What the rules go by.
+/// State of the rules.
 #[derive(Clone, Debug, Default)]
 pub struct Properties {
-    /// Lines without a reply, and samples since the last one.
+    /// Count of lines without a reply, and samples since the last line.
     asked: u64,
     waited: u64,
-    /// One of them is `arm`, or `save`.
+    /// Whether one of these lines is `arm` or `save`.
     arms: bool,
     saves: bool,
-    /// `arm` was met, and `disarm` not since.
+    /// Whether the board has obeyed `arm`, and no `disarm` since.
     armed: bool,
     pub stop_open: bool,
     pub supply_mv: u32,
@@ -46,7 +46,7 @@ impl Properties {
         Self { supply_mv, ..Self::default() }
     }
 
-    /// A line was typed.
+    /// Notes a typed line.
     pub fn ask(&mut self, line: &str) {
         let word = line.split_whitespace().next().unwrap_or_default();
         if self.asked == 0 {
@@ -57,7 +57,7 @@ impl Properties {
         self.saves |= word.eq_ignore_ascii_case("save");
     }
 
-    /// The board starts anew, because it was told to.
+    /// Notes a commanded restart of the board.
     pub fn reset(&mut self) {
         let Self { stop_open, supply_mv, resets, .. } = *self;
         *self = Self { stop_open, resets: resets + 1, ..Self::new(supply_mv) };
@@ -72,20 +72,20 @@ impl Properties {
         self.supply_mv <= LOW_MV
     }
 
-    /// Every line has its reply.
+    /// Whether every line has a reply.
     pub fn is_answered(&self) -> bool {
         self.asked == 0
     }
 
-    /// Flash may be being written.
+    /// Whether flash may be busy with a save.
     pub fn saves(&self) -> bool {
         self.saves
     }
 
-    /// What the board has said since, and how it is now.
+    /// Checks the board's new output and its present state.
     ///
     /// # Errors
-    /// A rule does not hold.
+    /// A rule is broken.
     pub fn check(
         &mut self,
         world: &World<'_>,
@@ -108,7 +108,7 @@ impl Properties {
         self.outside(world, enabled)
     }
 
-    /// Pins, registers and resets.
+    /// Checks pins, registers and resets.
     fn outside(&self, world: &World<'_>, enabled: bool) -> Result<(), String> {
         let mcu = &world.powered.mcu;
         rule(mcu.resets() == self.resets, || "the board has reset itself".into())?;
@@ -136,7 +136,7 @@ impl Properties {
     fn reply(&mut self, line: &str, enabled: bool, counts: &mut Counts) -> Result<(), String> {
         let is_reply = line.starts_with("ok ") || line.starts_with("error: ");
         if !is_reply || is_report(line) || self.asked == 0 {
-            return Ok(()); // what it says by itself
+            return Ok(()); // the board sends these lines by itself
         }
         self.waited = 0;
         self.asked -= 1;
@@ -196,7 +196,7 @@ impl Properties {
     }
 }
 
-/// What the hardware puts out, codes from zero.
+/// The hardware's output, in codes from zero.
 pub fn output_code(world: &World<'_>) -> i32 {
     let [magnitude, sign, dac] = world.powered.mcu.force_registers().map(u32::cast_signed);
     match world.powered.board.wiring.force {
@@ -206,7 +206,7 @@ pub fn output_code(world: &World<'_>) -> i32 {
     }
 }
 
-/// What an experiment says by itself: the name of the command that began it, and more.
+/// Whether a line is an experiment's own report: it begins with the name of the experiment's command.
 fn is_report(line: &str) -> bool {
     ["hit", "walk", "pulses", "calibrate"].iter().any(|name| {
         line.starts_with(&format!("ok {name} ")) || line.starts_with(&format!("error: {name}: "))

@@ -66,12 +66,12 @@ struct SweepJson {
     sweep: Sweep,
 }
 
-/// Runs it.
+/// Runs the campaign.
 ///
 /// # Errors
 /// Bad input, a difference, or Ctrl-C.
 pub fn execute(options: &Fuzz) -> Result<(), Error> {
-    // The board's own scene: what it is built for.
+    // The board's own scene, for which the image is built.
     let actions = options.script.as_ref().map(|path| campaign::script(path)).transpose()?;
     let board = Board::asked(&options.board)?;
     let session = Session::open(board, options.elf.as_ref(), NamedScene::load(board.name)?)?;

@@ -1,4 +1,4 @@
-//! A session: actions done to a board, and everything that it says and puts out held against the library and the rules.
+//! A session: actions on a board. Everything that the board sends and outputs is checked by the library and the rules.
 
 use host_sim::interrupt;
 use virtual_board::{
@@ -19,9 +19,9 @@ use super::{
 /// Why a session ended early.
 #[derive(Clone, Debug, PartialEq)]
 pub enum End {
-    /// The board did something else than the library, or a rule does not hold.
+    /// The board did something else than the library, or broke a rule.
     Difference(String),
-    /// Ctrl-C has ended it.
+    /// Ctrl-C has ended the session.
     Interrupted,
 }
 
@@ -31,40 +31,40 @@ impl From<Ended> for End {
     }
 }
 
-/// Samples in which the library has to have said what the image has said, once every line is answered.
+/// Samples in which the library must have sent what the image has sent, after every line is answered.
 const LATE: u64 = 400;
-/// Cycles within which a supply that has fallen takes enable away: 60 us (docs/faults.md).
+/// Cycles within which a low supply must disable the amplifier: 60 us (docs/faults.md).
 const DETECTED: u64 = 10_000;
-/// What the tasks share, as the compiler lays it out: at the end the queue of orders, of so many bytes, before it that of
-/// reports. Each ends in the numbers of the places that are read and written next.
+/// Symbol of the data that the tasks share, in the compiler's layout. The queue of orders is at the end, with a known
+/// size; the queue of reports is before it. Each queue ends with its read and write positions.
 const QUEUES: &str = "init_queues";
 const ORDERS: u32 = 312;
-/// Samples that a board needs to begin.
+/// Samples that a board needs to start.
 const BEGIN: u64 = 1_000;
 
-/// What is held against the board, and the hand at its handle.
+/// Checks of a board, and the hand at its handle.
 #[derive(Clone)]
 pub struct Checks {
     pub oracle: Oracle,
     pub properties: Properties,
     pub counts: Counts,
-    /// What library and rules have seen, which counts when an action is over.
+    /// Observations of library and rules. They are counted when an action has ended.
     seen: Counts,
     pub held: bool,
     samples: u64,
 }
 
-/// A board, and what is held against it.
+/// A board and its checks.
 pub struct Run<'a> {
     world: World<'a>,
     pub checks: Checks,
 }
 
 impl<'a> Run<'a> {
-    /// A board that has just been switched on, with the handle at rest.
+    /// A board that was just switched on, with the handle at rest.
     ///
     /// # Errors
-    /// It says something else than it should.
+    /// The board sends something else than expected.
     pub fn boot(session: &'a Session) -> Result<Self, End> {
         let scene = &session.scene.scene;
         let rest_m = scene.device.rest_position_m;
@@ -92,16 +92,16 @@ impl<'a> Run<'a> {
         (self.world.snapshot(), self.checks.clone())
     }
 
-    /// Everything as it was then.
+    /// Restores a saved state.
     pub fn restore(&mut self, (world, checks): &(Snapshot, Checks)) {
         self.world.restore(world);
         self.checks = checks.clone();
     }
 
-    /// Does one thing.
+    /// Runs one action.
     ///
     /// # Errors
-    /// The board does something else than it should, or Ctrl-C.
+    /// The board does something else than expected, or Ctrl-C.
     pub fn act(&mut self, action: &Action) -> Result<(), End> {
         let begun = self.world.powered.mcu.now();
         match action {
@@ -137,7 +137,7 @@ impl<'a> Run<'a> {
                 self.checks.properties.supply_mv = *mv;
                 let low = self.checks.properties.is_supply_low();
                 self.checks.oracle.supply(low);
-                // The detector calls a task, which comes within a few cycles.
+                // The detector starts a task, which runs within a few cycles.
                 let until = self.world.powered.mcu.now() + DETECTED;
                 while low && self.world.powered.amplifier.is_enabled() {
                     let now = self.world.powered.mcu.now();
@@ -160,7 +160,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// The end of a session: every answer is in, and everything that was said is compared.
+    /// Ends a session: waits for all replies and compares everything.
     ///
     /// # Errors
     /// As [`act`](Self::act).
@@ -184,7 +184,7 @@ impl<'a> Run<'a> {
         self.checks.held = held;
     }
 
-    /// Types lines; what finds no room in the channel waits for it.
+    /// Types lines. Bytes without room in the channel wait.
     fn send(&mut self, text: &str) -> Result<(), End> {
         self.probe()?;
         for line in text.split(['\n', '\r']).filter(|line| !line.trim_ascii().is_empty()) {
@@ -212,7 +212,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// The program runs and has said which one it is.
+    /// Whether the program runs and has sent its version.
     fn begun(&mut self) -> Result<(), End> {
         for _ in 0..BEGIN {
             self.pass(1)?;
@@ -223,7 +223,7 @@ impl<'a> Run<'a> {
         Err(End::Difference("the program does not begin".into()))
     }
 
-    /// Goes on until no output is under way: there an event has one effect. `--instants` tries all the others.
+    /// Runs until no output is running, where an event has only one effect. `--instants` tries the other times.
     fn between_outputs(&mut self) -> Result<(), End> {
         self.probe()?;
         loop {
@@ -239,7 +239,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// The board starts anew, by its pin or by its supply.
+    /// Restarts the board by its reset pin or by its supply.
     fn reset(&mut self, cause: ResetCause) -> Result<(), End> {
         self.between_outputs()?;
         match cause {
@@ -267,7 +267,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Looks at what the board has said and done.
+    /// Reads and checks the board's output.
     fn probe(&mut self) -> Result<(), End> {
         self.world.probe()?;
         self.world.lines.clear();

@@ -1,4 +1,5 @@
-//! The shortest session that fails in the same way: pieces are left out, large ones first, as long as it does.
+//! Finds the shortest session with the same failure. It leaves out pieces, large ones first, as long as the failure
+//! stays.
 
 use std::time::{Duration, Instant};
 
@@ -10,26 +11,26 @@ use super::{
     run::{Checks, End, Run},
 };
 
-/// A board before an action.
+/// State of a board before an action.
 type Before = (Snapshot, Checks);
 
-/// Longest time that shrinking takes.
+/// Time limit of the search.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The kind of a difference: its words without numbers.
+/// Kind of a difference: its text without numbers.
 fn kind(what: &str) -> String {
     let word = |word: &&str| !word.contains(|c: char| c.is_ascii_digit());
     what.split_whitespace().filter(word).take(8).collect::<Vec<_>>().join(" ")
 }
 
-/// A session that fails, each action with the board before it.
+/// A failing session; each action has the state of the board before it.
 struct Failing {
     actions: Vec<Action>,
     before: Vec<Before>,
     what: String,
 }
 
-/// Runs `actions` from the board that `before` has last; whether they fail in that way.
+/// Runs `actions` from the last state in `before`. Returns whether they fail in the same way.
 fn fails(
     run: &mut Run<'_>,
     mut before: Vec<Before>,
@@ -58,7 +59,7 @@ fn fails(
     }
 }
 
-/// The shortest found session that starts at `start` and fails as `actions` do, and what is wrong.
+/// The shortest session found that starts at `start` and fails as `actions` do, and its failure.
 pub fn shrink(
     run: &mut Run<'_>,
     start: &Before,
@@ -68,7 +69,7 @@ pub fn shrink(
     let begun = Instant::now();
     let like = kind(&what);
     let Some(mut best) = fails(run, vec![start.clone()], &actions, &like) else {
-        return (actions, what); // it does not fail again: say so with what there is
+        return (actions, what); // it does not fail again: return the original session
     };
     let mut size = best.actions.len().div_ceil(2);
     while size > 0 {

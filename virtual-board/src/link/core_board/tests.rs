@@ -1,4 +1,4 @@
-//! The library in the loop, asked as a board is.
+//! Tests the library in closed loop with the commands of a real board.
 
 use super::*;
 use crate::{
@@ -21,7 +21,7 @@ impl Bench {
         Self { board, link, heard: vec![] }
     }
 
-    /// Types a line; the first line that begins like this, within so many milliseconds.
+    /// Types a line. Returns the first reply that starts with `begins` within `ms` milliseconds.
     fn ask(&mut self, line: &str, begins: &str, ms: u32) -> String {
         self.link.write(COMMANDS, format!("{line}\n").as_bytes());
         for _ in 0..ms {
@@ -37,7 +37,7 @@ impl Bench {
     }
 }
 
-/// The firmware's own hit, by the library: the same verdict and place as the simulator has, and every frame whole.
+/// The library's own hit gives the simulator's verdict and place, and every frame is complete.
 #[test]
 fn a_hit_is_the_simulators() {
     let mut bench = Bench::new("nucleo-f446re");
@@ -52,7 +52,7 @@ fn a_hit_is_the_simulators() {
     let line = bench.ask("hit", "ok hit ", 10_000);
     assert!(line.starts_with("ok hit stable, rms "), "{line}");
     let mean = line.split("mean ").nth(1).unwrap().split(' ').next().unwrap();
-    // At rest the push of 1 N, less what the device's spring takes, bends the wall.
+    // At rest, the push of 1 N less the force of the device's spring bends the wall.
     let mean_m: f64 = mean.parse().unwrap();
     assert!((0.0701..0.0706).contains(&mean_m), "{line}");
     assert!(bench.ask("hit", "ok hit ", 10_000).starts_with("ok hit stable"), "again");
@@ -63,7 +63,7 @@ fn a_hit_is_the_simulators() {
     assert!(frames > 100 && decoder.garbage == 0, "{frames} {}", decoder.garbage);
 }
 
-/// The stop takes the force away and stays a fault; a finger moves the handle against the wall.
+/// The stop removes the force and stays a fault. A finger moves the handle against the wall.
 #[test]
 fn stop_and_finger_are_as_on_a_board() {
     let mut bench = Bench::new("nucleo-f446re");
@@ -71,7 +71,7 @@ fn stop_and_finger_are_as_on_a_board() {
     bench.ask("b 10", "ok b", 20);
     bench.ask("arm", "ok arm", 20);
     for _ in 0..500 {
-        bench.board.millisecond(1.0); // the sign test moves the handle by itself
+        bench.board.millisecond(1.0); // the sign test moves the handle without a hand
     }
     let wires = Arc::clone(&bench.board.wires);
     let target_m = 0.08;
@@ -95,7 +95,7 @@ fn stop_and_finger_are_as_on_a_board() {
     assert!(bench.ask("selftest", "error: selftest", 20).contains("without a board"));
 }
 
-/// A scene of another device has the record that is made of it, and no envelope.
+/// The record of another device's scene is made from the scene, and has no envelope.
 #[test]
 fn another_device_runs() {
     for scene in ["paper-2um", "rice-paddle", "hapkit"] {

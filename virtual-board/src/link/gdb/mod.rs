@@ -1,5 +1,5 @@
-//! `cargo board serve --gdb`: gdb at the virtual board. It halts the core as a debug probe does: the plant stands still
-//! with it, and what the program has not told DBGMCU to stop runs on, as long as the halt takes here.
+//! `cargo board serve --gdb`: connects gdb to the virtual board. gdb halts the core as a debug probe does. In a halt
+//! the plant stands still. A peripheral whose DBGMCU bit is clear runs on, for the real time of the halt.
 
 mod registers;
 mod target;
@@ -30,32 +30,32 @@ use crate::{
     world::{Ended, World},
 };
 
-/// Between two looks at a client in a halt.
+/// Time between two checks of a halted board's client.
 const LOOK: Duration = Duration::from_micros(200);
 
-/// What the rest of the board's thread does while gdb has it.
+/// Work of the board's thread while gdb is connected.
 pub(super) trait Board {
-    /// A millisecond in real time, or less if a stop is met.
+    /// Runs a millisecond in real time, or less if a stop is met.
     fn slice(&mut self, world: &mut World<'_>, stops: &Stops) -> Result<Option<Met>, Ended>;
-    /// A look at the channels in a halt; false: the board is to be switched off.
+    /// Serves the channels in a halt. Returns false if the board is to be switched off.
     fn stands(&mut self, world: &mut World<'_>) -> bool;
-    /// It goes on: time spent in a halt is not made up for.
+    /// The board runs again. The time of the halt is not made up for.
     fn goes_on(&mut self);
 }
 
-/// The port, and who has connected but said nothing.
+/// The port, and a client that has connected but sent nothing.
 pub(super) struct Port {
     listener: TcpListener,
     silent: Option<(TcpStream, Instant)>,
 }
 
 impl Port {
-    /// The listener does not block.
+    /// Uses a listener that does not block.
     pub(super) fn new(listener: TcpListener) -> Self {
         Self { listener, silent: None }
     }
 
-    /// Looks for a client, and does what it wants until it goes. Who connects and says nothing halts nothing.
+    /// Looks for a client and serves it until it disconnects. A client that sends nothing does not halt the board.
     pub(super) fn look(
         &mut self,
         world: &mut World<'_>,
@@ -86,7 +86,7 @@ impl Port {
     }
 }
 
-/// From the first byte to the end of the connection. However it ends, the board goes on.
+/// Serves a client from its first byte to its last. After the connection the board always runs.
 fn attend(client: TcpStream, world: &mut World<'_>, board: &mut impl Board) -> Result<(), Failed> {
     note("gdb: attached, the core is halted");
     let mut target = Debugged::new(world);
@@ -146,7 +146,7 @@ fn serve(
             Disconnected(mut over) => {
                 let reason = over.get_reason();
                 if reason == DisconnectReason::Kill {
-                    // vKill waits for an answer, which the crate does not give.
+                    // vKill expects an answer, which the crate does not send.
                     let wire = over.borrow_conn();
                     let _ = wire.write_all(b"$OK#9a").and_then(|()| wire.flush());
                 }
@@ -156,7 +156,7 @@ fn serve(
     }
 }
 
-/// A slice of the running board; why gdb is to be told, if it is.
+/// Runs a slice of the board. Returns the reason of a stop for gdb, if there is one.
 fn run(
     target: &mut Debugged<'_, '_>,
     board: &mut impl Board,
@@ -167,7 +167,7 @@ fn run(
         Ok(Some(Met::Step)) => Ok(Some(SingleThreadStopReason::DoneStep)),
         Ok(Some(met)) if target.is_hardware(met) => Ok(Some(SingleThreadStopReason::HwBreak(()))),
         Ok(Some(_)) => Ok(Some(SingleThreadStopReason::SwBreak(()))),
-        // Locked up: gdb can look at why.
+        // The core locked up: gdb can examine why.
         Err(Ended::Stopped(_)) => Ok(Some(SingleThreadStopReason::Signal(Signal::SIGSEGV))),
         Err(ended) => Err(format!("the firmware: {ended:?}")),
     }

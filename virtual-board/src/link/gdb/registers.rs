@@ -1,4 +1,4 @@
-//! The core as gdb knows it: registers and their order. `gdbstub_arch` has none of a Cortex-M.
+//! The core's registers and their order, as gdb knows them. `gdbstub_arch` has no description of a Cortex-M.
 
 use std::sync::LazyLock;
 
@@ -24,10 +24,10 @@ impl Arch for CortexM4 {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct InOrder(pub(super) Registers);
 
-/// MSP to CONTROL, as [`Registers::system`].
+/// Names of the registers from MSP to CONTROL, in the order of [`Registers::system`].
 const SYSTEM: [&str; 6] = ["msp", "psp", "primask", "basepri", "faultmask", "control"];
 
-/// What gdb is told; the features and names that it asks for are in its manual, "ARM Features".
+/// Description of the target for gdb. gdb's manual, "ARM Features", lists the required features and names.
 static DESCRIPTION: LazyLock<String> = LazyLock::new(|| {
     let core = (0..13).map(|number| register(&format!("r{number}"), 32, "uint32"));
     let named = [("sp", "data_ptr"), ("lr", "uint32"), ("pc", "code_ptr"), ("xpsr", "uint32")];

@@ -1,4 +1,4 @@
-//! What gdb may do to the board.
+//! Operations that gdb may do on the board.
 
 use std::{collections::BTreeSet, ops::Range, time::Instant};
 
@@ -32,23 +32,23 @@ use crate::{
     world::{Halted, World},
 };
 
-/// DBGMCU's bit of the watchdog, on APB1.
+/// The watchdog's bit in DBGMCU's register for APB1.
 const WATCHDOG_STOPS: u32 = 1 << 12;
-/// errno of gdb's protocol: bad address, read-only.
+/// Error numbers of gdb's protocol: bad address, read-only.
 const EFAULT: u8 = 14;
 const EROFS: u8 = 30;
 const MONITOR: &str = "monitor halt, monitor reset, monitor watchdog stop|run";
 
-/// A board that gdb has stopped, or lets run.
+/// A board that gdb halts and runs.
 pub(super) struct Debugged<'a, 'b> {
     pub(super) world: &'a mut World<'b>,
-    /// The halt, when it began, and the cycles of it that have passed.
+    /// The halt, its start time, and how many of its cycles have passed.
     halt: Option<(Halted, Instant, u64)>,
-    /// What the core runs to.
+    /// Stops at which the core is to halt.
     stops: Stops,
-    /// The breakpoints that gdb calls hardware.
+    /// The breakpoints that gdb calls "hardware".
     hardware: BTreeSet<u32>,
-    /// A script stops the watchdog in each halt.
+    /// The watchdog stops in each halt, as a probe's script sets it up.
     watchdog_stops: bool,
 }
 
@@ -61,7 +61,7 @@ impl<'a, 'b> Debugged<'a, 'b> {
         target
     }
 
-    /// The core stands from here on.
+    /// The core is halted from now on.
     pub(super) fn stop(&mut self) {
         if self.halt.is_none() {
             if self.watchdog_stops {
@@ -71,7 +71,7 @@ impl<'a, 'b> Debugged<'a, 'b> {
         }
     }
 
-    /// The time passes for what does not stand.
+    /// Lets time pass for everything that a halt does not stop.
     pub(super) fn stay(&mut self) {
         let Some((_, begun, passed)) = &mut self.halt else { return };
         let per_us = u128::from(self.world.powered.mcu.core_hz() / 1_000_000);
@@ -81,7 +81,7 @@ impl<'a, 'b> Debugged<'a, 'b> {
         self.world.stay_halted(new);
     }
 
-    /// The core goes on.
+    /// The core runs again.
     pub(super) fn go_on(&mut self) {
         self.stay();
         if let Some((halted, ..)) = self.halt.take() {
@@ -89,12 +89,12 @@ impl<'a, 'b> Debugged<'a, 'b> {
         }
     }
 
-    /// What the core runs to.
+    /// Stops at which the core is to halt.
     pub(super) fn stops(&self) -> &Stops {
         &self.stops
     }
 
-    /// Whether that is a hardware breakpoint.
+    /// Whether the core met a hardware breakpoint.
     pub(super) fn is_hardware(&self, met: Met) -> bool {
         matches!(met, Met::Breakpoint(at) if self.hardware.contains(&at))
     }
@@ -198,7 +198,7 @@ impl Breakpoints for Debugged<'_, '_> {
     }
 }
 
-// Both kinds are addresses that the core does not get beyond: nothing is written into flash.
+// Both kinds of breakpoint are addresses at which the core stops. Nothing is written into flash.
 impl SwBreakpoint for Debugged<'_, '_> {
     fn add_sw_breakpoint(&mut self, address: u32, _: usize) -> TargetResult<bool, Self> {
         self.stops.breakpoints.insert(address & !1);

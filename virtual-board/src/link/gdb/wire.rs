@@ -1,4 +1,4 @@
-//! The bytes to and from gdb.
+//! The bytes from and to gdb.
 
 use std::{
     io::{self, ErrorKind, Read as _},
@@ -22,7 +22,7 @@ impl Wire {
         Self { stream, out: Vec::new(), taken: Vec::new() }
     }
 
-    /// The next byte, if it is there.
+    /// The next byte, if one has arrived.
     pub(super) fn byte(&mut self) -> io::Result<Option<u8>> {
         if self.taken.is_empty() {
             let mut bytes = [0; 4096];
@@ -43,7 +43,7 @@ impl conn::Connection for Wire {
         Ok(())
     }
 
-    /// A client that takes nothing for too long is let go.
+    /// A client that reads nothing for too long is disconnected.
     fn flush(&mut self) -> io::Result<()> {
         let mut looks = 0;
         while !self.out.is_empty() {

@@ -1,4 +1,4 @@
-//! The channels of a board behind a probe: what has come, what was sent, whether there still is a board.
+//! The channels of a board behind a probe: received bytes, sent bytes, and whether the board is still there.
 
 use std::time::{Duration, Instant};
 
@@ -8,35 +8,35 @@ use crate::{
     rtt::{Block, Ring, Rtt},
 };
 
-/// Without a byte for so long, the core is asked whether it runs.
+/// After so long without a byte, the link checks whether the core runs.
 pub(super) const QUIET: Duration = Duration::from_millis(500);
-/// Bytes of a channel that wait for whoever reads it; what is more stays on the board.
+/// Largest count of bytes of a channel that wait for a reader. Further bytes stay on the board.
 const WAITING: usize = 1 << 16;
-/// Tries to find out whether the board has seen what was put in.
+/// Tries to find out whether the board has received the sent bytes.
 const TRIES: u32 = 3;
-/// Why a board that stands still is none.
+/// The reason for which a halted board counts as lost.
 const HALTED: &str = "the core is halted, by a debugger or by its own fault: the board has to be reset. Its force is \
                       off, by hardware";
 
 #[derive(Default)]
 pub(super) struct Up {
-    /// Where the next byte is, as far as this end knows, and what the board was last told of it.
+    /// Offset of the next byte to read, and the offset that the board was last told.
     next: u32,
     released: u32,
     pub(super) bytes: Vec<u8>,
-    /// It was looked at since it was last read.
+    /// Whether the channel was looked at since it was last read.
     pub(super) fresh: bool,
 }
 
-/// The channels of a board that was met.
+/// The channels of a board whose control block was found.
 pub(super) struct Channels {
     rtt: Rtt,
     /// The buffers that the program has set up.
     buffers: [[u32; 2]; 4],
     pub(super) up: [Up; UP_CHANNELS],
-    /// Since when looks fail.
+    /// Time since which all looks have failed.
     pub(super) failing: Option<Instant>,
-    /// The last byte, or the last time that the core was found running.
+    /// Time of the last byte, or of the last check that found the core running.
     heard: Instant,
     pub(super) lost: Option<String>,
 }
@@ -45,7 +45,7 @@ impl Channels {
     /// Waits for the control block.
     ///
     /// # Errors
-    /// There is none, it is another program's, or the core is halted: one line.
+    /// There is no control block, the block is another program's, or the core is halted; one line of text.
     pub(super) fn met(probe: &mut impl Probe, rtt: Rtt) -> Result<Self, String> {
         let address = rtt.address();
         let end = Instant::now() + PATIENCE;
@@ -82,7 +82,7 @@ impl Channels {
         Self { rtt, buffers, up, failing: None, heard: Instant::now(), lost: None }
     }
 
-    /// The control block, if it is the one that was met.
+    /// Reads the control block, and checks that it is still the same block.
     fn look(&self, core: &mut impl Core) -> Result<Block, String> {
         let address = self.rtt.address();
         match self.rtt.look(core)? {
@@ -96,10 +96,11 @@ impl Channels {
         }
     }
 
-    /// Takes what has come on all channels.
+    /// Takes the received bytes of all channels.
     ///
     /// # Errors
-    /// The control block is not there or could not be reached: one line. What was taken by then is kept.
+    /// The control block is missing or could not be reached; one line of text. Bytes that were taken before the error
+    /// are kept.
     pub(super) fn exchange(&mut self, core: &mut impl Core) -> Result<(), String> {
         let block = self.look(core)?;
         for (n, up) in (0..).zip(&mut self.up) {
@@ -126,10 +127,10 @@ impl Channels {
         Ok(())
     }
 
-    /// Puts bytes into the command channel; returns how many found room.
+    /// Puts bytes into the command channel. Returns how many bytes had room.
     ///
     /// # Errors
-    /// None did, unless the board is lost: one line.
+    /// No byte had room, or the board is lost; one line of text.
     pub(super) fn send(&mut self, core: &mut impl Core, bytes: &[u8]) -> Result<usize, String> {
         let Some(ring) = self.look(core)?.down(0) else { return Ok(0) };
         let (count, next) = ring.fill(core, bytes)?;
@@ -137,7 +138,7 @@ impl Channels {
             Ok(()) => return Ok(count),
             Err(error) => error,
         };
-        // A command that is sent twice may do what nobody wants: the board is asked what it has.
+        // A command that is sent twice may be dangerous. So the link reads back which bytes the board has.
         for _ in 0..TRIES {
             match self.look(core) {
                 Ok(block) if block.down(0).is_some_and(|now| now.write == next) => {
@@ -153,13 +154,13 @@ impl Channels {
 }
 
 impl Up {
-    /// Takes what its buffer holds; how many bytes, or nothing if somebody else has taken some.
+    /// Takes the bytes in a channel's buffer. Returns their count, or nothing if another reader has taken some.
     fn take(&mut self, core: &mut impl Core, mut ring: Ring) -> Result<Option<usize>, String> {
         if ring.read == self.released {
-            // What was read once is not read again, should the board not have been told.
+            // Bytes that were read once are not read again, even if the board was not told of the read.
             ring.read = self.next;
         } else if ring.read == self.next || ring.read == 0 {
-            // It was told after all; or it was reset.
+            // The board was told after all, or it was reset.
             (self.next, self.released) = (ring.read, ring.read);
         } else {
             return Ok(None);

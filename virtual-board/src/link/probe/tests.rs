@@ -1,4 +1,4 @@
-//! A stand-in for a board behind a probe, at the level of its memory: it answers as the firmware does, and can fail.
+//! A simulated board behind a probe, at the level of its memory. It answers as the firmware does, and can fail.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -12,7 +12,7 @@ const BUFFERS: [[u32; 2]; 4] =
 const FLASH: u32 = 0x0800_0000;
 const OFF: &str = "ok status off, fault none, idle, sample 42";
 
-/// What a write that fails has done before.
+/// What a failing write has done before it fails.
 #[derive(Clone, Copy, PartialEq)]
 enum Effect {
     Nothing,
@@ -25,16 +25,16 @@ struct State {
     status: &'static str,
     has_record: bool,
     halted: bool,
-    /// It reads no commands.
+    /// The program reads no commands.
     busy: bool,
     begun: String,
-    /// Lines that it obeyed.
+    /// Lines that the program obeyed.
     obeyed: Vec<String>,
     /// Reads of the control block.
     looks: u32,
     /// Every access fails from now on.
     gone: bool,
-    /// The next write there fails; what goes on failing after it.
+    /// Address at which the next write fails, and how much that write has stored.
     fails: Option<(u32, Effect)>,
     gone_after: bool,
     let_go: bool,
@@ -54,7 +54,7 @@ impl State {
         self.ram[at..at + 4].copy_from_slice(&word.to_le_bytes());
     }
 
-    /// As the program does when it starts.
+    /// Starts as the program does.
     fn start(&mut self) {
         self.begun.clear();
         self.ram.fill(0);
@@ -79,7 +79,7 @@ impl State {
         }
     }
 
-    /// The program goes on.
+    /// Runs the program until it has no more commands to read.
     fn run(&mut self) {
         let [buffer, size] = BUFFERS[3];
         let read = BLOCK + 24 + 24 * 3 + 16;
@@ -206,19 +206,19 @@ impl Core for Opened<'_> {
 
 impl Drop for Bench {
     fn drop(&mut self) {
-        // The test has one end, the link the other.
+        // The test holds one end of the state, and the link holds the other end.
         self.state().let_go = true;
     }
 }
 
-/// The second read of a channel is a look, whatever was before.
+/// The second read of a channel always causes a look.
 fn look(link: &mut ProbeLink<Bench>) {
     for _ in 0..2 {
         link.read(LOG, &mut vec![]);
     }
 }
 
-/// Reads a channel as often as it takes until it is lost.
+/// Reads a channel until the board is lost.
 fn loses(link: &mut ProbeLink<Bench>) -> String {
     let end = Instant::now() + Duration::from_secs(5);
     loop {
@@ -240,7 +240,7 @@ fn heard(link: &mut ProbeLink<Bench>, channel: usize) -> String {
 #[test]
 fn the_force_is_off_before_anything_else_and_before_the_probe_is_let_go() {
     let bench = Bench::new();
-    bench.state().begun.push_str("arm"); // of somebody before
+    bench.state().begun.push_str("arm"); // part of a line from an earlier host
     let (link, met) = bench.attach().unwrap();
     assert_eq!(met, Met::Off);
     assert_eq!(bench.state().obeyed, ["arm", "disarm", "status"]);
@@ -248,7 +248,7 @@ fn the_force_is_off_before_anything_else_and_before_the_probe_is_let_go() {
     drop(link);
     assert_eq!(bench.state().obeyed[3..], ["disarm"]);
     assert!(bench.state().let_go);
-    // Whoever panics leaves, too.
+    // A program that panics also leaves the board.
     let link = bench.attached();
     let panicked = thread::spawn(move || {
         let _link = link;
@@ -326,7 +326,7 @@ fn an_error_that_passes_takes_no_byte_and_doubles_none() {
         all.push_str(&heard(&mut link, TELEMETRY));
         bench.state().gone = true;
         all.push_str(&heard(&mut link, TELEMETRY));
-        thread::sleep(PATIENCE / 2); // together longer than it may last
+        thread::sleep(PATIENCE / 2); // together longer than the limit
         all.push_str(&heard(&mut link, TELEMETRY));
         bench.state().gone = false;
         bench.state().says(1, format!("{n} after ").as_bytes());
@@ -357,7 +357,7 @@ fn no_command_is_sent_twice() {
     assert_eq!(link.write(COMMANDS, b"hit\n"), 0);
     assert!(link.lost().unwrap().contains("nobody knows whether a command"));
     assert_eq!(link.write(COMMANDS, b"hit\n"), 0);
-    // Lost is for good, but the board is not left without a word if it can be reached.
+    // A lost board stays lost. But the link still sends `disarm` if the board can be reached.
     bench.state().gone = false;
     drop(link);
     assert_eq!(bench.state().obeyed, ["hit", "hit", "disarm"]);

@@ -1,8 +1,8 @@
-//! Shifts and sums with the flags that they give (ARM DDI 0403, A2.2.1 and A7.4.2).
+//! Shifts and sums with their flags (ARM DDI 0403, A2.2.1 and A7.4.2).
 
 use rsemu::cpu::arm::v7m::isa::{DpOp, Shift, ShiftType};
 
-/// A shift by what a register's lowest byte says; the carry that it leaves.
+/// Shifts by a register's lowest byte. Returns the result and the carry.
 pub(super) fn shift_by(kind: ShiftType, value: u32, amount: u32, carry: bool) -> (u32, bool) {
     if amount == 0 {
         return (value, carry);
@@ -25,7 +25,7 @@ pub(super) fn shift_by(kind: ShiftType, value: u32, amount: u32, carry: bool) ->
     }
 }
 
-/// A shift by a constant.
+/// Shifts by a constant. Returns the result and the carry.
 #[inline(always)]
 pub(super) fn shift(shift: Shift, value: u32, carry: bool) -> (u32, bool) {
     if shift.is_none() {
@@ -34,7 +34,7 @@ pub(super) fn shift(shift: Shift, value: u32, carry: bool) -> (u32, bool) {
     shift_by(shift.ty, value, shift.amount.into(), carry)
 }
 
-/// `a + b + carry`; carry and overflow.
+/// `a + b + carry`. Returns the sum, the carry and the overflow.
 #[inline(always)]
 fn sum(a: u32, b: u32, carry: bool) -> (u32, bool, bool) {
     let (partial, first) = a.overflowing_add(b);
@@ -42,7 +42,7 @@ fn sum(a: u32, b: u32, carry: bool) -> (u32, bool, bool) {
     (result, first | second, ((a ^ result) & (b ^ result)) >> 31 != 0)
 }
 
-/// Carry and overflow before an operation, and the carry of its operand's shift.
+/// The flags before an operation, and the carry of its operand's shift.
 #[derive(Clone, Copy)]
 pub(super) struct Before {
     pub(super) carry: bool,
@@ -50,7 +50,7 @@ pub(super) struct Before {
     pub(super) overflow: bool,
 }
 
-/// A data-processing operation; carry and overflow.
+/// Runs a data-processing operation. Returns the result, the carry and the overflow.
 #[inline(always)]
 pub(super) fn operate(op: DpOp, a: u32, b: u32, before: Before) -> (u32, bool, bool) {
     let logical = |result| (result, before.shifted, before.overflow);
@@ -70,20 +70,20 @@ pub(super) fn operate(op: DpOp, a: u32, b: u32, before: Before) -> (u32, bool, b
     }
 }
 
-/// What of a word is loaded into a register, by how many of its bytes.
+/// The value that a load of `bytes` bytes puts into a register.
 #[inline(always)]
 pub(super) fn extended(value: u32, bytes: u32, signed: bool) -> u32 {
     let spare = 32 - 8 * bytes;
     if signed { ((value << spare).cast_signed() >> spare).cast_unsigned() } else { value }
 }
 
-/// A half of a word.
+/// The upper or lower half of a word, with its sign.
 pub(super) fn half(value: u32, top: bool) -> i64 {
     let shifted = if top { value >> 16 } else { value };
     i64::from((shifted << 16).cast_signed() >> 16)
 }
 
-/// The nearest number of so many bits; whether it is another.
+/// The nearest number of `bits` bits, and whether it differs from `value`.
 pub(super) fn saturated(value: i64, bits: u32, signed: bool) -> (u32, bool) {
     let bits = bits.min(32);
     let (least, most) =

@@ -1,4 +1,4 @@
-//! The program in flash, decoded once.
+//! The program in flash. Each instruction is decoded once.
 
 use rsemu::cpu::arm::v7m::{
     fpisa::{FpInsn, UnaryOp},
@@ -7,14 +7,14 @@ use rsemu::cpu::arm::v7m::{
 
 use super::super::FLASH;
 
-/// What stands at an address.
+/// Kind of an entry of the table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// An instruction that is run here.
+    /// An instruction that this module runs.
     Runs,
-    /// The next instruction stands elsewhere in the table.
+    /// The next instruction is at another place of the table.
     Elsewhere,
-    /// One for the emulator.
+    /// An instruction for the emulator.
     Not,
 }
 
@@ -22,31 +22,31 @@ pub(super) enum Kind {
 pub(super) struct Entry {
     pub(super) instruction: Insn,
     pub(super) kind: Kind,
-    /// Instruction of two half-words.
+    /// Whether the instruction has two half-words.
     pub(super) wide: bool,
 }
 
 const NOT: Entry = Entry { instruction: Insn::Undefined, kind: Kind::Not, wide: false };
 const ELSEWHERE: Entry = Entry { kind: Kind::Elsewhere, ..NOT };
 
-/// Instructions that are decoded in one go.
+/// Largest count of instructions that are decoded in one go.
 const LONGEST: usize = 64;
 
 #[derive(Default)]
 pub(super) struct Code {
-    /// For each half-word of flash where its instruction stands below; 0: not decoded.
+    /// For each half-word of flash, the index of its instruction in `entries`; 0: not decoded.
     places: Vec<u32>,
-    /// One after another as in flash, up to one that is elsewhere.
+    /// Instructions in the order of flash, up to an entry `Elsewhere`.
     pub(super) entries: Vec<Entry>,
 }
 
 impl Code {
-    /// Nothing decoded of so many bytes of flash.
+    /// An empty table for `bytes` bytes of flash.
     pub(super) fn new(bytes: usize) -> Self {
         Self { places: vec![0; bytes / 2], entries: vec![NOT] }
     }
 
-    /// Where the instruction at that address is among the entries; in flash only.
+    /// Index of the instruction at an address of flash.
     #[inline(always)]
     pub(super) fn place(&mut self, address: u32, flash: &[u8]) -> Option<usize> {
         let half = (address.wrapping_sub(FLASH) >> 1) as usize;
@@ -86,7 +86,7 @@ impl Code {
     }
 }
 
-/// Whether an instruction is one that is run here.
+/// Whether this module runs the instruction.
 fn runs(instruction: &Insn) -> bool {
     match *instruction {
         Insn::DataProc { .. }

@@ -1,11 +1,12 @@
-//! S0 to S31, fetched from the emulator when they are needed and given back when it may need them.
+//! S0 to S31. They are fetched from the emulator when they are needed, and written back before the emulator may need
+//! them.
 
 use rsemu::cpu::arm::v7m::ArmV7m;
 
 #[derive(Debug, Default)]
 pub(super) struct Floats {
     values: [u32; 32],
-    /// Bit by bit: it is the emulator's, and it is newer than that.
+    /// One bit for each register: whether it was fetched, and whether it is newer than the emulator's copy.
     fetched: u32,
     newer: u32,
 }
@@ -38,7 +39,7 @@ impl Floats {
         }
     }
 
-    /// The emulator may change them.
+    /// Drops the copies, since the emulator may change the registers.
     pub(super) fn forget(&mut self) {
         self.fetched = 0;
     }

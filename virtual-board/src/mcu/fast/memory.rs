@@ -9,20 +9,20 @@ use rsemu::core::{
 
 use super::super::{FLASH, RAM, RAM_BYTES};
 
-/// Addresses in RAM that the protection unit refuses: the first, and how many.
+/// Address range of RAM that the protection unit refuses: first address and size.
 pub(super) type Guard = (u32, u32);
 
-/// What can be loaded and stored here. All else is the emulator's: `None`.
+/// Memory that can be accessed without the bus. `None` leaves an access to the emulator.
 pub(super) struct Memory<'a> {
     pub(super) ram: &'a RamStore,
     pub(super) flash: &'a [u8],
     pub(super) guard: Guard,
-    /// Notes of the words of RAM that were read, if those are wanted.
+    /// Notes of the words of RAM that were read, if they are wanted.
     pub(super) reads: Option<&'a [AtomicBool]>,
 }
 
 impl Memory<'_> {
-    /// So many bytes at `address`, which is aligned to them.
+    /// Loads `bytes` bytes at `address`, which must be aligned to that size.
     #[inline(always)]
     pub(super) fn load(&self, address: u32, bytes: u32) -> Option<u32> {
         if address & (bytes - 1) != 0 {
@@ -56,7 +56,7 @@ impl Memory<'_> {
         self.ram.write_value(at.into(), width(bytes), value.into(), Endian::Little).ok()
     }
 
-    /// Whether all of so many words from `address` on can be stored, and loaded.
+    /// Checks that `words` words from `address` on can be stored and loaded.
     pub(super) fn holds(&self, address: u32, words: u32) -> Option<()> {
         let (at, bytes) = (address.wrapping_sub(RAM), 4 * words);
         let (first, length) = self.guard;

@@ -1,9 +1,10 @@
-//! Most instructions without the emulator's step, which takes some ten times as long.
+//! Runs most instructions without the emulator's step, which takes some ten times as long.
 //!
-//! Run here is what reads and writes nothing but the core's registers, flash and RAM, decoded once by the emulator's own
-//! decoder and with its cycles, while no exception is due and nothing else happens than that instruction: [`Mcu::may_run`]
-//! says when. All else, and what would fault, is left to the emulator as if nothing had been run. Both give the same, bit
-//! for bit and cycle for cycle: tests run random code and whole sessions in both.
+//! This module runs instructions that access only the core's registers, flash and RAM. The emulator's own decoder
+//! decodes them once, and they take the emulator's cycles. They run only while no exception is due and nothing else
+//! happens: [`Mcu::may_run`] checks the conditions. The emulator runs all other instructions, and those that would
+//! fault. Both ways give the same result, bit for bit and cycle for cycle. Tests run random code and whole sessions in
+//! both ways.
 
 mod arithmetic;
 mod code;
@@ -32,47 +33,47 @@ use floats::Floats;
 use memory::{Guard, Memory};
 use run::{Batch, Core};
 
-/// What is known beside the emulator.
+/// State of this module beside the emulator's.
 #[derive(Default)]
 pub(super) struct Fast {
     code: Code,
-    /// A copy of flash, and how often its registers had been touched when it was locked and the same.
+    /// A copy of flash; the count of accesses to the flash registers at which flash was locked and equal to the copy.
     flash: Vec<u8>,
     same_at: Option<u64>,
     floats: Floats,
-    /// The core's registers are newer than the emulator's, by so many cycles.
+    /// Cycles by which these core registers are ahead of the emulator's; none: they are equal.
     ahead: Option<u64>,
-    /// The core is out of its reset and has not locked up.
+    /// Whether the core has left its reset and has not locked up.
     awake: bool,
-    /// Everything is left to the emulator.
+    /// Whether the emulator runs every instruction.
     off: bool,
-    /// Instructions that were run here.
+    /// Count of instructions that ran here.
     run: u64,
 }
 
-/// What the system's registers say about instructions.
+/// Settings of the system registers that affect instructions.
 struct Permit {
     guard: Guard,
     moves_floats: bool,
     float_control: u32,
 }
 
-/// FLASH_CR's offset, and its LOCK.
+/// Offset of FLASH_CR, and its bit LOCK.
 const FLASH_CR: u64 = 0x10;
 const LOCK: u32 = 1 << 31;
 
 impl Mcu {
-    /// Whether every instruction is left to the emulator, to compare.
+    /// Sets whether the emulator runs every instruction. Tests compare the two ways.
     pub fn emulate_all(&mut self, all: bool) {
         self.fast.off = all;
     }
 
-    /// Of all [`instructions`](Self::instructions) those that the emulator was not needed for.
+    /// How many of all [`instructions`](Self::instructions) ran without the emulator.
     pub fn instructions_here(&self) -> u64 {
         self.fast.run
     }
 
-    /// Runs instructions until `until`, or to one for the emulator; whether there were any.
+    /// Runs instructions until cycle `until` or until one for the emulator. Returns whether any instruction ran.
     #[inline]
     pub(super) fn run_here(&mut self, until: u64) -> bool {
         let Some(permit) = self.may_run() else { return false };
@@ -104,7 +105,7 @@ impl Mcu {
         true
     }
 
-    /// The emulator's registers become those of the core.
+    /// Writes the core's registers back to the emulator.
     pub(super) fn give_back(&mut self) {
         if let Some(cycles) = self.fast.ahead.take() {
             self.soc.cpu.set_regs(self.registers);
@@ -114,18 +115,18 @@ impl Mcu {
         self.fast.floats.forget();
     }
 
-    /// Somebody else has changed the core's registers.
+    /// Checks the core's state again, after its registers were changed from outside.
     pub(super) fn look_anew(&mut self) {
         let cpu = &self.soc.cpu;
         self.fast.awake = !cpu.reset_pending() && !cpu.is_locked_up();
     }
 
-    /// Flash, or the chip that it is in, is another.
+    /// Marks the copy of flash as old, since flash or the chip was replaced.
     pub(super) fn forget_flash(&mut self) {
         self.fast.same_at = None;
     }
 
-    /// A reset: what the core had is lost.
+    /// Drops the core's state, as a reset does.
     pub(super) fn start_anew(&mut self) {
         self.fast.ahead = None;
         self.fast.floats = Floats::default();
@@ -133,8 +134,8 @@ impl Mcu {
         self.forget_flash();
     }
 
-    /// Whether the next instruction can be run here: the core is awake, in its privileged state and on its main stack, no
-    /// exception is due, and nobody watches single instructions or waits for one.
+    /// Whether the next instruction can run here. The core must be awake, privileged and on its main stack. No
+    /// exception may be due, and no watch or event may need single instructions.
     fn may_run(&mut self) -> Option<Permit> {
         let Regs { xpsr: state, faultmask, control: control_bits, r, .. } = self.registers;
         let exception = exception_of(state);
@@ -175,24 +176,24 @@ impl Mcu {
         })
     }
 
-    /// The emulator has made a step, to that program counter: after a reset, or into a lock-up.
+    /// Follows a step of the emulator to the program counter `to`, which may be after a reset or in a lock-up.
     #[inline(always)]
     pub(super) fn follow_step(&mut self, to: u32) {
         self.fast.awake = to < run::RETURNS;
         let touched = self.soc.flash_touched.load(Relaxed);
         if self.fast.same_at.is_some_and(|at| at != touched) {
-            // No single instruction unlocks flash, programs it and locks it again.
+            // No single instruction can unlock flash, program it and lock it again.
             self.fast.same_at = self.flash_stays().then_some(touched);
         }
     }
 
-    /// Flash is locked, and nothing goes on in it.
+    /// Whether flash is locked and no operation runs in it.
     fn flash_stays(&self) -> bool {
         let locked = self.soc.flash_registers.peek(FLASH_CR) & LOCK != 0;
         locked && self.soc.flash.next_event_tick().is_none()
     }
 
-    /// The copy of flash is what is there.
+    /// Whether the copy of flash is up to date. Copies flash if needed.
     fn knows_flash(&mut self) -> bool {
         let touched = self.soc.flash_touched.load(Relaxed);
         if self.fast.same_at == Some(touched) {
@@ -211,7 +212,7 @@ impl Mcu {
     }
 }
 
-/// An exception is taken with the next step, or an asserted line is still to become pending.
+/// Whether the next step takes an exception, or an asserted line has still to become pending.
 fn is_due(sys: &Sys, registers: &Regs, asserted: [Option<u16>; 2]) -> bool {
     let waits = |number: u16| {
         let exception = Exception(number);
@@ -231,7 +232,7 @@ fn is_due(sys: &Sys, registers: &Regs, asserted: [Option<u16>; 2]) -> bool {
     priority < running
 }
 
-/// What the protection unit refuses, if it is nothing or one region of RAM without a sub-region.
+/// The addresses that the protection unit refuses: none, or one region of RAM without a sub-region. Otherwise `None`.
 fn guard(sys: &Sys) -> Option<Guard> {
     const ON: u32 = 1;
     const BACKGROUND: u32 = 1 << 2;

@@ -1,4 +1,4 @@
-//! Instructions one after another, with the emulator's cycles: one, one more for each access, two more for a branch.
+//! Runs instructions one after another, with the emulator's cycles: one, one more per access, two more for a branch.
 
 use rsemu::cpu::arm::v7m::{
     ArmV7m, Regs,
@@ -15,20 +15,20 @@ use super::{
     memory::Memory,
 };
 
-/// Addresses from here on are returns from an exception.
+/// Addresses from this one on are returns from an exception.
 pub(super) const RETURNS: u32 = 0xF000_0000;
 
-/// The core, as far as it is here.
+/// The core's state in this module.
 pub(super) struct Core<'a> {
     pub(super) registers: &'a mut Regs,
     pub(super) memory: Memory<'a>,
     pub(super) floats: &'a mut Floats,
     pub(super) cpu: &'a ArmV7m,
-    /// Instructions that move what is in S0 to S31 can be run here.
+    /// Whether instructions that move S0 to S31 can run here.
     pub(super) moves_floats: bool,
-    /// Bits of CONTROL that such an instruction sets.
+    /// Bits of CONTROL that an instruction on S0 to S31 sets.
     pub(super) float_control: u32,
-    /// The present instruction has set the program counter.
+    /// Whether the present instruction has set the program counter.
     pub(super) branched: bool,
 }
 
@@ -36,14 +36,14 @@ pub(super) struct Core<'a> {
 pub(super) struct Batch {
     pub(super) instructions: u64,
     pub(super) cycles: u64,
-    /// The lowest stack pointer.
+    /// Lowest stack pointer.
     pub(super) lowest: u32,
-    /// The last instruction leads to itself.
+    /// Whether the last instruction branches to itself.
     pub(super) stands: bool,
 }
 
 impl Core<'_> {
-    /// Runs until so many cycles are over, or to an instruction for the emulator.
+    /// Runs for `cycles` cycles, or until an instruction for the emulator.
     pub(super) fn run(&mut self, code: &mut Code, cycles: u64) -> Batch {
         let mut batch = Batch { instructions: 0, cycles: 0, lowest: u32::MAX, stands: false };
         'blocks: while batch.cycles < cycles {
@@ -76,7 +76,7 @@ impl Core<'_> {
         batch
     }
 
-    /// One instruction; its cycles. Of one for the emulator nothing is done.
+    /// Runs one instruction and returns its cycles. `None`: the emulator must run it, and nothing was changed.
     #[inline(always)]
     fn one(&mut self, instruction: &Insn, wide: bool) -> Option<u64> {
         let at = self.registers.r[15];
@@ -120,7 +120,7 @@ impl Core<'_> {
         self.registers.r[usize::from(register & 15)]
     }
 
-    /// What is written to the program counter has no effect, as in the emulator.
+    /// Writes a register. A write to the program counter has no effect, as in the emulator.
     #[inline(always)]
     pub(super) fn set(&mut self, register: u8, value: u32) {
         self.registers.r[usize::from(register & 15)] = value;
@@ -153,12 +153,12 @@ impl Core<'_> {
         Some(3)
     }
 
-    /// Whether a branch to an address in a register is no return from an exception and no fault.
+    /// Checks that a branch to the address in a register is neither a return from an exception nor a fault.
     pub(super) fn leads_on(to: u32) -> Option<()> {
         (to & 1 != 0 && to < RETURNS).then_some(())
     }
 
-    /// `sets`: a short instruction that sets flags does so, which it does not in an IT block.
+    /// Runs an instruction. `sets`: a short instruction sets its flags; it does not in an IT block.
     #[inline(always)]
     #[expect(clippy::too_many_lines, reason = "one arm for each form")]
     fn execute(&mut self, instruction: &Insn, sets: bool) -> Option<u64> {
@@ -293,7 +293,7 @@ impl Core<'_> {
         }
     }
 
-    /// The less frequent ones.
+    /// Runs the less frequent instructions.
     fn execute_more(&mut self, instruction: &Insn) -> Option<u64> {
         match *instruction {
             Insn::LoadStoreDual { .. }
@@ -428,7 +428,7 @@ impl Core<'_> {
         }
     }
 
-    /// To a pair of registers, the upper one first.
+    /// Adds `value` to a pair of registers, given as upper and lower register.
     fn add_long(&mut self, [upper, lower]: [u8; 2], value: i64) {
         let before = u64::from(self.get(upper)) << 32 | u64::from(self.get(lower));
         let sum = before.wrapping_add_signed(value);
