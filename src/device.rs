@@ -31,7 +31,7 @@ use crate::{
 pub struct Device<'a> {
     /// The board that the device is on.
     pub board: Name,
-    /// Name and record: saved settings belong to these.
+    /// Name of the device and hash of its record. Saved settings with another key are not used.
     pub key: DeviceKey,
     /// Hash of the scene.
     pub scene_hash: u32,

@@ -187,7 +187,7 @@ mod tests {
         Image { parts: parts.each_ref().map(Vec::as_slice), seal }
     }
 
-    /// What the next pass says, and the slices that it took.
+    /// The next pass: the sum of its checksums, and how many calls it took.
     fn pass(pass: &mut Pass<'_>) -> (u32, usize) {
         (1..10_000).find_map(|n| Some((pass.go_on()?, n))).expect("it ends")
     }

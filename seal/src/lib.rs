@@ -13,7 +13,7 @@ use zwidth::image::{Image, UNSEALED};
 pub const SEAL: &str = "_seal";
 const PARTS: [[&str; 2]; 3] =
     [["__vector_table", SEAL], ["__stext", "__etext"], ["__srodata", "__erodata"]];
-/// Symbols of the initial values of the variables in flash, and of the begin and end of the variables in RAM.
+/// Symbols of the initial values of the variables in flash, and of the start and end of the variables in RAM.
 const VARIABLES: [&str; 3] = ["__sidata", "__sdata", "__edata"];
 
 /// Access to the symbols and bytes of an image.
@@ -33,7 +33,7 @@ fn word_at(image: &impl Linked, address: u32) -> Option<u32> {
     })
 }
 
-/// Begin and end address of each part of an image: vectors, code, constants, initial values of the variables.
+/// Start and end address of each part of an image: vectors, code, constants, initial values of the variables.
 ///
 /// # Errors
 /// The error names the missing symbol.

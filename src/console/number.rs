@@ -11,9 +11,9 @@ const POWERS: [f64; 23] = [
     1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
 ];
 
-/// Reads `2000`, `-0.07`, `1.5e3`: up to 15 significant digits. Taken as an integer with a power of ten, this power
-/// must be within +-22. The result is the nearest `f64`, because `f64` has both exactly and one operation rounds
-/// once.
+/// Reads `2000`, `-0.07`, `1.5e3`: up to 15 significant digits. The number is an integer times a power of ten; the
+/// exponent must be within +-22. The result is the nearest `f64`, because `f64` has both exactly and one operation
+/// rounds once.
 pub(super) fn parse(text: &[u8]) -> Option<f64> {
     let (negative, text) = match text {
         [b'-', rest @ ..] => (true, rest),

@@ -11,7 +11,8 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
-/// Begin and ends of the names of drafts, and of backups that are kept until a result is complete.
+/// Parts of the names of drafts and backups: first this, last one of the two below. A backup is kept until the result
+/// is complete.
 const PREFIX: &str = ".zwidth-";
 const DRAFT: &str = ".draft";
 const BACKUP: &str = ".backup";

@@ -1,4 +1,4 @@
-//! Begin and end of every command line: arguments, signals, output, errors.
+//! Start and end of every command line: arguments, signals, output, errors.
 
 use std::{
     io::{self, Write as _},

@@ -148,7 +148,8 @@ fn a_record_has_what_the_scene_says_and_the_envelope_of_all_that_it_lists() {
     }
 }
 
-/// At each output period, a design has the predicted walls of the scene with this design as estimator.
+/// The record has predicted walls for each design at each output period. They are the walls of the scene with this
+/// design as its estimator.
 #[test]
 fn a_design_has_rows_of_its_own_for_every_period() {
     let edits = [(

@@ -63,7 +63,7 @@ pub fn fixed_loop<S: SimdOps, const R: usize>(
     }
 }
 
-/// Settings at the begin of a hit.
+/// Settings at the start of a hit.
 struct Begin<'a> {
     control: LoopParameters,
     beside: Beside<'a>,

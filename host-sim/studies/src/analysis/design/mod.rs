@@ -146,7 +146,7 @@ pub struct DesignStudy {
     pub filters: Vec<Designed>,
     /// All filters that were walked.
     pub tried: Vec<Tried>,
-    /// Roughness with Butterworth at this wall, N.
+    /// Roughness with Butterworth at `wall`, N.
     pub reference_roughness_n: Option<f64>,
 }
 

@@ -44,7 +44,7 @@ use crate::{
 
 /// Number of estimators that are searched in full after the screening.
 const FINALISTS: usize = 3;
-/// Tunings of the full search, as a multiple of the tunings of another element.
+/// Tunings in the full search of an estimator, as a multiple of the usual number.
 const FINAL_TUNINGS: u32 = 2;
 /// Walks of each change in addition to its search: the scene at the tuning of the change, the change at its own tuning,
 /// and the change at the scene's tuning.

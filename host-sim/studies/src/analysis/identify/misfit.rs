@@ -4,8 +4,9 @@
 //! model is right. Then it is compared with [`COPIES`] simulated copies. A copy is the modelled motion from a start
 //! within the count, with noise as estimated from the sawtooth, and the quantiser. The part that a fit would remove is
 //! subtracted. Two measures are compared: the mean square, and the mean square of the means over [`BLOCKS`] stretches.
-//! The residual is too large, or too coloured, if its measure is more than [`BEYOND`] standard deviations above those
-//! of the copies, on a logarithmic scale.
+//! The copies give the mean and the standard deviation of the logarithm of each measure. The residual is too large, or
+//! too coloured, if its own logarithm is more than [`BEYOND`] standard deviations above this mean. Its measure must
+//! also be more than [`WORTH`] times that of every copy.
 
 use nalgebra::DVector;
 
