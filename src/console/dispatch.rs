@@ -211,6 +211,10 @@ impl<P: Port> Console<P> {
     }
 
     fn keep_as(&mut self, stored: Stored, reply: Reply<'_>) {
+        // A flipped bit would become both copies.
+        if !self.is_whole() {
+            return self.lose();
+        }
         let checked = self.device.experiment(&stored);
         match checked.and_then(|_| stored.grid.check()) {
             Ok(()) => {

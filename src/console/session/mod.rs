@@ -274,7 +274,7 @@ impl<P: Port> Console<P> {
     }
 
     /// Whether settings and device, from which orders are made, are unchanged.
-    fn is_whole(&self) -> bool {
+    pub(super) fn is_whole(&self) -> bool {
         self.stored.is_whole() && self.device_then == *self.device
     }
 
@@ -308,7 +308,7 @@ impl<P: Port> Console<P> {
 
     /// A bit has flipped in what orders are made of: from now on only the order for that fault is given.
     #[cold]
-    fn lose(&mut self) {
+    pub(super) fn lose(&mut self) {
         self.trip();
         let refusal = Refusal::Faulted(Fault::Memory);
         if self.series.is_some() {

@@ -423,7 +423,7 @@ fn with_a_flipped_bit_in_settings_or_device_every_order_is_a_fault() {
     for of_device in [false, true] {
         let mut bench = Bench::new(FREE);
         bench.console.flip(of_device);
-        for line in ["k 5000", "hit", "disarm", "stop"] {
+        for line in ["push 2", "k 5000", "settle 3", "hit", "disarm", "stop"] {
             let (lines, orders) = bench.type_in(line);
             assert_eq!(orders, [Order::Request(Request::Trip(Fault::Memory))], "{line}");
             assert!(
