@@ -36,6 +36,8 @@ pub struct Observed {
     /// Bytes of replies.
     pub replies: Vec<u8>,
     pub telemetry: Vec<u8>,
+    /// Flash may be busy with a save.
+    pub saves: bool,
 }
 
 /// A frame, and its values beside the outputs.
@@ -45,6 +47,8 @@ struct Told {
     /// The outputs, each with its force.
     outputs: Vec<(Record, Force)>,
     positions: Vec<Position>,
+    /// It may have waited for a save, for longer than the image keeps positions.
+    waited: bool,
     settings: Vec<Option<InForce>>,
     port: Option<Exchanged>,
     key: Option<Key>,
@@ -52,7 +56,8 @@ struct Told {
 
 impl Told {
     /// Describes where the image differs. Two differences are allowed, since they depend on when `link` was preempted:
-    /// the sample of a key, and which of two frames has a key.
+    /// the sample of a key, and which of two frames has a key. A third depends on how long flash is busy: a frame that
+    /// waited for a save has no positions.
     fn difference(&self, library: &Self) -> Option<String> {
         let keys = self.key.as_ref().zip(library.key.as_ref());
         let keys = keys.filter(|(key, its)| key.sample == its.sample);
@@ -61,7 +66,10 @@ impl Told {
         different(both.map(|told| told.sequence))
             .or_else(|| outputs.find_map(|(output, its)| different([output, its])))
             .or_else(|| different(both.map(|told| told.outputs.len())))
-            .or_else(|| different(both.map(|told| &told.positions)))
+            .or_else(|| {
+                let lost = self.waited && self.positions.is_empty();
+                if lost { None } else { different(both.map(|told| &told.positions)) }
+            })
             .or_else(|| different(<[_; 2]>::from(keys?)))
             .or_else(|| keys.and_then(|_| different(both.map(|told| (&told.settings, told.port)))))
     }
@@ -78,10 +86,16 @@ struct Said {
     replies: Vec<u8>,
     decoder: Decoder,
     frames: VecDeque<Told>,
+    /// Frames to come that may have waited for a save.
+    waiting: usize,
 }
 
+/// Frames that wait at most, and those that are on their way.
+const WAITING: usize = 64;
+
 impl Said {
-    fn take(&mut self, replies: &[u8], telemetry: &[u8]) {
+    fn take(&mut self, replies: &[u8], telemetry: &[u8], saves: bool) {
+        self.waiting = if saves { WAITING } else { self.waiting };
         self.replies.extend(replies);
         for byte in telemetry {
             let Some(newest) = self.decoder.push(*byte) else { continue };
@@ -91,10 +105,12 @@ impl Said {
                 sequence: newest.sequence,
                 outputs: outputs.map(|(n, frame)| (frame.record, parts.push(n))).collect(),
                 positions: parts.positions(newest.record.position, &mut places).to_vec(),
+                waited: self.waiting > 0,
                 settings: parts.settings().collect(),
                 port: parts.port(),
                 key: parts.key(),
             });
+            self.waiting = self.waiting.saturating_sub(1);
         }
     }
 }
@@ -197,7 +213,7 @@ impl Oracle {
     ) -> Result<(), String> {
         self.counts.extend(observed.counts);
         self.entries.extend(observed.entries);
-        self.image.take(&observed.replies, &observed.telemetry);
+        self.image.take(&observed.replies, &observed.telemetry, observed.saves);
         let Some(mut program) =
             self.program.take().map_or_else(|| self.begin(), |known| Ok(Some(known)))?
         else {
@@ -205,7 +221,7 @@ impl Oracle {
         };
         let ran = self.run(&mut program, size);
         let said = program.channels();
-        self.library.take(&take(&mut said.replies), &take(&mut said.telemetry));
+        self.library.take(&take(&mut said.replies), &take(&mut said.telemetry), false);
         self.program = Some(program);
         ran.and_then(|()| self.compare(counts))
     }

@@ -279,9 +279,10 @@ impl<'a> Run<'a> {
             entries: powered.mcu.watch_mut().take_entries(),
             replies: std::mem::take(&mut self.world.replies).into_bytes(),
             telemetry: std::mem::take(&mut self.world.telemetry),
+            saves: self.checks.properties.saves(),
         };
+        let saved = observed.saves;
         let Checks { oracle, properties, counts, seen, .. } = &mut self.checks;
-        let saved = properties.saves();
         let held = properties.check(&self.world, &observed, seen);
         if saved && !properties.saves() {
             self.world.powered.mcu.watch_mut().clear();
