@@ -188,8 +188,9 @@ impl<'a> Held<'a> {
             let last = self.command.len() - 1;
             self.command[usize::try_from(row).unwrap_or(0).min(last)]
         };
-        let row = row.cast_signed() as i64 - self.rows;
-        (value(row - 1), value(row))
+        // A search may try any latency.
+        let row = (row.cast_signed() as i64).saturating_sub(self.rows);
+        (value(row.saturating_sub(1)), value(row))
     }
 }
 
@@ -216,6 +217,15 @@ mod tests {
             position_m: vec![0.0; 4000],
             drive: Default::default(),
             may_clip: true,
+        }
+    }
+
+    #[test]
+    fn any_latency_has_a_voltage() {
+        let record = record();
+        for latency in [-1e300, -1e19, -0.5, 1e19, 1e300] {
+            let held = Held::new(&record, latency);
+            assert_eq!(held.at(3999), (-1.0, -1.0), "{latency}");
         }
     }
 
