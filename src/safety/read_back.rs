@@ -159,8 +159,8 @@ pub struct CurrentWatch {
 impl CurrentWatch {
     /// Largest mean that is no fault, part of full scale.
     pub const ALLOWED: f64 = 0.25;
-    /// Error of a converter that does not answer, codes.
-    const NO_ANSWER: i32 = 4095;
+    /// What stands for the reading of a converter that does not answer: far from every right one.
+    const NO_ANSWER: i32 = -4096;
     /// Bits behind the point of the slope.
     const SLOPE_BITS: u32 = 16;
     /// The mean's time, 2^7 samples: 12.8 ms.
@@ -183,7 +183,7 @@ impl CurrentWatch {
         let asked = i64::from(self.slope) * i64::from(written.codes(self.zero));
         #[expect(clippy::cast_possible_truncation, reason = "at most the range of the converter")]
         let expected = self.rest + (asked >> Self::SLOPE_BITS) as i32;
-        let error = read.map_or(Self::NO_ANSWER, |read| i32::from(read) - expected);
+        let error = read.map_or(Self::NO_ANSWER, i32::from) - expected;
         let weight = samples.min(SAMPLES_PER_MS).cast_signed();
         *mean += weight * (error - (*mean >> Self::MEAN_BITS));
         (*mean >> Self::MEAN_BITS).abs() > self.allowed
