@@ -17,7 +17,7 @@ use crate::{
     study::{
         boundary::Boundaries,
         limits::{Limit, LimitResult, Question, Situation},
-        limits_asked::grid,
+        limits_asked::{GRID, grid},
     },
 };
 
@@ -37,15 +37,7 @@ pub(super) fn limit_cells(limit: Limit, cutoff_hz: Option<f64>) -> [(&'static st
 
 /// Cells with the number of walks and their grid.
 pub(super) fn walk_cells(walks: u64, walk: &Walk) -> impl Iterator<Item = (&'static str, Cell)> {
-    const NAMES: [&str; 6] = [
-        "stiffness_start_n_per_m",
-        "stiffness_step_n_per_m",
-        "stiffness_max_n_per_m",
-        "damping_start_n_s_per_m",
-        "damping_step_n_s_per_m",
-        "damping_max_tried_n_s_per_m",
-    ];
-    let grid = NAMES.into_iter().zip(grid(walk).map(Cell::Number));
+    let grid = GRID.into_iter().zip(grid(walk).map(Cell::Number));
     [("walks", Cell::Whole(walks))].into_iter().chain(grid)
 }
 
