@@ -30,7 +30,7 @@ mod _native {
         estimator::Estimator,
         folder::{StudyFolder, StudyUnits, study_text},
         measured::{
-            Agreement, EncoderTerm, Estimate, Identification, Plan, Replay, Residual, Suspect,
+            Agreement, CoggingTerm, EncoderTerm, Estimate, Identification, Plan, Replay, Residual, Suspect,
             TermTest, agree, identify, identify_plan, replay,
         },
         recommended::{Recommended, recommended},

@@ -72,12 +72,7 @@ fn terms_of(names: &[String]) -> PyResult<Terms> {
         )));
     }
     let has = |term: Term| names.iter().any(|name| name == term.name());
-    Ok(Terms::These {
-        friction: has(Term::Friction),
-        amplifier: has(Term::Amplifier),
-        offset: has(Term::Offset),
-        phase: has(Term::Phase),
-    })
+    Ok(Terms::these(has))
 }
 
 /// Terms that are fitted beside mass, damping and spring: one word, or names.
@@ -153,9 +148,21 @@ result! { value
 }
 
 result! { value
+    /// A force that is periodic in the position.
+    CoggingTerm {
+        /// Amplitude, N.
+        amplitude_n: Part<Estimate>,
+        /// Travel from cog to cog, m.
+        pitch_m: Part<Estimate>,
+        /// Phase at position 0, rad.
+        phase_rad: Part<Estimate>,
+    }
+}
+
+result! { value
     /// Evidence that a term is present.
     TermTest {
-        /// `friction`, `amplifier`, `offset` or `phase`.
+        /// `friction`, `stribeck`, `amplifier`, `offset`, `cogging` or `phase`.
         term: String,
         /// Value over standard error.
         standard_errors: f64,
@@ -220,10 +227,16 @@ result! { table
         latency_s: Part<Estimate>,
         /// Dry friction, N; None where it is not in the model.
         friction_n: Option<Part<Estimate>>,
+        /// Largest friction at rest, N; None where friction does not fall with the speed.
+        static_friction_n: Option<Part<Estimate>>,
+        /// Speed over which friction falls, m/s; None where it does not.
+        stribeck_speed_m_per_s: Option<Part<Estimate>>,
         /// Time constant of the amplifier, s; None where it is not in the model.
         amplifier_lag_s: Option<Part<Estimate>>,
         /// Constant force, N; None where it is not in the model.
         offset_n: Option<Part<Estimate>>,
+        /// Force that is periodic in the position; None if it is not in the model.
+        cogging: Option<Part<CoggingTerm>>,
         /// Periodic error of the encoder; None if it is not in the model.
         encoder_error: Option<Part<EncoderTerm>>,
         /// Test of each of these terms that is in the model.
@@ -326,7 +339,7 @@ fn turn<'py, const N: usize>(
 ///     Find the latency too, starting from `latency`.
 /// spring : bool
 ///     Whether the device has a spring.
-/// terms : {"auto", "none"} or iterable of {"friction", "amplifier", "offset", "phase"}
+/// terms : {"auto", "none"} or iterable of {"friction", "stribeck", "amplifier", "offset", "cogging", "phase"}
 ///     Terms that are fitted beside mass, damping and spring: those that the records show, none, or these.
 /// rest_position : float, optional
 ///     Rest position of the spring without any other force, m. With it, a constant force can be distinguished.

@@ -373,7 +373,13 @@ fn judged(case: &Case, found: &Identification) -> Verdict {
             _ => {}
         }
     }
-    invented.extend(named.phase.is_some().then_some(Term::Phase));
+    for (is_in, term) in [
+        (named.phase.is_some(), Term::Phase),
+        (named.cogging.is_some(), Term::Cogging),
+        (named.stribeck.is_some() && device.stribeck.is_none(), Term::Stribeck),
+    ] {
+        invented.extend(is_in.then_some(term));
+    }
     let warned = found.warnings.iter().any(|warning| !warning.starts_with("quantisation"));
     Verdict { off, warned, invented, missed }
 }

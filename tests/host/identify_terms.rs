@@ -185,7 +185,7 @@ fn pairs(found: &Identification, truth: &Truth) -> [Option<(Estimate, f64)>; 7] 
 
 /// Identifies every device with every seed. Counts how often each interval contains the true value, and how often each
 /// term is invented.
-fn campaign(name: &str, has: Has, count: usize, seeds: u64) -> (Tally, [Tally; 4]) {
+fn campaign(name: &str, has: Has, count: usize, seeds: u64) -> (Tally, [Tally; 6]) {
     let cases: Vec<(usize, Truth, u64)> = truths(count, has)
         .into_iter()
         .enumerate()
@@ -197,7 +197,7 @@ fn campaign(name: &str, has: Has, count: usize, seeds: u64) -> (Tally, [Tally; 4
             (index, truth, seed, identify(&[truth.record(seed + 100)], &truth.options()))
         })
         .collect();
-    let (mut tallies, mut invented) = ([Tally::default(); 7], [Tally::default(); 4]);
+    let (mut tallies, mut invented) = ([Tally::default(); 7], [Tally::default(); 6]);
     let mut refused = 0;
     for (index, truth, seed, found) in &runs {
         let found = match found {
@@ -228,6 +228,8 @@ fn campaign(name: &str, has: Has, count: usize, seeds: u64) -> (Tally, [Tally; 4
             (Term::Amplifier, terms.lag_s.is_some(), truth.lag_samples > 0.0),
             (Term::Offset, terms.offset_n.is_some(), truth.offset_n != 0.0),
             (Term::Phase, terms.phase.is_some(), truth.error.is_some()),
+            (Term::Stribeck, terms.stribeck.is_some(), false),
+            (Term::Cogging, terms.cogging.is_some(), false),
         ] {
             if !is_there {
                 invented[Term::ALL.iter().position(|one| *one == term).unwrap()].add(is_in);
@@ -372,7 +374,11 @@ fn a_residual_beyond_quantisation_is_said_with_its_cause() {
 fn a_term_that_is_asked_for_is_fitted_and_an_offset_needs_a_known_rest() {
     let truth = Truth { offset_n: 0.05, ..paper() };
     let record = truth.record(5);
-    let ask = |offset, friction| Terms::These { friction, amplifier: false, offset, phase: false };
+    let ask = |offset, friction| {
+        Terms::these(|term| {
+            (term == Term::Offset && offset) || (term == Term::Friction && friction)
+        })
+    };
     let asked = Options { terms: ask(true, true), ..truth.options() };
     let found = identify(std::slice::from_ref(&record), &asked).unwrap();
     let friction = found.terms.friction_n.unwrap();

@@ -16,6 +16,7 @@ from . import _native
 from ._answers import BoardHit, BoardSelfTest, BoardStatus, BoardWalk
 from ._native import (
     Agreement,
+    CoggingTerm,
     Comparison,
     EncoderTerm,
     Estimate,
@@ -78,6 +79,7 @@ __all__ = [
     "BoardSelfTest",
     "BoardStatus",
     "BoardWalk",
+    "CoggingTerm",
     "Comparison",
     "EncoderTerm",
     "Estimate",

@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::Common;
 use crate::{
     analysis::identify::{
-        self, Asked, GainAsked, Identification, Json, Made, Options, Record, Span, Terms,
+        self, Asked, GainAsked, Identification, Json, Made, Options, Record, Span, Term, Terms,
     },
     error::{Error, printable},
     interrupt,
@@ -83,9 +83,15 @@ struct TermArgs {
     /// Fit Coulomb friction, whatever the test says; with it, only terms that are named.
     #[arg(long, conflicts_with = "terms")]
     friction: bool,
+    /// Fit friction that falls with the speed, and with it dry friction.
+    #[arg(long, conflicts_with = "terms")]
+    stribeck: bool,
     /// Fit a constant force; needs --rest-position or --no-spring.
     #[arg(long, conflicts_with = "terms")]
     offset: bool,
+    /// Fit a force that is periodic in the position.
+    #[arg(long, conflicts_with = "terms")]
+    cogging: bool,
     /// Fit the first-order lag of the amplifier.
     #[arg(long, conflicts_with = "terms")]
     amplifier: bool,
@@ -102,9 +108,17 @@ enum TermsName {
 
 impl TermArgs {
     fn terms(&self) -> Terms {
-        let Self { terms, friction, offset, amplifier, phase } = *self;
-        if friction || offset || amplifier || phase {
-            return Terms::These { friction, amplifier, offset, phase };
+        let Self { terms, friction, stribeck, offset, cogging, amplifier, phase } = *self;
+        let has = |term| match term {
+            Term::Friction => friction,
+            Term::Stribeck => stribeck,
+            Term::Amplifier => amplifier,
+            Term::Offset => offset,
+            Term::Cogging => cogging,
+            Term::Phase => phase,
+        };
+        if Term::ALL.into_iter().any(has) {
+            return Terms::these(has);
         }
         match terms {
             TermsName::Auto => Terms::Auto,

@@ -61,8 +61,27 @@ pub(super) fn rows(found: &Identification, options: &Options, units: Units) -> V
     }
     let terms = &found.terms;
     rows.extend(terms.friction_n.map(|friction| row("friction", "N", friction)));
+    if let Some(stribeck) = &terms.stribeck {
+        rows.push(row("  at rest", "N", stribeck.static_n));
+        rows.push(row("  falls over", "m/s", stribeck.speed_m_per_s));
+    }
     rows.extend(terms.lag_s.map(|lag| row("amplifier lag", "s", lag)));
     rows.extend(terms.offset_n.map(|offset| row("offset", "N", offset)));
+    // The same model, with a level of friction for each direction.
+    if let (Some(friction), Some(offset)) = (terms.friction_n, terms.offset_n) {
+        let level = |sign: f64| Estimate {
+            value: friction.value + sign * offset.value,
+            half_width: friction.half_width + offset.half_width,
+            white_half_width: friction.white_half_width + offset.white_half_width,
+        };
+        rows.push(row("  friction in +", "N", level(-1.0)));
+        rows.push(row("  friction in -", "N", level(1.0)));
+    }
+    if let Some(cogging) = &terms.cogging {
+        rows.push(row("cogging", "N", cogging.amplitude_n));
+        rows.push(row("  pitch", "m", cogging.pitch_m));
+        rows.push(row("  phase at 0", "rad", cogging.phase_rad));
+    }
     if let Some(phase) = &terms.phase {
         rows.push(row("encoder error", "m", phase.first_m));
         rows.push(row("  per cycle of", "m", phase.cycle_m));

@@ -25,8 +25,8 @@ use super::{
     layout::{
         DAMPING, Layout, MASS,
         Parameter::{
-            Constant, Cosine, Cycles, Damping, Friction, Gain, Lag, Latency, Mass, Second, Sine,
-            Stiffness,
+            CogCosine, CogCycles, CogSine, Constant, Cosine, Cycles, Damping, Fall, Friction, Gain,
+            Lag, Latency, Mass, Rise, Second, Sine, Stiffness,
         },
         Values,
     },
@@ -90,6 +90,10 @@ pub(super) struct Estimates {
     /// Time constant of the amplifier, s.
     pub lag: Option<Estimate>,
     pub offset: Option<Estimate>,
+    /// Rise of friction to rest, N, static friction, N, and Stribeck speed, m/s.
+    pub stribeck: Option<[Estimate; 3]>,
+    /// Cogging: amplitude, N, phase at position 0, and pitch.
+    pub cogging: Option<[Estimate; 3]>,
     /// Encoder error: amplitudes once and twice per cycle, phase at position 0, and cycle.
     pub phase: Option<[Estimate; 4]>,
     /// Largest ratio of a stated interval to the interval for white noise.
@@ -121,6 +125,11 @@ impl Estimates {
         ] {
             own.iter_mut().zip(other).for_each(|(own, other)| widen(own, other));
         }
+        self.follow(&before);
+    }
+
+    /// Widens the joint error as the intervals since `before`.
+    fn follow(&mut self, before: &Self) {
         let wider = self.numbers().into_iter().zip(before.numbers());
         for (deviation, wider) in self.joint.deviations.iter_mut().zip(wider) {
             if let (Some(own), Some(was)) = wider
@@ -131,6 +140,52 @@ impl Estimates {
         }
     }
 
+    /// Widens the intervals to the parameters of `other`, which explains the record as well as `own`.
+    pub fn reach(&mut self, own: &Values, other: &Values) {
+        let [before, after] = [own, other].map(|values| (values, values.layout()));
+        let of = |(values, layout): (&Values, &Layout)| {
+            let [stiffness, constant] = values.spring();
+            let cogs = values.of(CogCycles);
+            let [sine, cosine] = [CogSine, CogCosine].map(|one| values.of(one));
+            let phase = cosine.atan2(sine) - TAU * layout.reference_m * cogs;
+            let rest = layout.rest_m.unwrap_or(constant / stiffness);
+            (stiffness, rest, [sine.hypot(cosine), phase, 1.0 / cogs])
+        };
+        let (a, b) = (of(before), of(after));
+        let far = |own: &mut Estimate, by: f64| {
+            if own.half_width > 0.0 && by.is_finite() {
+                own.half_width = own.half_width.max(by.abs());
+            }
+        };
+        let by = |parameter| other.of(parameter) - own.of(parameter);
+        let was = *self;
+        far(&mut self.mass, by(Mass));
+        far(&mut self.damping, by(Damping));
+        if let Some([stiffness, rest]) = &mut self.spring {
+            far(stiffness, b.0 - a.0);
+            far(rest, b.1 - a.1);
+        }
+        for (estimate, parameter) in [
+            (&mut self.gain, Gain),
+            (&mut self.latency, Latency),
+            (&mut self.friction, Friction),
+            (&mut self.lag, Lag),
+            (&mut self.offset, Constant),
+        ] {
+            estimate.iter_mut().for_each(|one| far(one, by(parameter)));
+        }
+        if let Some([rise, at_rest, fall]) = &mut self.stribeck {
+            far(rise, by(Rise));
+            far(at_rest, by(Rise) + by(Friction));
+            far(fall, by(Fall));
+        }
+        if let Some(cogging) = &mut self.cogging {
+            let moves = a.2.into_iter().zip(b.2);
+            cogging.iter_mut().zip(moves).for_each(|(one, (a, b))| far(one, b - a));
+        }
+        self.follow(&was);
+    }
+
     /// The estimates of the device's numbers.
     fn numbers(&self) -> [Option<Estimate>; NUMBERS] {
         let [stiffness, rest] = self.spring.map_or([None; 2], |spring| spring.map(Some));
@@ -138,10 +193,14 @@ impl Estimates {
     }
 }
 
+/// Half-widths of an interval per standard error, with many rows.
+pub(super) fn quantile() -> f64 {
+    Normal::standard().inverse_cdf(f64::midpoint(1.0, CONFIDENCE))
+}
+
 /// Standard error of an estimate from many rows.
 pub(super) fn standard_error(estimate: &Estimate) -> f64 {
-    let quantile = Normal::standard().inverse_cdf(f64::midpoint(1.0, CONFIDENCE));
-    estimate.half_width / quantile
+    estimate.half_width / quantile()
 }
 
 /// A parameter that is not in the model.
@@ -247,6 +306,16 @@ pub(super) fn estimates(
         friction: free(Friction).map(&mut next),
         lag: free(Lag).map(&mut next),
         offset: layout.terms.offset.then(|| next(free(Constant).unwrap_or_default())),
+        stribeck: free(Rise)
+            .zip(free(Fall))
+            .map(|(rise, fall)| [rise, values.of(Friction) + rise, fall].map(&mut next)),
+        cogging: free(CogSine).zip(free(CogCosine)).map(|(sine, cosine)| {
+            let cogs = values.of(CogCycles);
+            let amplitude = next(sine.hypot(cosine));
+            let phase = next(cosine.atan2(sine) - TAU * layout.reference_m * cogs);
+            let known = layout.cogs_per_m.map(|cogs| Estimate::given(1.0 / cogs));
+            [amplitude, phase, known.unwrap_or_else(|| next(1.0 / cogs))]
+        }),
         phase: free(Sine).zip(free(Cosine)).map(|(sine, cosine)| {
             let first = next(sine.hypot(cosine));
             let second = free(Second).map_or(Estimate::given(0.0), &mut next);
@@ -302,16 +371,22 @@ fn gradients(values: &Values) -> Vec<Vec<(usize, f64)>> {
     if layout.terms.offset {
         all.extend(alone(place(Constant)));
     }
-    if let (Some(sine), Some(cosine)) = (place(Sine), place(Cosine)) {
-        let (s, c) = (values.of(Sine), values.of(Cosine));
+    if let (Some(friction), Some(rise), Some(fall)) = (place(Friction), place(Rise), place(Fall)) {
+        all.extend([vec![(rise, 1.0)], vec![(friction, 1.0), (rise, 1.0)], vec![(fall, 1.0)]]);
+    }
+    for (sine, cosine, cycles) in [(CogSine, CogCosine, CogCycles), (Sine, Cosine, Cycles)] {
+        let (Some(at_sine), Some(at_cosine)) = (place(sine), place(cosine)) else { continue };
+        let (s, c) = (values.of(sine), values.of(cosine));
         let squared = (s * s + c * c).max(f64::MIN_POSITIVE);
         let amplitude = squared.sqrt();
-        all.push(vec![(sine, s / amplitude), (cosine, c / amplitude)]);
-        all.extend(alone(place(Second)));
-        let mut phase = vec![(sine, -c / squared), (cosine, s / squared)];
-        phase.extend(place(Cycles).map(|place| (place, -TAU * layout.reference_m)));
+        all.push(vec![(at_sine, s / amplitude), (at_cosine, c / amplitude)]);
+        if sine == Sine {
+            all.extend(alone(place(Second)));
+        }
+        let mut phase = vec![(at_sine, -c / squared), (at_cosine, s / squared)];
+        phase.extend(place(cycles).map(|place| (place, -TAU * layout.reference_m)));
         all.push(phase);
-        all.extend(place(Cycles).map(|place| vec![(place, -1.0 / values.of(Cycles).powi(2))]));
+        all.extend(place(cycles).map(|place| vec![(place, -1.0 / values.of(cycles).powi(2))]));
     }
     all
 }

@@ -5,7 +5,7 @@
 //! of its neighbours, so that a coloured residual is not taken for a line. The shortest cycle is eight counts, and at
 //! least twice the longest way between two rows, because of aliasing. The longest cycle is a quarter of the travel.
 
-use super::fit::{Fitted, Solution};
+use super::fit::Fitted;
 use crate::numerics::fft::RealSpectrum;
 
 /// Shortest cycle of the search, bins.
@@ -22,16 +22,18 @@ pub(super) struct Line {
     pub cycles_per_m: f64,
     /// Number of examined cycles.
     pub looked_at: f64,
+    /// Power over that of the neighbours.
+    pub strength: f64,
 }
 
-/// The strongest line of the residual, or the known cycle; `None` if the range of positions is too small.
+/// The strongest line of `errors`, row by row, or the known cycle; `None` if the range of positions is too small.
 pub(super) fn strongest(
     records: &[Fitted<'_>],
-    (solution, unit_m): (&Solution, f64),
+    (errors, unit_m): (&[f64], f64),
     known_m: Option<f64>,
 ) -> Option<Line> {
     if let Some(cycle_m) = known_m {
-        return Some(Line { cycles_per_m: 1.0 / cycle_m, looked_at: 1.0 });
+        return Some(Line { cycles_per_m: 1.0 / cycle_m, looked_at: 1.0, strength: f64::INFINITY });
     }
     let positions =
         || records.iter().flat_map(|fitted| fitted.positions_m[fitted.first..].iter().copied());
@@ -42,7 +44,7 @@ pub(super) fn strongest(
     let bin_of = |x: f64| ((x - ends.0) / bin_m) as usize;
     let bins = bin_of(ends.1) + 1;
     let mut sums = vec![(0.0, 0.0); bins];
-    for (x, residual_m) in positions().zip(solution.residual_m.iter()) {
+    for (x, residual_m) in positions().zip(errors) {
         let (sum, rows) = &mut sums[bin_of(x)];
         (*sum, *rows) = (*sum + residual_m, *rows + 1.0);
     }
@@ -75,6 +77,7 @@ pub(super) fn strongest(
     let metres = length as f64 * bin_m;
     Some(Line {
         cycles_per_m: best.0 as f64 / metres,
+        strength: best.1,
         looked_at: ((end - first) as f64 / line as f64).max(1.0),
     })
 }

@@ -17,8 +17,8 @@ use super::{
     layout::{
         DAMPING, MASS, Parameter,
         Parameter::{
-            Constant, Cosine, Cycles, Damping, Friction, Gain, Lag, Latency, Mass, Second, Sine,
-            Stiffness,
+            CogCosine, CogCycles, CogSine, Constant, Cosine, Cycles, Damping, Fall, Friction, Gain,
+            Lag, Latency, Mass, Rise, Second, Sine, Stiffness,
         },
         Values,
     },
@@ -39,6 +39,8 @@ const FAR: f64 = 1e100;
 
 /// Change of a parameter for a derivative by differences, as a part of its resolution.
 const DIFFERENCE: f64 = 1e-6;
+/// The same factor if the model is computed over stretches.
+const DIFFERENCE_CURVED: f64 = 1e-4;
 /// Number of times that derivatives are computed again over their standard errors.
 const SECANTS: usize = 6;
 /// Relative change below which derivatives count as equal.
@@ -47,8 +49,9 @@ const SECANT_SAME: f64 = 0.02;
 /// Number of Gauss-Newton steps, and number of halvings of one step.
 const POLISHES: usize = 20;
 const HALVINGS: i32 = 6;
-/// Smallest useful reduction of the sum of squares, as a part of the mean square.
+/// Smallest useful reduction of the sum of squares, as a part of the mean square; the same beside a value that is held.
 const POLISHED: f64 = 1e-2;
+const PROFILED: f64 = 0.1;
 
 /// A record prepared for the fit.
 #[derive(Clone, Debug)]
@@ -109,7 +112,12 @@ impl Problem<'_> {
         let Reduced { w, d, gain, offset, x, v, latency } = self.reduced(index);
         let [friction_n, lag_s] = self.values.slow();
         let friction = friction_n / self.mass(index);
-        Motion { w, d, gain, offset, friction, lag_s, x, v, latency }
+        let [rise, fall, sine, cosine, cycles] =
+            [Rise, Fall, CogSine, CogCosine, CogCycles].map(|one| self.values.of(one));
+        let (mass, terms) = (self.mass(index), self.values.layout().terms);
+        let stribeck = (terms.stribeck && rise > 0.0 && fall > 0.0).then_some([rise / mass, fall]);
+        let cogging = terms.cogging.then_some([sine / mass, cosine / mass, TAU * cycles]);
+        Motion { w, d, gain, offset, friction, stribeck, cogging, lag_s, x, v, latency }
     }
 
     /// Adds the encoder's error to positions from the reference, m.
@@ -211,20 +219,19 @@ impl Problem<'_> {
             Mass => mass,
             Damping => self.values.of(Damping).abs() + mass / seconds,
             Stiffness => mass / seconds.powi(2) + force_n / travel_m,
-            Constant | Friction => force_n,
+            Constant | Friction | Rise | CogSine | CogCosine => force_n,
+            Fall => self.values.of(Fall).abs(),
             Gain => gain.abs(),
             Latency | Lag => 1e3 * step_s,
             Sine | Cosine | Second => travel_m,
-            Cycles => 1.0 / travel_m,
+            Cycles | CogCycles => 1.0 / travel_m,
         };
         let layout = self.values.layout();
-        let mut all: Vec<f64> =
-            layout.fitted().map(|parameter| DIFFERENCE * of(parameter)).collect();
+        let part = if layout.terms.is_curved() { DIFFERENCE_CURVED } else { DIFFERENCE };
+        let mut all: Vec<f64> = layout.fitted().map(|parameter| part * of(parameter)).collect();
         for record in 0..self.records.len() {
-            all.push(DIFFERENCE * travel_m);
-            all.extend(
-                layout.speed_place(record).map(|_| DIFFERENCE * travel_m / seconds.min(1.0)),
-            );
+            all.push(part * travel_m);
+            all.extend(layout.speed_place(record).map(|_| part * travel_m / seconds.min(1.0)));
         }
         all
     }
@@ -275,8 +282,7 @@ impl Problem<'_> {
                     .iter_mut()
                     .zip(&step)
                     .for_each(|(value, step)| *value -= part * step);
-                let [friction, lag] = [Friction, Lag].map(|one| moved.values.of(one));
-                let left = moved.residuals().filter(|_| friction >= 0.0 && lag >= 0.0)?;
+                let left = moved.residuals().filter(|_| moved.values.is_allowed())?;
                 (left.norm_squared() < residual.norm_squared()).then_some((moved.values, left))
             });
             let Some((values, left)) = better else {
@@ -328,8 +334,7 @@ impl Problem<'_> {
                 for ((value, scale), part) in values.iter_mut().zip(&scales).zip(&parts) {
                     *value += by * size * part / scale;
                 }
-                let [friction, lag] = [Friction, Lag].map(|one| moved.values.of(one));
-                (friction >= 0.0 && lag >= 0.0).then(|| moved.stacked()).flatten()
+                moved.values.is_allowed().then(|| moved.stacked()).flatten()
             };
             let change = match (moved(1.0), moved(-1.0)) {
                 (Some(up), Some(down)) => (up - down) / 2.0,
@@ -344,6 +349,33 @@ impl Problem<'_> {
             column.scale_mut(*scale);
         }
         found.iter().all(|value| value.is_finite()).then_some(found)
+    }
+
+    /// The values with the smallest sum of squares beside one value that is held, and this sum. `square` is the mean
+    /// square of the residual.
+    pub(super) fn beside(mut self, place: usize, value: f64, square: f64) -> Option<(Values, f64)> {
+        self.values.slice_mut()[place] = value;
+        self.values.is_allowed().then_some(())?;
+        let mut residual = self.residuals()?;
+        for _ in 0..POLISHES {
+            let jacobian = self.by_differences()?.remove_column(place);
+            let step = least_squares_step(&jacobian, &residual)?.insert_row(place, 0.0);
+            let better = (0..HALVINGS).find_map(|halvings| {
+                let mut moved = self.clone();
+                let part = 0.5_f64.powi(halvings);
+                let values = moved.values.slice_mut().iter_mut();
+                values.zip(&step).for_each(|(value, step)| *value -= part * step);
+                let left = moved.residuals().filter(|_| moved.values.is_allowed())?;
+                (left.norm_squared() < residual.norm_squared()).then_some((moved.values, left))
+            });
+            let Some((values, left)) = better else { break };
+            let gained = residual.norm_squared() - left.norm_squared();
+            (self.values, residual) = (values, left);
+            if gained < PROFILED * square {
+                break;
+            }
+        }
+        Some((self.values, residual.norm_squared()))
     }
 
     /// All weighted readings of the model, record by record.
@@ -461,6 +493,13 @@ pub(super) fn solve(problem: Problem<'_>) -> Result<Solution, String> {
     let residual_m = -raw.residuals().ok_or_else(hopeless)?;
     let evaluations = report.number_of_evaluations;
     Ok(Solution { values: problem.values, residual_m, weighed_m, jacobian, evaluations })
+}
+
+/// Standard error of one value for an error of 1 at each row.
+pub(super) fn deviation(jacobian: &DMatrix<f64>, place: usize) -> f64 {
+    let others = jacobian.clone().remove_column(place);
+    let own = jacobian.column(place).into_owned();
+    least_squares_step(&others, &own).map_or(0.0, |step| 1.0 / (own - others * step).norm())
 }
 
 /// The Gauss-Newton step, which must be subtracted.

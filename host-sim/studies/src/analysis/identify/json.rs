@@ -50,10 +50,20 @@ impl From<Estimate> for Interval {
 #[derive(Serialize)]
 struct TermsJson {
     friction_n: Option<Interval>,
+    static_friction_n: Option<Interval>,
+    stribeck_speed_m_per_s: Option<Interval>,
     amplifier_lag_s: Option<Interval>,
     offset_n: Option<Interval>,
+    cogging: Option<CoggingJson>,
     encoder_error: Option<PhaseJson>,
     tests: Vec<TestJson>,
+}
+
+#[derive(Serialize)]
+struct CoggingJson {
+    amplitude_n: Interval,
+    pitch_m: Interval,
+    phase_rad: Interval,
 }
 
 #[derive(Serialize)]
@@ -81,8 +91,15 @@ impl TermsJson {
         };
         (!found.tests.is_empty()).then(|| Self {
             friction_n: found.friction_n.map(Interval::from),
+            static_friction_n: found.stribeck.map(|one| one.static_n.into()),
+            stribeck_speed_m_per_s: found.stribeck.map(|one| one.speed_m_per_s.into()),
             amplifier_lag_s: found.lag_s.map(Interval::from),
             offset_n: found.offset_n.map(Interval::from),
+            cogging: found.cogging.map(|cogging| CoggingJson {
+                amplitude_n: cogging.amplitude_n.into(),
+                pitch_m: cogging.pitch_m.into(),
+                phase_rad: cogging.phase_rad.into(),
+            }),
             encoder_error: found.phase.map(|phase| PhaseJson {
                 first_m: phase.first_m.into(),
                 second_m: phase.second_m.into(),

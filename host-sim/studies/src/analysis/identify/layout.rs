@@ -3,7 +3,8 @@
 use nalgebra::DVector;
 
 use self::Parameter::{
-    Constant, Cosine, Cycles, Damping, Friction, Gain, Lag, Latency, Mass, Second, Sine, Stiffness,
+    CogCosine, CogCycles, CogSine, Constant, Cosine, Cycles, Damping, Fall, Friction, Gain, Lag,
+    Latency, Mass, Rise, Second, Sine, Stiffness,
 };
 
 /// Indices of the parameters that every fit has.
@@ -23,6 +24,9 @@ pub(super) enum Parameter {
     Friction,
     /// Time constant of the amplifier, s.
     Lag,
+    /// Static friction beyond the Coulomb friction, N, and the speed over which it falls, m/s.
+    Rise,
+    Fall,
     /// Encoder error once per cycle: sine and cosine at the reference, m.
     Sine,
     Cosine,
@@ -30,11 +34,16 @@ pub(super) enum Parameter {
     Cycles,
     /// Amplitude of the encoder error twice per cycle, m.
     Second,
+    /// Cogging: sine and cosine at the reference, N, and cogs per metre.
+    CogSine,
+    CogCosine,
+    CogCycles,
 }
 
 /// All parameters, in the order of the vector.
-pub(super) const PARAMETERS: [Parameter; 12] = [
-    Mass, Damping, Stiffness, Constant, Gain, Latency, Friction, Lag, Sine, Cosine, Cycles, Second,
+pub(super) const PARAMETERS: [Parameter; 17] = [
+    Mass, Damping, Stiffness, Constant, Gain, Latency, Friction, Lag, Rise, Fall, Sine, Cosine,
+    Cycles, Second, CogSine, CogCosine, CogCycles,
 ];
 
 impl Parameter {
@@ -49,9 +58,13 @@ impl Parameter {
             Latency => "latency",
             Friction => "friction",
             Lag => "lag of the amplifier",
+            Rise => "static friction",
+            Fall => "Stribeck speed",
             Sine | Cosine => "encoder error",
             Cycles => "cycle of the encoder error",
             Second => "encoder error twice per cycle",
+            CogSine | CogCosine => "cogging",
+            CogCycles => "pitch of the cogs",
         }
     }
 }
@@ -71,6 +84,8 @@ pub(super) struct Layout {
     pub terms: Included,
     /// Cycles per metre of the encoder's signals, if known.
     pub cycles_per_m: Option<f64>,
+    /// Cogs per metre, if known.
+    pub cogs_per_m: Option<f64>,
     /// Reference of the positions, m.
     pub reference_m: f64,
     pub records: usize,
@@ -87,18 +102,26 @@ pub(super) struct Included {
     pub phase: bool,
     /// The second harmonic of the phase error.
     pub second: bool,
+    /// Friction that falls with the speed.
+    pub stribeck: bool,
+    pub cogging: bool,
 }
 
 impl Included {
     /// Whether the model is the paper's: linear, with exact derivatives.
     pub(super) fn plain(self) -> bool {
-        !(self.friction || self.lag || self.phase)
+        !(self.friction || self.lag || self.phase || self.cogging)
+    }
+
+    /// Whether the motion between two events is no exact step.
+    pub(super) fn is_curved(self) -> bool {
+        self.stribeck || self.cogging
     }
 }
 
 impl Layout {
     fn has(&self, parameter: Parameter) -> bool {
-        let Included { friction, lag, offset, phase, second } = self.terms;
+        let Included { friction, lag, offset, phase, second, stribeck, cogging } = self.terms;
         match parameter {
             Mass | Damping => true,
             Stiffness => self.spring,
@@ -110,6 +133,9 @@ impl Layout {
             Sine | Cosine => phase,
             Cycles => phase && self.cycles_per_m.is_none(),
             Second => phase && second,
+            Rise | Fall => friction && stribeck,
+            CogSine | CogCosine => cogging,
+            CogCycles => cogging && self.cogs_per_m.is_none(),
         }
     }
 
@@ -149,6 +175,7 @@ impl Layout {
             Gain => self.gain,
             Latency => self.latency_s,
             Cycles => self.cycles_per_m,
+            CogCycles => self.cogs_per_m,
             _ => None,
         };
         known.unwrap_or(0.0)
@@ -222,6 +249,13 @@ impl Values {
     /// Friction, N, and time constant of the amplifier, s; both are at least 0.
     pub(super) fn slow(&self) -> [f64; 2] {
         [Friction, Lag].map(|parameter| self.of(parameter).max(0.0))
+    }
+
+    /// Whether friction, lag and Stribeck curve have their signs.
+    pub(super) fn is_allowed(&self) -> bool {
+        let fall = self.fitted(Fall);
+        [Friction, Lag, Rise].into_iter().all(|one| self.of(one) >= 0.0)
+            && fall.is_none_or(|fall| fall > 0.0)
     }
 
     /// Values for another layout. Parameters of both layouts keep their values.

@@ -11,7 +11,7 @@ use crate::{
     numerics::integrator::Integrator,
     scene::{
         NamedScene, Scene,
-        element::{Amplifier, EncoderError, Friction, Offset},
+        element::{Amplifier, Cogging, EncoderError, Friction, Offset},
     },
 };
 
@@ -98,17 +98,24 @@ fn scene(base: &Scene, found: &Identification, options: &Options) -> Scene {
 fn with_terms(mut scene: Scene, terms: &Found) -> Scene {
     if let Some(friction) = terms.friction_n {
         let coulomb_n = friction.value;
-        // A record of a moving handle shows neither static friction nor the transition to Coulomb friction.
-        scene.friction =
-            Some(Friction { coulomb_n, static_n: coulomb_n, stribeck_speed_m_per_s: 1e-3 });
-        if scene.integrator.is_none() {
-            let steps = (0..=12).map(|n| Integrator::Rk4 { steps_per_sample: 1 << n });
-            let mut scenes = steps.map(|steps| Scene { integrator: Some(steps), ..scene.clone() });
-            let found = scenes.find(|scene| scene.check().is_ok());
-            scene.integrator = found
-                .and_then(|scene| scene.integrator)
-                .or(Some(Integrator::Rk4 { steps_per_sample: 1 }));
-        }
+        let curve = terms.stribeck.map(|one| [one.static_n.value, one.speed_m_per_s.value]);
+        let [static_n, stribeck_speed_m_per_s] = curve.unwrap_or([coulomb_n, 1e-3]);
+        scene.friction = Some(Friction { coulomb_n, static_n, stribeck_speed_m_per_s });
+    }
+    if let Some(cogging) = &terms.cogging {
+        scene.cogging = Some(Cogging {
+            amplitude_n: cogging.amplitude_n.value,
+            pitch_m: cogging.pitch_m.value,
+            phase_rad: cogging.phase_rad.value,
+        });
+    }
+    if (terms.friction_n.is_some() || terms.cogging.is_some()) && scene.integrator.is_none() {
+        let steps = (0..=12).map(|n| Integrator::Rk4 { steps_per_sample: 1 << n });
+        let mut scenes = steps.map(|steps| Scene { integrator: Some(steps), ..scene.clone() });
+        let found = scenes.find(|scene| scene.check().is_ok());
+        scene.integrator = found
+            .and_then(|scene| scene.integrator)
+            .or(Some(Integrator::Rk4 { steps_per_sample: 1 }));
     }
     if let Some(lag) = terms.lag_s {
         scene.amplifier = Some(Amplifier { bandwidth_hz: 1.0 / (TAU * lag.value) });

@@ -3,7 +3,8 @@
 //! A residual from noise is white (Ljung and Box, `residual`). A residual from quantisation is not white, even if the
 //! model is right. Then it is compared with [`COPIES`] simulated copies. A copy is the modelled motion from a start
 //! within the count, with noise as estimated from the sawtooth, and the quantiser. The part that a fit would remove is
-//! subtracted. Two measures are compared: the mean square, and the mean square of the means over [`BLOCKS`] stretches.
+//! subtracted. Three measures are compared: the mean square, the mean square of the means over [`BLOCKS`] stretches, and
+//! the mean square as the fit weighs it. In the first two a long rest hides the motion.
 //! The copies give the mean and the standard deviation of the logarithm of each measure. The residual is too large, or
 //! too coloured, if its own logarithm is more than [`BEYOND`] standard deviations above this mean. Its measure must
 //! also be more than [`WORTH`] times that of every copy.
@@ -29,6 +30,8 @@ pub(super) enum Misfit {
     Larger(f64, f64),
     /// RMS of the means over stretches, of the residual and of the model, counts.
     Coloured(f64, f64),
+    /// The residual of the readings in motion is too large.
+    InMotion,
 }
 
 /// Standard deviation of the noise that leaves this part of the sawtooth, counts.
@@ -39,17 +42,24 @@ fn noise_counts(residual: &Residual) -> f64 {
 }
 
 /// The misfit of a residual from quantisation; `None` if it agrees with the model. `left` is the part of row errors
-/// that a fit does not remove.
+/// that a fit does not remove, and `weights` are the fit's.
 pub(super) fn misfit(
     weighed: &Weighed,
+    weights: Option<&DVector<f64>>,
     left: impl Fn(DVector<f64>) -> DVector<f64>,
 ) -> Option<Misfit> {
     let pieces = weighed.pieces();
     let noise = noise_counts(&weighed.found);
     let rows: Vec<usize> = pieces.iter().map(|piece| piece.residual.len()).collect();
     let own: Vec<f64> = pieces.iter().flat_map(|piece| piece.residual).copied().collect();
-    let own = measures(&own, &rows);
-    let copies: Vec<[f64; 2]> = (0..COPIES)
+    let measures = |residual: DVector<f64>| {
+        let [square, means] = measures(residual.as_slice(), &rows);
+        let weighed =
+            weights.map_or(square, |weights| residual.component_mul(weights).norm_squared());
+        [square, means, weighed]
+    };
+    let own = measures(DVector::from_vec(own));
+    let copies: Vec<[f64; 3]> = (0..COPIES)
         .map(|copy| {
             let errors = pieces.iter().enumerate().flat_map(|(record, piece)| {
                 let shift = random::uniform(copy, record as u64);
@@ -61,8 +71,7 @@ pub(super) fn misfit(
                 })
             });
             let errors = DVector::from_iterator(rows.iter().sum(), errors);
-            let left = left(errors);
-            measures(left.as_slice(), &rows)
+            measures(left(errors))
         })
         .collect();
     let beyond = |measure: usize| {
@@ -78,6 +87,7 @@ pub(super) fn misfit(
     beyond(0)
         .map(|(is, allowed)| Misfit::Larger(is, allowed))
         .or_else(|| beyond(1).map(|(is, allowed)| Misfit::Coloured(is, allowed)))
+        .or_else(|| beyond(2).map(|_| Misfit::InMotion))
 }
 
 /// Mean square of a residual, and mean square of its means over stretches.

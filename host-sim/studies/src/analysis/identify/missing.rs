@@ -15,6 +15,19 @@ const LINE_SHARE: f64 = 0.3;
 /// Lowest frequency of a vibration, Hz.
 const VIBRATION_HZ: f64 = 5.0;
 
+/// Force of a cause by command, position from the reference, and speed.
+type Force = fn(f64, f64, f64) -> f64;
+
+/// Forces that are recognised and not fitted.
+const FORCES: [(Force, &str); 3] = [
+    (
+        |command, _, _| command.powi(3),
+        "an amplifier that is not linear (third power of the command)",
+    ),
+    (|_, _, speed| -speed * speed.abs(), "drag (square of the speed)"),
+    (|_, x, speed| -x * speed.signum(), "friction that depends on the position"),
+];
+
 /// Likely causes of a residual that the model does not explain, the most likely cause first.
 pub(super) fn likely(search: &Search<'_>, model: &Model) -> String {
     let all = model.solution.weighed_m.norm_squared();
@@ -25,7 +38,10 @@ pub(super) fn likely(search: &Search<'_>, model: &Model) -> String {
             causes.push((share, cause));
         }
     };
-    for term in [Term::Friction, Term::Amplifier, Term::Phase] {
+    for term in Term::ALL
+        .into_iter()
+        .filter(|term| !matches!(term, Term::Stribeck | Term::Offset | Term::Cogging))
+    {
         if !term.is_in(model.layout().terms) {
             add(search.explains(term, model), said(term).into());
         }
@@ -34,6 +50,9 @@ pub(super) fn likely(search: &Search<'_>, model: &Model) -> String {
         let free = Layout { latency_s: None, ..*model.layout() };
         let explained = search.explains_by(free, Parameter::Latency, model);
         add(explained, "another latency (--fit-latency)".into());
+    }
+    for (force, cause) in FORCES {
+        add(search.explains_force(force, model), cause.into());
     }
     if let Some((share, hz)) = vibration(search.records, model) {
         let cause = format!("a flexible transmission or a second mass ({hz:.0} Hz)");

@@ -49,7 +49,7 @@ pub use planned::Planned;
 pub use record::{FEWEST_ROWS, Record, Span};
 pub use residual::Residual;
 pub use telemetry::{OutputScale, from_capture, from_capture_csv};
-pub use terms::{FAMILY_P, Found, Phase, Term, Terms, Tested};
+pub use terms::{Cogging, FAMILY_P, Found, Phase, Stribeck, Term, Terms, Tested};
 
 use std::{f64::consts::TAU, sync::atomic::AtomicBool};
 
@@ -201,6 +201,7 @@ fn identified(
         latency_s: (!options.fit_latency).then_some(options.latency_s),
         terms: Included::default(),
         cycles_per_m: None,
+        cogs_per_m: None,
         reference_m,
         records: records.len(),
         resting: 0,
@@ -423,7 +424,15 @@ fn conclude(
         terms: Found {
             friction_n: found.friction,
             lag_s: found.lag,
+            stribeck: found
+                .stribeck
+                .map(|[_, static_n, speed_m_per_s]| Stribeck { static_n, speed_m_per_s }),
             offset_n: found.offset,
+            cogging: found.cogging.map(|[amplitude_n, phase_rad, pitch_m]| Cogging {
+                amplitude_n,
+                pitch_m,
+                phase_rad: Estimate { value: wrapped(phase_rad.value), ..phase_rad },
+            }),
             phase: found.phase.map(|[first_m, second_m, phase_rad, cycle_m]| Phase {
                 first_m,
                 second_m,
@@ -481,6 +490,7 @@ fn of_residual(
             Misfit::Larger(is, allowed) => {
                 format!("larger than they allow: {is:.2} counts RMS, {allowed:.2} with this model")
             }
+            Misfit::InMotion => "larger in motion than they allow".into(),
             Misfit::Coloured(is, allowed) => format!(
                 "more coloured than they allow: {is:.3} counts RMS of its means over stretches, {allowed:.3} with this model"
             ),

@@ -5,6 +5,9 @@
 //! x'' = a - w x - d x' + o - s f     a' = p (g u - a)     s = sign(x'); without a lag a = g u
 //! at rest while |a - w x + o| <= f
 //! ```
+//! Two terms make the equation nonlinear: friction that falls with the speed, `f + rise exp(-(x' / fall)^2)`, and
+//! cogging. Their accelerations are taken as constant, at the middle, over stretches that are short against the Stribeck
+//! speed and the pitch. So the error is of second order in the stretch.
 //! u is constant between its changes, so a stretch in one direction is one exact step. If the speed changes its sign
 //! within a step, bisection and Newton's method on the exact solution find the instant. If a handle at rest breaks
 //! away, the closed form of a gives the instant. So the response is a smooth function of the parameters between these
@@ -21,6 +24,15 @@ const EVENTS_MAX: usize = 8;
 /// Iterations to find the instant of an event.
 const SEARCH: usize = 60;
 
+/// Number of sizes of a stretch: a step, its half, a quarter and so on.
+const LEVELS: usize = 7;
+/// Largest change of the speed over a stretch, Stribeck speeds; largest motion, radians of the cogging.
+const STRETCH: f64 = 0.25;
+/// Above this multiple of the Stribeck speed, friction is Coulomb's.
+const SLOW: f64 = 3.5;
+/// Part of a step that is rounding.
+const SAME: f64 = 1e-9;
+
 /// The parameters of one record, per mass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Motion {
@@ -34,6 +46,10 @@ pub(super) struct Motion {
     pub offset: f64,
     /// Coulomb friction per mass, m/s^2.
     pub friction: f64,
+    /// Static friction beyond `friction`, per mass, m/s^2, and the speed over which it falls, m/s.
+    pub stribeck: Option<[f64; 2]>,
+    /// Cogging per mass: sine and cosine at the reference, m/s^2, and radians per metre.
+    pub cogging: Option<[f64; 3]>,
     /// Time constant of the amplifier, s; 0 for an ideal amplifier.
     pub lag_s: f64,
     /// Position at the first fitted row, from the reference, m.
@@ -53,6 +69,12 @@ struct Step {
     phi: SMatrix<f64, 3, 3>,
     drive: State,
     constant: State,
+}
+
+impl Step {
+    fn apply(&self, state: &State, drive: f64, constant: f64) -> State {
+        self.phi * state + self.drive * drive + self.constant * constant
+    }
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -80,6 +102,13 @@ impl Motion {
         Step { seconds, phi, drive, constant }
     }
 
+    /// A step, and its halves if a nonlinear force needs them.
+    fn steps(&self, seconds: f64) -> Vec<Step> {
+        let is_curved = self.stribeck.is_some() || self.cogging.is_some();
+        let levels = if is_curved { LEVELS } else { 1 };
+        (0..levels).map(|level| self.step(seconds / f64::from(1 << level))).collect()
+    }
+
     /// Trace and determinant of the free step over a time.
     pub(super) fn invariants(&self, seconds: f64) -> [f64; 2] {
         let phi = self.step(seconds).phi;
@@ -88,35 +117,77 @@ impl Motion {
 
     /// Net acceleration of a handle at rest, without friction.
     fn net(&self, state: &State) -> f64 {
-        state[2] - self.w * state[0] + self.offset
+        state[2] - self.w * state[0] + self.offset + self.cogging_at(state[0])
+    }
+
+    fn cogging_at(&self, x: f64) -> f64 {
+        self.cogging.map_or(0.0, |[sine, cosine, per_m]| {
+            let (s, c) = (per_m * x).sin_cos();
+            sine * s + cosine * c
+        })
+    }
+
+    /// Friction beyond Coulomb's at a speed, per mass.
+    fn beyond(&self, v: f64) -> f64 {
+        self.stribeck.map_or(0.0, |[rise, fall]| rise * (-(v / fall).powi(2)).exp())
+    }
+
+    /// Largest friction at rest, per mass.
+    fn holding(&self) -> f64 {
+        self.friction + self.beyond(0.0)
+    }
+
+    /// Acceleration that is constant over a stretch in one direction.
+    fn constant(&self, state: &State, sign: f64, seconds: f64) -> f64 {
+        let linear = self.offset - sign * self.friction;
+        if self.stribeck.is_none() && self.cogging.is_none() {
+            return linear;
+        }
+        let at = |x: f64, v: f64| self.cogging_at(x) - sign * self.beyond(v);
+        let rate =
+            self.net(state) - self.cogging_at(state[0]) - self.d * state[1] - sign * self.friction;
+        let (half, v) = (0.5 * seconds, state[1]);
+        linear + at(state[0] + half * v, v + half * (rate + at(state[0], v)))
+    }
+
+    /// Number of halvings of a step after which its nonlinear forces are nearly constant.
+    fn halvings(&self, state: &State, sign: f64, seconds: f64) -> usize {
+        let rate = (self.net(state) - self.d * state[1] - sign * self.friction).abs();
+        let v = state[1].abs();
+        let mut parts: f64 = 1.0;
+        if let Some([_, fall]) = self.stribeck
+            && v - rate * seconds < SLOW * fall
+        {
+            parts = rate * seconds / (STRETCH * fall);
+        }
+        if let Some([.., per_m]) = self.cogging {
+            parts = parts.max((v + rate * seconds) * seconds * per_m / STRETCH);
+        }
+        (0..LEVELS - 1).find(|level| f64::from(1 << level) >= parts).unwrap_or(LEVELS - 1)
     }
 
     /// The mode of a handle with speed 0.
     fn mode_at_rest(&self, state: &State) -> Mode {
         let net = self.net(state);
-        if net.abs() <= self.friction { Mode::Rest } else { Mode::Slides(net.signum()) }
+        if net.abs() <= self.holding() { Mode::Rest } else { Mode::Slides(net.signum()) }
     }
 
-    fn apply(&self, step: &Step, state: &State, drive: f64, sign: f64) -> State {
-        let constant = self.offset - sign * self.friction;
-        step.phi * state + step.drive * drive + step.constant * constant
-    }
-
-    /// State and mode after one step with `volts`.
-    fn advance(&self, step: &Step, state: State, mode: Mode, volts: f64) -> (State, Mode) {
+    /// State and mode after one step with `volts`. `steps` has the step and its halves.
+    fn advance(&self, steps: &[Step], state: State, mode: Mode, volts: f64) -> (State, Mode) {
         let drive = self.gain * volts;
+        let step = &steps[0];
         let mut state = state;
         if self.lag_s <= 0.0 {
             state[2] = drive;
         }
-        if self.friction <= 0.0 {
-            return (self.apply(step, &state, drive, 0.0), mode);
+        if self.friction <= 0.0 && self.cogging.is_none() {
+            return (step.apply(&state, drive, self.offset), mode);
         }
-        let (mut mode, mut left_s) = (mode, step.seconds);
-        for _ in 0..EVENTS_MAX {
-            let whole = left_s == step.seconds;
+        let (mut mode, mut left_s, mut events) = (mode, step.seconds, 0);
+        while events < EVENTS_MAX {
             match mode {
                 Mode::Rest => {
+                    events += 1;
                     let Some(after_s) = self.breaks_away(&state, drive, left_s) else {
                         state[2] = drive + (state[2] - drive) * (-self.pole() * left_s).exp();
                         return (state, Mode::Rest);
@@ -124,56 +195,74 @@ impl Motion {
                     state[2] = drive + (state[2] - drive) * (-self.pole() * after_s).exp();
                     // The final drive gives the direction, because at the instant itself the net force is exactly f.
                     let towards = if self.pole() > 0.0 { drive } else { state[2] };
-                    let net = towards - self.w * state[0] + self.offset;
+                    let net = self.net(&state) - state[2] + towards;
                     mode = Mode::Slides(net.signum());
                     left_s -= after_s;
                 }
                 Mode::Slides(sign) => {
-                    let end = if whole {
-                        self.apply(step, &state, drive, sign)
+                    let level = self.halvings(&state, sign, step.seconds);
+                    let is_whole = (steps[level].seconds - left_s).abs() <= SAME * step.seconds;
+                    let own;
+                    let part = if is_whole || steps[level].seconds < left_s {
+                        &steps[level]
                     } else {
-                        self.apply(&self.step(left_s), &state, drive, sign)
+                        own = self.step(left_s);
+                        &own
                     };
+                    let constant = self.constant(&state, sign, part.seconds);
+                    let end = part.apply(&state, drive, constant);
                     if end[1] * sign >= 0.0 {
-                        return (end, mode);
+                        if level == 0 || is_whole {
+                            return (end, mode);
+                        }
+                        state = end;
+                        left_s -= part.seconds;
+                    } else {
+                        events += 1;
+                        let (after_s, turned) =
+                            self.turn(&state, (drive, constant), sign, part.seconds);
+                        state = turned;
+                        mode = self.mode_at_rest(&state);
+                        left_s -= after_s;
                     }
-                    let (after_s, turned) = self.turn(&state, drive, sign, left_s);
-                    state = turned;
-                    mode = self.mode_at_rest(&state);
-                    left_s -= after_s;
                 }
             }
-            if left_s <= 0.0 {
+            if left_s <= SAME * step.seconds {
                 return (state, mode);
             }
         }
-        let sign = if let Mode::Slides(sign) = mode { sign } else { return (state, mode) };
-        (self.apply(&self.step(left_s), &state, drive, sign), mode)
+        let Mode::Slides(sign) = mode else { return (state, mode) };
+        let constant = self.constant(&state, sign, left_s);
+        (self.step(left_s).apply(&state, drive, constant), mode)
     }
 
     /// Time until a handle at rest breaks away, within `left_s`.
     fn breaks_away(&self, state: &State, drive: f64, left_s: f64) -> Option<f64> {
-        let spring = self.offset - self.w * state[0];
-        if (state[2] + spring).abs() > self.friction {
+        let (spring, friction) = (self.net(state) - state[2], self.holding());
+        if (state[2] + spring).abs() > friction {
             return Some(0.0);
         }
         let pole = self.pole();
         let end = drive + (state[2] - drive) * (-pole * left_s).exp();
-        if pole == 0.0 || (end + spring).abs() <= self.friction {
+        if pole == 0.0 || (end + spring).abs() <= friction {
             return None;
         }
-        let limit = self.friction.copysign(end + spring) - spring;
+        let limit = friction.copysign(end + spring) - spring;
         let share = (limit - drive) / (state[2] - drive);
         // Rounding with a stiff spring may bring the share to the other side of 0.
         Some((-share.max(0.0).ln() / pole).clamp(0.0, left_s))
     }
 
     /// The instant within `left_s` at which the speed is 0 again, and the state at this instant.
-    fn turn(&self, state: &State, drive: f64, sign: f64, left_s: f64) -> (f64, State) {
+    fn turn(
+        &self,
+        state: &State,
+        (drive, constant): (f64, f64),
+        sign: f64,
+        left_s: f64,
+    ) -> (f64, State) {
         let (mut low, mut high) = (0.0, left_s);
-        let rate = |at: &State| {
-            at[2] - self.w * at[0] - self.d * at[1] + self.offset - sign * self.friction
-        };
+        let rate = |at: &State| at[2] - self.w * at[0] - self.d * at[1] + constant;
         let mut at_s = {
             let slope = rate(state);
             let guess = -state[1] / slope;
@@ -181,7 +270,7 @@ impl Motion {
         };
         let mut at = *state;
         for _ in 0..SEARCH {
-            at = self.apply(&self.step(at_s), state, drive, sign);
+            at = self.step(at_s).apply(state, drive, constant);
             if at[1] * sign > 0.0 {
                 low = at_s
             } else {
@@ -212,8 +301,8 @@ impl Motion {
 /// Positions from the reference, from row `first` on, m.
 pub(super) fn positions(record: &Record, first: usize, motion: &Motion) -> Vec<f64> {
     let voltages = Held::new(record, motion.latency);
-    let early = motion.step(voltages.fraction * record.step_s);
-    let late = motion.step((1.0 - voltages.fraction) * record.step_s);
+    let early = motion.steps(voltages.fraction * record.step_s);
+    let late = motion.steps((1.0 - voltages.fraction) * record.step_s);
     let start_v = if voltages.fraction > 0.0 { voltages.at(first).0 } else { voltages.at(first).1 };
     let mut state = State::new(motion.x, motion.v, motion.gain * start_v);
     let mut mode =

@@ -8,8 +8,8 @@ use crate::{
 };
 
 /// Tables that an identification makes or replaces as a whole.
-const ELEMENTS: [&str; 6] =
-    ["friction", "integrator", "amplifier", "offset", "encoder_error", "uncertainty"];
+const ELEMENTS: [&str; 7] =
+    ["friction", "cogging", "integrator", "amplifier", "offset", "encoder_error", "uncertainty"];
 /// Digits of written numbers; every result has twelve.
 const DIGITS: usize = 12;
 

@@ -12,12 +12,13 @@ use statrs::distribution::{ContinuousCDF as _, Normal};
 
 use super::{
     Options, checks,
-    confidence::{self, Estimates, Hidden, standard_error},
+    confidence::{self, Estimate, Estimates, Hidden, standard_error},
     cycle,
     fit::{self, Fitted, Problem, Solution},
     guess,
     layout::{Included, Layout, Parameter, Values},
     misfit::{Misfit, misfit},
+    record::Record,
     residual::Weighed,
     terms::{FAMILY_P, Term, Terms, Tested, said, tail},
     weighting::Weighting,
@@ -27,6 +28,17 @@ use super::{
 const FRICTION_STARTS: [f64; 3] = [0.02, 0.08, 0.2];
 /// First values of the lag, rows.
 const LAG_STARTS: [f64; 2] = [0.5, 3.0];
+/// First values of the Stribeck speed, as parts of the largest speed over some rows, and of the rise of friction.
+const FALLS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
+const RISES: [f64; 1] = [0.2];
+const FAST_ROWS: usize = 8;
+/// Size of a force that is tried, as a part of the largest command.
+const SMALL_FORCE: f64 = 1e-4;
+/// Strides, rows, at which a force over the position is looked for.
+const STRIDES_OF_COGS: [usize; 3] = [2, 8, 32];
+/// First move of a profile, half-widths, and number of doublings.
+const PROFILE_FROM: f64 = 1.0;
+const PROFILE_STEPS: usize = 10;
 /// Number of starts that are followed.
 const STARTS_TAKEN: usize = 3;
 /// Limit for the force of noise. If the stride doubles, the force of noise falls by 4, and a white force by the root of
@@ -86,18 +98,20 @@ impl Model {
 
     /// The test of a term in the model. `candidates` is the number of tried terms.
     fn tested(&self, term: Term, candidates: usize) -> Tested {
-        let Estimates { friction, lag, offset, phase, .. } = self.estimates;
+        let Estimates { friction, lag, offset, phase, stribeck, cogging, .. } = self.estimates;
         let value = match term {
             Term::Friction => friction,
             Term::Amplifier => lag,
             Term::Offset => offset,
+            Term::Stribeck => stribeck.map(|[rise, ..]| rise),
+            Term::Cogging => cogging.map(|[amplitude, ..]| amplitude),
             Term::Phase => phase.map(|[first, ..]| first),
         };
         let z = value.map_or(0.0, |value| value.value / standard_error(&value));
         let p = match term {
-            Term::Friction | Term::Amplifier => tail(z),
+            Term::Friction | Term::Stribeck | Term::Amplifier => tail(z),
             Term::Offset => 2.0 * tail(z.abs()),
-            Term::Phase => self.cycles * (-0.5 * z * z).exp(),
+            Term::Cogging | Term::Phase => self.cycles * (-0.5 * z * z).exp(),
         };
         Tested { term, z, p: (p * candidates as f64).min(1.0) }
     }
@@ -145,6 +159,7 @@ pub(super) fn choose(
     let candidates = if is_auto { candidates(values.layout()).len() } else { 1 };
     let tests = search.tests(&model, candidates);
     search.widen(&mut model)?;
+    search.hold_profile(&mut model);
     if let Weighting::Force { stride, .. } = search.weighting {
         // If a force is not modelled, the estimates depend on the stride.
         let strides = [(stride / ASIDE).max(1), stride * ASIDE];
@@ -162,9 +177,9 @@ pub(super) struct Search<'a> {
 }
 
 /// Orders in which requested terms are added. A term that hides another may lead to a wrong fit if it is added first.
-const ORDERS: [[Term; 4]; 2] = [
-    [Term::Offset, Term::Amplifier, Term::Friction, Term::Phase],
-    [Term::Friction, Term::Amplifier, Term::Offset, Term::Phase],
+const ORDERS: [[Term; 6]; 2] = [
+    [Term::Offset, Term::Amplifier, Term::Friction, Term::Stribeck, Term::Cogging, Term::Phase],
+    [Term::Friction, Term::Stribeck, Term::Amplifier, Term::Offset, Term::Cogging, Term::Phase],
 ];
 
 impl Search<'_> {
@@ -216,16 +231,18 @@ impl Search<'_> {
         loop {
             let before = model.as_ref().ok();
             let from = before.map_or(values, Model::values);
-            let passing = |of_encoder: bool| {
-                let left = candidates.iter().filter(|term| !term.is_in(from.layout().terms));
-                let left = left.filter(|term| (**term == Term::Phase) == of_encoder);
+            let passing = |is_periodic: bool| {
+                let terms = from.layout().terms;
+                let left = candidates.iter().filter(|term| !term.is_in(terms));
+                let left = left.filter(|term| term.is_periodic() == is_periodic);
+                let left = left.filter(|term| **term != Term::Stribeck || terms.friction);
                 let tried = left.filter_map(|term| {
                     let found = self.with(*term, from, before, true)?;
                     passes(&found, *term).then_some(found)
                 });
                 tried.min_by(|a, b| a.squares().total_cmp(&b.squares()))
             };
-            // The encoder's error is tried last, because missing parts of the motion also have lines over the position.
+            // Periodic terms are tried last, because missing parts of the motion also have lines over the position.
             let Some(best) = passing(false).or_else(|| passing(true)) else { break };
             model = Ok(best);
         }
@@ -275,12 +292,16 @@ impl Search<'_> {
         if self.records.iter().any(Fitted::is_stopped) {
             return None;
         }
-        if term == Term::Phase {
-            return self.with_phase(before?, likely);
+        match term {
+            Term::Phase => return self.with_phase(before?, likely),
+            Term::Cogging => return self.with_cogging(before?, likely),
+            // Friction that is not Coulomb's leaves more than noise.
+            Term::Stribeck if likely && self.is_explained(before?) => return None,
+            _ => {}
         }
         let more = Layout { terms: term.add(from.layout().terms, true), ..*from.layout() };
         let start = from.within(more);
-        if let Some(model) = before.filter(|_| likely) {
+        if let Some(model) = before.filter(|_| likely && term != Term::Stribeck) {
             let rows = self.rows(model);
             let is_promised = self.explains(term, model)? / (model.squares() / rows) >= enough();
             // A handle at rest hides the effect of a small friction.
@@ -308,6 +329,9 @@ impl Search<'_> {
                 start
             }));
         }
+        if term == Term::Stribeck {
+            starts = self.stribeck_starts(&start);
+        }
         // The nearest starts come first, because a far start may end in another minimum.
         let mut starts: Vec<(f64, Values)> = starts
             .into_iter()
@@ -334,7 +358,7 @@ impl Search<'_> {
         if likely && (is_quantised || self.weighting.is_force()) {
             return None;
         }
-        let seen = self.strongest(before)?;
+        let seen = self.of_encoder(before)?;
         let more = Layout {
             terms: Term::Phase.add(before.layout().terms, true),
             cycles_per_m: Some(seen.cycles_per_m),
@@ -386,7 +410,7 @@ impl Search<'_> {
     pub(super) fn explains(&self, term: Term, model: &Model) -> Option<f64> {
         let mut more = Layout { terms: term.add(model.layout().terms, true), ..*model.layout() };
         if term == Term::Phase {
-            more.cycles_per_m = Some(self.strongest(model)?.cycles_per_m);
+            more.cycles_per_m = Some(self.of_encoder(model)?.cycles_per_m);
             return self.linear_step(&model.values().within(more)).map(|(_, gain)| gain);
         }
         self.explains_by(more, term.parameter(), model)
@@ -400,6 +424,42 @@ impl Search<'_> {
         model: &Model,
     ) -> Option<f64> {
         let left = model.without(&self.problem(model.values().within(layout)).by(parameter)?);
+        let promised = left.dot(&model.solution.weighed_m).powi(2) / left.norm_squared();
+        promised.is_finite().then_some(promised)
+    }
+
+    /// Linear estimate of the reduction of the sum of squares by one more force, of command, position and speed.
+    pub(super) fn explains_force(
+        &self,
+        force: impl Fn(f64, f64, f64) -> f64,
+        model: &Model,
+    ) -> Option<f64> {
+        let pushed = |fitted: &Fitted<'_>| {
+            let (x, step_s) = (&fitted.positions_m, fitted.record.step_s);
+            let forces = fitted.record.command.iter().enumerate().map(|(row, command)| {
+                let (from, to) =
+                    (row.saturating_sub(FAST_ROWS), (row + FAST_ROWS).min(x.len() - 1));
+                force(*command, x[row], (x[to] - x[from]) / ((to - from) as f64 * step_s))
+            });
+            let forces: Vec<f64> = forces.collect();
+            let most = |all: &[f64]| {
+                all.iter().fold(f64::MIN_POSITIVE, |most: f64, one| most.max(one.abs()))
+            };
+            let size = SMALL_FORCE * most(&fitted.record.command) / most(&forces);
+            let mut record = fitted.record.clone();
+            record
+                .command
+                .iter_mut()
+                .zip(&forces)
+                .for_each(|(command, force)| *command += size * force);
+            record
+        };
+        let records: Vec<Record> = self.records.iter().map(pushed).collect();
+        let own = self.records.iter().zip(&records);
+        let fitted: Vec<_> = own.map(|(own, record)| Fitted { record, ..own.clone() }).collect();
+        let problem = Problem { records: &fitted, ..self.problem(model.values().clone()) };
+        let by = problem.residuals()? - self.problem(model.values().clone()).residuals()?;
+        let left = model.without(&by);
         let promised = left.dot(&model.solution.weighed_m).powi(2) / left.norm_squared();
         promised.is_finite().then_some(promised)
     }
@@ -456,9 +516,14 @@ impl Search<'_> {
 
     /// Part of row errors that the fit does not remove.
     fn left(&self, model: &Model, errors: DVector<f64>) -> DVector<f64> {
-        let Weighting::Readings(weights) = &self.weighting else { return model.without(&errors) };
-        let weights = DVector::from_iterator(errors.len(), weights.iter().flatten().copied());
+        let Some(weights) = self.weights() else { return model.without(&errors) };
         model.without(&errors.component_mul(&weights)).component_div(&weights)
+    }
+
+    /// Weights of the rows, if they differ.
+    fn weights(&self) -> Option<DVector<f64>> {
+        let Weighting::Readings(weights) = &self.weighting else { return None };
+        Some(DVector::from_vec(weights.concat()))
     }
 
     fn rows(&self, model: &Model) -> f64 {
@@ -477,7 +542,8 @@ impl Search<'_> {
 
     /// The misfit of a model's residual, if the residual does not agree with quantisation.
     pub(super) fn misfit(&self, model: &Model) -> Option<Misfit> {
-        *model.misfit.get_or_init(|| misfit(&model.weighed, |errors| self.left(model, errors)))
+        let left = |errors| self.left(model, errors);
+        *model.misfit.get_or_init(|| misfit(&model.weighed, self.weights().as_ref(), left))
     }
 
     /// Widens the intervals by terms that the record can neither show nor exclude.
@@ -505,9 +571,106 @@ impl Search<'_> {
         Ok(())
     }
 
-    fn strongest(&self, model: &Model) -> Option<cycle::Line> {
-        let residual = (&model.solution, model.weighed.unit_m);
+    /// Widens the intervals by the profile of the likelihood. With friction the model has kinks, and the parameters that
+    /// explain a record lie along a curve, which derivatives at one point do not show. So the parameter that is told
+    /// worst is moved, all others follow, and each interval holds what explains the record as well.
+    fn hold_profile(&self, model: &mut Model) {
+        if !model.layout().terms.friction {
+            return;
+        }
+        let Some(place) = weakest(&model.solution.jacobian) else { return };
+        let Estimate { half_width, white_half_width, .. } = model.estimates.mass;
+        let squares =
+            model.squares() / (self.rows(model) - model.values().vector().len() as f64).max(1.0);
+        let quantile = confidence::quantile();
+        let room = squares * (quantile * half_width / white_half_width).powi(2);
+        let deviation = quantile * fit::deviation(&model.solution.jacobian, place) * squares.sqrt();
+        for side in [-1.0, 1.0] {
+            let mut at = model.values().clone();
+            let mut by = PROFILE_FROM * deviation;
+            for _ in 0..PROFILE_STEPS {
+                let value = model.values().vector()[place] + side * by;
+                let Some((values, left)) = self.problem(at.clone()).beside(place, value, squares)
+                else {
+                    break;
+                };
+                let Some(more) = Some(left - model.squares()).filter(|more| *more < room) else {
+                    break;
+                };
+                at = values;
+                // The interval ends between this step and the next.
+                if more > 0.5 * room {
+                    break;
+                }
+                by *= 2.0;
+            }
+            if at != *model.values() {
+                model.estimates.reach(&model.solution.values, &at);
+            }
+        }
+    }
+
+    /// The strongest line of the residual over the position.
+    fn of_encoder(&self, model: &Model) -> Option<cycle::Line> {
+        let residual = (model.solution.residual_m.as_slice(), model.weighed.unit_m);
         cycle::strongest(self.records, residual, self.options.cycle_m)
+    }
+
+    /// The strongest line of the missing force over the position. The force is that of a few strides; a long stride
+    /// averages over short pitches, and noise hides the force of a short one.
+    fn of_motor(&self, model: &Model) -> Option<cycle::Line> {
+        let pieces = model.weighed.pieces();
+        let lines = STRIDES_OF_COGS.into_iter().filter_map(|stride| {
+            let weighting = self.force(model, stride);
+            let mut forces = vec![];
+            for (record, piece) in pieces.iter().enumerate() {
+                let mut own = weighting.weighed(record, piece.residual.to_vec());
+                // The weight is a triangle around the row one stride earlier.
+                own.drain(..own.len().min(stride));
+                own.iter_mut().take(stride).for_each(|force| *force = 0.0);
+                own.resize(piece.residual.len(), 0.0);
+                forces.extend(own);
+            }
+            cycle::strongest(self.records, (&forces, model.weighed.unit_m), None)
+        });
+        lines.max_by(|a, b| a.strength.total_cmp(&b.strength))
+    }
+
+    fn with_cogging(&self, before: &Model, likely: bool) -> Option<Model> {
+        if likely && self.is_explained(before) {
+            return None;
+        }
+        let seen = self.of_motor(before)?;
+        let more = Layout {
+            terms: Term::Cogging.add(before.layout().terms, true),
+            cogs_per_m: Some(seen.cycles_per_m),
+            ..*before.layout()
+        };
+        let (step, _) = self.linear_step(&before.values().within(more))?;
+        let model = self.fit(more, &step, seen.looked_at).ok()?;
+        let free = Layout { cogs_per_m: None, ..*model.layout() };
+        let model = self.fit(free, &model.values().within(free), seen.looked_at).ok()?;
+        (model.squares() < before.squares()).then_some(model)
+    }
+
+    /// Values with a Stribeck curve of several speeds.
+    fn stribeck_starts(&self, start: &Values) -> Vec<Values> {
+        let fastest =
+            self.records.iter().flat_map(|Fitted { record, positions_m, first, .. }| {
+                let rows = positions_m[*first..].windows(FAST_ROWS + 1);
+                rows.map(|rows| {
+                    (rows[FAST_ROWS] - rows[0]).abs() / (FAST_ROWS as f64 * record.step_s)
+                })
+            });
+        let fastest = fastest.fold(0.0, f64::max);
+        let of = |(part, share): (f64, f64)| {
+            let mut values = start.clone();
+            values.set(Parameter::Fall, part * fastest);
+            values.set(Parameter::Rise, share * values.of(Parameter::Friction));
+            let step = self.linear_step(&values).map(|(step, _)| step);
+            step.filter(Values::is_allowed).unwrap_or(values)
+        };
+        FALLS.into_iter().flat_map(|part| RISES.map(|share| (part, share))).map(of).collect()
     }
 
     /// A fit of `layout` from the values of any layout. If friction holds the handle at the first row, the first speed
@@ -613,6 +776,19 @@ impl Search<'_> {
         let most_v = volts.fold(0.0, |most: f64, volt| most.max(volt.abs()));
         values.of(Parameter::Gain).abs() * most_v
     }
+}
+
+/// The parameter with the largest part in the direction that the record tells worst.
+fn weakest(jacobian: &DMatrix<f64>) -> Option<usize> {
+    let mut scaled = jacobian.clone();
+    for mut column in scaled.column_iter_mut() {
+        let norm = column.norm().max(f64::MIN_POSITIVE);
+        column.unscale_mut(norm);
+    }
+    let svd = scaled.qr().unpack_r().svd(false, true);
+    let axes = svd.v_t?;
+    let weak = axes.row(svd.singular_values.imin());
+    Some(weak.transpose().iamax())
 }
 
 /// Smallest reduction of the sum of squares, in mean squares, that is significant for white noise.

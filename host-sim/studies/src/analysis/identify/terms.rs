@@ -3,8 +3,10 @@
 //! | term | model | scene |
 //! |------|-------|-------|
 //! | friction | `-friction sign(x')`, true rest | `[friction]`, static equal to Coulomb |
+//! | stribeck | `-(friction + rise exp(-(x' / fall)^2)) sign(x')`; at rest up to `friction + rise` | `[friction]` |
 //! | amplifier | `lag F' = gain u - F` | `[amplifier]` |
 //! | offset | a constant force | `[offset]` |
+//! | cogging | `sine sin(2 pi x / pitch) + cosine cos(2 pi x / pitch)`, a force | `[cogging]` |
 //! | phase | `first sin(p) + second sin(2 p)` on the reading, `p = 2 pi x / cycle + phase` | `[encoder_error]` |
 //!
 //! **Test.** A model with a term includes the model without it (value 0). So the question is whether the value differs
@@ -30,23 +32,30 @@ pub const FAMILY_P: f64 = 0.002;
 pub enum Term {
     /// Coulomb friction of the device.
     Friction,
+    /// Friction that falls from static to Coulomb friction; only with friction.
+    Stribeck,
     /// First-order lag of the amplifier.
     Amplifier,
     /// Constant force on the device.
     Offset,
+    /// Force that is periodic in the position.
+    Cogging,
     /// Periodic error of the encoder.
     Phase,
 }
 
 impl Term {
-    pub const ALL: [Self; 4] = [Self::Friction, Self::Amplifier, Self::Offset, Self::Phase];
+    pub const ALL: [Self; 6] =
+        [Self::Friction, Self::Stribeck, Self::Amplifier, Self::Offset, Self::Cogging, Self::Phase];
 
     /// Name of the command line option.
     pub fn name(self) -> &'static str {
         match self {
             Self::Friction => "friction",
+            Self::Stribeck => "stribeck",
             Self::Amplifier => "amplifier",
             Self::Offset => "offset",
+            Self::Cogging => "cogging",
             Self::Phase => "phase",
         }
     }
@@ -55,17 +64,28 @@ impl Term {
     pub(super) fn parameter(self) -> Parameter {
         match self {
             Self::Friction => Parameter::Friction,
+            Self::Stribeck => Parameter::Rise,
             Self::Amplifier => Parameter::Lag,
             Self::Offset => Parameter::Constant,
+            Self::Cogging => Parameter::CogSine,
             Self::Phase => Parameter::Sine,
         }
     }
 
+    /// Whether the term has a period over the position that must be found.
+    pub(super) fn is_periodic(self) -> bool {
+        matches!(self, Self::Cogging | Self::Phase)
+    }
+
     pub(super) fn add(self, terms: Included, included: bool) -> Included {
         match self {
-            Self::Friction => Included { friction: included, ..terms },
+            Self::Friction => {
+                Included { friction: included, stribeck: terms.stribeck && included, ..terms }
+            }
+            Self::Stribeck => Included { stribeck: included, ..terms },
             Self::Amplifier => Included { lag: included, ..terms },
             Self::Offset => Included { offset: included, ..terms },
+            Self::Cogging => Included { cogging: included, ..terms },
             Self::Phase => Included { phase: included, second: false, ..terms },
         }
     }
@@ -73,8 +93,10 @@ impl Term {
     pub(super) fn is_in(self, terms: Included) -> bool {
         match self {
             Self::Friction => terms.friction,
+            Self::Stribeck => terms.stribeck,
             Self::Amplifier => terms.lag,
             Self::Offset => terms.offset,
+            Self::Cogging => terms.cogging,
             Self::Phase => terms.phase,
         }
     }
@@ -89,9 +111,12 @@ pub enum Terms {
     /// These terms, even if the record does not show them.
     These {
         friction: bool,
+        /// Static friction and Stribeck speed; needs `friction`.
+        stribeck: bool,
         /// First-order lag of the amplifier.
         amplifier: bool,
         offset: bool,
+        cogging: bool,
         /// Periodic error of the encoder.
         phase: bool,
     },
@@ -99,8 +124,26 @@ pub enum Terms {
 
 impl Terms {
     /// No term: the paper's model.
-    pub const NONE: Self =
-        Self::These { friction: false, amplifier: false, offset: false, phase: false };
+    pub const NONE: Self = Self::These {
+        friction: false,
+        stribeck: false,
+        amplifier: false,
+        offset: false,
+        cogging: false,
+        phase: false,
+    };
+
+    /// The terms that `has` names.
+    pub fn these(has: impl Fn(Term) -> bool) -> Self {
+        Self::These {
+            friction: has(Term::Friction) || has(Term::Stribeck),
+            stribeck: has(Term::Stribeck),
+            amplifier: has(Term::Amplifier),
+            offset: has(Term::Offset),
+            cogging: has(Term::Cogging),
+            phase: has(Term::Phase),
+        }
+    }
 
     /// Whether friction may be in the model.
     pub(super) fn may_have_friction(self) -> bool {
@@ -111,6 +154,8 @@ impl Terms {
         match (self, term) {
             (Self::Auto, _) => false,
             (Self::These { friction, .. }, Term::Friction) => friction,
+            (Self::These { stribeck, .. }, Term::Stribeck) => stribeck,
+            (Self::These { cogging, .. }, Term::Cogging) => cogging,
             (Self::These { amplifier, .. }, Term::Amplifier) => amplifier,
             (Self::These { offset, .. }, Term::Offset) => offset,
             (Self::These { phase, .. }, Term::Phase) => phase,
@@ -130,15 +175,35 @@ pub struct Phase {
     pub cycle_m: Estimate,
 }
 
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stribeck {
+    /// Largest friction at rest, N.
+    pub static_n: Estimate,
+    /// Speed over which friction falls from static to Coulomb, m/s.
+    pub speed_m_per_s: Estimate,
+}
+
+/// `amplitude sin(2 pi x / pitch + phase)`, a force on the device.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cogging {
+    pub amplitude_n: Estimate,
+    /// Travel from cog to cog, m.
+    pub pitch_m: Estimate,
+    /// Phase at position 0, rad.
+    pub phase_rad: Estimate,
+}
+
 /// Values of the terms; `None` if a term is not in the model.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Found {
     /// Force of Coulomb friction, N.
     pub friction_n: Option<Estimate>,
+    pub stribeck: Option<Stribeck>,
     /// Time constant of the amplifier, s.
     pub lag_s: Option<Estimate>,
     /// Constant force on the device, N.
     pub offset_n: Option<Estimate>,
+    pub cogging: Option<Cogging>,
     /// Error of the encoder.
     pub phase: Option<Phase>,
     /// The tests of the terms in the model.
@@ -159,8 +224,10 @@ pub struct Tested {
 pub(super) fn said(term: Term) -> &'static str {
     match term {
         Term::Friction => "dry friction",
+        Term::Stribeck => "fall of friction with speed",
         Term::Amplifier => "lag of the amplifier",
         Term::Offset => "offset force",
+        Term::Cogging => "cogging",
         Term::Phase => "periodic error of the encoder",
     }
 }

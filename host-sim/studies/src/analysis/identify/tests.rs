@@ -7,7 +7,7 @@ use zwidth::telemetry::Flags;
 
 use super::{
     Asked, Drive, Gain, GainAsked, Identification, Json, Made, Options, OutputScale, Record, Span,
-    Terms, asked::of_records, from_capture_csv, identify,
+    Term, Terms, asked::of_records, from_capture_csv, identify,
 };
 use crate::{
     error::Error,
@@ -262,12 +262,12 @@ fn terms(dice: &mut Dice) -> Terms {
     match dice.below(5) {
         0 => Terms::NONE,
         1 | 2 => Terms::Auto,
-        _ => Terms::These {
-            friction: dice.chance(0.6),
-            amplifier: dice.chance(0.4),
-            offset: dice.chance(0.4),
-            phase: dice.chance(0.4),
-        },
+        _ => {
+            let chances = Term::ALL.map(|_| dice.chance(0.4));
+            Terms::these(|term| {
+                Term::ALL.into_iter().zip(chances).any(|(one, is)| is && one == term)
+            })
+        }
     }
 }
 
@@ -398,12 +398,11 @@ fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
         resolution_m: COUNT_RAD * RADIUS_M,
         ..Options::of_scene(&scene, Gain::Given(GAIN_N_M_PER_V / RADIUS_M))
     };
-    // A friction with one cycle per turn is no encoder error.
+    // A friction with one cycle per turn is no encoder error. In one direction it is the same as cogging.
     let found = identify(&[record], &options).unwrap();
-    assert!(
-        found.terms.phase.is_none()
-            && found.warnings.iter().any(|warning| warning.contains("not modelled"))
-    );
+    let is_named = found.warnings.iter().any(|warning| warning.contains("not modelled"));
+    let is_known = is_named || found.terms.cogging.is_some();
+    assert!(found.terms.phase.is_none() && is_known, "{:?} {:?}", found.terms, found.warnings);
     let inertia = 0.0128 / (RADIUS_M * RADIUS_M);
     assert!(found.mass_kg.holds(inertia), "{:?} {inertia}", found.mass_kg);
 }
@@ -584,7 +583,7 @@ fn lost_counts_are_named_with_their_row() {
 fn the_term_that_a_record_does_not_show_is_the_one_that_is_named() {
     let record = axis([0.0192, 5e-4, 0.05], 1.0, 800, 800);
     let scene = NamedScene::load("paper-1um").unwrap().scene;
-    let terms = Terms::These { friction: true, amplifier: false, offset: true, phase: false };
+    let terms = Terms::these(|term| matches!(term, Term::Friction | Term::Offset));
     let options = Options {
         latency_s: 0.0,
         spring: false,
@@ -594,4 +593,117 @@ fn the_term_that_a_record_does_not_show_is_the_one_that_is_named() {
     };
     let error = identify(&[record], &options).unwrap_err();
     assert!(error.contains("offset"), "{error}");
+}
+
+/// A device without a spring in open loop, integrated in steps of 2 us: mass, damping, friction, rise of friction and
+/// speed of its fall, cogging's amplitude and pitch. Then the amplifier's third power, drag, and friction per metre.
+fn rough(
+    [mass, damping, friction, rise, fall, cogging, pitch]: [f64; 7],
+    [cubic, drag, per_m]: [f64; 3],
+) -> Record {
+    const COUNT_M: f64 = 1e-6;
+    let (mut x, mut v, mut forces, mut positions): (f64, f64, Vec<f64>, Vec<f64>) =
+        (0.0, 0.0, vec![], vec![]);
+    for row in 0..4000 {
+        let force = [0.0, 1.0, 0.4, -0.8, 0.0, 0.7, -1.0, -0.3][row / 250 % 8];
+        forces.push(force);
+        positions.push((x / COUNT_M).floor() * COUNT_M);
+        for _ in 0..500 {
+            let net = force
+                + cubic * force.powi(3)
+                + cogging * (std::f64::consts::TAU * x / pitch + 0.5).sin();
+            let held = friction + rise;
+            if v == 0.0 && net.abs() <= held {
+                continue;
+            }
+            let sign = if v == 0.0 { net.signum() } else { v.signum() };
+            let rate = |v: f64| {
+                (net - damping * v
+                    - drag * v * v.abs()
+                    - sign * (friction + per_m * x + rise * (-(v / fall).powi(2)).exp()))
+                    / mass
+            };
+            let next = v + 2e-6 * rate(v + 1e-6 * rate(v));
+            x += 1e-6 * (v + next);
+            v = if next * sign < 0.0 { 0.0 } else { next };
+        }
+    }
+    Record {
+        name: "made".into(),
+        start_s: 0.0,
+        step_s: 1e-3,
+        command: forces,
+        position_m: positions,
+        drive: Drive::Force,
+        may_clip: false,
+    }
+}
+
+fn of_rough(record: Record) -> super::Identification {
+    let scene = NamedScene::load("paper-1um").unwrap().scene;
+    let options = Options {
+        latency_s: 0.0,
+        spring: false,
+        resolution_m: 1e-6,
+        ..Options::of_scene(&scene, Gain::Force)
+    };
+    identify(&[record], &options).unwrap()
+}
+
+#[test]
+fn friction_that_falls_with_the_speed_is_found() {
+    let found = of_rough(rough([0.4, 2.0, 0.1, 0.05, 0.01, 0.0, 1.0], [0.0; 3]));
+    println!("{:?} {:?}", found.terms, found.warnings);
+    let curve = found.terms.stribeck.unwrap();
+    for (estimate, truth) in [
+        (found.mass_kg, 0.4),
+        (found.damping_n_s_per_m, 2.0),
+        (found.terms.friction_n.unwrap(), 0.1),
+        (curve.speed_m_per_s, 0.01),
+    ] {
+        assert!((estimate.value / truth - 1.0).abs() < 0.02, "{truth}: {estimate:?}");
+    }
+    assert!(found.terms.cogging.is_none());
+}
+
+#[test]
+fn cogging_is_found_with_its_pitch() {
+    let found = of_rough(rough([0.4, 2.0, 0.0, 0.0, 1.0, 0.1, 5e-3], [0.0; 3]));
+    println!("{:?} {:?}", found.terms, found.warnings);
+    let cogging = found.terms.cogging.unwrap();
+    for (estimate, truth) in [
+        (found.mass_kg, 0.4),
+        (found.damping_n_s_per_m, 2.0),
+        (cogging.amplitude_n, 0.1),
+        (cogging.pitch_m, 5e-3),
+        (cogging.phase_rad, 0.5),
+    ] {
+        assert!((estimate.value / truth - 1.0).abs() < 0.01, "{truth}: {estimate:?}");
+    }
+    assert!(found.terms.stribeck.is_none() && found.terms.phase.is_none());
+}
+
+#[test]
+fn an_amplifier_that_is_not_linear_is_named() {
+    let found = of_rough(rough([0.4, 2.0, 0.1, 0.0, 1.0, 0.0, 1.0], [0.1, 0.0, 0.0]));
+    let named = |warning: &String| warning.contains("an amplifier that is not linear");
+    assert!(found.warnings.iter().any(named), "{:?}", found.warnings);
+}
+
+#[test]
+fn drag_is_named() {
+    let found = of_rough(rough([0.4, 2.0, 0.0, 0.0, 1.0, 0.0, 1.0], [0.0, 4.0, 0.0]));
+    assert!(
+        found.warnings.iter().any(|warning| warning.contains("drag")),
+        "{:?} {:?}",
+        found.warnings,
+        found.terms
+    );
+}
+
+#[test]
+fn friction_that_depends_on_the_position_is_named() {
+    let found = of_rough(rough([0.4, 2.0, 0.1, 0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 0.5]));
+    let named = |warning: &String| warning.contains("friction that depends on the position");
+    assert!(found.warnings.iter().any(named), "{:?} {:?}", found.warnings, found.terms);
 }
