@@ -30,8 +30,8 @@ mod _native {
         estimator::Estimator,
         folder::{StudyFolder, StudyUnits, study_text},
         measured::{
-            Agreement, CoggingTerm, EncoderTerm, Estimate, Identification, Plan, Replay, Residual, Suspect,
-            TermTest, agree, identify, identify_plan, replay,
+            Agreement, CoggingTerm, EncoderTerm, Estimate, Identification, Plan, Replay, Residual,
+            Suspect, TermTest, agree, identify, identify_plan, replay,
         },
         recommended::{Recommended, recommended},
         scene::Scene,
