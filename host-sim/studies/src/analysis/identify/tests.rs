@@ -692,7 +692,7 @@ fn an_amplifier_that_is_not_linear_is_named() {
 
 #[test]
 fn drag_is_named() {
-    let found = of_rough(rough([0.4, 2.0, 0.0, 0.0, 1.0, 0.0, 1.0], [0.0, 4.0, 0.0]));
+    let found = of_rough(rough([0.4, 2.0, 0.0, 0.0, 1.0, 0.0, 1.0], [0.0, 0.3, 0.0]));
     assert!(
         found.warnings.iter().any(|warning| warning.contains("drag")),
         "{:?} {:?}",
