@@ -136,6 +136,12 @@ def invariants(command):
     return None if only is None or only[1] in properties() else f"no property has {only[1]} in its name"
 
 
+@functools.cache
+def build():
+    """What the commands need, so that their time is theirs: the simulator, the virtual board, the image."""
+    shell("cargo sim --version && cargo board run < /dev/null")
+
+
 def board(scene, block, folder, environment):
     """Types the commands of a block; what stands to the right of one must come."""
     said = [re.split(r"\s{2,}", line, maxsplit=1) for line in block if line.strip()]
@@ -180,6 +186,7 @@ def options(name):
 
 def run(name):
     """All commands of a page; what failed."""
+    build()
     folder = ROOT / "target/pages" / name.replace("/", "-").removesuffix(".md")
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
