@@ -136,6 +136,11 @@ def invariants(command):
     return None if only is None or only[1] in properties() else f"no property has {only[1]} in its name"
 
 
+def failure(ran):
+    """Why a command failed; None: it did not. `diff` says it on stdout."""
+    return (ran.stderr.strip() or ran.stdout.strip() or f"exit code {ran.returncode}") if ran.returncode else None
+
+
 @functools.cache
 def build():
     """What the commands need, so that their time is theirs: the simulator, the virtual board, the image."""
@@ -148,8 +153,8 @@ def board(scene, block, folder, environment):
     lines = "".join(f"{words[0]}\n" for words in said if words[0])
     ran = subprocess.run(f"cargo board run {scene}", shell=True, cwd=folder, text=True, input=lines, env=environment,
                          capture_output=True, timeout=SECONDS, check=False)
-    if ran.returncode:
-        return ran.stderr.strip()
+    if why := failure(ran):
+        return why
     if "error" in ran.stdout:
         return next(line for line in ran.stdout.split("\n") if "error" in line)
     at = 0
@@ -207,7 +212,7 @@ def run(name):
             continue
         elif kind == "given":
             ran = shell(command, folder, SECONDS, env=environment)
-            why = ran.stderr.strip() if ran.returncode else None
+            why = failure(ran)
         elif HARDWARE.match(re.sub(r"^[A-Z_]+=\S+ ", "", command)) or ELSEWHERE.match(command):
             continue
         elif command in MINUTES:
