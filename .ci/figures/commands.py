@@ -171,7 +171,8 @@ def board(scene, block, folder, environment):
 
 # Options of a command that its page has; those of all commands stand in docs/files.md.
 OPTIONS = {
-    "docs/virtual-board.md": ["board run", "board hit", "board walk", "board serve", "board fuzz"],
+    "docs/virtual-board.md": ["board run", "board hit", "board walk", "board serve"],
+    "docs/lab/invariants.md": ["board fuzz"],
     "docs/lab/campaigns.md": ["board campaign"],
     "docs/telemetry.md": ["sim telemetry", "sim replay"],
 }
