@@ -32,9 +32,9 @@ pub struct ReadArgs {
 }
 
 /// Tables of a scene that a record contains.
-const TABLES: [&str; 13] = [
+const TABLES: [&str; 14] = [
     "encoder", "actuator", "output", "control", "velocity", "wall", "wall_hit", "walk", "board",
-    "safety", "motor", "return", "designs",
+    "safety", "motor", "return", "designs", "passivity",
 ];
 
 #[derive(Serialize)]
