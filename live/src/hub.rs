@@ -16,7 +16,10 @@ use virtual_board::{
     link::{COMMANDS, Finger, LOG, Link, REPLIES, Seen, TELEMETRY, Wires},
     log,
 };
-use zwidth::telemetry::{self, Flags, Record};
+use zwidth::{
+    console::is_answer,
+    telemetry::{self, Flags, Record},
+};
 
 use crate::history::{History, Row};
 
@@ -250,7 +253,7 @@ impl Pending {
                 let may_refuse = !self.loud && self.line != GREETING[0];
                 line.starts_with(begins) || may_refuse && line.starts_with("error")
             }
-            None => line.starts_with("ok") || line.starts_with("error"),
+            None => true,
         }
     }
 
@@ -473,8 +476,8 @@ impl Talk {
                 }
             }
         }
-        let is_report = is_report(&line);
-        let answered = self.pending.take_if(|asked| !is_report && asked.is_answered_by(&line));
+        let is_answer = is_answer(&line);
+        let answered = self.pending.take_if(|asked| is_answer && asked.is_answered_by(&line));
         match line.strip_prefix("ok ").and_then(|said| said.split_whitespace().next()) {
             Some("get") => {
                 known.settings_after = known.numbered;
@@ -500,7 +503,7 @@ impl Talk {
             }
             Some(_) => {}
             // A reply to an earlier host's command.
-            None if !is_report
+            None if is_answer
                 && self.pending.as_ref().is_some_and(|asked| asked.line == GREETING[0]) => {}
             None => known.say(From::Board, line, None),
         }
@@ -571,21 +574,4 @@ impl Talk {
             }
         }
     }
-}
-
-/// Whether a line is an experiment's own report and not a reply.
-fn is_report(line: &str) -> bool {
-    const REPORTS: [&str; 10] = [
-        "ok walk over",
-        "ok pulses over",
-        "ok calibrate over",
-        "ok hit stable",
-        "ok hit unstable",
-        "ok hit no contact",
-        "error: hit",
-        "error: walk",
-        "error: pulses",
-        "error: nobody was reading",
-    ];
-    REPORTS.iter().any(|start| line.starts_with(start))
 }

@@ -14,7 +14,7 @@ import pytest
 import zwidth
 from conftest import ROOT
 from fake_board import FakeBoard, usual
-from zwidth._answers import is_event
+from zwidth._native import is_answer
 
 STATUS = (
     "ok status armed, fault 34 (host silent), hit, sample 123, position -5 counts, velocity -0.5 counts/sample, "
@@ -203,9 +203,9 @@ def test_lines_of_an_experiment_are_no_answers(fake: FakeBoard) -> None:
         time.sleep(0.1)
         assert board.events[-1] == "ok pulses over"
     for line in ("ok hit", "ok walk", "ok pulses", "ok calibrate", "ok selftest", "error: on already", "ok k 5 N/m"):
-        assert not is_event(line), line
+        assert is_answer(line), line
     for line in (HIT, "hit push 1: 2 N, stable", "ok walk over, area", "ok pulses over", "ok calibrate over: x", "error: hit: x", "selftest a: x"):
-        assert is_event(line), line
+        assert not is_answer(line), line
 
 
 def test_what_came_before_the_connection_answers_nothing() -> None:

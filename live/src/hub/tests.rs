@@ -86,6 +86,7 @@ fn one_command_at_a_time_and_a_stop_before_all_that_waits() {
     thread::sleep(Duration::from_millis(30));
     assert_eq!(count(&board, "k 2"), 0, "before the first was answered");
     board.says("walk hit 1: k 1 N/m, b 1 N s/m, stable, rms 0.1 m");
+    board.says("ok walk over, area 0 N^2 s/m^2");
     board.says("ok k 1 N/m");
     until("the second command", || count(&board, "k 2") == 1);
     let before = hub.stopped();

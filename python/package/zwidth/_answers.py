@@ -17,19 +17,8 @@ Floats = NDArray[np.float64]
 
 __all__ = ["BoardHit", "BoardSelfTest", "BoardStatus", "BoardWalk"]
 
-#: Lines that are not replies: reports of experiments, and messages of a board that was not read.
-_EVENT = re.compile(
-    r"walk (hit|boundary) \d|hit push \d|ok hit \S|ok (walk|pulses|calibrate) over\b|error: (hit|walk|pulses): |calibrate holds "
-    r"|selftest |error: nobody was reading"
-)
-
 #: Additional values in the line of a hit by the criterion ``quiet``.
 _QUIET = r"(?:, force rms (?P<force>\S+) N(?: m)?, ratio (?P<ratio>\S+))?"
-
-
-def is_event(line: str) -> bool:
-    """Whether a line is not a reply to a command."""
-    return _EVENT.match(line) is not None
 
 
 def _read(pattern: str, line: str) -> re.Match[str]:

@@ -10,8 +10,8 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 
-from ._answers import is_event
 from ._link import LOOK_S, Link
+from ._native import is_answer
 
 __all__ = ["UNANSWERED", "Console", "to_the_end"]
 
@@ -177,7 +177,7 @@ class Console:
             came = self.link.line(limit - time.monotonic())
             if came is None:
                 raise TimeoutError(f"no answer to {line!r} within {wait_s:g} s")
-            if not is_event(came):
+            if is_answer(came):
                 return came
             self.events.append(came)
             if before is not None:
@@ -224,6 +224,6 @@ class Console:
         answered, _ = to_the_end(off)
         # Answers come in order, so lines that have come by now do not answer later commands.
         for line in self.link.waiting():
-            if is_event(line):
+            if not is_answer(line):
                 self._sort(line)
         return answered
