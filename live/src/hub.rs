@@ -65,8 +65,8 @@ pub struct Hub {
     history: Mutex<History>,
     known: Mutex<Known>,
     asked: Mutex<Asked>,
-    /// Whether the owner's page is there, so that the board may get the `alive` command.
-    pub attended: AtomicBool,
+    /// Time until which the board may get the `alive` command.
+    attended: Mutex<Duration>,
     ended: AtomicBool,
     board: Virtual,
     clock: Clock,
@@ -112,7 +112,7 @@ impl Hub {
             history: Mutex::default(),
             known: Mutex::default(),
             asked: Mutex::default(),
-            attended: AtomicBool::new(false),
+            attended: Mutex::default(),
             ended: AtomicBool::new(false),
             board,
             clock,
@@ -200,6 +200,12 @@ impl Hub {
         let Some(board) = &self.board else { return };
         let offset_m = self.offset_m(resolution_m);
         board.touch(target_m.map(|target_m| Finger { target_m: target_m + offset_m, ..FINGER }));
+    }
+
+    /// The owner's page is there until this time. If nobody calls it again, because the page is gone or the server hangs,
+    /// the force goes off.
+    pub fn attend(&self, until: Duration) {
+        *lock(&self.attended) = until;
     }
 
     /// Opens or closes a virtual board's emergency stop.
@@ -423,7 +429,7 @@ impl Talk {
             return;
         }
         let on = self.hub.known().is_on();
-        let attended = self.hub.attended.load(Relaxed);
+        let attended = now < *lock(&self.hub.attended);
         if on && attended {
             self.promise(PROMISE_MS, now);
         } else if on && self.promised {
