@@ -253,14 +253,10 @@ struct Pending {
 
 impl Pending {
     fn is_answered_by(&self, line: &str) -> bool {
-        match &self.begins {
-            // A board that refuses its device record answers only the first question.
-            Some(begins) => {
-                let may_refuse = !self.loud && self.line != GREETING[0];
-                line.starts_with(begins) || may_refuse && line.starts_with("error")
-            }
-            None => true,
-        }
+        // A board that refuses its device record answers only the first question.
+        let may_refuse = !self.loud && self.line != GREETING[0];
+        let begins = |begins: &String| line.starts_with(begins);
+        self.begins.as_ref().is_none_or(begins) || may_refuse && line.starts_with("error")
     }
 
     fn waits(&self) -> Duration {
