@@ -74,8 +74,8 @@ def test_each_method_types_one_line(fake: FakeBoard, call: Callable[[zwidth.Boar
 
 
 def test_nothing_is_typed_but_disarm_and_the_promise(fake: FakeBoard) -> None:
-    with connect(fake, alive_s=0.2):
-        time.sleep(0.5)
+    with connect(fake, alive_s=0.2) as board:
+        board.wait(0.5)
         assert set(fake.typed) == {"disarm"}
         assert set(fake.alive) == {"alive 200"} and len(fake.alive) > 5
         fake.since()
@@ -86,6 +86,33 @@ def test_nothing_is_typed_but_disarm_and_the_promise(fake: FakeBoard) -> None:
         time.sleep(0.3)
         assert board.ask("alive 300") == "alive"
     assert fake.alive == ["alive 300"]
+
+
+def test_the_promise_is_kept_by_calls_and_by_nothing_else(fake: FakeBoard) -> None:
+    typed: list[str] = []
+
+    def answer(line: str) -> list[str]:
+        typed.append(line)
+        return ["ok hit"] if line == "hit" else usual(line)
+
+    with connect(fake, alive_s=0.2) as board:
+        fake.answer = answer
+        time.sleep(0.5)
+        assert typed == [], "a script that hangs"
+        board.get()
+        assert typed == ["alive 200", "get"]
+        typed.clear()
+        board.arm()
+        assert typed == ["alive 200", "arm"], "a board that was reset has no promise"
+        typed.clear()
+        threading.Timer(0.5, fake.say, [HIT]).start()
+        board.hit()
+        assert typed[0] == "hit" and typed.count("alive 200") > 3
+    fake.answer = usual
+    with connect(fake, alive_s=0.02) as board:
+        fake.alive.clear()
+        board.wait(0.5)
+        assert len(fake.alive) > 25, "the shortest promise"
 
 
 def test_answers_are_read(fake: FakeBoard) -> None:
