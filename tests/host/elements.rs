@@ -165,9 +165,10 @@ fn an_amplifier_error_is_another_command() {
         });
         let (mut here, mut there) = (with.at_rest(0.0), plain.at_rest(0.0));
         for index in 0..3000 {
-            let [before_n, after_n] = [index, index + 1].map(|n| f64::from(n / 40 * 7 % 13) - 5.9);
+            let [before_n, after_n] =
+                [index, index + 1].map(|n: u32| f64::from(n / 40 * 7 % 13) - 5.9);
             let [force_n, later_n] = [before_n, after_n].map(given_n);
-            let index = index as u64;
+            let index = u64::from(index);
             let moments = [
                 Moment { index, before_n, after_n },
                 Moment { index, before_n: force_n, after_n: later_n },

@@ -8,11 +8,11 @@ use zwidth::contract::RATE_HZ;
 use super::Common;
 use crate::{
     analysis::{
-        identify::{self, Gain, Options, Span},
+        identify::{Record, Span},
         replay::{Ranking, Told, rank, replay, velocity},
     },
     error::Error,
-    interrupt,
+    input, interrupt,
     notation::number,
     output::{in_units::InUnits, table::Kind, telemetry::replay_figure, terminal::print_result},
     range::within,
@@ -22,7 +22,7 @@ use crate::{
 /// Runs an estimator over the counts of all samples of a capture, beside the board's own.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
-    /// File with the bytes of RTT up channel 1 as they came; with --rank also a log as of `identify`.
+    /// File with the bytes of RTT up channel 1 as they came; with --rank a log as of `identify`.
     capture: PathBuf,
     /// Estimator; the scene's if not given.
     #[arg(long, value_name = "NAME")]
@@ -56,16 +56,19 @@ const CUTOFF_HZ: f64 = 1500.0;
 fn ranked(args: &ReplayArgs, reference_hz: f64, common: &Common) -> Result<(), Error> {
     let named = NamedScene::load(&args.scene)?;
     let scene = &named.scene;
-    let mut outputs = common.outputs(&[&[args.capture.clone()], &named.files[..]].concat())?;
+    let mut inputs = vec![args.capture.clone()];
+    inputs.extend(named.files.iter().cloned());
+    let mut outputs = common.outputs(&inputs)?;
     let csv = outputs.table(args.csv.as_ref(), Kind::Rows, Some(&named))?;
-    let mut options = Options::of_scene(scene, Gain::Force);
+    let mut resolution_m = scene.encoder.resolution_m;
     if let Some(resolution) = args.resolution {
         within("--resolution", resolution, 1e-12..=1.0).map_err(Error::Input)?;
-        options.resolution_m = resolution / scene.units.key("_m").map_or(1.0, |(_, per_m)| per_m);
+        resolution_m = resolution / scene.units.key("_m").map_or(1.0, |(_, per_m)| per_m);
     }
-    let whole = Span::default();
-    let record = identify::read(&args.capture, (&named, &args.scene), &options, whole)?;
-    let resolution_m = options.resolution_m;
+    let name = args.capture.display().to_string();
+    let text = input::read_text(&args.capture, input::RECORD)?;
+    let record = Record::from_csv(&name, &text, Span::default(), scene.units, resolution_m)
+        .map_err(|error| Error::Input(scene.units.text(&error)).of(&name))?;
     let ranking = rank(&record, resolution_m, reference_hz, scene, interrupt::flag())?;
     outputs.tell(csv, scene.units, || ranks_csv(&ranking))?;
     outputs.commit()?;

@@ -37,8 +37,8 @@ fn any_tables() -> impl Strategy<Value = Vec<String>> {
         }));
         let (friction, cogging, spring, rigid, method) = dry;
         // Of the seed, so that the other elements are those that were tried before there was a gap.
-        let gap = (mode.is_some() && seed % 2 == 0).then(|| 0.1f64.powf(2.0 + f64::from(seed / 2 % 7)));
-        let cubic = (seed % 3 == 0).then(|| f64::from(seed % 61) / 100.0 - 0.3);
+        let gap = (mode.is_some() && seed.is_multiple_of(2)).then(|| 0.1f64.powf(2.0 + f64::from(seed / 2 % 7)));
+        let cubic = seed.is_multiple_of(3).then(|| f64::from(seed % 61) / 100.0 - 0.3);
         tables.extend(gap.map(|gap| format!("[backlash]\ngap_m = {gap:e}\n")));
         tables.extend(cubic.map(|cubic| format!("[amplifier_error]\ncubic = {cubic:e}\n")));
         tables.extend(friction.map(|(coulomb, ratio, speed)| {

@@ -243,7 +243,8 @@ mod tests {
                 let plant = plant(&with(mode, device), gap_m, ADAPTIVE);
                 let mut state = plant.at_rest(0.0);
                 let moved = |n: u32| {
-                    state = plant.advance(&state, if n / 40 % 2 == 0 { 2.0 } else { -1.5 });
+                    state =
+                        plant.advance(&state, if (n / 40).is_multiple_of(2) { 2.0 } else { -1.5 });
                     [state.z[0], state.z[2]]
                 };
                 (0..400).map(moved).collect::<Vec<_>>()
@@ -290,14 +291,14 @@ mod tests {
         let device = Device { stiffness_n_per_m: 300.0, damping_n_s_per_m: 5.0, ..DEVICE };
         // The transmission relaxes within 13 samples, about the time in the gap: its stretch when it touches counts.
         let chain = with(Mode { damping_n_s_per_m: 50.0, ..MODE }, device);
-        let forces_n = |n: u32| if n / 25 % 2 == 0 { 3.0 } else { -2.5 };
+        let forces_n = |n: u32| if (n / 25).is_multiple_of(2) { 3.0 } else { -2.5 };
         let known = by_small_steps(&chain, forces_n, 300);
         for (method, tolerance) in [(RK4, 2e-3), (ADAPTIVE, 2e-3)] {
             let plant = plant(&chain, GAP_M, method);
             let mut state = plant.at_rest(0.0);
             let [mut worst, mut crossed] = [0.0f64; 2];
-            for (n, [x, y]) in known.iter().enumerate() {
-                state = plant.advance(&state, forces_n(n as u32));
+            for (n, [x, y]) in (0..).zip(&known) {
+                state = plant.advance(&state, forces_n(n));
                 let at = [state.z[0], state.z[2]].map(|z| z + device.rest_position_m);
                 worst = worst.max((at[0] - x).abs()).max((at[1] - y).abs());
                 crossed = crossed.max((at[1] - at[0]).abs());

@@ -5,8 +5,8 @@
 //! smallest error on the real counts, in the core's arithmetic. Its error on the simulated counts, with the same
 //! tuning, shows what an ideal encoder would have said.
 //!
-//! Everything is in counts and samples, so the rate of the record may be any. The tunings are those of the scene's
-//! design, scaled to the record's rate.
+//! Everything is in counts and samples, so the rate of the record may be any. The tunings are those of a design of
+//! 10 kHz, scaled to the record's rate.
 
 use std::sync::atomic::AtomicBool;
 
@@ -26,6 +26,8 @@ use crate::{
     scene::Scene,
 };
 
+/// Rate of the design whose tunings are tried; every estimator has its defaults there.
+const RATE_HZ: f64 = 1e4;
 /// Places along an axis in one pass of the search, and passes. Each pass looks at a quarter of the one before.
 const PLACES: u32 = 9;
 const PASSES: i32 = 3;
@@ -82,11 +84,6 @@ pub fn rank(
     stop: &AtomicBool,
 ) -> Result<Ranking, Error> {
     let rate_hz = 1.0 / record.step_s;
-    if resolution_m <= 0.0 {
-        return Err(Error::input(
-            "--resolution is 0: a sensor without counts has none to rank with",
-        ));
-    }
     let (low, high) = (20.0 * rate_hz / record.len() as f64, 0.25 * rate_hz);
     if !(low..=high).contains(&reference_hz) {
         return Err(Error::Input(format!(
@@ -101,7 +98,8 @@ pub fn rank(
     // An ideal encoder rounds down; the half count of offset is in no velocity.
     let residual: Vec<f64> =
         places.iter().zip(&smooth).map(|(place, smooth)| place - smooth).collect();
-    let edge = (SETTLES * rate_hz / reference_hz).ceil() as usize;
+    let settles = SETTLES * rate_hz / reference_hz;
+    let edge = (0..places.len()).take_while(|n| (*n as f64) < settles).count();
     let inner = edge..places.len() - edge;
     let mut truth = vec![0.0; places.len()];
     for n in inner.clone() {
@@ -112,7 +110,7 @@ pub fn rank(
         reason = "positions of records are within 2^31 counts"
     )]
     let whole = |of: &[f64]| of.iter().map(|place| libm::floor(*place) as i32).collect();
-    let design = scene.design();
+    let design = Design { rate_hz: RATE_HZ, ..scene.design() };
     let change = |n: usize| (truth[n] - truth[n - 1]).abs();
     let fastest = inner.clone().skip(1).map(change).fold(0.0, f64::max);
     let bench = Bench {
@@ -272,9 +270,9 @@ mod tests {
     static NEVER: AtomicBool = AtomicBool::new(false);
 
     /// Counts of an ideal encoder on a motion of two sines, 2 s at 1 kHz.
-    fn record(noise: impl Fn(usize) -> f64) -> Record {
-        let position = |n: usize| {
-            let t = n as f64 * 1e-3;
+    fn record(noise: impl Fn(u32) -> f64) -> Record {
+        let position = |n: u32| {
+            let t = f64::from(n) * 1e-3;
             let x = 300.0 * (9.0 * t).sin() + 40.0 * (31.0 * t).sin() + noise(n);
             x.floor() * 1e-5
         };
@@ -315,7 +313,7 @@ mod tests {
 
     #[test]
     fn noise_that_no_encoder_has_shows() {
-        let ranking = ranked(&record(|n| 4.0 * f64::from(n as u32 * 7919 % 101) / 101.0));
+        let ranking = ranked(&record(|n| 4.0 * f64::from(n * 7919 % 101) / 101.0));
         assert!(ranking.residual_counts > 1.0);
         assert!(
             ranking.estimators.iter().all(|row| row.error_m_per_s > row.simulated_error_m_per_s)
