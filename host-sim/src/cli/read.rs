@@ -33,8 +33,20 @@ pub struct ReadArgs {
 
 /// Tables of a scene that a record contains.
 const TABLES: [&str; 14] = [
-    "encoder", "actuator", "output", "control", "velocity", "wall", "wall_hit", "walk", "board",
-    "safety", "motor", "return", "designs", "passivity",
+    "encoder",
+    "actuator",
+    "output",
+    "control",
+    "velocity",
+    "wall",
+    "wall_hit",
+    "walk",
+    "board",
+    "safety",
+    "motor",
+    "return",
+    "designs",
+    "passivity",
 ];
 
 #[derive(Serialize)]
