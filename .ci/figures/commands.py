@@ -136,14 +136,25 @@ def invariants(command):
     return None if only is None or only[1] in properties() else f"no property has {only[1]} in its name"
 
 
+def failure(ran):
+    """Why a command failed; None: it did not. `diff` says it on stdout."""
+    return (ran.stderr.strip() or ran.stdout.strip() or f"exit code {ran.returncode}") if ran.returncode else None
+
+
+@functools.cache
+def build():
+    """What the commands need, so that their time is theirs: the simulator, the virtual board, the image."""
+    shell("cargo sim --version && cargo board run < /dev/null")
+
+
 def board(scene, block, folder, environment):
     """Types the commands of a block; what stands to the right of one must come."""
     said = [re.split(r"\s{2,}", line, maxsplit=1) for line in block if line.strip()]
     lines = "".join(f"{words[0]}\n" for words in said if words[0])
     ran = subprocess.run(f"cargo board run {scene}", shell=True, cwd=folder, text=True, input=lines, env=environment,
                          capture_output=True, timeout=SECONDS, check=False)
-    if ran.returncode:
-        return ran.stderr.strip()
+    if why := failure(ran):
+        return why
     if "error" in ran.stdout:
         return next(line for line in ran.stdout.split("\n") if "error" in line)
     at = 0
@@ -160,7 +171,8 @@ def board(scene, block, folder, environment):
 
 # Options of a command that its page has; those of all commands stand in docs/files.md.
 OPTIONS = {
-    "docs/virtual-board.md": ["board run", "board hit", "board walk", "board serve", "board fuzz"],
+    "docs/virtual-board.md": ["board run", "board hit", "board walk", "board serve"],
+    "docs/lab/invariants.md": ["board fuzz"],
     "docs/lab/campaigns.md": ["board campaign"],
     "docs/telemetry.md": ["sim telemetry", "sim replay"],
 }
@@ -180,6 +192,7 @@ def options(name):
 
 def run(name):
     """All commands of a page; what failed."""
+    build()
     folder = ROOT / "target/pages" / name.replace("/", "-").removesuffix(".md")
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -200,7 +213,7 @@ def run(name):
             continue
         elif kind == "given":
             ran = shell(command, folder, SECONDS, env=environment)
-            why = ran.stderr.strip() if ran.returncode else None
+            why = failure(ran)
         elif HARDWARE.match(re.sub(r"^[A-Z_]+=\S+ ", "", command)) or ELSEWHERE.match(command):
             continue
         elif command in MINUTES:

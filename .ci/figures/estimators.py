@@ -1,8 +1,15 @@
 """Which estimator, speed against accuracy, velocity estimators: tables made of what `compare`, `trade` and the tests
 have stored."""
 
+import csv
+import functools
+import math
+import tempfile
+
 from . import block
-from .source import area_of, m, measured, number, power, row, rows, rows_of, said_in, significant, table
+from .source import (
+    LONG, ROOT, area_of, long, m, measured, number, power, programs, row, rows, rows_of, said_in, shell, significant, table,
+)
 
 FUSION = "compare-paper-1um-accelerometer.csv"
 
@@ -256,6 +263,50 @@ def made_by(*patterns):
     found = [r for r in rows("made.csv") if any(r["file"].startswith(p) for p in patterns)]
     return table(["table", "command", "at commit"],
                  [[f"[{r['file']}](data/{r['file']})", f"`{r['command']}`", r["commit"]] for r in found])
+
+
+# Real counts: records of machines that are not part of the project
+def ranked(machine):
+    """The ranks on the record MACHINE.csv, if it lies in the root."""
+    command = LONG[f"rank-{machine}"][0].removeprefix("cargo sim ")
+    if not (ROOT / f"{machine}.csv").exists():
+        raise SystemExit(f"error: {machine}.csv is not here; docs/lab/estimators-measured.md says where it is from")
+    with tempfile.TemporaryDirectory() as folder:
+        ran = shell(f"{programs()}/host-sim {command} --csv {folder}/ranks.csv", ROOT)
+        if ran.returncode:
+            raise SystemExit(ran.stderr)
+        with open(f"{folder}/ranks.csv", newline="") as file:
+            return list(csv.DictReader(file))
+
+
+for machine in ("emps", "qube"):
+    long(f"rank-{machine}")(functools.partial(ranked, machine))
+
+
+@block
+def ranked_counts():
+    """Errors of the estimators on real counts, and on ideal ones."""
+    of = {machine: {r["estimator"]: r for r in rows(f"rank-{machine}.csv")} for machine in ("emps", "qube")}
+
+    def cells(r, scale):
+        speeds = [float(value) for key, value in r.items() if "error" in key]
+        return [number(float(r["bandwidth_hz"]), 0) if r["bandwidth_hz"] else "", *(significant(scale * speed, 3) for speed in speeds)]
+    body = [[f"`{name}`", *cells(r, 1e3), *cells(of["qube"][name], 180 / math.pi)] for name, r in of["emps"].items()]
+
+    def correlation(machine):
+        real, ideal = ([float(r[next(key for key in r if key.startswith(start))]) for r in of[machine].values()] for start in ("error", "simulated"))
+        apart = sum((sorted(real).index(a) - sorted(ideal).index(b)) ** 2 for a, b in zip(real, ideal, strict=True))
+        return f"{1 - 6 * apart / (len(real) * (len(real) ** 2 - 1)):.2f}"
+    body.append(["rank correlation of both errors", "", "", correlation("emps"), "", "", correlation("qube")])
+    return table(["estimator", *(f"{machine}: {what}" for machine, unit in (("EMPS", "mm/s"), ("QUBE", "deg/s"))
+                                 for what in ("-3 dB, Hz", f"error, {unit}", f"by ideal counts, {unit}"))], body)
+
+
+@block
+def identified_machines():
+    """What `identify` finds on records of real machines, beside what others have found."""
+    return table(["machine", "value", "published", "inverse dynamic model", "`identify`"],
+                 [[r["machine"], r["value"], r["published"], r["inverse_dynamic"], r["identify"]] for r in rows("identify-machines.csv")])
 
 
 # Velocity estimators

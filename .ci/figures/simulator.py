@@ -93,6 +93,33 @@ def criteria_periods():
                   "and a transmission of 150 Hz"], body)
 
 
+@long("elements-cost")
+def make_elements():
+    """Quiet walls with a gap in the transmission, and with a force that is not proportional to the command."""
+    scene = changed_scene("paper-1um")
+    geared = transmission(scene) + "[integrator]\nmethod = \"rk4\"\nsteps_per_sample = 1\n"
+    body = []
+    for element, tables in [
+            ("none", ""), *((f"force {share:g} % too small at full command", f"[amplifier_error]\ncubic = {-share / 100}\n") for share in (3, 10)),
+            ("transmission of 150 Hz", geared),
+            *((f"and a gap of {microns:g} um", f"{geared}[backlash]\ngap_m = {microns}e-6\n") for microns in (1, 10, 100))]:
+        for push in ("motor", "hand"):
+            found = sim("walk SCENE.toml --cutoff 500 --criterion quiet",
+                        scene.replace("[wall_hit]\n", f"[wall_hit]\npush_by = \"{push}\"\n", 1) + tables)
+            body.append({"element": element, "push": push, "area_n2_s_per_m2": found["area_n2_s_per_m2"],
+                         "stiffness_peak_n_per_m": found["stiffness_peak_n_per_m"]})
+    return body
+
+
+@block
+def elements_cost():
+    by = {}
+    for r in rows("elements-cost.csv"):
+        by.setdefault(r["element"], []).extend([significant(float(r["area_n2_s_per_m2"]) / 1e6, 3), f"{float(r['stiffness_peak_n_per_m']) / 1e3:g}"])
+    head = [f"{push}: {what}" for push in ("motor's push", "hand's push") for what in ("area, 10^6 N^2 s/m^2", "peak K, kN/m")]
+    return table(["element", *head], [[element, *cells] for element, cells in by.items()])
+
+
 @block
 def quiet_choices():
     """The cutoff to dial in by other limits of the force, and with an amplifier of 1 kHz."""

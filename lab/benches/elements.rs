@@ -22,6 +22,8 @@ const SAMPLES: u64 = 60_000;
 
 const AMPLIFIER: &str = "[amplifier]\nbandwidth_hz = 1500\n";
 const MODE: &str = "[mode]\nmass_kg = 0.15\nstiffness_n_per_m = 6e4\ndamping_n_s_per_m = 4\n";
+const BACKLASH: &str = "[backlash]\ngap_m = 1e-4\n";
+const AMPLIFIER_ERROR: &str = "[amplifier_error]\ncubic = -0.1\n";
 const ARM: &str = "[arm]\nmass_kg = 1.2\ndamping_n_s_per_m = 12\nstiffness_n_per_m = 20\nrest_position_m = 0.05\n\
                    grip_damping_n_s_per_m = 25\ngrip_stiffness_n_per_m = 1200\n";
 const FRICTION: &str =
@@ -41,9 +43,10 @@ fn elements(c: &mut Criterion) {
     let mut group = c.benchmark_group("one wall hit with");
     group.throughput(Throughput::Elements(SAMPLES));
     group.sample_size(10);
-    let cases: [(&str, &[&str]); 16] = [
+    let cases: [(&str, &[&str]); 18] = [
         ("nothing", &[]),
         ("amplifier", &[AMPLIFIER]),
+        ("amplifier error", &[AMPLIFIER_ERROR]),
         ("mode", &[MODE]),
         ("arm", &[ARM]),
         ("amplifier, mode, arm", &[AMPLIFIER, MODE, ARM]),
@@ -56,6 +59,7 @@ fn elements(c: &mut Criterion) {
         ("friction, by RK4", &[FRICTION, RK4]),
         ("cogging, by RK4", &[COGGING, RK4]),
         ("travel, by RK4", &[TRAVEL, RK4]),
+        ("mode with backlash, by RK4", &[MODE, BACKLASH, RK4]),
         ("friction, by Dormand-Prince", &[FRICTION, ADAPTIVE]),
         (
             "everything, by Dormand-Prince",

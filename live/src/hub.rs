@@ -16,7 +16,10 @@ use virtual_board::{
     link::{COMMANDS, Finger, LOG, Link, REPLIES, Seen, TELEMETRY, Wires},
     log,
 };
-use zwidth::telemetry::{self, Flags, Record};
+use zwidth::{
+    console::is_answer,
+    telemetry::{self, Flags, Record},
+};
 
 use crate::history::{History, Row};
 
@@ -62,8 +65,8 @@ pub struct Hub {
     history: Mutex<History>,
     known: Mutex<Known>,
     asked: Mutex<Asked>,
-    /// Whether the owner's page is there, so that the board may get the `alive` command.
-    pub attended: AtomicBool,
+    /// Time until which the board may get the `alive` command.
+    attended: Mutex<Duration>,
     ended: AtomicBool,
     board: Virtual,
     clock: Clock,
@@ -109,7 +112,7 @@ impl Hub {
             history: Mutex::default(),
             known: Mutex::default(),
             asked: Mutex::default(),
-            attended: AtomicBool::new(false),
+            attended: Mutex::default(),
             ended: AtomicBool::new(false),
             board,
             clock,
@@ -199,6 +202,12 @@ impl Hub {
         board.touch(target_m.map(|target_m| Finger { target_m: target_m + offset_m, ..FINGER }));
     }
 
+    /// The owner's page is there until this time. If nobody calls it again, because the page is gone or the server hangs,
+    /// the force goes off.
+    pub fn attend(&self, until: Duration) {
+        *lock(&self.attended) = until;
+    }
+
     /// Opens or closes a virtual board's emergency stop.
     pub fn emergency_stop(&self, open: bool) {
         if let Some(board) = &self.board {
@@ -244,14 +253,10 @@ struct Pending {
 
 impl Pending {
     fn is_answered_by(&self, line: &str) -> bool {
-        match &self.begins {
-            // A board that refuses its device record answers only the first question.
-            Some(begins) => {
-                let may_refuse = !self.loud && self.line != GREETING[0];
-                line.starts_with(begins) || may_refuse && line.starts_with("error")
-            }
-            None => line.starts_with("ok") || line.starts_with("error"),
-        }
+        // A board that refuses its device record answers only the first question.
+        let may_refuse = !self.loud && self.line != GREETING[0];
+        let begins = |begins: &String| line.starts_with(begins);
+        self.begins.as_ref().is_none_or(begins) || may_refuse && line.starts_with("error")
     }
 
     fn waits(&self) -> Duration {
@@ -420,7 +425,7 @@ impl Talk {
             return;
         }
         let on = self.hub.known().is_on();
-        let attended = self.hub.attended.load(Relaxed);
+        let attended = now < *lock(&self.hub.attended);
         if on && attended {
             self.promise(PROMISE_MS, now);
         } else if on && self.promised {
@@ -473,8 +478,8 @@ impl Talk {
                 }
             }
         }
-        let is_report = is_report(&line);
-        let answered = self.pending.take_if(|asked| !is_report && asked.is_answered_by(&line));
+        let is_answer = is_answer(&line);
+        let answered = self.pending.take_if(|asked| is_answer && asked.is_answered_by(&line));
         match line.strip_prefix("ok ").and_then(|said| said.split_whitespace().next()) {
             Some("get") => {
                 known.settings_after = known.numbered;
@@ -500,7 +505,7 @@ impl Talk {
             }
             Some(_) => {}
             // A reply to an earlier host's command.
-            None if !is_report
+            None if is_answer
                 && self.pending.as_ref().is_some_and(|asked| asked.line == GREETING[0]) => {}
             None => known.say(From::Board, line, None),
         }
@@ -571,21 +576,4 @@ impl Talk {
             }
         }
     }
-}
-
-/// Whether a line is an experiment's own report and not a reply.
-fn is_report(line: &str) -> bool {
-    const REPORTS: [&str; 10] = [
-        "ok walk over",
-        "ok pulses over",
-        "ok calibrate over",
-        "ok hit stable",
-        "ok hit unstable",
-        "ok hit no contact",
-        "error: hit",
-        "error: walk",
-        "error: pulses",
-        "error: nobody was reading",
-    ];
-    REPORTS.iter().any(|start| line.starts_with(start))
 }

@@ -69,21 +69,21 @@ impl Seats {
         self.pages.iter_mut().filter(|(other, _)| *other == page).for_each(|seat| seat.1 = now);
     }
 
-    /// Time since the page's last answer; none: there is no such page.
-    fn silence(&self, page: u64, now: Duration) -> Option<Duration> {
-        let seat = self.pages.iter().find(|(other, _)| *other == page);
-        seat.map(|(_, heard)| now.saturating_sub(*heard))
+    /// Time of the page's last answer; none: there is no such page.
+    fn heard(&self, page: u64) -> Option<Duration> {
+        self.pages.iter().find(|(other, _)| *other == page).map(|(_, heard)| *heard)
     }
 
-    /// Whether the owner is there, so that the board may get `alive`.
-    pub fn is_attended(&self, now: Duration) -> bool {
-        let silence = self.owner.and_then(|owner| self.silence(owner, now));
-        silence.is_some_and(|silence| silence < ABSENT)
+    /// Time until which the owner counts as there, so that the board may get `alive`; 0 without an owner.
+    pub fn attended_until(&self) -> Duration {
+        self.owner
+            .and_then(|owner| self.heard(owner))
+            .map_or(Duration::ZERO, |heard| heard + ABSENT)
     }
 
     /// Whether the page is gone, even if its socket is open.
     pub fn is_gone(&self, page: u64, now: Duration) -> bool {
-        self.silence(page, now).is_none_or(|silence| silence >= GONE)
+        self.heard(page).is_none_or(|heard| now.saturating_sub(heard) >= GONE)
     }
 
     /// Whether the page owns the board.
@@ -123,19 +123,18 @@ mod tests {
     fn a_page_that_does_not_answer_is_absent_and_then_gone() {
         let now = Duration::from_secs(7);
         let mut seats = Seats::default();
-        assert!(!seats.is_attended(now));
+        assert_eq!(seats.attended_until(), Duration::ZERO);
         let first = seats.enter(now);
         let second = seats.enter(now);
-        assert!(seats.is_attended(now + ABSENT / 2));
         seats.hear(second, now + ABSENT);
-        assert!(!seats.is_attended(now + ABSENT));
+        assert_eq!(seats.attended_until(), now + ABSENT, "the owner was not heard again");
         seats.hear(first, now + ABSENT);
-        assert!(seats.is_attended(now + ABSENT));
+        assert_eq!(seats.attended_until(), now + 2 * ABSENT);
         seats.hear(second, now + GONE);
         assert!(!seats.is_gone(first, now + GONE), "it was heard later");
         assert!(seats.is_gone(first, now + ABSENT + GONE));
         assert!(!seats.is_gone(second, now + ABSENT + GONE));
         seats.leave(first);
-        assert!(!seats.is_attended(now + GONE) && seats.is_gone(first, now));
+        assert!(seats.attended_until().is_zero() && seats.is_gone(first, now));
     }
 }

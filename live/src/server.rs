@@ -150,7 +150,7 @@ async fn attend(app: &App) -> Result<(), Error> {
     loop {
         look.tick().await;
         let Shared { hub, .. } = &*app.shared;
-        hub.attended.store(app.shared.seats().is_attended(hub.now()), Relaxed);
+        hub.attend(app.shared.seats().attended_until());
         if interrupt::is_requested() {
             app.ended.store(true, Relaxed);
             return interrupt::check();

@@ -48,6 +48,12 @@ mod _native {
         (scenes.collect(), estimators.collect(), super::studies::VERDICTS.into())
     }
 
+    /// Whether a line of a board's console answers a command.
+    #[pyfunction]
+    fn is_answer(line: &str) -> bool {
+        zwidth::console::is_answer(line)
+    }
+
     #[pymodule_export]
     #[expect(non_upper_case_globals, reason = "as Python calls it")]
     const __version__: &str = env!("CARGO_PKG_VERSION");

@@ -213,8 +213,11 @@ def test_an_exception_disarms(served: int) -> None:
             time.sleep(0.1)
         board.unlock()
         board.arm()
-        time.sleep(1.5)
+        board.wait(1.5)
         assert board.status().armed, "the promise is kept meanwhile"
+        time.sleep(3.0)
+        status = board.status()
+        assert (status.state, status.fault_text) == ("fault", "host silent"), "the script hung"
 
 
 HITS = """

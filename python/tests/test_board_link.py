@@ -1,5 +1,6 @@
 """What is typed, and what happens when a board does not answer as it should: beside a server that is in our hands."""
 
+import pickle
 import signal
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import pytest
 import zwidth
 from conftest import ROOT
 from fake_board import FakeBoard, usual
-from zwidth._answers import is_event
+from zwidth._native import is_answer
 
 STATUS = (
     "ok status armed, fault 34 (host silent), hit, sample 123, position -5 counts, velocity -0.5 counts/sample, "
@@ -74,8 +75,8 @@ def test_each_method_types_one_line(fake: FakeBoard, call: Callable[[zwidth.Boar
 
 
 def test_nothing_is_typed_but_disarm_and_the_promise(fake: FakeBoard) -> None:
-    with connect(fake, alive_s=0.2):
-        time.sleep(0.5)
+    with connect(fake, alive_s=0.2) as board:
+        board.wait(0.5)
         assert set(fake.typed) == {"disarm"}
         assert set(fake.alive) == {"alive 200"} and len(fake.alive) > 5
         fake.since()
@@ -86,6 +87,33 @@ def test_nothing_is_typed_but_disarm_and_the_promise(fake: FakeBoard) -> None:
         time.sleep(0.3)
         assert board.ask("alive 300") == "alive"
     assert fake.alive == ["alive 300"]
+
+
+def test_the_promise_is_kept_by_calls_and_by_nothing_else(fake: FakeBoard) -> None:
+    typed: list[str] = []
+
+    def answer(line: str) -> list[str]:
+        typed.append(line)
+        return ["ok hit"] if line == "hit" else usual(line)
+
+    with connect(fake, alive_s=0.2) as board:
+        fake.answer = answer
+        time.sleep(0.5)
+        assert typed == [], "a script that hangs"
+        board.get()
+        assert typed == ["alive 200", "get"]
+        typed.clear()
+        board.arm()
+        assert typed == ["alive 200", "arm"], "a board that was reset has no promise"
+        typed.clear()
+        threading.Timer(0.5, fake.say, [HIT]).start()
+        board.hit()
+        assert typed[0] == "hit" and typed.count("alive 200") > 3
+    fake.answer = usual
+    with connect(fake, alive_s=0.02) as board:
+        fake.alive.clear()
+        board.wait(0.5)
+        assert len(fake.alive) > 25, "the shortest promise"
 
 
 def test_answers_are_read(fake: FakeBoard) -> None:
@@ -132,6 +160,7 @@ def test_answers_are_read(fake: FakeBoard) -> None:
         hit = board.hit()
         assert (hit.force_rms, hit.penetration_ratio) == (0.0, None)
         tested = board.selftest()
+        assert pickle.loads(pickle.dumps(tested)) == tested
         assert not tested.passed
         assert tested.parts == {"chip": "pass", "encoder": "fail, 0 edges"}
         assert board.calibrate(20).startswith("calibrate holds 19.9 %")
@@ -203,9 +232,9 @@ def test_lines_of_an_experiment_are_no_answers(fake: FakeBoard) -> None:
         time.sleep(0.1)
         assert board.events[-1] == "ok pulses over"
     for line in ("ok hit", "ok walk", "ok pulses", "ok calibrate", "ok selftest", "error: on already", "ok k 5 N/m"):
-        assert not is_event(line), line
+        assert is_answer(line), line
     for line in (HIT, "hit push 1: 2 N, stable", "ok walk over, area", "ok pulses over", "ok calibrate over: x", "error: hit: x", "selftest a: x"):
-        assert is_event(line), line
+        assert not is_answer(line), line
 
 
 def test_what_came_before_the_connection_answers_nothing() -> None:

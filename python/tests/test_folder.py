@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import random
 import resource
 import signal
@@ -241,6 +242,7 @@ def test_units_that_cannot_be_made_are_named(tmp_path: Path) -> None:
         with pytest.raises(zwidth.StudyFailed, match="unit 1 could not be made: ValueError: .*resume=True") as failed:
             zwidth.run_study(asked, tmp_path / "out", client=client, retries=1)
     assert list(failed.value.units) == [1]
+    assert pickle.loads(pickle.dumps(failed.value)).units == failed.value.units
     assert (tmp_path / "out" / "part-00000000.csv").exists()
 
 

@@ -188,7 +188,9 @@ impl ParseError {
             }
             Self::Word(usage) => write!(f, "unknown word: {}", spoken.usage(usage)),
             Self::Estimator(unknown) => fmt::Display::fmt(unknown, f),
-            Self::Design => f.write_str("no name of a design: designs lists them"),
+            Self::Design => {
+                f.write_str("no name of a design (at most 16 bytes): designs lists them")
+            }
             Self::TooLong => write!(f, "line too long: at most {} bytes", super::LINE_MAX),
         }
     }

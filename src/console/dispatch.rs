@@ -55,11 +55,7 @@ impl<P: Port> Console<P> {
                         settings.velocity = settings.velocity.with_parameter(place, value);
                     });
                 }
-                None => self.write(match place {
-                    1 => &"error: this estimator has no second parameter, see get",
-                    2 => &"error: this estimator has no third parameter, see get",
-                    _ => &"error: this estimator has no fourth parameter, see get",
-                }),
+                None => self.write(&"error: this estimator has fewer parameters, see get"),
             },
             Command::Estimator(name) => {
                 stored.settings.velocity = name.following(&stored.settings.velocity);

@@ -16,6 +16,23 @@ use crate::{
     units::Force,
 };
 
+/// Commands that begin an experiment, as in the table of commands.
+pub(super) const EXPERIMENTS: [&str; 4] = ["hit", "pulses", "walk", "calibrate"];
+
+/// Whether a line of the board answers a command. It sends all other lines by itself: `ok walk` answers `walk`, but
+/// `ok walk over, ..` and `error: walk: ..` report how the walk ended.
+pub fn is_answer(line: &str) -> bool {
+    let reports = |said: &str, then: &str| {
+        let mut rests = EXPERIMENTS.iter().filter_map(|name| said.strip_prefix(name));
+        rests.any(|rest| rest.starts_with(then))
+    };
+    if let Some(done) = line.strip_prefix("ok ") {
+        return !reports(done, " ");
+    }
+    let refused = line.strip_prefix("error: ");
+    refused.is_some_and(|why| !reports(why, ": ") && !why.starts_with("nobody was reading"))
+}
+
 /// One hit, and what it was judged to be.
 #[derive(Clone, Copy)]
 pub struct JudgedHit {

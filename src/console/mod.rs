@@ -26,6 +26,7 @@ mod spoken;
 
 pub use command::{Command, GridValue, ParseError, parse, parse_in, usages};
 pub use line::{Line, LineReader, Text};
+pub use lines::is_answer;
 pub use number::{Decimal, Limit};
 pub use pace::Pace;
 pub use port::Port;

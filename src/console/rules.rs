@@ -162,7 +162,7 @@ pub fn is_off(now: &Situation) -> Result<(), Refusal> {
 mod tests {
     use super::*;
     use crate::{
-        console::GridValue,
+        console::{GridValue, lines::EXPERIMENTS, parse, usages},
         safety::{FaultRecord, FaultSet, Inputs},
         store::Name,
         velocity::EstimatorName,
@@ -268,6 +268,17 @@ mod tests {
 
     fn in_contact(now: &Situation) -> bool {
         now.status.contact && now.status.state.is_on()
+    }
+
+    /// A host knows the reports of an experiment by the name of its command.
+    #[test]
+    fn what_needs_the_full_force_is_an_experiment() {
+        let needs_force = |name: &&str| {
+            let typed = [*name, &std::format!("{name} 1")].map(|line| parse(line.as_bytes()));
+            typed.iter().flatten().any(|command| needs(command).contains(&Need::Armed))
+        };
+        let names = usages().filter_map(|usage| usage.split(' ').next());
+        assert_eq!(names.filter(needs_force).collect::<Vec<_>>(), EXPERIMENTS);
     }
 
     #[test]

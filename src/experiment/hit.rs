@@ -60,6 +60,7 @@ pub struct HitPlan {
 
 /// What a hit showed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)] // as wide as a word, so that the counts beside it in an `Event` are copied by words
 pub enum Verdict {
     /// In contact, and the RMS stayed below the limit.
     Stable,

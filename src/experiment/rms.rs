@@ -61,7 +61,7 @@ impl RunningVariance {
             self.origin = number;
         }
         let difference = i64::from(number) - i64::from(self.origin);
-        let magnitude = difference.unsigned_abs(); // below 2^32
+        let magnitude = u64::from(number.abs_diff(self.origin));
         self.add(1, difference, u128::from(magnitude * magnitude));
     }
 

@@ -83,8 +83,8 @@ impl<const N: usize> Renderer<N> {
         *self.motor_reversed
     }
 
-    /// Whether everything that decides a force is as it was put here. It is kept twice; the second copy of the
-    /// parameters is that of the sampling task. Ask this after each output.
+    /// Whether plans, parameters and orders that decide a force are as they were put here. They are kept twice; the second
+    /// copy of the parameters is that of the sampling task. Ask this after each output.
     #[inline(always)]
     pub fn is_whole(&self, sampled: &LoopParameters) -> bool {
         let signs = self.motor_reversed.is_whole() && self.gains.is_whole();

@@ -8,7 +8,7 @@
 //! it.
 //!
 //! A sector of 16 KiB takes 93 saves; 10 000 erases of both sectors make 1.8 million. Writing flash stalls the
-//! processor (16 us a word, up to 0.8 s an erase), so save only with the force off.
+//! processor (16 us a word, up to 0.5 s an erase), so save only with the force off.
 //!
 //! The flash is any [`NorFlash`] of two erase blocks, sector A and sector B. The size of a single write (`WRITE_SIZE`:
 //! 4 bytes on an F4, 8 or 16 on other families) has to divide a record's 176 bytes.
@@ -63,7 +63,7 @@ const BLANK: u32 = u32::MAX;
 pub enum Source {
     /// The newest that were saved.
     Newest,
-    /// Older settings: a later save is damaged or was cut short.
+    /// Older settings: a later save is damaged, was cut short, or is for an image with other estimators.
     Older,
     /// The defaults, because nothing was ever saved. Another program may have left something there.
     Empty,
@@ -79,7 +79,7 @@ impl fmt::Display for Source {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Newest => "newest settings",
-            Self::Older => "older settings: the newest copy is damaged",
+            Self::Older => "older settings: the newest cannot be read",
             Self::Empty => "defaults: nothing was saved yet",
             Self::Defaults => "defaults: every saved copy is damaged",
             Self::OtherDevice => "defaults: what was saved is for another device",

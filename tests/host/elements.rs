@@ -20,6 +20,8 @@ const PAPER: &str = include_str!("../../scenes/paper-1um.toml");
 
 const AMPLIFIER: &str = "[amplifier]\nbandwidth_hz = 1500\n";
 const MODE: &str = "[mode]\nmass_kg = 0.15\nstiffness_n_per_m = 6e4\ndamping_n_s_per_m = 4\n";
+const BACKLASH: &str = "[backlash]\ngap_m = 1e-4\n";
+const AMPLIFIER_ERROR: &str = "[amplifier_error]\ncubic = -0.1\n";
 const ARM: &str = "[arm]\nmass_kg = 1.2\ndamping_n_s_per_m = 12\nstiffness_n_per_m = 20\nrest_position_m = 0.05\n\
                    grip_damping_n_s_per_m = 25\ngrip_stiffness_n_per_m = 1200\n";
 const FRICTION: &str =
@@ -72,6 +74,8 @@ fn every_element_is_read_and_runs() {
         vec![ARM],
         vec![OFFSET],
         vec![AMPLIFIER, MODE, ARM, OFFSET],
+        vec![AMPLIFIER_ERROR],
+        vec![MODE, BACKLASH, RK4],
         vec![FRICTION, RK4],
         vec![COGGING, ADAPTIVE],
         vec![SPRING, EULER],
@@ -90,6 +94,8 @@ fn every_element_is_read_and_runs() {
             ENCODER_ERROR,
             ENCODER_NOISE,
             JITTER,
+            BACKLASH,
+            AMPLIFIER_ERROR,
             ADAPTIVE,
         ],
     ] {
@@ -147,12 +153,45 @@ fn an_offset_is_a_rest_position_that_is_farther() {
     assert!((plant.speed_m_per_s(&state) / speed - 1.0).abs() < 1e-12);
 }
 
+/// An amplifier with an error moves the device as an ideal amplifier does with other commands.
+#[test]
+fn an_amplifier_error_is_another_command() {
+    let given_n = |command_n: f64| command_n * (1.0 - 0.1 * (command_n / 5.9).powi(2));
+    for tables in [vec![], vec![AMPLIFIER, MODE], vec![JITTER], vec![JITTER, FRICTION, ADAPTIVE]] {
+        let [with, plain] = [&[&tables[..], &[AMPLIFIER_ERROR]].concat(), &tables].map(|tables| {
+            let mut scene = read(tables).unwrap();
+            scene.actuator.gain_n_per_v = 5.9 / scene.actuator.limit_v;
+            AnyPlant::of(&scene, 1e-4, 0.3)
+        });
+        let (mut here, mut there) = (with.at_rest(0.0), plain.at_rest(0.0));
+        for index in 0..3000 {
+            let [before_n, after_n] =
+                [index, index + 1].map(|n: u32| f64::from(n / 40 * 7 % 13) - 5.9);
+            let [force_n, later_n] = [before_n, after_n].map(given_n);
+            let index = u64::from(index);
+            let moments = [
+                Moment { index, before_n, after_n },
+                Moment { index, before_n: force_n, after_n: later_n },
+            ];
+            let near = |one: f64, other: f64| (one - other).abs() < 1e-12;
+            assert!(near(with.reading_m(&here, &moments[0]), plain.reading_m(&there, &moments[1])));
+            assert!(near(with.force_n(&here, before_n), plain.force_n(&there, force_n)));
+            here = with.advance_split(&here, before_n, after_n);
+            there = plain.advance_split(&there, force_n, later_n);
+            here = with.advance(&here, after_n);
+            there = plain.advance(&there, later_n);
+            assert!(near(with.position_m(&here), plain.position_m(&there)), "{tables:?} {index}");
+        }
+    }
+}
+
 #[test]
 fn errors_of_size_zero_change_no_bit() {
     let wall = hit(60_000.0, 300.0);
     let zeroes = [
         JITTER.replace("5e-6", "0"),
         OFFSET.replace("0.3", "0"),
+        AMPLIFIER_ERROR.replace("-0.1", "0"),
         ENCODER_NOISE.replace("5e-7", "0"),
         ENCODER_ERROR.replace("3e-7", "0").replace("1e-7", "0"),
     ];
@@ -165,6 +204,10 @@ fn errors_of_size_zero_change_no_bit() {
                 assert_eq!(run(&read(&tables).unwrap(), numeric, &wall), plain, "{zero}");
             }
         }
+        let none = BACKLASH.replace("1e-4", "0");
+        let [with, without] = [&[MODE, RK4, &none][..], &[MODE, RK4]]
+            .map(|tables| run(&read(tables).unwrap(), numeric, &wall));
+        assert_eq!(with, without, "{none}");
     }
 }
 
@@ -247,6 +290,16 @@ fn refusals_name_key_value_and_range() {
         (vec![&MODE.replace("0.15", "0")], "mode.mass_kg is 0, allowed 0.001 to 100"),
         (vec![&ARM.replace("= 12\n", "= -1\n")], "arm.damping_n_s_per_m is -1, allowed 0 to"),
         (vec![FRICTION], "[integrator] is missing"),
+        (vec![MODE, BACKLASH], "[integrator] is missing"),
+        (vec![BACKLASH, RK4], "[mode] is missing, needed with backlash"),
+        (
+            vec![MODE, &BACKLASH.replace("1e-4", "-1e-4"), RK4],
+            "backlash.gap_m is -0.0001, allowed 0 to 1",
+        ),
+        (
+            vec![&AMPLIFIER_ERROR.replace("-0.1", "-0.4")],
+            "amplifier_error.cubic is -0.4, allowed -0.3 to 1",
+        ),
         (vec![COGGING], "[integrator] is missing"),
         (vec![SPRING], "[integrator] is missing"),
         (vec![&FRICTION.replace("0.15", "0.05"), RK4], "friction.static_n is 0.05, allowed 0.1 to"),

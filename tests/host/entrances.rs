@@ -23,6 +23,10 @@ bandwidth_hz = 1500.0
 mass_kg = 0.15
 stiffness_n_per_m = 6e4
 damping_n_s_per_m = 4.0
+[backlash]
+gap_m = 1e-5
+[amplifier_error]
+cubic = 0.1
 [arm]
 mass_kg = 1.2
 damping_n_s_per_m = 12.0

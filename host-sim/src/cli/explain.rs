@@ -25,7 +25,7 @@ use crate::{
 };
 
 /// What limits this device's walls: one element changed at a time (encoder, latency, output, estimator, amplifier,
-/// motor, friction, cogging, accelerometer), each tuned anew; a ranked table with ranges.
+/// motor, friction, cogging, backlash, accelerometer), each tuned anew; a ranked table with ranges.
 #[derive(Debug, Args)]
 #[command(after_long_help = COLUMNS)]
 pub struct ExplainArgs {

@@ -149,12 +149,17 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
         port_limited_fraction: passive.then_some(report.port.limited_fraction),
         port_withheld_fraction: passive.then_some(report.port.withheld_fraction),
     };
-    let limit_um = rounded(scene.scene.rms_limit_m() * 1e6, 4);
+    let judged_m = if json.rms_of == "counts" { json.rms_m } else { json.rms_motion_m };
+    let limit = match json.sensation_db {
+        Some(_) if json.criterion == "felt" => String::new(),
+        _ => format!(" (limit {} um)", rounded(scene.scene.rms_limit_m() * 1e6, 4)),
+    };
     let clipped = json.velocity_clipped_fraction * 100.0;
     let note = (clipped > 0.0)
         .then(|| format!("\nvelocity at the end of its range in {clipped:.2} % of the samples"));
     let mut window = format!(
-        "RMS of the motion {:.3} um, outputs of the window at the limit {:.2} %",
+        "RMS of the counts {:.3} um, of the motion {:.3} um, outputs of the window at the limit {:.2} %",
+        json.rms_m * 1e6,
         json.rms_motion_m * 1e6,
         json.window_at_limit_fraction * 100.0
     );
@@ -203,13 +208,13 @@ pub fn run(args: &HitArgs, common: &Common) -> Result<(), Error> {
     }
     print_of(common.json, &scene.scene, &json, || {
         scene.scene.units.text(&format!(
-            "{}: {}, RMS {:.3} um (limit {limit_um} um)\n\
+            "{}: {}, RMS {:.3} um{limit}\n\
              {}, K = {} N/m, B = {} N s/m\n\
              mean {:.6} m, peak penetration {:.1} um, outputs saturated {:.2} %, window in contact {:.1} %\n\
              {window}\n{port}{}",
             scene.name,
             json.verdict,
-            json.rms_m * 1e6,
+            judged_m * 1e6,
             describe(&hit.velocity, scene.scene.control.rate_hz),
             json.stiffness_n_per_m,
             json.damping_n_s_per_m,

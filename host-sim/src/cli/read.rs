@@ -32,9 +32,21 @@ pub struct ReadArgs {
 }
 
 /// Tables of a scene that a record contains.
-const TABLES: [&str; 13] = [
-    "encoder", "actuator", "output", "control", "velocity", "wall", "wall_hit", "walk", "board",
-    "safety", "motor", "return", "designs",
+const TABLES: [&str; 14] = [
+    "encoder",
+    "actuator",
+    "output",
+    "control",
+    "velocity",
+    "wall",
+    "wall_hit",
+    "walk",
+    "board",
+    "safety",
+    "motor",
+    "return",
+    "designs",
+    "passivity",
 ];
 
 #[derive(Serialize)]

@@ -32,9 +32,10 @@ enum List {
 pub fn run(args: &ReferenceArgs, program: &Command) -> Result<(), Error> {
     let text = match args.list {
         List::Commands => commands(program),
-        List::Console => {
-            table(&["command"], console::usages().map(|usage| vec![format!("`{usage}`")]))
-        }
+        List::Console => table(
+            &["command"],
+            console::usages().map(|usage| vec![format!("`{}`", usage.replace('|', "\\|"))]),
+        ),
         List::Estimators => {
             let head = [
                 "number",

@@ -1,23 +1,28 @@
-//! `replay`: runs another estimator over a board's capture.
+//! `replay`: runs another estimator over a board's capture, or ranks all of them on a log.
 
-use std::path::PathBuf;
+use std::{fmt::Write as _, path::PathBuf};
 
 use clap::Args;
 use zwidth::contract::RATE_HZ;
 
 use super::Common;
 use crate::{
-    analysis::replay::{Told, replay, velocity},
+    analysis::{
+        identify::{Record, Span},
+        replay::{Ranking, Told, rank, replay, velocity},
+    },
     error::Error,
-    interrupt,
+    input, interrupt,
+    notation::number,
     output::{in_units::InUnits, table::Kind, telemetry::replay_figure, terminal::print_result},
+    range::within,
     scene::NamedScene,
 };
 
 /// Runs an estimator over the counts of all samples of a capture, beside the board's own.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
-    /// File with the bytes of RTT up channel 1 as they came.
+    /// File with the bytes of RTT up channel 1 as they came; with --rank a log as of `identify`.
     capture: PathBuf,
     /// Estimator; the scene's if not given.
     #[arg(long, value_name = "NAME")]
@@ -29,7 +34,14 @@ pub struct ReplayArgs {
     /// The scene that the board is built for.
     #[arg(long, default_value = "nucleo-f446re")]
     scene: String,
-    /// Write sample, count and both velocities, in the integers of the control.
+    /// Rank the estimators that need the count only, each tuned, by their error against the positions low-passed at HZ forwards
+    /// and backwards.
+    #[arg(long, value_name = "HZ", allow_negative_numbers = true, conflicts_with_all = ["estimator", "cutoff", "plot"])]
+    rank: Option<f64>,
+    /// With --rank: size of a count, m or rad [default: the scene's].
+    #[arg(long, value_name = "M", allow_negative_numbers = true, requires = "rank")]
+    resolution: Option<f64>,
+    /// Write sample, count and both velocities, in the integers of the control; with --rank, the ranks.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
     /// Draw position and both velocities over time; the ending, .svg or .png, says the format.
@@ -40,7 +52,65 @@ pub struct ReplayArgs {
 /// Cutoff without `--cutoff` and `velocity.cutoff_hz`, Hz.
 const CUTOFF_HZ: f64 = 1500.0;
 
+/// Ranks the estimators on a log.
+fn ranked(args: &ReplayArgs, reference_hz: f64, common: &Common) -> Result<(), Error> {
+    let named = NamedScene::load(&args.scene)?;
+    let scene = &named.scene;
+    let mut inputs = vec![args.capture.clone()];
+    inputs.extend(named.files.iter().cloned());
+    let mut outputs = common.outputs(&inputs)?;
+    let csv = outputs.table(args.csv.as_ref(), Kind::Rows, Some(&named))?;
+    let mut resolution_m = scene.encoder.resolution_m;
+    if let Some(resolution) = args.resolution {
+        within("--resolution", resolution, 1e-12..=1.0).map_err(Error::Input)?;
+        resolution_m = resolution / scene.units.key("_m").map_or(1.0, |(_, per_m)| per_m);
+    }
+    let name = args.capture.display().to_string();
+    let text = input::read_text(&args.capture, input::RECORD)?;
+    let record = Record::from_csv(&name, &text, Span::default(), scene.units, resolution_m)
+        .map_err(|error| Error::Input(scene.units.text(&error)).of(&name))?;
+    let ranking = rank(&record, resolution_m, reference_hz, scene, interrupt::flag())?;
+    outputs.tell(csv, scene.units, || ranks_csv(&ranking))?;
+    outputs.commit()?;
+    print_result(common.json, InUnits(scene.units, &ranking), || {
+        let (unit, factor) = scene.units.written("mm/s");
+        let told = |speed_m_per_s: f64| number(1e3 * speed_m_per_s * factor, 3);
+        let mut text = format!(
+            "{}: {} samples at {:.0} Hz, {} {unit} RMS; counts {:.2} RMS off the low-pass of {reference_hz} Hz, ideal 0.29\n\n\
+             {:<16} {:>10} {:>12} {:>16}\n",
+            args.capture.display(),
+            ranking.samples,
+            ranking.rate_hz,
+            told(ranking.speed_rms_m_per_s),
+            ranking.residual_counts,
+            "estimator",
+            "-3 dB, Hz",
+            format!("error, {unit}"),
+            "by ideal counts",
+        );
+        for row in &ranking.estimators {
+            let hz = row.bandwidth_hz.map_or_else(String::new, |hz| number(hz, 1));
+            let [real, ideal] = [row.error_m_per_s, row.simulated_error_m_per_s].map(told);
+            let _ = writeln!(text, "{:<16} {hz:>10} {real:>12} {ideal:>16}", row.estimator);
+        }
+        format!("{text}\nrank correlation of both errors {:.2}", ranking.spearman)
+    })
+}
+
+fn ranks_csv(ranking: &Ranking) -> String {
+    let mut text = "estimator,bandwidth_hz,error_m_per_s,simulated_error_m_per_s\n".to_owned();
+    for row in &ranking.estimators {
+        let hz = row.bandwidth_hz.map_or_else(String::new, |hz| hz.to_string());
+        let [real, ideal] = [row.error_m_per_s, row.simulated_error_m_per_s];
+        let _ = writeln!(text, "{},{hz},{real},{ideal}", row.estimator);
+    }
+    text
+}
+
 pub fn run(args: &ReplayArgs, common: &Common) -> Result<(), Error> {
+    if let Some(reference_hz) = args.rank {
+        return ranked(args, reference_hz, common);
+    }
     let name = args.capture.display();
     let scene = NamedScene::load(&args.scene)?;
     let mut inputs = vec![args.capture.clone()];

@@ -162,3 +162,42 @@ fn another_estimator_is_run_over_every_sample_of_a_capture() {
     let rows = fs::read_to_string(folder.path().join("a.csv")).unwrap().lines().count() as u64;
     assert_eq!(rows, slow["samples"].as_u64().unwrap() + 1);
 }
+
+/// Ranks on the counts of a log, and refusals.
+#[test]
+fn the_estimators_are_ranked_on_the_counts_of_a_log() {
+    let folder = TempDir::new().unwrap();
+    let rows = (0..3000).map(|n| {
+        let t = f64::from(n) / 2000.0;
+        format!("{t},0,{}\n", (300.0 * (9.0 * t).sin() + 50.0 * (40.0 * t).sin()).floor())
+    });
+    let log = format!("time_s,voltage_v,position_counts\n{}", rows.collect::<String>());
+    fs::write(folder.path().join("log.csv"), log).unwrap();
+    let rank = |more: &[&str]| {
+        let args = ["replay", "log.csv", "--json", "--scene", "paper-1um"];
+        sim(folder.path(), &[&args[..], more].concat())
+    };
+    let output = rank(&["--rank", "50", "--csv", "ranks.csv"]);
+    assert!(output.status.success(), "{output:?}");
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let errors: Vec<f64> = json["estimators"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|row| row["error_m_per_s"].as_f64().unwrap())
+        .collect();
+    assert!(errors.len() > 15 && errors.is_sorted(), "{errors:?}");
+    let rows = fs::read_to_string(folder.path().join("ranks.csv")).unwrap();
+    assert_eq!(rows.lines().count(), errors.len() + 1);
+    for (more, expected) in [
+        (&["--rank", "0"][..], "--rank is 0, allowed"),
+        (&["--rank", "nan"], "--rank is NaN, allowed"),
+        (&["--rank", "9000"], "--rank is 9000, allowed"),
+        (&["--rank", "50", "--resolution", "-1"], "--resolution is -1, allowed"),
+        (&["--rank", "50", "--cutoff", "100"], "cannot be used with"),
+    ] {
+        let output = rank(more);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && said.contains(expected), "{said}");
+    }
+}

@@ -86,6 +86,7 @@ fn one_command_at_a_time_and_a_stop_before_all_that_waits() {
     thread::sleep(Duration::from_millis(30));
     assert_eq!(count(&board, "k 2"), 0, "before the first was answered");
     board.says("walk hit 1: k 1 N/m, b 1 N s/m, stable, rms 0.1 m");
+    board.says("ok walk over, area 0 N^2 s/m^2");
     board.says("ok k 1 N/m");
     until("the second command", || count(&board, "k 2") == 1);
     let before = hub.stopped();
@@ -123,7 +124,7 @@ fn the_promise_is_kept_while_somebody_is_there_and_no_longer() {
     let board = Board::default();
     let (hub, thread) = Hub::start(Box::new(board.clone()), None, None, None);
     greet(&board);
-    hub.attended.store(true, Relaxed);
+    hub.attend(Duration::MAX);
     hub.command("arm", None).unwrap();
     until("arm", || count(&board, "arm") == 1);
     let lines = board.lines();
@@ -136,8 +137,10 @@ fn the_promise_is_kept_while_somebody_is_there_and_no_longer() {
     until("words", || count(&board, "alive 200") >= 6);
     assert!(begun.elapsed() > 3 * WORD, "as often as that");
     assert_eq!(count(&board, "disarm"), 0);
-    hub.attended.store(false, Relaxed);
+    let end = hub.now() + 4 * WORD;
+    hub.attend(end); // the last call: the server hangs
     until("off when nobody is there", || count(&board, "disarm") == 1);
+    assert!(hub.now() > end, "while somebody is there");
     let words = count(&board, "alive 200");
     board.shows(1, Flags::default());
     // Otherwise the next user who arms would have to send `alive`.

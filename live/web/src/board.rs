@@ -105,7 +105,7 @@ impl Running {
         let clock = Box::new(move || Duration::from_micros(clock.load(Relaxed)));
         let (hub, talk) =
             Hub::new(Box::new(board.wires().link()), Some(Arc::clone(board.wires())), elf, clock);
-        hub.attended.store(true, Relaxed); // the page and this worker start and end together
+        hub.attend(Duration::MAX); // the page and this worker start and end together
         let shared = Arc::new(Shared::new(hub, scene, of, None));
         let page = Page::enter(&shared);
         Self { board, talk, shared, page, time_us }

@@ -17,19 +17,8 @@ Floats = NDArray[np.float64]
 
 __all__ = ["BoardHit", "BoardSelfTest", "BoardStatus", "BoardWalk"]
 
-#: Lines that are not replies: reports of experiments, and messages of a board that was not read.
-_EVENT = re.compile(
-    r"walk (hit|boundary) \d|hit push \d|ok hit \S|ok (walk|pulses|calibrate) over\b|error: (hit|walk|pulses): |calibrate holds "
-    r"|selftest |error: nobody was reading"
-)
-
 #: Additional values in the line of a hit by the criterion ``quiet``.
 _QUIET = r"(?:, force rms (?P<force>\S+) N(?: m)?, ratio (?P<ratio>\S+))?"
-
-
-def is_event(line: str) -> bool:
-    """Whether a line is not a reply to a command."""
-    return _EVENT.match(line) is not None
 
 
 def _read(pattern: str, line: str) -> re.Match[str]:
@@ -257,9 +246,15 @@ class BoardSelfTest:
     parts: Mapping[str, str]
     passed: bool
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parts", MappingProxyType(dict(self.parts)))
+
+    def __reduce__(self) -> tuple[type[BoardSelfTest], tuple[dict[str, str], bool]]:
+        return BoardSelfTest, (dict(self.parts), self.passed)
+
     @classmethod
     def _of(cls, lines: Sequence[str]) -> BoardSelfTest:
         if lines[-1] != "ok selftest":
             _read(r"error: selftest: \d+ of \d+ failed", lines[-1])
         said = [line.removeprefix("selftest ").partition(": ") for line in lines[:-1]]
-        return cls(MappingProxyType({part: text for part, _, text in said}), lines[-1] == "ok selftest")
+        return cls({part: text for part, _, text in said}, lines[-1] == "ok selftest")

@@ -10,8 +10,8 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 
-from ._answers import is_event
 from ._link import LOOK_S, Link
+from ._native import is_answer
 
 __all__ = ["UNANSWERED", "Console", "to_the_end"]
 
@@ -57,7 +57,7 @@ class Console:
         self._turn = threading.Lock()
 
     def greet(self, alive_s: float | None) -> None:
-        """Begin: switch the force off, drop older lines, and start to send ``alive``."""
+        """Begin: switch the force off, drop older lines, and make the promise that each call keeps."""
         self.link.send("disarm")
         self.link.quiet(SILENCE_S, 12 * SILENCE_S)
         self.disarm()
@@ -77,10 +77,8 @@ class Console:
             answer = self._answer(line, wait_s)
         return self._met(answer)
 
-    def until(
-        self, line: str, ends: str, wait_s: float, told: Callable[[str], object] | None = None
-    ) -> list[str]:
-        """The lines after the answer to a line, up to the first that matches `ends` at its start."""
+    def last(self, line: str, ends: str, wait_s: float, told: Callable[[str], object] | None = None) -> list[str]:
+        """The lines of an experiment, up to one that matches `ends` at its start. ValueError if that is an error."""
         lines: list[str] = []
         with self._alone(), self._safe():
             answer = self._answer(line, None)
@@ -94,11 +92,6 @@ class Console:
                 if told is not None:
                     told(came)
         self._met(answer)
-        return lines
-
-    def last(self, line: str, ends: str, wait_s: float, told: Callable[[str], object] | None = None) -> list[str]:
-        """The lines of an experiment. ValueError if the last one is an error."""
-        lines = self.until(line, ends, wait_s, told)
         if lines[-1].startswith("error: "):
             raise ValueError(lines[-1].removeprefix("error: "))
         return lines
@@ -116,7 +109,8 @@ class Console:
         with self._safe():
             while (left := limit - time.monotonic()) > 0:
                 self.link.check()
-                time.sleep(min(left, LOOK_S))
+                self.link.keep_promise()
+                time.sleep(min(left, self.link.look_s))
 
     def disarm(self) -> str:
         """``disarm`` and its answer. From any thread."""
@@ -171,13 +165,15 @@ class Console:
         if self._reset:
             self._reset = False
             raise ConnectionError("the board was reset: its settings are those in flash, its zero is lost")
+        # After a reset or fault 34 the board has no promise. The force must never be on without one.
+        self.link.keep_promise(at_once=line.lower() == "arm")
         self.link.send(line)
         limit = time.monotonic() + wait_s
         while True:
             came = self.link.line(limit - time.monotonic())
             if came is None:
                 raise TimeoutError(f"no answer to {line!r} within {wait_s:g} s")
-            if not is_event(came):
+            if is_answer(came):
                 return came
             self.events.append(came)
             if before is not None:
@@ -224,6 +220,6 @@ class Console:
         answered, _ = to_the_end(off)
         # Answers come in order, so lines that have come by now do not answer later commands.
         for line in self.link.waiting():
-            if is_event(line):
+            if not is_answer(line):
                 self._sort(line)
         return answered

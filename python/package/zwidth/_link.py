@@ -24,7 +24,8 @@ class Link:
     """The channels of one board.
 
     The thread reads all channels while the connection exists, since a board obeys no command if nobody reads its
-    replies. The thread removes the answers to ``disarm`` and to its own ``alive``; every other line goes to :meth:`line`.
+    replies. The thread removes the answers to ``disarm`` and to :meth:`keep_promise`; every other line goes to
+    :meth:`line`. It sends nothing while the board is there: a script that hangs must lose the force.
     """
 
     def __init__(self, host: str, commands: int, telemetry: int, replies: int, connect_s: float) -> None:
@@ -46,13 +47,15 @@ class Link:
         self.lost: str | None = None
         #: Receives the telemetry.
         self.sink: Sink | None = None
-        self._lines: SimpleQueue[str | None] = SimpleQueue()
+        self._lines: SimpleQueue[str] = SimpleQueue()
         self._unfinished = b""
         self._heard = time.monotonic()
         self._disarmed = threading.Event()
         self._sending = threading.Lock()
         self._promise_ms: int | None = None
         self._promised = 0.0
+        #: Longest pause of a caller that waits, s: short enough for the promise.
+        self.look_s = LOOK_S
         self._closing = False
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="zwidth board", daemon=True)
@@ -66,8 +69,7 @@ class Link:
         ConnectionError
             There is no board any more.
         """
-        if self.lost is not None:
-            raise ConnectionError(self.lost)
+        self.check()
         try:
             self._put(f"{line}\n".encode("ascii"))
         except OSError as error:
@@ -84,26 +86,20 @@ class Link:
         """
         end = time.monotonic() + wait_s
         while True:
+            self.keep_promise()
             left = end - time.monotonic()
-            try:
-                line = self._lines.get(timeout=min(max(left, 0.0), LOOK_S))
-            except Empty:
-                if self.lost is not None:
-                    raise ConnectionError(self.lost) from None
-                if left <= 0.0:
-                    return None
-            else:
-                if line is not None:
-                    return line
+            with contextlib.suppress(Empty):
+                return self._lines.get(timeout=min(max(left, 0.0), self.look_s))
+            self.check()
+            if left <= 0.0:
+                return None
 
     def waiting(self) -> list[str]:
         """All lines that have come and were not read."""
-        lines = []
+        lines: list[str] = []
         with contextlib.suppress(Empty):
             while True:
-                line = self._lines.get_nowait()
-                if line is not None:
-                    lines.append(line)
+                lines.append(self._lines.get_nowait())
         return lines
 
     def quiet(self, silence_s: float, most_s: float) -> None:
@@ -136,13 +132,20 @@ class Link:
         return True
 
     def promise(self, promise_ms: int | None) -> None:
-        """Send ``alive`` four times per `promise_ms` from now on; None stops it."""
+        """Let :meth:`keep_promise` send ``alive`` four times per `promise_ms` from now on; None stops it."""
         self._promised = time.monotonic()
         self._promise_ms = promise_ms
+        self.look_s = LOOK_S if promise_ms is None else min(LOOK_S, promise_ms / 4000)
+
+    def keep_promise(self, at_once: bool = False) -> None:
+        """Send ``alive`` if a quarter of the promised time is over, or `at_once`."""
+        promise_ms, now = self._promise_ms, time.monotonic()
+        if promise_ms is not None and (at_once or now - self._promised > promise_ms / 4000):
+            self._promised = now
+            self.send(f"alive {promise_ms}")
 
     def close(self, answered: bool) -> None:
         """End the connection; if the last line was not `answered`, leave the server time to take it."""
-        self.promise(None)
         self._closing = True
         if self.lost is None:
             with contextlib.suppress(OSError):
@@ -185,7 +188,6 @@ class Link:
             other.shutdown(socket.SHUT_WR)
             other.settimeout(LOOK_S)
             other.recv(4096)
-        self._lines.put(None)
 
     def _run(self) -> None:
         handlers: tuple[Sink, ...] = (lambda _: None, self._take_telemetry, self._take_lines)
@@ -194,7 +196,6 @@ class Link:
                 selector.register(made, selectors.EVENT_READ, handler)
             while not self._over.is_set() and self.lost is None:
                 try:
-                    self._keep_promise()
                     for key, _ in selector.select(LOOK_S / 5):
                         assert isinstance(key.fileobj, socket.socket)
                         got = key.fileobj.recv(1 << 16)
@@ -205,15 +206,6 @@ class Link:
                     continue
                 except Exception as error:  # after any exception, no thread reads any more
                     self._lose(str(error) or type(error).__name__)
-
-    def _keep_promise(self) -> None:
-        promise_ms, now = self._promise_ms, time.monotonic()
-        if promise_ms is not None and now - self._promised > promise_ms / 4000:
-            self._promised = now
-            try:
-                self._put(f"alive {promise_ms}\n".encode("ascii"))
-            except TimeoutError:
-                raise ConnectionError("the server takes no lines") from None
 
     def _take_telemetry(self, got: bytes) -> None:
         sink = self.sink

@@ -43,8 +43,9 @@ class Board:
     Made by :meth:`connect` and :meth:`virtual`. **A board moves a handle.** Output is off until :meth:`arm`; nothing
     arms by itself. The connection begins and ends with ``disarm``; so does every wait that ends otherwise than by its
     answer: Ctrl-C, a time limit, what a callback raises, a connection that is lost. Beside that the board is promised a
-    word every `alive_s` (console command ``alive``): of a script that is killed, or a cable that is pulled, it takes
-    the force away within that time.
+    word every `alive_s` (console command ``alive``). Every method that types a line or waits sends it. If the script
+    hangs or is killed, or the cable is pulled, the board takes the force away within that time. So in place of
+    ``time.sleep`` use :meth:`wait`.
 
     Each method sends one line and returns what the board has answered. A rotary device speaks rad and N m; nothing is
     converted. One thread at a time may ask; :meth:`disarm` is for any.
@@ -102,7 +103,7 @@ class Board:
             Ports of RTT channels 0, 1 and 2; by default those after `commands`.
         alive_s : float or None
             The board is promised a word every so many seconds, 0.02 to 10: it takes the force away where none comes.
-            None: no promise.
+            None: no promise, and the force stays when the script hangs.
         answer_s : float
             Longest time for the answer to a command.
         connect_s : float
@@ -289,6 +290,10 @@ class Board:
                 self.disarm()
                 raise TimeoutError(f"the board is not armed within {timeout_s:g} s; it was disarmed")
             self._console.stay(0.02)
+
+    def wait(self, seconds: float) -> None:
+        """Wait, and keep the promise (`alive_s`) meanwhile, so that the force stays on."""
+        self._console.stay(seconds)
 
     def disarm(self) -> None:
         """Switch the force off. It is off when this returns. Any thread may call it."""

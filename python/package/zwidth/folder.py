@@ -36,15 +36,20 @@ class StudyFailed(RuntimeError):
 
     Attributes
     ----------
+    out : Path
+        The folder.
     units : mapping of int to str
         The units, and why.
     """
 
     def __init__(self, out: Path, units: Mapping[int, str]) -> None:
-        self.units = dict(units)
+        self.out, self.units = out, dict(units)
         first, why = next(iter(self.units.items()))
         more = "" if len(self.units) == 1 else f" and {len(self.units) - 1} more, see .units"
         super().__init__(f"{out}: unit {first}{more} could not be made: {why}; resume=True tries again")
+
+    def __reduce__(self) -> tuple[type[StudyFailed], tuple[Path, Mapping[int, str]]]:
+        return StudyFailed, (self.out, self.units)
 
 
 @dataclass(frozen=True)

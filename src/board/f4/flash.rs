@@ -1,6 +1,6 @@
 //! Flash sectors 1 and 2, 16 KiB each, for the settings records of [`zwidth::store`].
 //!
-//! The core stalls while flash is erased or programmed (16 us a word, up to 0.8 s an erase). So this is done only with
+//! The core stalls while flash is erased or programmed (16 us a word, up to 0.5 s an erase by words). So this is done only with
 //! the force off, and the watchdog gets more time. The HAL's driver is not used, because it panics where this one
 //! returns an error.
 

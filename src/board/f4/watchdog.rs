@@ -8,7 +8,7 @@ use zwidth::contract;
 
 /// Time without feeding until the reset, nominal; 34 to 94 ms over the oscillator's spread.
 const TIMEOUT_MS: u16 = 50;
-/// The same around an erase of a settings sector, which stalls the core for up to 0.8 s.
+/// The same around an erase of a settings sector, which stalls the core for up to 0.5 s.
 const PATIENT_MS: u16 = 2_000;
 
 /// Prescaler 32 of the 32 kHz clock: a tick is 1 ms.

@@ -10,7 +10,7 @@ use crate::{
 fn boot_says_what_runs_and_proposes_the_first_settings_quietly() {
     let mut console = Console::new(Board::default(), &DEVICE, DEVICE.defaults(), Source::Older);
     let version = version();
-    let loaded = "ok load: older settings: the newest copy is damaged";
+    let loaded = "ok load: older settings: the newest cannot be read";
     assert_eq!(console.port.lines, [version.as_str(), loaded]);
     assert_eq!(console.port.orders, [DEVICE.order(&DEVICE.defaults()).unwrap()]);
     // nothing is obeyed before the first report, and the answer to the first order has no reply
@@ -177,7 +177,7 @@ fn settings_of_experiments_are_kept_at_once_or_refused() {
 #[test]
 fn an_estimator_is_tuned_by_what_it_has() {
     let mut bench = Bench::new(OFF);
-    assert_eq!(bench.says("tuning2 1"), "error: this estimator has no second parameter, see get");
+    assert_eq!(bench.says("tuning2 1"), "error: this estimator has fewer parameters, see get");
     bench
         .console
         .stored

@@ -161,9 +161,10 @@ impl Bench {
         self.tell(Record { sample: 42, ..Record::EMPTY }, event);
     }
 
-    /// An output with that record.
+    /// An output with that record. Lines that it ends in answer no command, unless it has an answer.
     fn tell(&mut self, record: Record, event: Event) {
         let Self { status, activity, .. } = *self;
+        let (before, answers) = (self.console.port.lines.len(), matches!(event, Event::Answer(_)));
         self.console.report(&Report {
             record,
             streamed: record,
@@ -173,6 +174,8 @@ impl Bench {
             activity,
             event,
         });
+        let said = &self.console.port.lines[before..];
+        assert!(answers || said.iter().all(|line| !is_answer(line)), "{said:?}");
     }
 
     /// Lines and orders since the last call.
@@ -208,6 +211,7 @@ impl Bench {
         let (mut lines, orders) = self.type_in(line);
         assert!(orders.is_empty(), "{line}: {orders:?}");
         assert_eq!(lines.len(), 1, "{line}: {lines:?}");
+        assert!(is_answer(&lines[0]), "{line}: {lines:?}");
         lines.remove(0)
     }
 

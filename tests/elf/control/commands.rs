@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use virtual_board::{board::NUCLEO_F446RE, world::World};
 use zwidth::{
-    console::usages,
+    console::{is_answer, usages},
     telemetry::{Decoder, Flags},
 };
 
@@ -67,19 +67,9 @@ fn garbage(random: &mut Random) -> String {
 
 /// Whether a line is an experiment's own report.
 fn is_report(line: &str) -> bool {
-    [
-        "walk hit",
-        "walk boundary",
-        "selftest ",
-        "calibrate holds",
-        "ok walk over",
-        "ok calibrate over",
-        "ok pulses over",
-        "error: pulses: ",
-    ]
-    .iter()
-    .chain(&["ok hit stable", "ok hit unstable", "ok hit no contact", "error: hit", "error: walk"])
-    .any(|start| line.starts_with(start))
+    const STARTS: [&str; 6] =
+        ["ok ", "error: ", "walk ", "hit push ", "calibrate holds ", "selftest "];
+    !is_answer(line) && STARTS.iter().any(|start| line.starts_with(start))
 }
 
 /// The only reply to a line.

@@ -4,7 +4,10 @@ use host_sim::{
     numerics::integrator::Integrator,
     scene::{
         NamedScene, Quantisation, Rounding, Scene, VelocityTable,
-        element::{Amplifier, Arm, Cogging, EncoderError, Friction, Jitter, Mode, Travel},
+        element::{
+            Amplifier, AmplifierError, Arm, Backlash, Cogging, EncoderError, Friction, Jitter,
+            Mode, Travel,
+        },
     },
     simulation::{
         Sample,
@@ -158,6 +161,10 @@ impl Dice {
             pitch_m: self.decades(1e-3, 1e-2),
             phase_rad: self.between(-3.0, 3.0),
         });
+        let gap_m = 1e-4 * self.between(0.5, 1.5);
+        scene.backlash = (self.coin() && scene.mode.is_some()).then_some(Backlash { gap_m });
+        let cubic = self.between(-0.3, 0.3);
+        scene.amplifier_error = self.coin().then_some(AmplifierError { cubic });
         scene.travel = self.coin().then(|| Travel::Spring {
             low_m: -0.001,
             high_m: self.between(0.0101, 0.012),

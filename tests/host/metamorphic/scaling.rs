@@ -63,6 +63,9 @@ impl Larger {
             cogging.amplitude_n *= force;
             cogging.pitch_m *= length;
         }
+        if let Some(backlash) = &mut scene.backlash {
+            backlash.gap_m *= length;
+        }
         if let Some(Travel::Spring { low_m, high_m, stiffness_n_per_m, damping_n_s_per_m }) =
             &mut scene.travel
         {

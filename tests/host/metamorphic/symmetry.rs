@@ -6,7 +6,8 @@ use host_sim::{
     scene::{
         Accelerometer, Rounding, Scene,
         element::{
-            Amplifier, Arm, Cogging, EncoderError, EncoderNoise, Friction, Jitter, Mode, Travel,
+            Amplifier, AmplifierError, Arm, Cogging, EncoderError, EncoderNoise, Friction, Jitter,
+            Mode, Travel,
         },
     },
     simulation::prepared::{Numeric, WallHit},
@@ -120,7 +121,8 @@ fn a_mirrored_plant_moves_the_other_way() {
 #[test]
 fn an_element_of_no_size_changes_no_bit() {
     type Edit = fn(&mut Scene);
-    let exact: [(&str, Edit); 6] = [
+    let exact: [(&str, Edit); 7] = [
+        ("amplifier_error", |scene| scene.amplifier_error = Some(AmplifierError { cubic: 0.0 })),
         ("encoder_error", |scene| {
             let (first_m, second_m, phase_rad) = (0.0, 0.0, 1.0);
             scene.encoder_error =

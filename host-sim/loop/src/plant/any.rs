@@ -5,8 +5,8 @@
 use std::{fmt::Debug, sync::Arc};
 
 use super::{
-    AnyState, Course, ExactStep, IntegratedStep, Moment, Places, Plant, PlantStep, Sensed, Sensing,
-    Span,
+    AnyState, Course, Driven, ExactStep, IntegratedStep, Moment, Places, Plant, PlantStep, Sensed,
+    Sensing, Span,
 };
 use crate::{
     numerics::integrator::Integrator,
@@ -139,19 +139,33 @@ impl AnyPlant {
     /// `fraction` (0 to below 1) of the sample.
     pub fn of(scene: &Scene, sample_s: f64, fraction: f64) -> Self {
         let sensing = Sensing::of(scene);
-        let plant = Self::unsensed(scene, sample_s, fraction);
+        let plant = Self::ideal(scene, sample_s, fraction);
         if sensing.is_perfect() {
-            return plant;
+            return plant.driven(scene);
         }
         let (chain, split_s) = (scene.chain(), fraction * sample_s);
-        match plant {
+        let plant = match plant {
             Self::Plain(plant) => Self::other(Sensed::new(plant, sensing, &chain, split_s)),
             plant => Self::other(Sensed::new(plant, sensing, &chain, split_s)),
-        }
+        };
+        plant.driven(scene)
     }
 
     /// The plant of a scene without the errors of its encoder.
     pub fn unsensed(scene: &Scene, sample_s: f64, fraction: f64) -> Self {
+        Self::ideal(scene, sample_s, fraction).driven(scene)
+    }
+
+    /// The plant behind the scene's amplifier, if that has an error.
+    fn driven(self, scene: &Scene) -> Self {
+        match scene.amplifier_error {
+            None => self,
+            Some(error) => Self::other(Driven::new(self, error, scene.full_scale_n())),
+        }
+    }
+
+    /// The plant of a scene without the errors of its encoder and its amplifier.
+    fn ideal(scene: &Scene, sample_s: f64, fraction: f64) -> Self {
         let chain = scene.chain();
         match scene.integrator {
             None => Self::exact(&chain, sample_s, fraction),

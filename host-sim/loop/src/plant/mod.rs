@@ -11,6 +11,7 @@
 
 mod any;
 mod course;
+mod driven;
 mod exact;
 mod integrated;
 pub mod quantiser;
@@ -19,6 +20,7 @@ mod sensed;
 pub use any::each_plant;
 pub use any::{AnyPlant, OtherPlant};
 pub use course::{Course, Places, RUN, Span};
+pub use driven::Driven;
 pub use exact::{ExactStep, PlantStep};
 pub use integrated::{HybridState, IntegratedStep, Regime};
 pub use sensed::{Sensed, SensedState, Sensing};

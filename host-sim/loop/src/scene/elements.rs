@@ -29,7 +29,15 @@ impl Scene {
     pub(super) fn check_elements(&self) -> Result<(), String> {
         let sample_s = 1.0 / self.control.rate_hz;
         self.amplifier.map_or(Ok(()), |amplifier| amplifier.check())?;
+        self.amplifier_error.map_or(Ok(()), |error| error.check())?;
         self.mode.map_or(Ok(()), |mode| mode.check())?;
+        self.backlash.map_or(Ok(()), |backlash| backlash.check())?;
+        if self.backlash.is_some() && self.mode.is_none() {
+            return Err(
+                "[mode] is missing, needed with backlash: the gap lies before this second mass"
+                    .into(),
+            );
+        }
         self.offset.map_or(Ok(()), |offset| offset.check())?;
         self.arm.map_or(Ok(()), |arm| arm.check("arm"))?;
         self.arms.iter().try_for_each(|(name, arm)| arm.check(&format!("arms.{name}")))?;
@@ -46,7 +54,7 @@ impl Scene {
                 integrator.check(&self.chain().step_demand(&nonlinear), sample_s)
             }
             None if nonlinear == Nonlinear::default() => Ok(()),
-            None => Err("[integrator] is missing, needed with friction, cogging or travel: method = \"rk4\", \
+            None => Err("[integrator] is missing, needed with friction, cogging, travel or backlash: method = \"rk4\", \
                          \"semi-implicit-euler\" or \"dormand-prince\""
                 .into()),
         }
@@ -84,6 +92,8 @@ impl Scene {
             ("friction", self.friction.is_some()),
             ("cogging", self.cogging.is_some()),
             ("travel", self.travel.is_some()),
+            ("backlash", self.backlash.is_some()),
+            ("amplifier_error", self.amplifier_error.is_some()),
             ("encoder_error", self.encoder_error.is_some()),
             ("encoder_noise", self.encoder_noise.is_some()),
             ("jitter", self.jitter.is_some()),

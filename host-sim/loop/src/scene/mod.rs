@@ -23,8 +23,8 @@ use crate::{
     input,
     numerics::integrator::Integrator,
     scene::element::{
-        Amplifier, Arm, Chain, Cogging, EncoderError, EncoderNoise, Friction, Jitter, Mode,
-        Nonlinear, Offset, Travel,
+        Amplifier, AmplifierError, Arm, Backlash, Chain, Cogging, EncoderError, EncoderNoise,
+        Friction, Jitter, Mode, Nonlinear, Offset, Travel,
     },
 };
 
@@ -107,8 +107,12 @@ pub struct Scene {
     pub output: Option<Quantisation>,
     /// Optional element: the current loop's pole.
     pub amplifier: Option<Amplifier>,
+    /// Optional element: a force that is not proportional to the command.
+    pub amplifier_error: Option<AmplifierError>,
     /// Optional element: a second mass behind the transmission.
     pub mode: Option<Mode>,
+    /// Optional element: a gap in the transmission.
+    pub backlash: Option<Backlash>,
     /// Optional element: a person's arm on the handle.
     pub arm: Option<Arm>,
     /// Arms of several people, by name, for studies over them.
@@ -336,7 +340,9 @@ impl Scene {
 
     /// The non-linear elements of the scene's plant.
     pub fn nonlinear(&self) -> Nonlinear {
-        Nonlinear { friction: self.friction, cogging: self.cogging, travel: self.travel }
+        let Self { friction, cogging, travel, .. } = *self;
+        let backlash = self.backlash.filter(|backlash| backlash.gap_m > 0.0);
+        Nonlinear { friction, cogging, travel, backlash }
     }
 
     /// Force at full command, N.

@@ -54,10 +54,10 @@ fn help(bad: &BadRecord) -> String {
     }
 }
 
-/// The settings in a copy of both settings sectors, from sector 1 on.
+/// The settings in a copy of both settings sectors, from sector 1 on; the defaults if it has none of this device.
 ///
 /// # Errors
-/// [`Error::Input`]: the copy has the wrong length, or contains no settings of this device.
+/// [`Error::Input`]: the copy has the wrong length.
 pub fn saved(device: &Device<'_>, bytes: Vec<u8>) -> Result<Loaded, Error> {
     if bytes.len() != 2 * SECTOR {
         let (length, needed) = (bytes.len(), 2 * SECTOR);

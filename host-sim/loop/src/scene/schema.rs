@@ -35,6 +35,7 @@ const ELEMENTS: [&str; 3] = [
 const PLAIN: &str = "[amplifier]\nbandwidth_hz = 100\n[mode]\nmass_kg = 1\nstiffness_n_per_m = 1\ndamping_n_s_per_m = 1\n\
     [arm]\nmass_kg = 1\nstiffness_n_per_m = 1\ndamping_n_s_per_m = 1\nrest_position_m = 0\ngrip_stiffness_n_per_m = 1\n\
     grip_damping_n_s_per_m = 1\n[friction]\ncoulomb_n = 0\nstatic_n = 1\nstribeck_speed_m_per_s = 1\n[offset]\nforce_n = 1\n\
+    [backlash]\ngap_m = 1\n[amplifier_error]\ncubic = 0\n\
     [cogging]\namplitude_n = 1\npitch_m = 1\nphase_rad = 1\n[encoder_error]\ncycle_m = 0.1\nfirst_m = 0\nsecond_m = 0\n\
     phase_rad = 0\n[encoder_noise]\nrms_m = 0\nseed = 1\n[accelerometer]\nfull_scale_m_per_s2 = 10\n[uncertainty]\n\
     [passivity]\n[board]\nname = 'nucleo-f446re'\n[safety]\n[motor]\n[return]";

@@ -1,4 +1,5 @@
-//! A plant that is integrated step by step: the linear chain with friction, cogging and travel limits.
+//! A plant that is integrated step by step: the linear chain with friction, cogging, travel limits and
+//! backlash.
 //!
 //! The plant is smooth between the instants at which its equation changes. Its [`Regime`] selects the equation;
 //! guards limit the regime's duration. If a step violates guards, the first instant is located: the step is shortened
@@ -11,10 +12,12 @@
 //!
 //! Source: Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 2nd ed., II.6 (discontinuities).
 
+mod gap;
 mod regime;
 
+use gap::Gap;
 pub use regime::Regime;
-use regime::{Event, Motion, Stop};
+use regime::{Event, Motion, Play, Stop};
 
 use std::sync::Arc;
 
@@ -44,6 +47,7 @@ pub struct IntegratedStep<const N: usize> {
     friction: Option<Friction>,
     cogging: Option<Cogging>,
     travel: Option<Travel>,
+    gap: Option<Gap<N>>,
     integrator: Integrator,
     sample_s: f64,
     /// Time in the sample at which a command takes effect, s.
@@ -93,7 +97,7 @@ struct Smooth<'a, const N: usize> {
 impl<const N: usize> Field<N> for Smooth<'_, N> {
     #[inline]
     fn rate(&self, z: &[f64; N]) -> [f64; N] {
-        let mut rate = self.plant.linear(self.force_n).rate(z);
+        let mut rate = self.plant.linear(self.force_n, self.regime.play).rate(z);
         let direction = match self.regime.motion {
             Motion::Held => {
                 (rate[0], rate[1]) = (0.0, 0.0);
@@ -125,7 +129,7 @@ impl<const N: usize> IntegratedStep<N> {
         fraction: f64,
     ) -> Self {
         let (a, b) = chain.system::<N>();
-        let Nonlinear { friction, cogging, travel } = *nonlinear;
+        let Nonlinear { friction, cogging, travel, backlash } = *nonlinear;
         let mass_kg = chain.device.mass_kg;
         let absolute_m = match integrator {
             Integrator::DormandPrince { absolute_tolerance_m, .. } => absolute_tolerance_m,
@@ -140,6 +144,7 @@ impl<const N: usize> IntegratedStep<N> {
             friction,
             cogging,
             travel,
+            gap: backlash.and_then(|backlash| Gap::new(chain, backlash)),
             integrator,
             sample_s,
             split_s: fraction * sample_s,
@@ -158,14 +163,20 @@ impl<const N: usize> IntegratedStep<N> {
 
     /// The linear part of the plant under this force.
     #[inline]
-    fn linear(&self, force_n: f64) -> Linear<'_, N> {
+    fn linear(&self, force_n: f64, play: Play) -> Linear<'_, N> {
         let constant = core::array::from_fn(|row| self.b[row] * force_n + self.hand[row]);
-        Linear { a: &self.a, constant }
+        match &self.gap {
+            None => Linear { a: &self.a, constant },
+            Some(gap) => gap.linear(&self.a, constant, play),
+        }
     }
 
     /// Whether the plant has no non-linear element.
     fn is_linear(&self) -> bool {
-        self.friction.is_none() && self.cogging.is_none() && self.travel.is_none()
+        self.friction.is_none()
+            && self.cogging.is_none()
+            && self.travel.is_none()
+            && self.gap.is_none()
     }
 
     #[inline]
@@ -241,12 +252,12 @@ impl<const N: usize> IntegratedStep<N> {
         state: &mut HybridState<N>,
         (step_s, end): (f64, [f64; N]),
     ) -> Option<(f64, [f64; N], Event)> {
-        if self.friction.is_none() && self.travel.is_none() {
+        if self.friction.is_none() && self.travel.is_none() && self.gap.is_none() {
             return None;
         }
         let mut first = None::<(f64, [f64; N], Event)>;
         for (which, (value, event)) in
-            self.guards(field.regime, &end, field.force_n).into_iter().enumerate()
+            self.guards(field.regime, &end, field.force_n, step_s).into_iter().enumerate()
         {
             if value >= 0.0 {
                 continue;
@@ -268,16 +279,17 @@ impl<const N: usize> IntegratedStep<N> {
         which: usize,
     ) -> (f64, [f64; N]) {
         let HybridState { z, steps, .. } = state;
-        let value_of = |z: &[f64; N]| self.guards(field.regime, z, field.force_n)[which].0;
+        let value_of =
+            |z: &[f64; N], h: f64| self.guards(field.regime, z, field.force_n, h)[which].0;
         let mut guard = |h: f64| {
             *steps += 1;
             let end = self.integrator.step(field, z, h);
-            (value_of(&end), end)
+            (value_of(&end, h), end)
         };
         let (mut high, mut at_high) = (step_s, (value, end));
         // In a new regime the guard may start at zero: search for a point inside the step where the guard is
         // positive.
-        let (mut low, mut value_low) = (0.0, value_of(z));
+        let (mut low, mut value_low) = (0.0, value_of(z, 0.0));
         let mut inside = step_s;
         while value_low <= 0.0 && inside > step_s * 1e-6 {
             inside *= 0.5;
@@ -325,7 +337,7 @@ impl<const N: usize> IntegratedStep<N> {
     /// [`piece`](Self::piece) of a linear plant, which has no regimes.
     #[inline]
     fn linear_piece(&self, state: &mut HybridState<N>, force_n: f64, duration_s: f64) {
-        let field = self.linear(force_n);
+        let field = self.linear(force_n, Play::default());
         let mut left_s = duration_s;
         let mut lengths_s = self.lengths_s(duration_s);
         while left_s > NO_TIME * self.sample_s {
@@ -351,7 +363,8 @@ impl<const N: usize> IntegratedStep<N> {
             if events == EVENTS_MAX {
                 state.z = end;
                 left_s -= step_s;
-                let guards = self.guards(regime, &end, force_n);
+                self.relax(state, step_s);
+                let guards = self.guards(state.regime, &end, force_n, 0.0);
                 if let Some((_, event)) = guards.into_iter().find(|(value, _)| *value < 0.0) {
                     state.z[1] = if matches!(event, Event::Reaches(_)) { 0.0 } else { state.z[1] };
                     self.transit(state, event, force_n);
@@ -363,10 +376,12 @@ impl<const N: usize> IntegratedStep<N> {
                 left_s -= step_s;
                 events += 1;
                 lengths_s = None;
+                self.relax(state, step_s);
                 self.transit(state, event, force_n);
             } else {
                 state.z = end;
                 left_s -= step_s;
+                self.relax(state, step_s);
             }
         }
     }

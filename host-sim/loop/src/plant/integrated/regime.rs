@@ -6,11 +6,12 @@ use crate::{
     scene::element::{End, REST_SPEED_M_PER_S, Travel},
 };
 
-/// Motion and stop. Together they select the equation.
+/// Motion, stop and gap. Together they select the equation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Regime {
     pub(super) motion: Motion,
     pub(super) stop: Stop,
+    pub(super) play: Play,
 }
 
 /// Motion of the device.
@@ -36,6 +37,21 @@ pub(super) enum Stop {
     Parting(End),
 }
 
+/// State of the gap in the transmission.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Play {
+    /// No flank is touched. The transmission is stretched by this since it let go, and relaxes.
+    Apart { stretch_m: f64 },
+    /// The transmission presses on this flank: `High` if the second mass is ahead, and pulls the device up.
+    Touching(End),
+}
+
+impl Default for Play {
+    fn default() -> Self {
+        Self::Apart { stretch_m: 0.0 }
+    }
+}
+
 /// Event that ends a regime.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Event {
@@ -45,15 +61,17 @@ pub(super) enum Event {
     Parts(End),
     Leaves(End),
     MeetsAgain(End),
+    Touches(End),
+    LetsGo,
 }
 
 /// Largest number of guards of a regime.
-pub(super) const GUARDS: usize = 3;
+pub(super) const GUARDS: usize = 4;
 
 impl<const N: usize> IntegratedStep<N> {
     /// Sum of all forces on the device, except friction and rigid stops, N.
     fn pull_n(&self, state: &HybridState<N>, force_n: f64) -> f64 {
-        let smooth = self.linear(force_n).rate(&state.z)[1] * self.mass_kg;
+        let smooth = self.linear(force_n, state.regime.play).rate(&state.z)[1] * self.mass_kg;
         smooth + self.position_force_n(&state.z, state.regime.stop)
     }
 
@@ -95,14 +113,18 @@ impl<const N: usize> IntegratedStep<N> {
     }
 
     /// The guards of a regime. A negative guard is violated; an unused guard is infinite. Guards have different units
-    /// and are never compared with each other.
+    /// and are never compared with each other. The regime has lasted `elapsed_s`.
     pub(super) fn guards(
         &self,
         regime: Regime,
         z: &[f64; N],
         force_n: f64,
+        elapsed_s: f64,
     ) -> [(f64, Event); GUARDS] {
         let mut guards = [(f64::INFINITY, Event::Rest); GUARDS];
+        if let Some(gap) = &self.gap {
+            guards[3] = gap.guard(regime.play, z, elapsed_s);
+        }
         match regime.motion {
             Motion::Held => {
                 let state = HybridState { z: *z, regime, step_s: 0.0, steps: 0 };
@@ -141,6 +163,12 @@ impl<const N: usize> IntegratedStep<N> {
             Event::Breakaway => self.settle(state, force_n),
             Event::Parts(end) => state.regime.stop = Stop::Parting(end),
             Event::MeetsAgain(end) => state.regime.stop = Stop::Pushing(end),
+            Event::Touches(end) => state.regime.play = Play::Touching(end),
+            Event::LetsGo => {
+                if let (Some(gap), Play::Touching(end)) = (&self.gap, state.regime.play) {
+                    state.regime.play = gap.let_go(end, &state.z);
+                }
+            }
             Event::Leaves(end) => {
                 self.put_on(&mut state.z, end);
                 state.regime.stop = Stop::Clear;
@@ -168,6 +196,14 @@ impl<const N: usize> IntegratedStep<N> {
         } else {
             state.z[1] = 0.0;
             self.settle(state, force_n);
+        }
+    }
+
+    /// Lets the transmission relax for a time, if no flank is touched.
+    #[inline]
+    pub(super) fn relax(&self, state: &mut HybridState<N>, duration_s: f64) {
+        if let (Some(gap), Play::Apart { stretch_m }) = (&self.gap, &mut state.regime.play) {
+            *stretch_m = gap.relaxed_m(*stretch_m, duration_s);
         }
     }
 

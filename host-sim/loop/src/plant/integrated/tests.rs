@@ -189,7 +189,7 @@ fn energy_of_the_free_plant_never_grows() {
     for friction in [None, Some(COULOMB), Some(STRIBECK)] {
         for travel in [None, Some(SPRING_STOPS), Some(RIGID_STOPS)] {
             for cogging in [None, Some(COGGING)] {
-                let nonlinear = Nonlinear { friction, cogging, travel };
+                let nonlinear = Nonlinear { friction, cogging, travel, ..Nonlinear::default() };
                 energy_falls::<2>(&chain, &nonlinear, 1.0);
                 energy_falls::<4>(&Chain { mode: Some(MODE), ..chain }, &nonlinear, -1.0);
                 let full = Chain { mode: Some(MODE), arm: Some(ARM), ..chain };
@@ -271,7 +271,7 @@ fn each_method_keeps_its_order_through_rest_and_stops() {
     // The same run with half the step length, through sticking, breakaway and damped stops.
     let device = Device { damping_n_s_per_m: 0.5, stiffness_n_per_m: 400.0, ..DEVICE };
     let friction = Some(Friction { stribeck_speed_m_per_s: 0.05, ..STRIBECK });
-    let nonlinear = Nonlinear { friction, travel: Some(SPRING_STOPS), cogging: None };
+    let nonlinear = Nonlinear { friction, travel: Some(SPRING_STOPS), ..Nonlinear::default() };
     let end = |integrator: Integrator| {
         let chain = Chain::alone(device);
         let plant = IntegratedStep::<2>::new(&chain, &nonlinear, integrator, 1e-3, 0.0);

@@ -4,10 +4,12 @@
 //! | element | table | advanced |
 //! |---------|-------|----------|
 //! | [`Amplifier`] | `[amplifier]` | exactly |
+//! | [`AmplifierError`] | `[amplifier_error]` | exactly |
 //! | [`Mode`] | `[mode]` | exactly |
 //! | [`Arm`] | `[arm]` | exactly |
 //! | [`Offset`] | `[offset]` | exactly |
 //! | [`Friction`] | `[friction]` | by the scene's `[integrator]` |
+//! | [`Backlash`] | `[backlash]` | by the scene's `[integrator]` |
 //! | [`Cogging`] | `[cogging]` | by the scene's `[integrator]` |
 //! | [`Travel`] | `[travel]` | by the scene's `[integrator]` |
 //! | [`EncoderError`] | `[encoder_error]` | not part of the motion |
@@ -20,7 +22,9 @@
 use std::ops::RangeInclusive;
 
 mod amplifier;
+mod amplifier_error;
 mod arm;
+mod backlash;
 mod chain;
 mod cogging;
 mod encoder_error;
@@ -32,7 +36,9 @@ mod offset;
 mod travel;
 
 pub use amplifier::Amplifier;
+pub use amplifier_error::AmplifierError;
 pub use arm::Arm;
+pub use backlash::Backlash;
 pub(crate) use chain::of_states;
 pub use chain::{Chain, NOTHING, STATES_MAX};
 pub use cogging::Cogging;
@@ -52,6 +58,8 @@ pub struct Nonlinear {
     pub friction: Option<Friction>,
     pub cogging: Option<Cogging>,
     pub travel: Option<Travel>,
+    /// A gap of 0 is none.
+    pub backlash: Option<Backlash>,
 }
 
 impl Nonlinear {

@@ -5,7 +5,8 @@
 //! period, latency) responds with a force. The ratio of the Fourier coefficients of force and motion is the impedance.
 //! Included are the encoder's rounding, periodic error, noise and jitter, and the amplifier's pole. Not included are
 //! saturation, the rule that the wall never pulls, and the quantisation of the output ([`LEFT_OUT`]). Mode, arm,
-//! friction, cogging and travel limits would only change the motion, which is prescribed here.
+//! backlash, friction, cogging and travel limits would only change the motion, which is prescribed here. An amplifier
+//! error is not included either: the ratio would depend on the force.
 //!
 //! An estimator that needs a force gets the motor's force when it is granted, as in the loop. The hand moves the
 //! handle, and its force is not known.
@@ -67,8 +68,7 @@ pub const FREQUENCIES_HZ: [f64; 7] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0];
 /// A smaller error counts as this one.
 pub const FLOOR: f64 = 1e-3;
 /// Elements that are not included, for people.
-pub const LEFT_OUT: &str =
-    "saturation, push-only, output quantisation, mode, arm, friction, cogging, travel limits";
+pub const LEFT_OUT: &str = "saturation, push-only, output quantisation, amplifier error, mode, backlash, arm, friction, cogging, travel limits";
 
 /// Measures the filter `velocity` in the scene at these walls.
 ///

@@ -7,7 +7,7 @@ use crate::{
     numerics::integrator::Integrator,
     scene::{
         Accelerometer, Quantisation, Scene, Units,
-        element::{Amplifier, Cogging, Friction},
+        element::{Amplifier, AmplifierError, Backlash, Cogging, Friction},
     },
 };
 
@@ -74,6 +74,10 @@ const RENDER: &str = "elf/control/nucleo-f446re/render_most";
 pub const CLOCK_HZ: f64 = 180e6;
 /// Amplifier bandwidth for a scene without an amplifier, Hz.
 const AMPLIFIER_HZ: f64 = 1000.0;
+/// Error of the force at full command, for a scene without an amplifier error.
+const CUBIC: f64 = -0.03;
+/// Gap for a scene with a second mass and without backlash, m.
+const GAP_M: f64 = 1e-4;
 /// Friction and cogging for a scene without these elements, as a share of full force.
 const DRY_SHARE: f64 = 0.01;
 /// Bits of the DAC of a scene without `[output]`.
@@ -196,6 +200,22 @@ pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
             &|scene| scene.amplifier = Some(Amplifier { bandwidth_hz: AMPLIFIER_HZ }),
         ),
     }
+    match scene.amplifier_error {
+        Some(_) => add(
+            "amplifier-linear",
+            part,
+            "a force in proportion to the command".into(),
+            "another amplifier or motor, or a calibration table".into(),
+            &|scene| scene.amplifier_error = None,
+        ),
+        None => add(
+            "amplifier-cubic",
+            Kind::LeftOut,
+            format!("{} % less force at full command, none in the scene", -100.0 * CUBIC),
+            "what a motor that saturates may take".into(),
+            &|scene| scene.amplifier_error = Some(AmplifierError { cubic: CUBIC }),
+        ),
+    }
     add(
         "motor-2",
         part,
@@ -270,6 +290,25 @@ pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
             },
         ),
     }
+    match scene.backlash {
+        Some(_) => add(
+            "backlash-none",
+            part,
+            "no backlash".into(),
+            "a transmission without a gap: cable, belt, preload".into(),
+            &|scene| scene.backlash = None,
+        ),
+        None => add(
+            "backlash-100um",
+            Kind::LeftOut,
+            format!("backlash of {}, none in the scene", units.said(1e6 * GAP_M, "um")),
+            "what gears may add before the second mass".into(),
+            &|scene| {
+                scene.backlash = Some(Backlash { gap_m: GAP_M });
+                *scene = integrated(scene.clone());
+            },
+        ),
+    }
     if scene.accelerometer.is_none() {
         add(
             "accelerometer",
@@ -321,7 +360,9 @@ mod tests {
     use std::collections::BTreeMap;
 
     use super::*;
-    use crate::scene::NamedScene;
+    use crate::scene::{NamedScene, element::Mode};
+
+    const MODE: Mode = Mode { mass_kg: 0.1, stiffness_n_per_m: 4e4, damping_n_s_per_m: 3.0 };
 
     fn of(name: &str, edit: impl Fn(&mut Scene)) -> (Scene, Vec<Change>) {
         let mut scene = NamedScene::load(name).unwrap().scene;
@@ -371,12 +412,16 @@ mod tests {
                 Some(Friction { coulomb_n: 0.1, static_n: 0.2, stribeck_speed_m_per_s: 0.01 });
             scene.cogging = Some(Cogging { amplitude_n: 0.1, pitch_m: 0.01, phase_rad: 0.0 });
             scene.integrator = Some(Integrator::Rk4 { steps_per_sample: 2 });
+            scene.amplifier_error = Some(AmplifierError { cubic: 0.1 });
+            scene.mode = Some(MODE);
+            scene.backlash = Some(Backlash { gap_m: 1e-5 });
             scene.output = Some(Quantisation::Dac { bits: 10 });
             scene.accelerometer = Some(ACCELEROMETER);
         });
         let has = |all: &[Change], name: &str| all.iter().any(|change| change.name == name);
         for (there, absent) in [
             ("amplifier-2", "amplifier-1khz"),
+            ("amplifier-linear", "amplifier-cubic"),
             ("friction-half", "friction-1"),
             ("cogging-none", "cogging-1"),
             ("output-ideal", "dac-12"),
@@ -385,6 +430,11 @@ mod tests {
             assert!(has(&plain, absent) && !has(&plain, there), "{absent}");
         }
         assert!(has(&plain, "accelerometer") && !has(&rich, "accelerometer"));
+        // The gap needs a second mass.
+        let (_, geared) = of("paper-1um", |scene| scene.mode = Some(MODE));
+        let gaps = [&plain, &geared, &rich]
+            .map(|all| ["backlash-100um", "backlash-none"].map(|name| has(all, name)));
+        assert_eq!(gaps, [[false, false], [true, false], [false, true]]);
         let fast = rich.iter().find(|change| change.name == "amplifier-2").unwrap();
         assert_eq!(fast.scene.amplifier.unwrap().bandwidth_hz, 1000.0);
     }

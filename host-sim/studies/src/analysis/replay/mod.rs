@@ -1,6 +1,7 @@
-//! Runs an estimator of the core over the counts that a board has recorded.
+//! Runs estimators of the core over recorded counts.
 
 mod asked;
+mod rank;
 
 use std::{
     fmt::Write as _,
@@ -15,6 +16,7 @@ use zwidth::{
 use super::recompute::{Recomputed, Row};
 
 pub use asked::{Told, lsb_m_per_s, replay, velocity};
+pub use rank::{Ranked, Ranking, rank};
 
 /// Longest delay between two estimators that the search covers, samples.
 const LAG: usize = 500;

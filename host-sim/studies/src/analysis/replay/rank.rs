@@ -1,0 +1,333 @@
+//! Ranks the estimators on recorded counts, against the velocity of a low-pass that runs forwards and backwards.
+//!
+//! This velocity has no delay, but it needs the whole record, so no controller can have it. Beside each real count the
+//! simulator's count is made: the same low-passed motion, through an ideal encoder. Every estimator is tuned for the
+//! smallest error on the real counts, in the core's arithmetic. Its error on the simulated counts, with the same
+//! tuning, shows what an ideal encoder would have said.
+//!
+//! Everything is in counts and samples, so the rate of the record may be any. The tunings are those of a design of
+//! 10 kHz, scaled to the record's rate.
+
+use std::sync::atomic::AtomicBool;
+
+use serde::Serialize;
+use zwidth::{
+    CounterWidth, Design, Sampler, Settings, VelocitySettings, WallSettings,
+    velocity::EstimatorName,
+};
+
+use crate::{
+    analysis::{
+        compare::{axis::Axes, bandwidth::bandwidth_hz},
+        identify::Record,
+    },
+    error::Error,
+    interrupt,
+    scene::Scene,
+};
+
+/// Rate of the design whose tunings are tried; every estimator has its defaults there.
+const RATE_HZ: f64 = 1e4;
+/// Places along an axis in one pass of the search, and passes. Each pass looks at a quarter of the one before.
+const PLACES: u32 = 9;
+const PASSES: i32 = 3;
+/// Share of the time constants of the low-pass that is left out at both ends.
+const SETTLES: f64 = 2.0;
+
+/// An estimator on the counts of a record.
+#[derive(Clone, Debug, Serialize)]
+pub struct Ranked {
+    pub estimator: &'static str,
+    /// -3 dB frequency of its best tuning, at the record's rate; `None` if it has nothing to tune.
+    pub bandwidth_hz: Option<f64>,
+    /// RMS of its error on the real counts, and on those of an ideal encoder.
+    pub error_m_per_s: f64,
+    pub simulated_error_m_per_s: f64,
+}
+
+/// The estimators by their error, the smallest first.
+#[derive(Clone, Debug, Serialize)]
+pub struct Ranking {
+    pub samples: usize,
+    pub rate_hz: f64,
+    /// -3 dB frequency of the low-pass.
+    pub reference_hz: f64,
+    /// RMS of count and low-passed position; 0.29 counts are those of an ideal encoder.
+    pub residual_counts: f64,
+    /// RMS of the low-passed velocity.
+    pub speed_rms_m_per_s: f64,
+    pub estimators: Vec<Ranked>,
+    /// Spearman's rank correlation of both errors.
+    pub spearman: f64,
+}
+
+/// Counts, true velocities in counts per sample, and the samples that are compared.
+struct Bench<'a> {
+    design: Design,
+    counts: [Vec<i32>; 2],
+    truth: Vec<f64>,
+    /// Largest acceleration of the true velocity, in the units of the design.
+    acceleration_m_per_s2: f64,
+    inner: std::ops::Range<usize>,
+    stop: &'a AtomicBool,
+}
+
+/// Ranks every estimator that needs the count only.
+///
+/// # Errors
+/// The record has no counts or is too short for the low-pass, or `stop` was set.
+pub fn rank(
+    record: &Record,
+    resolution_m: f64,
+    reference_hz: f64,
+    scene: &Scene,
+    stop: &AtomicBool,
+) -> Result<Ranking, Error> {
+    let rate_hz = 1.0 / record.step_s;
+    let (low, high) = (20.0 * rate_hz / record.len() as f64, 0.25 * rate_hz);
+    if !(low..=high).contains(&reference_hz) {
+        return Err(Error::Input(format!(
+            "--rank is {reference_hz}, allowed {low:.3} to {high:.3} Hz: a quarter of the record's rate, and twenty \
+             periods in the record"
+        )));
+    }
+    let first_m = record.position_m[0];
+    let places: Vec<f64> =
+        record.position_m.iter().map(|at| libm::round((at - first_m) / resolution_m)).collect();
+    let smooth = both_ways(&places, reference_hz / rate_hz);
+    // An ideal encoder rounds down; the half count of offset is in no velocity.
+    let residual: Vec<f64> =
+        places.iter().zip(&smooth).map(|(place, smooth)| place - smooth).collect();
+    let settles = SETTLES * rate_hz / reference_hz;
+    let edge = (0..places.len()).take_while(|n| (*n as f64) < settles).count();
+    let inner = edge..places.len() - edge;
+    let mut truth = vec![0.0; places.len()];
+    for n in inner.clone() {
+        truth[n] = 0.5 * (smooth[n + 1] - smooth[n - 1]);
+    }
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "positions of records are within 2^31 counts"
+    )]
+    let whole = |of: &[f64]| of.iter().map(|place| libm::floor(*place) as i32).collect();
+    let design = Design { rate_hz: RATE_HZ, ..scene.design() };
+    let change = |n: usize| (truth[n] - truth[n - 1]).abs();
+    let fastest = inner.clone().skip(1).map(change).fold(0.0, f64::max);
+    let bench = Bench {
+        acceleration_m_per_s2: fastest * design.resolution_m * design.rate_hz * design.rate_hz,
+        design,
+        counts: [whole(&places), whole(&smooth)],
+        truth,
+        inner: inner.clone(),
+        stop,
+    };
+    let per_s = resolution_m * rate_hz;
+    let mut estimators = vec![];
+    for name in EstimatorName::ALL {
+        if name.missing(&[]).is_none() {
+            let (settings, error) = bench.best(name.defaults(), scene.device.mass_kg)?;
+            let tuned = settings.tuning().is_some();
+            let hz = bandwidth_hz(&settings, &bench.design).map_err(Error::input)?;
+            estimators.push(Ranked {
+                estimator: name.text(),
+                bandwidth_hz: tuned.then_some(hz / bench.design.rate_hz * rate_hz),
+                error_m_per_s: error * per_s,
+                simulated_error_m_per_s: bench.error(&settings, 1)? * per_s,
+            });
+        }
+    }
+    estimators.sort_by(|a, b| a.error_m_per_s.total_cmp(&b.error_m_per_s));
+    Ok(Ranking {
+        samples: places.len(),
+        rate_hz,
+        reference_hz,
+        residual_counts: spread(&residual[inner.clone()]),
+        speed_rms_m_per_s: rms(bench.truth[inner].iter().copied()) * per_s,
+        spearman: spearman(&estimators),
+        estimators,
+    })
+}
+
+impl Bench<'_> {
+    /// RMS of an estimator's error on real (0) or simulated (1) counts, counts per sample.
+    fn error(&self, velocity: &VelocitySettings, of: usize) -> Result<f64, Error> {
+        interrupt::unless(self.stop)?;
+        let wall = WallSettings {
+            position_m: 0.0,
+            stiffness_n_per_m: 0.0,
+            damping_n_s_per_m: 0.0,
+            push_only: true,
+        };
+        let settings = Settings { velocity: *velocity, wall };
+        let control = settings.build(&self.design).map_err(Error::input)?;
+        let counts = &self.counts[of];
+        let mut sampler = Sampler::new(counts[0].cast_unsigned(), CounterWidth::Bits32);
+        let off = counts.iter().zip(&self.truth).map(|(count, truth)| {
+            let velocity = sampler.sample(&control, count.cast_unsigned()).motion.velocity;
+            f64::from(velocity.bits()) / 65_536.0 - truth
+        });
+        let off: Vec<f64> = off.collect();
+        Ok(rms(off[self.inner.clone()].iter().copied()))
+    }
+
+    /// The settings at a place on the axes. Levant's bandwidth is that at an error of one count, which is no measure where
+    /// the acceleration is many counts: its parameter goes from 1/30 to 30 times the largest acceleration.
+    fn at(&self, axes: &Axes, place: [f64; 2]) -> VelocitySettings {
+        let settings = axes.at(place);
+        match settings {
+            VelocitySettings::LevantExplicit { .. } | VelocitySettings::LevantImplicit { .. } => {
+                settings.with_tuning(self.acceleration_m_per_s2 * 900f64.powf(place[0] - 0.5))
+            }
+            _ => settings,
+        }
+    }
+
+    /// The tuning with the smallest error on the real counts, and this error.
+    fn best(
+        &self,
+        start: VelocitySettings,
+        mass_kg: f64,
+    ) -> Result<(VelocitySettings, f64), Error> {
+        let mut best = (start, self.error(&start, 0)?);
+        let Some(axes) = Axes::new(&start, &self.design, mass_kg) else { return Ok(best) };
+        let mut centre = [0.5, axes.start_second()];
+        for pass in 0..PASSES {
+            let half = 0.5 * 0.25f64.powi(pass);
+            let places = |centre: f64| {
+                (0..PLACES).map(move |n| {
+                    (centre + half * (f64::from(2 * n) / f64::from(PLACES - 1) - 1.0))
+                        .clamp(0.0, 1.0)
+                })
+            };
+            let from = centre;
+            for along in places(from[0]) {
+                let seconds =
+                    if axes.second.is_some() { places(from[1]).collect() } else { vec![from[1]] };
+                for second in seconds {
+                    let settings = self.at(&axes, [along, second]);
+                    if axes.accepts(&settings) {
+                        let error = self.error(&settings, 0)?;
+                        if error < best.1 {
+                            (best, centre) = ((settings, error), [along, second]);
+                        }
+                    }
+                }
+            }
+        }
+        Ok(best)
+    }
+}
+
+/// A Butterworth low-pass of second order, forwards and then backwards. `of_rate` is the -3 dB frequency of one pass.
+fn both_ways(values: &[f64], of_rate: f64) -> Vec<f64> {
+    let w = libm::tan(std::f64::consts::PI * of_rate);
+    let norm = 1.0 / (1.0 + std::f64::consts::SQRT_2 * w + w * w);
+    let (gain, a1) = (w * w * norm, 2.0 * (w * w - 1.0) * norm);
+    let a2 = (1.0 - std::f64::consts::SQRT_2 * w + w * w) * norm;
+    let pass = |values: &mut Vec<f64>| {
+        let first = values.first().copied().unwrap_or_default();
+        let (mut x, mut y) = ([first; 2], [first; 2]);
+        for value in values.iter_mut() {
+            let out = gain * (*value + 2.0 * x[0] + x[1]) - a1 * y[0] - a2 * y[1];
+            (x, y) = ([*value, x[0]], [out, y[0]]);
+            *value = out;
+        }
+        values.reverse();
+    };
+    let mut values = values.to_vec();
+    pass(&mut values);
+    pass(&mut values);
+    values
+}
+
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, n), value| (sum + value * value, n + 1.0));
+    (sum / f64::max(count, 1.0)).sqrt()
+}
+
+/// RMS about the mean.
+fn spread(values: &[f64]) -> f64 {
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    rms(values.iter().map(|value| value - mean))
+}
+
+/// Rank correlation of both errors. The rows are sorted by the first error.
+fn spearman(rows: &[Ranked]) -> f64 {
+    let mut order: Vec<usize> = (0..rows.len()).collect();
+    order.sort_by(|a, b| {
+        rows[*a].simulated_error_m_per_s.total_cmp(&rows[*b].simulated_error_m_per_s)
+    });
+    let apart = order.iter().enumerate().map(|(rank, row)| (rank as f64 - *row as f64).powi(2));
+    let n = rows.len() as f64;
+    1.0 - 6.0 * apart.sum::<f64>() / (n * (n * n - 1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{analysis::identify::Drive, scene::NamedScene};
+
+    static NEVER: AtomicBool = AtomicBool::new(false);
+
+    /// Counts of an ideal encoder on a motion of two sines, 2 s at 1 kHz.
+    fn record(noise: impl Fn(u32) -> f64) -> Record {
+        let position = |n: u32| {
+            let t = f64::from(n) * 1e-3;
+            let x = 300.0 * (9.0 * t).sin() + 40.0 * (31.0 * t).sin() + noise(n);
+            x.floor() * 1e-5
+        };
+        Record {
+            name: "made".into(),
+            start_s: 0.0,
+            step_s: 1e-3,
+            drive: Drive::Voltage,
+            command: vec![0.0; 2000],
+            position_m: (0..2000).map(position).collect(),
+            may_clip: false,
+        }
+    }
+
+    fn ranked(record: &Record) -> Ranking {
+        let scene = NamedScene::load("paper-1um").unwrap().scene;
+        rank(record, 1e-5, 30.0, &scene, &NEVER).unwrap()
+    }
+
+    #[test]
+    fn an_ideal_encoder_is_simulated_as_it_is() {
+        let ranking = ranked(&record(|_| 0.0));
+        assert!((ranking.residual_counts - 0.29).abs() < 0.03, "{}", ranking.residual_counts);
+        assert!(ranking.spearman > 0.9, "{}", ranking.spearman);
+        let rows = &ranking.estimators;
+        let of = |name: &str| rows.iter().find(|row| row.estimator == name).unwrap();
+        // Without a delay and with it: the order that the sweeps of the scenes have too.
+        assert!(of("kalman-3").error_m_per_s < of("kalman-2").error_m_per_s);
+        assert!(of("butterworth").error_m_per_s < of("difference").error_m_per_s);
+        // A difference is wrong by its two roundings, and by half a sample.
+        let known = (2.0f64 / 12.0).sqrt() * 1e-2;
+        assert!((of("difference").error_m_per_s / known - 1.0).abs() < 0.3);
+        for row in rows {
+            let ratio = row.simulated_error_m_per_s / row.error_m_per_s;
+            assert!((0.7..1.5).contains(&ratio), "{row:?}");
+        }
+    }
+
+    #[test]
+    fn noise_that_no_encoder_has_shows() {
+        let ranking = ranked(&record(|n| 4.0 * f64::from(n * 7919 % 101) / 101.0));
+        assert!(ranking.residual_counts > 1.0);
+        assert!(
+            ranking.estimators.iter().all(|row| row.error_m_per_s > row.simulated_error_m_per_s)
+        );
+    }
+
+    #[test]
+    fn a_low_pass_both_ways_has_no_delay() {
+        let wave: Vec<f64> = (0..4000).map(|n| (f64::from(n) * 0.05).sin()).collect();
+        let smooth = both_ways(&wave, 0.02);
+        // One pass has 1 / sqrt(1 + (tan / tan)^4), both its square.
+        let gain = 1.0 / (1.0 + (0.025f64.tan() / (std::f64::consts::PI * 0.02).tan()).powi(4));
+        for n in 500..3500 {
+            assert!((smooth[n] - gain * wave[n]).abs() < 1e-6, "{n}");
+        }
+    }
+}
