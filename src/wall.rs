@@ -47,8 +47,9 @@ impl Wall {
         position.saturating_since(self.surface)
     }
 
-    /// `K * penetration + B * velocity` while in contact, else zero; with `push_only` never
-    /// negative. Each term saturates at +-2^31 full scales ([`Gain::PRODUCT_LIMIT`]).
+    /// `K * penetration + B * velocity` while in contact, else zero. Here the wall becomes one-sided: with
+    /// `push_only` the sum is never negative. While gains fade, `within` of `src/safety/gain_fade.rs` keeps this sign.
+    /// Each term saturates at +-2^31 full scales ([`Gain::PRODUCT_LIMIT`]).
     #[inline]
     pub fn demand(&self, position: Position, velocity: Velocity) -> Demand {
         let penetration = self.penetration(position);

@@ -1,8 +1,8 @@
 //! Processor time of `cargo sim sweep --repeat 1 --plain` of both paper scenes, with figures and envelope. It is
 //! compared with a C program that walks the same boundaries hit by hit (`rival/rival.c`). First the benchmark checks
-//! that both find the same boundaries in `f64`. The sweep without `--plain` also walks to a limit of 1 um, by motor and
-//! by hand. Its time is measured too. The benchmark needs a C compiler named `cc`. The rounds of all programs are
-//! interleaved, and the best round of each counts. The result is docs/data/batch-rival.csv.
+//! that the two programs find the same boundaries in `f64`. The sweep without `--plain` also walks to a limit of 1 um,
+//! by motor and by hand. Its time is measured too. The benchmark needs a C compiler named `cc`. The rounds of all
+//! programs are interleaved, and the best round of each counts. The result is docs/data/batch-rival.csv.
 #![allow(clippy::unwrap_used, reason = "a benchmark fails loudly")]
 
 use std::{

@@ -29,8 +29,8 @@ impl Seats {
         self.last
     }
 
-    /// Removes a page. Returns whether it was the owner. Control then goes to the page that has asked for it, if there
-    /// is one.
+    /// Removes a page. Returns whether it was the owner. If it was, the page that asked for control becomes
+    /// the owner. If no page asked, there is no owner.
     pub fn leave(&mut self, page: u64) -> bool {
         self.pages.retain(|(other, _)| *other != page);
         self.asking = self.asking.filter(|other| *other != page);

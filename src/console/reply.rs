@@ -395,12 +395,12 @@ mod tests {
         );
         shows(
             Reply::Outside(Outside::UnknownKey, device, key(1234.0, 10)),
-            "error: no envelope for this device, estimator, cutoff, latency and output period; known: \
+            "error: no envelope for this device, estimator, cutoff and output period; known: \
              butterworth 1000 1500, or unlock envelope",
         );
         shows(
             Reply::Outside(Outside::UnknownKey, device, key(1500.0, 1)),
-            "error: no envelope for this device, estimator, cutoff, latency and output period, or unlock envelope",
+            "error: no envelope for this device, estimator, cutoff and output period, or unlock envelope",
         );
         let range = SettingsError { parameter: "stiffness_n_per_m", value: 2e7, range: 0.0..=1e7 };
         shows(Reply::Range(&range), "error: stiffness_n_per_m is 20000000, allowed 0 to 10000000");

@@ -124,7 +124,7 @@ impl Experiments {
     /// Runs a pulse train.
     ///
     /// # Errors
-    /// An experiment is going on, or the wall in force has a force, whatever the console assumes.
+    /// An experiment is going on, or `wall` acts, whatever the console assumes.
     #[inline(always)]
     pub fn pulses(&mut self, plan: PulseTrainPlan, wall: &Wall) -> Result<(), Refusal> {
         self.free()?;

@@ -65,7 +65,7 @@ impl GainFade {
         self.kept.is_whole()
     }
 
-    /// The force now, if the settings in force ask for `drive` and a step of `slew` is allowed. `held` is the
+    /// The force now, if the settings ask for `drive` and a step of `slew` is allowed. `held` is the
     /// force of the last output; after a zero has renamed the motion, it replaces what the old settings would
     /// give.
     #[inline]

@@ -141,8 +141,8 @@ impl LimitArgs {
         }))
     }
 
-    /// The question of a sweep beside its own walks. Without `--limits` it has one count as the limit, motor and
-    /// hand, one walk each, and the scene's steps. `None` with `plain`.
+    /// What a sweep asks beside its own walks. Without `--limits` the limit is one count, and motor and hand push
+    /// in one walk each, with the scene's steps. With `plain` and without `--limits`: `None`.
     pub fn or_default(
         &self,
         scene: &Scene,

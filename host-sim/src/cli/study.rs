@@ -16,7 +16,7 @@ use crate::{
     study::planned::{Study, StudyFile, trial::Estimate},
 };
 
-/// Makes every point of a study, in units whose results are files of their own; goes on where it was ended.
+/// Makes every point of a study, unit by unit, with a file for each; --resume goes on after an interruption.
 #[derive(Debug, Args)]
 pub struct StudyArgs {
     /// The study: a TOML file.

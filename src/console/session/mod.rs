@@ -131,7 +131,7 @@ impl<P: Port> Console<P> {
         &mut self.port
     }
 
-    /// The settings that were taken last.
+    /// The settings that the console accepted last.
     pub fn stored(&self) -> &Stored {
         &self.stored
     }

@@ -80,9 +80,7 @@ impl Outside {
     /// What is wrong, without the numbers.
     pub const fn text(self) -> &'static str {
         match self {
-            Self::UnknownKey => {
-                "no envelope for this device, estimator, cutoff, latency and output period"
-            }
+            Self::UnknownKey => "no envelope for this device, estimator, cutoff and output period",
             Self::Damping { .. } => "beyond the envelope: b is allowed from",
             Self::Stiffness { .. } => "beyond the envelope: k at this b is allowed from",
             Self::NoStiffness => "beyond the envelope: no k is allowed at this b",

@@ -121,7 +121,8 @@ fn session(firmware: &Firmware) -> Session {
 
 /// The session of that board, which is run once.
 fn session_of(board: Board) -> &'static (Firmware, Session) {
-    static SESSIONS: [OnceLock<(Firmware, Session)>; BOARDS.len()] = [const { OnceLock::new() }; 2];
+    static SESSIONS: [OnceLock<(Firmware, Session)>; BOARDS.len()] =
+        [const { OnceLock::new() }; BOARDS.len()];
     let place = BOARDS.iter().position(|other| *other == board).unwrap();
     SESSIONS[place].get_or_init(|| {
         let firmware = Firmware::of(board);

@@ -32,7 +32,7 @@ pub struct FixedLoop<S: SimdOps, F: VectorForm<S>, const R: usize> {
     simd: S,
     forms: [F; R],
     gains: [F::Gains; R],
-    /// Velocities, LSB, in the lower 32 bits.
+    /// Velocities in LSB; each is in the lower 32 bits.
     velocity: [S::u64s; R],
     walls: [Wall<S>; R],
 }

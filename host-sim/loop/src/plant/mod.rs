@@ -1,10 +1,16 @@
 //! The device, advanced exactly: `m x'' + b x' + k (x - x0) = F`. The force is constant within a sample, or steps
 //! once.
 //!
-//! The state is `(x - x0, x')`. Under a constant force a step is `s' = phi s + gamma F`. If the force steps from F1
-//! to F2 at `fraction` of the sample, the step is `s' = phi s + before F1 + after F2` with
-//! `after = gamma((1 - fraction) T)`, `before = phi((1 - fraction) T) gamma(fraction T)`. A hand's constant force
-//! adds the same to the state in every sample.
+//! The state s is `(x - x0, x')`. After a time t under a constant force F, it is `phi(t) s + gamma(t) F`. A step takes
+//! the sample time T. If the force steps from F1 to F2 at `fraction` of the sample, the next state is
+//!
+//! ```text
+//! phi(T) s + before F1 + after F2
+//! before = phi((1 - fraction) T) gamma(fraction T)
+//! after  = gamma((1 - fraction) T)
+//! ```
+//!
+//! A hand's constant force adds the same to the state in every sample.
 //!
 //! The only errors are roundings. If forces or lengths are scaled by a power of two, the run is the same bit for bit,
 //! except for this scale.

@@ -85,8 +85,8 @@ fn moved_by(lanes: &[usize], counts: &mut [f64], places: &[f64], newest: usize) 
     }
 }
 
-/// The velocity, LSB, in the lower 32 bits. The product is below 2^55, because a count moves by less than 2^15 per
-/// sample.
+/// The velocity in LSB; it is in the lower 32 bits. The product is below 2^55, because a count moves by less than 2^15
+/// per sample.
 #[inline(always)]
 fn mean<S: SimdOps>(simd: S, counts: S::f64s, [first, last]: [S::u64s; 2]) -> S::u64s {
     const BITS: u32 = WindowDifference::FACTOR_BITS;

@@ -105,7 +105,7 @@ pub trait VectorForm<S: SimdOps>: Sized {
     #[inline(always)]
     fn look<const R: usize>(_: &mut [Self; R], _: S, _: &[Row<S, R>]) {}
     /// Updates estimators with samples; `moved` is the count's change since the sample before. If an output is `due`,
-    /// `velocity` becomes the velocity at the last sample, LSB in the lower 32 bits. Otherwise `velocity` is
+    /// `velocity` becomes the velocity at the last sample in LSB; it is in the lower 32 bits. Otherwise `velocity` is
     /// undefined.
     fn take<const R: usize>(
         forms: &mut [Self; R],
@@ -131,7 +131,7 @@ pub trait Recursive<S: SimdOps>: Copy {
     fn words(&mut self) -> impl Iterator<Item = &mut S::u64s>;
     /// Puts the coefficients of an estimator into a lane.
     fn tune(gains: &mut Self::Gains, lane: usize, estimator: &Estimator);
-    /// The velocity after the count changed by `moved`, LSB in the lower 32 bits.
+    /// Takes the count's change `moved`. Returns the velocity in LSB; it is in the lower 32 bits.
     fn step(&mut self, simd: S, gains: &Self::Gains, moved: S::f64s) -> S::u64s;
     fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool;
 }

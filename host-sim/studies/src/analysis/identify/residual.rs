@@ -7,10 +7,10 @@
 //! Gaussian noise of s counts before the quantiser reduces harmonic h to a share of `a^(h^2)`, with
 //! `a = exp(-2 pi^2 s^2)`. The rest of the error becomes white (Widrow and Kollar, "Quantization Noise", 2008, chapters
 //! 4 and 19). The share a is the coherence. It is measured as the residual's component along the first harmonic, block
-//! by block. Blocks are necessary because the fit follows the sawtooth where the handle rests. Elsewhere the model is
-//! then wrong by a slowly varying part of a count. Even and odd rows of a block have the same sawtooth and independent
-//! noise. So the mean product of their amplitudes is a^2 without a bias. If the sawtooth remains, the residual is bound
-//! by quantisation: it is not white, even if the model is right.
+//! by block. Blocks are necessary: where the handle rests, the fit follows the sawtooth. This makes the model wrong
+//! where the handle moves, by a slowly varying part of a count. Even and odd rows of a block have the same sawtooth and
+//! independent noise. So the mean product of their amplitudes is a^2 without a bias. If the sawtooth remains, the
+//! residual is bound by quantisation: it is not white, even if the model is right.
 
 use std::f64::consts::{PI, TAU};
 
