@@ -238,7 +238,9 @@ impl Search<'_> {
                 let left = left.filter(|term| **term != Term::Stribeck || terms.friction);
                 let tried = left.filter_map(|term| {
                     let found = self.with(*term, from, before, true)?;
-                    passes(&found, *term).then_some(found)
+                    // Curves follow whatever is missing. So they count only where nothing is missing any more.
+                    let is_trusted = !term.is_a_curve() || self.is_explained(&found);
+                    (is_trusted && passes(&found, *term)).then_some(found)
                 });
                 tried.min_by(|a, b| a.squares().total_cmp(&b.squares()))
             };

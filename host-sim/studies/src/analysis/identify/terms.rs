@@ -77,6 +77,11 @@ impl Term {
         matches!(self, Self::Cogging | Self::Phase)
     }
 
+    /// Whether the term has parameters of shape beside its size.
+    pub(super) fn is_a_curve(self) -> bool {
+        matches!(self, Self::Stribeck | Self::Cogging)
+    }
+
     pub(super) fn add(self, terms: Included, included: bool) -> Included {
         match self {
             Self::Friction => {
