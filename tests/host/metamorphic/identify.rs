@@ -135,9 +135,7 @@ fn other_units_signs_and_places_are_the_same_device() {
         same(&name("floor"), &found, &half_a_count, [1.0; 4], less, 1.0);
         // A repeated record gives the same values with intervals that are smaller by the root of two. The search for
         // terms is off: noise that repeats exactly would be evidence of a term.
-        let none_of_them =
-            Terms::These { friction: false, amplifier: false, offset: false, phase: false };
-        let plainly = Options { terms: none_of_them, ..options };
+        let plainly = Options { terms: Terms::NONE, ..options };
         let once = identify(std::slice::from_ref(&plain), &plainly).unwrap();
         let twice = identify(&[plain.clone(), plain.clone()], &plainly).unwrap();
         same(&name("twice"), &once, &twice, [1.0; 4], none, 0.5f64.sqrt());
