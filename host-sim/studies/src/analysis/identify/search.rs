@@ -32,6 +32,9 @@ const LAG_STARTS: [f64; 2] = [0.5, 3.0];
 const FALLS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 const RISES: [f64; 1] = [0.2];
 const FAST_ROWS: usize = 8;
+/// Part of the sum of squares that a curve may leave. Curves follow whatever is missing, so one that explains a smaller
+/// part of it counts only if nothing is missing any more.
+const CURVE_LEAVES: f64 = 0.25;
 /// Size of a force that is tried, as a part of the largest command.
 const SMALL_FORCE: f64 = 1e-4;
 /// Strides, rows, at which a force over the position is looked for.
@@ -238,9 +241,12 @@ impl Search<'_> {
                 let left = left.filter(|term| **term != Term::Stribeck || terms.friction);
                 let tried = left.filter_map(|term| {
                     let found = self.with(*term, from, before, true)?;
-                    // Curves follow whatever is missing. So they count only where nothing is missing any more.
-                    let is_trusted = !term.is_a_curve() || self.is_explained(&found);
-                    (is_trusted && passes(&found, *term)).then_some(found)
+                    let is_trusted = || {
+                        let falls_to = before.map(|before| found.squares() / before.squares());
+                        falls_to.is_some_and(|part| part < CURVE_LEAVES)
+                            || self.is_explained(&found)
+                    };
+                    (passes(&found, *term) && (!term.is_a_curve() || is_trusted())).then_some(found)
                 });
                 tried.min_by(|a, b| a.squares().total_cmp(&b.squares()))
             };
