@@ -23,7 +23,7 @@ use super::{
     fit::Solution,
     joint::{ErrorModel, Joint, NUMBERS},
     layout::{
-        DAMPING, Layout, MASS,
+        DAMPING, Layout, MASS, Parameter,
         Parameter::{
             CogCosine, CogCycles, CogSine, Constant, Cosine, Cycles, Damping, Fall, Friction, Gain,
             Lag, Latency, Mass, Rise, Second, Sine, Stiffness,
@@ -145,11 +145,8 @@ impl Estimates {
         let [before, after] = [own, other].map(|values| (values, values.layout()));
         let of = |(values, layout): (&Values, &Layout)| {
             let [stiffness, constant] = values.spring();
-            let cogs = values.of(CogCycles);
-            let [sine, cosine] = [CogSine, CogCosine].map(|one| values.of(one));
-            let phase = cosine.atan2(sine) - TAU * layout.reference_m * cogs;
             let rest = layout.rest_m.unwrap_or(constant / stiffness);
-            (stiffness, rest, [sine.hypot(cosine), phase, 1.0 / cogs])
+            (stiffness, rest, wave(values, COGS))
         };
         let (a, b) = (of(before), of(after));
         let far = |own: &mut Estimate, by: f64| {
@@ -191,6 +188,17 @@ impl Estimates {
         let [stiffness, rest] = self.spring.map_or([None; 2], |spring| spring.map(Some));
         [Some(self.mass), Some(self.damping), stiffness, rest, self.gain, self.latency]
     }
+}
+
+/// The parameters of a wave over the position: sine and cosine at the reference, and cycles per metre.
+const COGS: [Parameter; 3] = [CogSine, CogCosine, CogCycles];
+const ENCODER: [Parameter; 3] = [Sine, Cosine, Cycles];
+
+/// Amplitude, phase at position 0, and cycle of a wave.
+fn wave(values: &Values, parameters: [Parameter; 3]) -> [f64; 3] {
+    let [sine, cosine, cycles] = parameters.map(|one| values.of(one));
+    let phase = cosine.atan2(sine) - TAU * values.layout().reference_m * cycles;
+    [sine.hypot(cosine), phase, 1.0 / cycles]
 }
 
 /// Half-widths of an interval per standard error, with many rows.
@@ -309,20 +317,19 @@ pub(super) fn estimates(
         stribeck: free(Rise)
             .zip(free(Fall))
             .map(|(rise, fall)| [rise, values.of(Friction) + rise, fall].map(&mut next)),
-        cogging: free(CogSine).zip(free(CogCosine)).map(|(sine, cosine)| {
-            let cogs = values.of(CogCycles);
-            let amplitude = next(sine.hypot(cosine));
-            let phase = next(cosine.atan2(sine) - TAU * layout.reference_m * cogs);
-            let known = layout.cogs_per_m.map(|cogs| Estimate::given(1.0 / cogs));
-            [amplitude, phase, known.unwrap_or_else(|| next(1.0 / cogs))]
+        cogging: layout.terms.cogging.then(|| {
+            let [amplitude, phase, pitch] = wave(values, COGS);
+            let (amplitude, phase) = (next(amplitude), next(phase));
+            let known = layout.cogs_per_m.map(|_| Estimate::given(pitch));
+            [amplitude, phase, known.unwrap_or_else(|| next(pitch))]
         }),
-        phase: free(Sine).zip(free(Cosine)).map(|(sine, cosine)| {
-            let first = next(sine.hypot(cosine));
+        phase: layout.terms.phase.then(|| {
+            let [first, phase, cycle] = wave(values, ENCODER);
+            let first = next(first);
             let second = free(Second).map_or(Estimate::given(0.0), &mut next);
-            let cycles = values.of(Cycles);
-            let phase = next(cosine.atan2(sine) - TAU * layout.reference_m * cycles);
-            let known = layout.cycles_per_m.map(|cycles| Estimate::given(1.0 / cycles));
-            [first, second, phase, known.unwrap_or_else(|| next(1.0 / cycles))]
+            let phase = next(phase);
+            let known = layout.cycles_per_m.map(|_| Estimate::given(cycle));
+            [first, second, phase, known.unwrap_or_else(|| next(cycle))]
         }),
         widening,
         is_widened,
@@ -374,7 +381,7 @@ fn gradients(values: &Values) -> Vec<Vec<(usize, f64)>> {
     if let (Some(friction), Some(rise), Some(fall)) = (place(Friction), place(Rise), place(Fall)) {
         all.extend([vec![(rise, 1.0)], vec![(friction, 1.0), (rise, 1.0)], vec![(fall, 1.0)]]);
     }
-    for (sine, cosine, cycles) in [(CogSine, CogCosine, CogCycles), (Sine, Cosine, Cycles)] {
+    for [sine, cosine, cycles] in [COGS, ENCODER] {
         let (Some(at_sine), Some(at_cosine)) = (place(sine), place(cosine)) else { continue };
         let (s, c) = (values.of(sine), values.of(cosine));
         let squared = (s * s + c * c).max(f64::MIN_POSITIVE);

@@ -38,10 +38,7 @@ pub(super) fn likely(search: &Search<'_>, model: &Model) -> String {
             causes.push((share, cause));
         }
     };
-    for term in Term::ALL
-        .into_iter()
-        .filter(|term| !matches!(term, Term::Stribeck | Term::Offset | Term::Cogging))
-    {
+    for term in [Term::Friction, Term::Amplifier, Term::Phase] {
         if !term.is_in(model.layout().terms) {
             add(search.explains(term, model), said(term).into());
         }

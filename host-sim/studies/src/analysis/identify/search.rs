@@ -30,7 +30,7 @@ const FRICTION_STARTS: [f64; 3] = [0.02, 0.08, 0.2];
 const LAG_STARTS: [f64; 2] = [0.5, 3.0];
 /// First values of the Stribeck speed, as parts of the largest speed over some rows, and of the rise of friction.
 const FALLS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
-const RISES: [f64; 1] = [0.2];
+const RISE: f64 = 0.2;
 const FAST_ROWS: usize = 8;
 /// Part of the sum of squares that a curve may leave. Curves follow whatever is missing, so one that explains a smaller
 /// part of it counts only if nothing is missing any more.
@@ -300,11 +300,13 @@ impl Search<'_> {
         if self.records.iter().any(Fitted::is_stopped) {
             return None;
         }
+        // A curve that is not in the model leaves more than noise.
+        if likely && term.is_a_curve() && self.is_explained(before?) {
+            return None;
+        }
         match term {
             Term::Phase => return self.with_phase(before?, likely),
-            Term::Cogging => return self.with_cogging(before?, likely),
-            // Friction that is not Coulomb's leaves more than noise.
-            Term::Stribeck if likely && self.is_explained(before?) => return None,
+            Term::Cogging => return self.with_cogging(before?),
             _ => {}
         }
         let more = Layout { terms: term.add(from.layout().terms, true), ..*from.layout() };
@@ -602,9 +604,10 @@ impl Search<'_> {
                 else {
                     break;
                 };
-                let Some(more) = Some(left - model.squares()).filter(|more| *more < room) else {
+                let more = left - model.squares();
+                if more.is_nan() || more >= room {
                     break;
-                };
+                }
                 at = values;
                 // The interval ends between this step and the next.
                 if more > 0.5 * room {
@@ -644,10 +647,7 @@ impl Search<'_> {
         lines.max_by(|a, b| a.strength.total_cmp(&b.strength))
     }
 
-    fn with_cogging(&self, before: &Model, likely: bool) -> Option<Model> {
-        if likely && self.is_explained(before) {
-            return None;
-        }
+    fn with_cogging(&self, before: &Model) -> Option<Model> {
         let seen = self.of_motor(before)?;
         let more = Layout {
             terms: Term::Cogging.add(before.layout().terms, true),
@@ -671,14 +671,14 @@ impl Search<'_> {
                 })
             });
         let fastest = fastest.fold(0.0, f64::max);
-        let of = |(part, share): (f64, f64)| {
+        let of = |part: f64| {
             let mut values = start.clone();
             values.set(Parameter::Fall, part * fastest);
-            values.set(Parameter::Rise, share * values.of(Parameter::Friction));
+            values.set(Parameter::Rise, RISE * values.of(Parameter::Friction));
             let step = self.linear_step(&values).map(|(step, _)| step);
             step.filter(Values::is_allowed).unwrap_or(values)
         };
-        FALLS.into_iter().flat_map(|part| RISES.map(|share| (part, share))).map(of).collect()
+        FALLS.into_iter().map(of).collect()
     }
 
     /// A fit of `layout` from the values of any layout. If friction holds the handle at the first row, the first speed

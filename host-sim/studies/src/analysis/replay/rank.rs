@@ -16,6 +16,7 @@ use zwidth::{
     velocity::EstimatorName,
 };
 
+use super::rms;
 use crate::{
     analysis::{
         compare::{axis::Axes, bandwidth::bandwidth_hz},
@@ -238,11 +239,6 @@ fn both_ways(values: &[f64], of_rate: f64) -> Vec<f64> {
     pass(&mut values);
     pass(&mut values);
     values
-}
-
-fn rms(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0.0), |(sum, n), value| (sum + value * value, n + 1.0));
-    (sum / f64::max(count, 1.0)).sqrt()
 }
 
 /// RMS about the mean.
