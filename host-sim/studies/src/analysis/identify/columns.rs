@@ -107,8 +107,8 @@ const UNITS: [(&str, Quantity, f64); 26] = [
     ("cts", Counts, 1.0),
 ];
 
-/// Quantity and factor of a header. `None` for another name; an error if the unit is missing or belongs to another
-/// quantity.
+/// Quantity of a header, and its factor to SI units. `None` for an unknown name. An error if the unit is missing or
+/// belongs to another quantity.
 fn meant(header: &str) -> Option<Result<(Quantity, f64), String>> {
     let lower = header.to_lowercase().replace(['µ', 'μ'], "u");
     let words: Vec<&str> = lower

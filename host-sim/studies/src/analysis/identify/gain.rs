@@ -39,7 +39,7 @@ pub enum Gain {
 }
 
 impl Gain {
-    /// Force per volt if it is known without a fit, N/V. For a log with a current: force per ampere, N/A. For a log
+    /// Force per volt, N/V, if it is known without a fit. For a log with the current: force per ampere, N/A. For a log
     /// with the force: 1.
     ///
     /// # Errors

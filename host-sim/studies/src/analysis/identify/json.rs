@@ -74,7 +74,7 @@ struct PhaseJson {
     cycle_m: Interval,
 }
 
-/// The test that distinguished a term from 0.
+/// The test that showed that a term is not 0.
 #[derive(Serialize)]
 struct TestJson {
     term: &'static str,
