@@ -62,7 +62,7 @@ pub struct WallRow {
 
 #[derive(Clone, Debug, Serialize)]
 pub struct SuspectRow {
-    /// Name, as reports print it.
+    /// Name in reports.
     pub name: &'static str,
     /// The scene's key.
     pub key: String,
@@ -70,17 +70,17 @@ pub struct SuspectRow {
     pub unit: String,
     /// The scene's value; `None` if the scene does not have the element.
     pub scene: Option<f64>,
-    /// The middle one of the tried values in the range.
+    /// The middle value of the tried values in the range.
     pub value: f64,
-    /// Smallest value that explains as much.
+    /// Smallest tried value that explains the difference equally well.
     pub low: f64,
-    /// Largest value that explains as much.
+    /// Largest tried value that explains the difference equally well.
     pub high: f64,
-    /// The range ends at the first or the last tried value.
+    /// Whether the range ends at the first or the last tried value.
     pub at_edge: bool,
     /// Remaining distance between the walks.
     pub left_n_per_m: f64,
-    /// Whether the suspect explains all of the difference.
+    /// Whether the suspect explains the whole difference.
     pub explains: bool,
 }
 
@@ -127,10 +127,10 @@ impl Agreement {
         Table::of(&columns, &self.walls())
     }
 
-    /// The suspects in ascending order of the remaining distance, with numbers in `units`.
+    /// The suspects in ascending order of the remaining distance. Their values are in `units`.
     pub fn suspects(&self, units: Units) -> Vec<SuspectRow> {
         let row = |tried: &Tried| {
-            // An angle is reported in rad, as in the scene's key.
+            // An angle is in rad, as in the scene.
             let key = tried.suspect.key;
             let whole = key.ends_with("gain_n_per_v");
             let factor = match units.key(key) {
