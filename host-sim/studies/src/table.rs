@@ -136,7 +136,6 @@ impl Table {
         table
     }
 
-    /// The table as CSV.
     pub fn csv(&self) -> String {
         let names = self.columns.iter().map(|column| Cell::Text(column.name.clone().into()));
         let mut text = csv_line(&names.collect::<Vec<_>>());

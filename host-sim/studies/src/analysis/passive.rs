@@ -38,14 +38,12 @@ pub struct PassiveQuestion {
     pub repeats: u32,
     /// Grid and caps of the walks.
     pub walk: Walk,
-    /// Settings of the passivity controller.
     pub table: PassivityTable,
     /// Durations of the hits before their window, s. A limit cycle gets energy during the whole hit.
     pub settles_s: Vec<f64>,
 }
 
 impl PassiveQuestion {
-    /// Number of walks of the question.
     pub fn walks(&self) -> u64 {
         (2 * self.limits.len() * self.filters.len()) as u64 * u64::from(self.repeats)
     }
@@ -57,7 +55,6 @@ impl PassiveQuestion {
 pub struct Length {
     /// Nominal cutoff, Hz; `None` without a cutoff.
     pub cutoff_hz: Option<f64>,
-    /// The limit of the boundary.
     #[serde(skip)]
     pub limit: Limit,
     /// Whether the passivity controller is on.

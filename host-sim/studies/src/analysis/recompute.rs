@@ -3,7 +3,6 @@
 //! A key has the state of the sampler. From there to the next key, every velocity follows from the counts, and every
 //! force from the settings. The board's outputs, and the state in its next key, must be equal, bit for bit. If they
 //! differ, the first sample with a difference is reported. The samples after it, up to the next key, are not compared.
-//! reported. The samples after it, up to the next key, are not compared.
 
 use std::{
     collections::HashMap,
@@ -76,7 +75,6 @@ pub struct Recomputed {
     pub energies: u64,
     /// Number of recomputed changes of the estimator, its tuning or the zero of the count.
     pub changes: u64,
-    /// Differences, in order.
     pub differences: Vec<Difference>,
     /// Ranges between two keys that could not be computed: first sample, last sample, and reason.
     pub unknown: Vec<(u64, u64, &'static str)>,
@@ -152,7 +150,6 @@ impl Recomputed {
         text
     }
 
-    /// The first difference.
     pub fn first_difference(&self) -> Option<&Difference> {
         self.differences.first()
     }

@@ -56,7 +56,7 @@ impl Guide {
 /// Range of B for a trend, steps.
 const TREND: i32 = 4;
 
-/// A walk that has begun, and its cells in work.
+/// A walk that has begun, with its known and its running cells.
 pub struct Running {
     pub progress: Progress,
     /// The boundary so far. Then the boundary of a neighbour.
@@ -110,7 +110,6 @@ pub fn likeliest(running: &BTreeMap<usize, Running>) -> Option<(usize, Cell)> {
     None
 }
 
-/// Probability that a wall is stable.
 fn stable([own, neighbour]: [&Guide; 2], cell: Cell) -> f64 {
     let guess = own.guess(neighbour, cell.damping).or_else(|| neighbour.at(cell.damping));
     guess.map_or(STABLE_BEFORE, |k| {

@@ -70,7 +70,6 @@ impl Part {
         Ok(parts)
     }
 
-    /// Number of walks of the sweep.
     pub fn walks(&self) -> u64 {
         self.filters.len() as u64 * u64::from(REPEATS)
     }
@@ -90,7 +89,6 @@ impl Found {
         self.boundaries.iter().map(|(key, points)| Boundary { key: *key, points })
     }
 
-    /// Number of rows of the table.
     pub fn rows(&self) -> usize {
         self.boundaries.iter().map(|(_, points)| points.len()).sum()
     }

@@ -36,7 +36,6 @@ pub struct Boundary {
     pub points: Vec<BoundaryPoint>,
     /// Area below the boundary: the sum of K dB over the points, N^2 s/m^2.
     pub area: f64,
-    /// Number of hits of the walk.
     pub hits: u64,
     /// The reason for the end of the walk; `None` if the first point is unstable.
     pub ended: Option<Ended>,
@@ -87,7 +86,6 @@ impl Boundaries {
         self.iter().map(|boundary| boundary.area).collect()
     }
 
-    /// Mean and spread of the areas.
     pub fn repeats(&self) -> Repeats {
         Repeats::of(self.iter().map(|boundary| boundary.area))
     }
@@ -97,7 +95,6 @@ impl Boundaries {
         self.repeats().mean
     }
 
-    /// Number of hits of all walks.
     pub fn hits(&self) -> u64 {
         self.iter().map(|boundary| boundary.hits).sum()
     }

@@ -53,7 +53,6 @@ pub struct Lever {
     pub of_loop: String,
     /// Added elements between the output and the handle.
     pub between: Between,
-    /// The scene with all changes.
     pub scene: Scene,
 }
 

@@ -45,7 +45,6 @@ impl Limit {
         std::mem::discriminant(&self) == std::mem::discriminant(&other)
     }
 
-    /// Sets this limit in a scene.
     pub fn set(self, hit: &mut scene::WallHit) {
         match self {
             Self::Rms(limit_m) => hit.rms_limit_m = limit_m,
@@ -64,7 +63,6 @@ impl Limit {
         self.told().0
     }
 
-    /// Value and unit.
     pub fn told(self) -> (f64, &'static str) {
         match self {
             Self::Rms(metres) => (metres, "m"),
@@ -82,7 +80,6 @@ pub struct Question {
     pub rms_of: RmsOf,
     /// Velocity filters, in ascending order of the cutoff.
     pub filters: Vec<VelocitySettings>,
-    /// Number of walks of each filter.
     pub repeats: u32,
     /// Grid and caps of the walks.
     pub walk: Walk,
@@ -93,7 +90,6 @@ pub struct Question {
 }
 
 impl Question {
-    /// Number of walks of the question.
     pub fn walks(&self) -> usize {
         let rows = self.filters.len() + usize::from(self.told);
         self.situations.len() * self.limits.len() * rows * self.repeats as usize

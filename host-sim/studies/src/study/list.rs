@@ -2,7 +2,6 @@
 
 use crate::scene::ranges::VALUES_MAX;
 
-/// A list of numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct List(pub Vec<f64>);
 

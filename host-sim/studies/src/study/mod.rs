@@ -34,7 +34,6 @@ use crate::{
 #[derive(Clone, Copy, Debug)]
 pub struct How<'a> {
     pub engine: Engine,
-    /// Arithmetic of the controller.
     pub numeric: Numeric,
     /// Set to end the study early.
     pub stop: &'a AtomicBool,

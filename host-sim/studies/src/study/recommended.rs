@@ -44,7 +44,7 @@ const TRIED: [u32; 2] = [17, 13];
 const APART: f64 = 0.562;
 /// If a neighbour of the best cutoff has less than this share of the best area, its walk has ended too early.
 const BROKEN: f64 = 0.5;
-/// Largest number of times that the grid then begins at another wall.
+/// If a walk has ended too early, the grid may begin at another wall this number of times.
 const SEEDS: usize = 3;
 /// Smallest share of the best area for a cutoff to be examined.
 const PROMISING: f64 = 0.3;
@@ -52,7 +52,6 @@ const PROMISING: f64 = 0.3;
 /// All walks, and their result.
 #[derive(Clone, Debug)]
 pub struct QuietStudy {
-    /// Grid of the walks.
     pub walk: Walk,
     /// The cutoffs in ascending order. Each has one walk for all pushes.
     pub cutoffs: Vec<CutoffResult>,
@@ -75,7 +74,6 @@ pub struct Held {
 }
 
 impl Held {
-    /// K of the stiffest quiet wall, N/m, if there is one.
     pub fn stiffness_n_per_m(&self) -> Option<f64> {
         self.stiffest.clone().ok().flatten()
     }
@@ -116,13 +114,11 @@ impl Held {
 }
 
 impl QuietStudy {
-    /// The recommended cutoff, Hz, if there is one.
     pub fn cutoff_hz(&self) -> Option<f64> {
         self.recommended.as_ref().ok().map(|found| found.cutoff_hz)
     }
 }
 
-/// A recommended cutoff.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recommended {
     /// Nominal cutoff of the filter, Hz.
@@ -289,7 +285,6 @@ impl<D: Fn() + Sync> Search<'_, D> {
         Ok(self.best().map(|best| self.of(best)))
     }
 
-    /// Walks additional cutoffs.
     fn walk(&mut self, cutoffs_hz: &[f64]) -> Result<(), Error> {
         let How { engine, numeric, stop } = self.how;
         let prepared = prepare(&self.scene)?;

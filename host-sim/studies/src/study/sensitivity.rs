@@ -17,7 +17,6 @@ pub struct Variant {
     pub name: String,
     /// Description of the change, for people.
     pub change: String,
-    /// The changed scene, prepared.
     pub prepared: PreparedScene,
 }
 

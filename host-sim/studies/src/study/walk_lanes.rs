@@ -21,7 +21,6 @@ use crate::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
-/// Start of a walk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
     pub velocity: VelocitySettings,

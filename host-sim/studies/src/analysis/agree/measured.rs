@@ -13,7 +13,6 @@ use crate::{
     study::boundary::BoundaryPoint,
 };
 
-/// A measured walk.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measured {
     /// Nominal cutoff, Hz; 0 for an estimator without a cutoff.

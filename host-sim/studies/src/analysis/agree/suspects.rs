@@ -66,7 +66,6 @@ fn friction(scene: &mut Scene, coulomb_n: f64) {
     scene.integrator = scene.integrator.or(Some(Integrator::Rk4 { steps_per_sample: 1 }));
 }
 
-/// The suspects of a scene.
 pub fn suspects(scene: &Scene) -> Vec<Suspect> {
     let mut all = vec![];
     let mut add =
@@ -127,7 +126,6 @@ pub fn suspects(scene: &Scene) -> Vec<Suspect> {
 }
 
 impl Suspect {
-    /// The scene with this value.
     pub fn with(&self, scene: &Scene, value: f64) -> Scene {
         let mut changed = scene.clone();
         (self.edit)(&mut changed, value);

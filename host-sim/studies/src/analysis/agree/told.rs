@@ -64,7 +64,6 @@ pub struct WallRow {
 pub struct SuspectRow {
     /// Name in reports.
     pub name: &'static str,
-    /// The scene's key.
     pub key: String,
     /// Unit of the numbers.
     pub unit: String,
@@ -114,7 +113,6 @@ impl Agreement {
         self.rows.iter().enumerate().map(row).collect()
     }
 
-    /// The rows as a table.
     pub fn table(&self) -> Table {
         let columns: [table::Told<WallRow>; 6] = [
             ("damping_n_s_per_m", Kind::Number, |row| row.damping_n_s_per_m.into()),

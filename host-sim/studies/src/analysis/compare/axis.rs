@@ -129,7 +129,6 @@ impl Axes {
         Some((wrong, reached))
     }
 
-    /// Whether the core accepts these settings.
     pub fn accepts(&self, settings: &VelocitySettings) -> bool {
         settings.build(&self.design).is_ok()
     }

@@ -55,11 +55,8 @@ pub struct Fidelity {
 pub struct Point {
     pub wall: Wall,
     pub frequency_hz: f64,
-    /// Total error: `|rendered - commanded|`.
     pub error: f64,
-    /// `|rendered - rendered with the true velocity|`.
     pub of_estimator: f64,
-    /// `|rendered with the true velocity - commanded|`.
     pub of_loop: f64,
 }
 

@@ -2,8 +2,8 @@
 //! if it can still win.
 //!
 //! If the first area of a tuning is below [`CAN_WIN`] of the best area, the tuning could only win with a second area
-//! above 105 %. In the searches of paper-1um, second areas of such tunings reached at most 95 %. So these tunings
-//! cannot win, and one walk is enough.
+//! above 105 % of the best. In the searches of paper-1um, second areas of such tunings reached at most 95 %. So these
+//! tunings cannot win, and one walk is enough.
 
 use zwidth::VelocitySettings;
 
@@ -28,7 +28,6 @@ pub(super) struct Look {
 pub(super) struct Looked<T> {
     /// For each tuning, the boundaries from its starts, each with its judgement.
     made: Vec<(VelocitySettings, Vec<(T, Boundary)>)>,
-    /// Hits of all walks so far.
     pub(super) hits: u64,
 }
 

@@ -68,7 +68,6 @@ pub enum Entry {
     AdHoc,
 }
 
-/// Cutoff of [`Entry::AdHoc`], Hz.
 const AD_HOC_HZ: f64 = 50.0;
 
 impl Entry {
@@ -128,7 +127,7 @@ impl Entry {
         }
     }
 
-    /// Length of the search of this entry.
+    /// Approximate duration of the search of this entry.
     fn length(self, engine: Engine, scene: &Scene, stop: &AtomicBool) -> Result<Length, Error> {
         let start = settings_of(self, scene);
         let walker = search::Walker { engine, scene: &self.told(scene), stop, done: &|_| () };
@@ -222,7 +221,6 @@ impl Place {
     }
 }
 
-/// All results of one estimator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compared {
     pub entry: Entry,
@@ -235,14 +233,12 @@ pub struct Compared {
     pub signal: Signal,
     /// Results of contacts with each of the walls.
     pub contacts: [Contact; 3],
-    /// Rendered impedance compared with commanded impedance.
     pub fidelity: Fidelity,
     /// Cost on the Cortex-M4; `None` if not measured.
     pub cost: Option<Cost>,
 }
 
 impl Compared {
-    /// Class by the estimator's inputs.
     pub fn class(&self) -> Class {
         match self.settings.name().sense() {
             None => Class::PositionOnly,
@@ -261,7 +257,6 @@ impl Compared {
     }
 }
 
-/// The scene with these estimator settings.
 pub fn with_filter(scene: &Scene, settings: &VelocitySettings) -> Scene {
     Scene { velocity: (*settings).into(), ..scene.clone() }
 }

@@ -27,7 +27,6 @@ pub struct Contact {
 
 /// Lower frequency limit of roughness, Hz.
 pub const ROUGH_ABOVE_HZ: f64 = 100.0;
-/// Hits at a wall.
 pub const HITS: u32 = 16;
 
 /// Measures the contact with the estimator of the prepared scene.

@@ -59,7 +59,7 @@ const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (3, 8)];
 const LINES: u32 = 3;
 /// A neighbour is better if its area is larger by more than this share.
 pub const GAIN: f64 = 0.002;
-/// Smallest step, as a ratio of bandwidths. It does not apply to whole numbers, which use [`LEAST_STEP`].
+/// Smallest step, as a ratio of bandwidths. It does not apply to whole numbers, which use `LEAST_STEP`.
 pub const LAST_STEP: f64 = 1.03;
 /// Smallest step of any kind, as a part of the range.
 const LEAST_STEP: f64 = 1e-4;
@@ -69,7 +69,6 @@ pub const WRONG_BY: f64 = 1.2;
 pub const MASS_WRONG_BY: f64 = 0.2;
 
 pub struct Walker<'a, D> {
-    /// Engine of the hits.
     pub engine: Engine,
     /// The scene. Its own estimator is not used.
     pub scene: &'a Scene,
@@ -161,7 +160,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         Ok(lanes_for(&prepared, Numeric::Fixed))
     }
 
-    /// Length of the search of this estimator.
+    /// Approximate duration of this estimator's search.
     ///
     /// # Errors
     /// An error of [`has_lanes`](Self::has_lanes).
@@ -309,7 +308,7 @@ impl Search {
         Ok(search)
     }
 
-    /// Tries those of the places that are new and within the limit.
+    /// Tries the places that are new and within the limit.
     fn look_at(
         &mut self,
         axes: &Axes,
@@ -353,7 +352,6 @@ impl Search {
         axes.accepts(&settings) && self.tried.iter().all(|tried| tried.settings != settings)
     }
 
-    /// The try with the largest area.
     pub(super) fn best(&self) -> Option<Tried> {
         self.tried.iter().max_by(|a, b| a.area.total_cmp(&b.area)).copied()
     }

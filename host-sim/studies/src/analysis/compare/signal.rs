@@ -7,10 +7,10 @@
 //! | noise in motion | constant speeds of 0.01 to 3 counts per sample, none a simple fraction | the hand |
 //!
 //! As on a device, an estimator that uses a force gets only the *motor's* force, never the hand's. If the motor drives,
-//! the force is the force that the device needs for the motion: `m x'' + b x' + k x`. It contains the scene's damping
-//! and spring, which the estimator does not model. The estimator gets the force when it is granted, as in the firmware.
-//! The force acts after the actuator's latency (whole samples). With `actuator.latency_known` the estimator gets the
-//! force when it acts.
+//! its force gives the device the prescribed motion: `m x'' + b x' + k x`. This force contains the scene's damping and
+//! spring, which the estimator does not model. The estimator gets the force when it is granted, as in the firmware. The
+//! force acts after the actuator's latency (whole samples). With `actuator.latency_known` the estimator gets the force
+//! when it acts.
 //!
 //! Other inputs are ideal: an accelerometer's reading of the whole motion, and the encoder's edges. Counts and edges
 //! come from the same reading. It has the scene's rounding and periodic error, but no noise and no jitter. At rest the

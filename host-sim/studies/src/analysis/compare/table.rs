@@ -207,7 +207,6 @@ pub fn search_walks(c: &Compared) -> u32 {
     c.tuned.tried.iter().map(|tried| tried.walks).sum()
 }
 
-/// A tuned parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
     pub name: &'static str,
@@ -232,7 +231,6 @@ pub(super) fn value_and_unit(settings: &VelocitySettings, n: usize) -> [Cell; 2]
     parameter.map_or([Cell::Empty, Cell::Empty], |(of, value)| [value.into(), of.unit.into()])
 }
 
-/// An area with its unit.
 fn area_text(area: f64, units: Units) -> String {
     match units.written("N² s/m²") {
         (unit, factor) if factor != 1.0 => format!("{:.4e} {unit}", area * factor),

@@ -4,7 +4,6 @@ use zwidth::VelocitySettings;
 
 use crate::study::boundary::Boundaries;
 
-/// A tried tuning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tried {
     /// Position on the axes, each 0 to 1.
@@ -25,7 +24,6 @@ pub enum Edge {
     Search,
 }
 
-/// The result of a search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tuned {
     /// Every tried tuning, in the order of the tries. Empty if there is nothing to tune.

@@ -118,7 +118,6 @@ fn ranked(
     })
 }
 
-/// The winner as a sentence.
 pub fn sentence(winner: &Winner) -> String {
     let name = CRITERIA.iter().find(|c| c.key == winner.criterion).map_or("", |c| c.name);
     let class = Class::ALL.into_iter().find(|class| class.name() == winner.class);

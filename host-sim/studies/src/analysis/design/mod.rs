@@ -63,7 +63,6 @@ pub const MISTUNED_BY: f64 = 1.2;
 #[derive(Clone, Debug)]
 pub struct Condition {
     pub name: String,
-    /// The scene in this condition.
     pub scene: Scene,
 }
 
@@ -85,9 +84,7 @@ pub struct Question {
     pub budget: u32,
     /// Walks of a result in each condition.
     pub repeats: u32,
-    /// Seed of the search.
     pub seed: u64,
-    /// Arithmetic of the controller.
     pub numeric: Numeric,
 }
 
@@ -144,7 +141,6 @@ pub struct DesignStudy {
     pub wall: Wall,
     /// The best filter, then the best filters below lower caps on the gain peak.
     pub filters: Vec<Designed>,
-    /// All filters that were walked.
     pub tried: Vec<Tried>,
     /// Roughness with Butterworth at `wall`, N.
     pub reference_roughness_n: Option<f64>,

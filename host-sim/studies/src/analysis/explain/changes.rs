@@ -39,15 +39,13 @@ impl Kind {
 pub struct Change {
     /// Name in files.
     pub name: &'static str,
-    /// Description for people, in the scene's units.
+    /// Description in a report, in the scene's units.
     pub text: String,
-    /// Kind of effort.
     pub kind: Kind,
     /// Cost in words.
     pub cost: String,
     /// Additional cycles of the Cortex-M4 per second; `None` if not measured.
     pub cycles_per_s: Option<f64>,
-    /// The scene with the change.
     pub scene: Scene,
     /// Estimators of which the best is used. If empty, the scene's own estimator is used.
     pub estimators: Vec<EstimatorName>,
@@ -100,7 +98,7 @@ fn render_cycles() -> Option<f64> {
     row.split(',').nth(1)?.parse().ok()
 }
 
-/// Cycles per second of an estimator minus those of the scene's own estimator.
+/// Cycles per second of an estimator, minus the cycles of the scene's own estimator.
 fn estimator_cycles(scene: &Scene, name: EstimatorName) -> Option<f64> {
     let cycles = |cost: Option<Cost>| cost.map(|cost| cost.cycles);
     let own = cycles(cost::of(scene.velocity.estimator()))?;

@@ -56,7 +56,6 @@ const INTEGRATED_TUNINGS: u32 = 5;
 /// A scene with one element changed, and its walls.
 #[derive(Clone, Debug)]
 pub struct Explained {
-    /// The change.
     pub change: Change,
     /// The estimator with its best tuning.
     pub settings: VelocitySettings,

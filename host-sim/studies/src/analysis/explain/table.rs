@@ -115,7 +115,6 @@ impl Explanation {
         [Row { rank: 0, one: &self.base, of: self }].into_iter().chain(changes).collect()
     }
 
-    /// The rows as a table.
     pub fn table(&self) -> Table {
         Table::of(&Row::COLUMNS, &self.rows())
     }

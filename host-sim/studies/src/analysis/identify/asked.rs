@@ -109,9 +109,7 @@ impl GainAsked {
 pub struct Asked {
     /// Time from a row to the effect of its command, rows of the log. Default: the base scene's latency.
     pub latency: Option<f64>,
-    /// Fit the latency too.
     pub fit_latency: bool,
-    /// The device has a spring.
     pub spring: bool,
     /// Terms in addition to mass, damping and spring.
     pub terms: Terms,

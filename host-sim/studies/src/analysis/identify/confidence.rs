@@ -50,7 +50,6 @@ const FAR_OUTSIDE: f64 = 3.0;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     pub value: f64,
-    /// Half of the interval's width.
     pub half_width: f64,
     /// Half-width for white noise with the residual's RMS; never above the stated half-width.
     pub white_half_width: f64,
@@ -62,12 +61,10 @@ impl Estimate {
         Self { value, half_width: 0.0, white_half_width: 0.0 }
     }
 
-    /// Lower end of the interval.
     pub fn low(&self) -> f64 {
         self.value - self.half_width
     }
 
-    /// Upper end of the interval.
     pub fn high(&self) -> f64 {
         self.value + self.half_width
     }
@@ -78,7 +75,6 @@ impl Estimate {
     }
 }
 
-/// All estimates of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Estimates {
     pub mass: Estimate,
@@ -301,7 +297,7 @@ pub(super) fn estimates(
     };
     let [stiffness, constant] = values.spring();
     let free = |parameter| values.fitted(parameter);
-    // The order is that of the columns of `influence`.
+    // The order of these estimates is the order of the columns of `influence`.
     Ok(Estimates {
         mass: next(values.of(Mass)),
         damping: next(values.of(Damping)),
@@ -363,7 +359,7 @@ fn joint(layout: &Layout, correlations: &[Vec<f64>], half_widths: &[[f64; 2]]) -
     joint
 }
 
-/// Each estimate as a linear combination of the fitted parameters: the gradient at the solution.
+/// Gradient of each estimate at the solution: pairs of a fitted parameter's index and its derivative.
 fn gradients(values: &Values) -> Vec<Vec<(usize, f64)>> {
     let layout = values.layout();
     let place = |parameter| layout.place(parameter);

@@ -17,7 +17,6 @@ const BINS_MAX: f64 = 65_536.0;
 /// Number of neighbours on each side for the comparison.
 const NEIGHBOURS: usize = 16;
 
-/// The strongest line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Line {
     pub cycles_per_m: f64,

@@ -59,7 +59,7 @@ const PROFILED: f64 = 0.1;
 #[derive(Clone, Debug)]
 pub(super) struct Fitted<'a> {
     pub record: &'a Record,
-    /// Position at each row from the reference, m. Half a count is added, because the quantiser rounds down.
+    /// Position at each row from the reference, m. If the quantiser rounds down, half a count is added.
     pub positions_m: Vec<f64>,
     /// First fitted row. At earlier rows, commands from before the record still act.
     pub first: usize,
@@ -254,7 +254,6 @@ impl Problem<'_> {
         Some((moved.stacked()? - middle) / by)
     }
 
-    /// The derivative by one parameter.
     pub(super) fn by(&self, parameter: Parameter) -> Option<DVector<f64>> {
         let place = self.values.layout().place(parameter)?;
         self.difference(&self.stacked()?, place, self.differences()[place])
@@ -463,7 +462,6 @@ pub(super) struct Solution {
     /// Weighted residual; then the derivatives.
     pub weighed_m: DVector<f64>,
     pub jacobian: DMatrix<f64>,
-    /// Number of evaluations of the model.
     pub evaluations: usize,
 }
 

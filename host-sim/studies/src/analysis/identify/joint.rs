@@ -16,9 +16,8 @@ pub(super) const NUMBERS: usize = Uncertainty::NAMES.len();
 /// Standard deviations and correlations of the fitted parameters; 0 for the others.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Joint {
-    /// Standard deviations: the half-widths divided by [`quantile`](super::confidence::quantile).
+    /// Standard deviations: the half-widths divided by `confidence::quantile`.
     pub deviations: [f64; NUMBERS],
-    /// Correlations between two parameters.
     pub correlations: [[f64; NUMBERS]; NUMBERS],
 }
 
@@ -101,7 +100,7 @@ pub(super) struct ErrorModel {
     harmonics: Vec<f64>,
 }
 
-/// An estimate's row of `(J' J)^-1 J'`, and its correlation with the harmonics of each record.
+/// An estimate's row q of `(J' J)^-1 J'`, and `sum of q(n) exp(2 pi i h x(n))` for each record and harmonic.
 pub(super) struct Seen<'a> {
     column: &'a [f64],
     sums: Vec<[f64; 2]>,
@@ -141,7 +140,6 @@ impl ErrorModel {
         Seen { column, sums: all }
     }
 
-    /// Covariance of two estimates.
     pub fn covariance(&self, a: &Seen<'_>, b: &Seen<'_>) -> f64 {
         let white: f64 = a.column.iter().zip(b.column).map(|(a, b)| a * b).sum();
         let powers = a.sums.iter().zip(&b.sums).map(|(a, b)| a[0] * b[0] + a[1] * b[1]);
@@ -150,7 +148,6 @@ impl ErrorModel {
         self.white * white + sawtooth
     }
 
-    /// Correlations of the estimates.
     pub fn correlations(&self, seen: &[Seen<'_>]) -> Vec<Vec<f64>> {
         let own: Vec<f64> = seen.iter().map(|one| self.covariance(one, one).sqrt()).collect();
         let of = |a: usize, b: usize| {

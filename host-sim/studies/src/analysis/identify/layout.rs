@@ -69,7 +69,7 @@ impl Parameter {
     }
 }
 
-/// Which parameters are fitted, and the values of the others.
+/// Selection of the fitted parameters, and values of the other parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Layout {
     /// The device has a spring. Without a spring, k is 0.
@@ -140,7 +140,6 @@ impl Layout {
         }
     }
 
-    /// The parameters that are fitted.
     pub(super) fn fitted(&self) -> impl Iterator<Item = Parameter> {
         PARAMETERS.into_iter().filter(|parameter| self.has(*parameter))
     }
@@ -208,7 +207,6 @@ impl Values {
         self.vector.as_mut_slice()
     }
 
-    /// Value of a parameter, if it is fitted.
     pub(super) fn fitted(&self, parameter: Parameter) -> Option<f64> {
         self.layout.place(parameter).map(|place| self.vector[place])
     }

@@ -20,7 +20,6 @@ use crate::{
 pub struct Made {
     /// The scene in linear units at the handle.
     pub scene: Scene,
-    /// Notes for the reader.
     pub notes: Vec<String>,
     /// The tables of a rotary scene's file.
     rotary: Option<Table>,

@@ -16,7 +16,6 @@ use nalgebra::DVector;
 use super::residual::{Residual, Weighed};
 use crate::numerics::random;
 
-/// Number of simulated copies.
 const COPIES: u64 = 40;
 /// Number of stretches of a record for the means.
 const BLOCKS: usize = 200;

@@ -67,17 +67,13 @@ const OUTLIER: f64 = 6.5;
 /// Known values and options of an identification.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Source of the force per volt.
     pub gain: Gain,
     /// Time from a row to the effect of its voltage, s. If the latency is fitted, this is its first value.
     pub latency_s: f64,
-    /// Fit the latency too.
     pub fit_latency: bool,
-    /// The device has a spring.
     pub spring: bool,
     /// Size of a count, m; 0 for a sensor without counts.
     pub resolution_m: f64,
-    /// Rounding from position to count.
     pub rounding: Rounding,
     /// Largest magnitude of a command, V.
     pub limit_v: f64,
@@ -136,7 +132,6 @@ impl Fit {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Identification {
-    /// Kind of the command in the records.
     pub drive: Drive,
     pub mass_kg: Estimate,
     pub damping_n_s_per_m: Estimate,
@@ -149,19 +144,15 @@ pub struct Identification {
     /// Terms in addition to mass, damping and spring.
     pub terms: Found,
     pub fits: Vec<Fit>,
-    /// Properties of the residual.
     pub residual: Residual,
     /// Largest ratio of a stated interval to the interval for white noise.
     pub widening: f64,
     /// Joint error of the device's parameters.
     pub joint: Joint,
-    /// Number of evaluations of the model.
     pub evaluations: usize,
-    /// Warnings for the reader.
     pub warnings: Vec<String>,
 }
 
-/// Stiffness and rest position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spring {
     pub stiffness_n_per_m: Estimate,

@@ -23,7 +23,7 @@ use crate::numerics::exact::discretise;
 /// Largest number of events within one step of the voltage. After this number, the rest of the step is computed without
 /// events.
 const EVENTS_MAX: usize = 8;
-/// Iterations to find the instant of an event.
+/// Largest number of iterations to find the instant of an event.
 const SEARCH: usize = 60;
 
 /// Number of lengths of a stretch: a step, half a step, a quarter and so on.

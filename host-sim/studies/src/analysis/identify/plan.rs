@@ -53,7 +53,6 @@ pub struct Plan {
     pub start_m: f64,
     /// Force of the train, N.
     pub push_n: f64,
-    /// The pulses, in their order.
     pub pulses: [Pulse; PULSES],
     /// Duration of the train with the return moves, s.
     pub seconds: f64,

@@ -11,12 +11,10 @@ use crate::{
 /// The whole report; docs/files.md has the keys.
 #[derive(Clone, Debug, Serialize)]
 pub struct Planned {
-    /// Name of the scene.
     pub scene: String,
     /// Start of each pulse.
     pub start_m: f64,
     pub push_n: f64,
-    /// The pulses, in their order.
     pub pulses: Vec<Pulse>,
     /// RMS of the force over the train.
     pub force_rms_n: f64,

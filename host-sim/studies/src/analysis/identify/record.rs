@@ -31,7 +31,6 @@ pub struct Record {
     pub start_s: f64,
     /// Time between rows, s.
     pub step_s: f64,
-    /// Kind of the command.
     pub drive: Drive,
     /// Command of each row, V, N or A. It is constant until the next row.
     pub command: Vec<f64>,
@@ -41,10 +40,8 @@ pub struct Record {
     pub may_clip: bool,
 }
 
-/// One row of a log.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Row {
-    /// Line of the file.
     pub line: usize,
     pub time_s: f64,
     pub command: f64,
@@ -212,7 +209,6 @@ impl Record {
         text
     }
 
-    /// Name of the command's column.
     pub fn command_column(&self) -> &'static str {
         match self.drive {
             Drive::Voltage => "voltage_v",
@@ -221,7 +217,6 @@ impl Record {
         }
     }
 
-    /// Time of the row, s.
     pub fn time_s(&self, row: usize) -> f64 {
         self.start_s + row as f64 * self.step_s
     }
@@ -230,7 +225,6 @@ impl Record {
         self.position_m.len()
     }
 
-    /// Whether the record has no rows.
     pub fn is_empty(&self) -> bool {
         self.position_m.is_empty()
     }

@@ -49,7 +49,6 @@ pub(super) struct Piece<'a> {
     pub position: &'a [f64],
 }
 
-/// Properties of the residual.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
     pub rms_m: f64,

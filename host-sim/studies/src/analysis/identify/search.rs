@@ -180,7 +180,8 @@ pub(super) struct Search<'a> {
     pub weighting: Weighting,
 }
 
-/// Orders in which requested terms are added. If a term hides another and is added first, the fit may be wrong.
+/// Orders in which requested terms are added. A term that is added too early may hide another term, and make the fit
+/// wrong.
 const ORDERS: [[Term; 6]; 2] = [
     [Term::Offset, Term::Amplifier, Term::Friction, Term::Stribeck, Term::Cogging, Term::Phase],
     [Term::Friction, Term::Stribeck, Term::Amplifier, Term::Offset, Term::Cogging, Term::Phase],
@@ -193,7 +194,7 @@ impl Search<'_> {
         if let Some(model) = self.with_all(asked, values, plain) {
             return Ok(model);
         }
-        // The term that is least necessary: without it, the others leave the smallest residual.
+        // The term that is least necessary. Without it, the others leave the smallest residual.
         let without = |one: Term| {
             let others = self.with_all(|term| asked(term) && *term != one, values, plain)?;
             Some((one, others.squares()))

@@ -119,11 +119,9 @@ pub enum Terms {
         friction: bool,
         /// Static friction and Stribeck speed. It needs `friction`.
         stribeck: bool,
-        /// First-order lag of the amplifier.
         amplifier: bool,
         offset: bool,
         cogging: bool,
-        /// Periodic error of the encoder.
         phase: bool,
     },
 }
@@ -210,13 +208,10 @@ pub struct Found {
     /// Constant force on the device, N.
     pub offset_n: Option<Estimate>,
     pub cogging: Option<Cogging>,
-    /// Error of the encoder.
     pub phase: Option<Phase>,
-    /// The tests of the terms in the model.
     pub tests: Vec<Tested>,
 }
 
-/// The test of one term.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tested {
     pub term: Term,

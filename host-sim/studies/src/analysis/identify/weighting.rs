@@ -18,7 +18,6 @@
 
 use super::motion::Motion;
 
-/// Weights of the rows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) enum Weighting {
     /// Equal weights.

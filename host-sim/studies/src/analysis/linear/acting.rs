@@ -12,7 +12,6 @@ use crate::scene::element::Chain;
 /// The states of a chain that are kept.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Acting {
-    /// Number of states of the chain.
     states: usize,
     /// Indices of the kept states. The handle's position and speed are the first two.
     kept: Vec<usize>,
@@ -21,7 +20,6 @@ pub(super) struct Acting {
 }
 
 impl Acting {
-    /// The acting states of a chain.
     pub(super) fn of(chain: &Chain) -> Self {
         let states = chain.states();
         let is_held = chain.arm.is_some_and(|arm| arm.stiffness_n_per_m > 0.0);
@@ -50,7 +48,6 @@ impl Acting {
         Self { states, kept, relative }
     }
 
-    /// Number of kept states.
     pub(super) fn states(&self) -> usize {
         self.kept.len()
     }

@@ -79,7 +79,6 @@ pub struct Elements {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loop {
     pub device: Device,
-    /// Linear elements of the device.
     pub elements: Elements,
     /// Sample rate of position and velocity, above 0 Hz.
     pub rate_hz: f64,
@@ -149,7 +148,6 @@ impl Loop {
         Chain { mode, arm, amplifier, ..Chain::alone(device) }
     }
 
-    /// One sample, in seconds.
     #[must_use]
     pub fn sample_s(&self) -> f64 {
         1.0 / self.rate_hz

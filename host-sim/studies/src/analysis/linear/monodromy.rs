@@ -80,7 +80,7 @@ struct Stepper {
     period: u32,
     /// Sample in which the command changes.
     change: u32,
-    /// States of the plant.
+    /// Number of states of the plant.
     plant: usize,
     whole: Step,
     /// The steps before and after the change.

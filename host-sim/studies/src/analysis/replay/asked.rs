@@ -84,7 +84,6 @@ pub fn lsb_m_per_s(scene: &Scene) -> f64 {
 /// The report of a replay; docs/telemetry.md has the keys.
 #[derive(Clone, Debug, Serialize)]
 pub struct Told {
-    /// Name of the estimator.
     pub estimator: &'static str,
     /// Nominal cutoff of the estimator, Hz.
     pub cutoff_hz: f64,

@@ -41,7 +41,6 @@ pub type Changes = Vec<(String, Value)>;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Keys {
-    /// Measurement at each point.
     pub measure: Measure,
     /// Names of built-in scenes, and paths.
     pub scenes: Vec<String>,

@@ -52,14 +52,12 @@ const NAMES: Names = Names {
 /// A scene with one estimator, and their points.
 #[derive(Clone, Debug)]
 pub struct Block {
-    /// Name of the scene.
     pub name: String,
     /// The scene's file with the estimator, before any change.
     pub table: Table,
     /// Text of the scene's felt curve, if the scene names one.
     pub curve: Option<String>,
     pub units: Units,
-    /// Name of the estimator.
     pub estimator: &'static str,
     /// Nominal cutoffs, Hz. One `None` for an estimator without a cutoff.
     pub cutoffs_hz: Vec<Option<f64>>,
@@ -87,7 +85,6 @@ pub struct Study {
 /// One point: a scene, and its cutoff, wall and start.
 #[derive(Clone, Debug, Default)]
 pub struct Point {
-    /// Number in the study.
     pub number: u64,
     /// Index of the changed scene in its block.
     pub variant: u64,

@@ -21,7 +21,6 @@ const LONG: Duration = Duration::from_secs(2);
 /// An estimated value of the whole study. The spread over the trial's points or parts gives its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// Expected value.
     pub value: f64,
     /// Half-width of the 95 % interval. 0 if every point was made, or if all values are equal.
     pub uncertainty: f64,
@@ -30,7 +29,6 @@ pub struct Estimate {
 /// Cost of the study on this machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trial {
-    /// Number of points in the trial.
     pub points: u64,
     pub hits: Estimate,
     /// Time on all threads, s.

@@ -26,7 +26,6 @@ const AT_ONCE: usize = 256;
 /// Result of some points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Made {
-    /// Rows of the points.
     pub table: Table,
     /// Number of requested hits.
     pub hits: u64,
@@ -110,7 +109,6 @@ impl Study {
         hash.hex()
     }
 
-    /// Key of a unit.
     pub fn unit_key(&self, unit: u64, numeric: Numeric) -> String {
         let mut hash = self.head_part(numeric);
         let block = self.block_of(unit);
@@ -136,7 +134,6 @@ impl Study {
         hash.hex()
     }
 
-    /// The points of a unit, in order.
     pub fn points_of(&self, unit: u64) -> impl Iterator<Item = Point> {
         let block = self.block_of(unit);
         let first = (unit - block.first_unit) * block.points_per_unit;
@@ -153,7 +150,6 @@ impl Study {
         self.make(self.block_of(unit), &points, how)
     }
 
-    /// The columns of a block's rows.
     pub fn columns(&self, block: &Block) -> Vec<Column> {
         use Kind::{Number, Text, Whole};
         let fixed = |columns: &[(&str, Kind)]| -> Vec<Column> {
@@ -246,7 +242,6 @@ struct Variant<'a> {
     block: &'a Block,
     scene: NamedScene,
     prepared: PreparedScene,
-    /// Name in error messages.
     name: String,
     points: &'a [Point],
 }

@@ -197,7 +197,6 @@ pub struct Map {
     pub step: [f64; 2],
     /// Cells in K and in B.
     pub cells: [u32; 2],
-    /// Number of all draws.
     pub trials: u32,
     /// Number of devices, each with the same number of consecutive starts; 0 for starts of the scene's own device.
     pub devices: u32,

@@ -39,7 +39,6 @@ const OWN_HZ: [f64; 2] = [500.0, 1500.0];
 /// A default velocity estimator of another system.
 #[derive(Clone, Copy, Debug)]
 pub struct Peer {
-    /// Name of the row in the table.
     pub name: &'static str,
     pub does: &'static str,
     /// Source that states this default.
@@ -189,7 +188,6 @@ pub fn loops(scene: &NamedScene) -> Result<Vec<(String, Scene)>, Error> {
 /// One row of the table in one loop.
 #[derive(Clone, Debug)]
 pub struct Row {
-    /// Index of the loop.
     pub of_loop: usize,
     pub name: String,
     pub does: String,
@@ -234,7 +232,6 @@ impl PeerQuestion {
         Ok(Self { loops: loops(scene)?, limits, own, walk, repeats })
     }
 
-    /// Number of walks of the question.
     pub fn walks(&self) -> u64 {
         let rows = (PEERS.len() + self.own.len() + 1) * self.loops.len();
         (rows * self.limits.len()) as u64 * u64::from(self.repeats)
@@ -246,7 +243,6 @@ pub struct PeerStudy {
     pub question: PeerQuestion,
     /// For each loop: the peers, the scene's own estimator, and the true velocity.
     pub rows: Vec<Row>,
-    /// Notes for the reader.
     pub notes: Vec<String>,
 }
 

@@ -86,7 +86,6 @@ impl UsableQuestion {
         Self { entries, limits: limits.collect(), budget }
     }
 
-    /// Largest number of walks of the question.
     pub fn most_walks(&self) -> u64 {
         let search = u64::from(OF_TWO * self.budget.tunings * WALKS_OF_A_TRY);
         let each = self.limits.len() as u64 * (search + u64::from(self.budget.repeats));
@@ -123,7 +122,6 @@ impl Usable {
         self.repeats().mean
     }
 
-    /// Mean and spread of the areas.
     pub fn repeats(&self) -> crate::numerics::statistics::Repeats {
         crate::numerics::statistics::Repeats::of(self.areas.iter().copied())
     }

@@ -85,7 +85,6 @@ impl UsableStudy {
         self.question.limits.iter().flat_map(of_limit).collect()
     }
 
-    /// The areas as table rows.
     pub fn table(&self) -> Table {
         Table::of(&UsableArea::COLUMNS, &self.areas())
     }
