@@ -231,7 +231,7 @@ result! { table(table)
     Explanation {
         /// Name of the scene.
         scene: String,
-        /// The unchanged scene. Then the changes by area, with the columns of the command line's `explain.csv`.
+        /// First the unchanged scene, then the changes by area, with the columns of the command line's `explain.csv`.
         table: Told,
         /// Every point of every walk: `change`, `repeat`, `damping_n_s_per_m`, `stiffness_n_per_m`.
         boundaries: Told,

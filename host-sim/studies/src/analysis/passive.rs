@@ -49,8 +49,8 @@ impl PassiveQuestion {
     }
 }
 
-/// Results of hits at the walls of a boundary, with one duration. Values are means over the walls if they are not
-/// called largest.
+/// Results of hits at the walls of a boundary, with one duration. Values are means over the walls, except the largest
+/// values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Length {
     /// Nominal cutoff, Hz; `None` without a cutoff.
@@ -77,7 +77,7 @@ pub struct Length {
     pub sag: f64,
 }
 
-/// Results of hits at the walls of a boundary. Values are means over the walls if they are not called largest.
+/// Results of hits at the walls of a boundary. Values are means over the walls, except the largest values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Hits {
     pub walls: usize,

@@ -44,7 +44,7 @@ pub struct Difference {
     pub sample: u64,
     /// Name of the quantity with a difference.
     pub what: &'static str,
-    /// Value of the board, as bits. Then the value of the core.
+    /// Value of the board, as bits. `core` is the value of the core.
     pub board: i64,
     pub core: i64,
 }

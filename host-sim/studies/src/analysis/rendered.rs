@@ -94,7 +94,8 @@ pub(super) struct Sine<'a> {
 
 /// One output of the record.
 pub(super) struct Output {
-    /// Factor from the force to its part of the fundamental. A held force acts as if it came in the middle of its hold.
+    /// Factor that gives the contribution of the force to the fundamental. A held force acts as if it came in the
+    /// middle of its hold.
     pub(super) acts: Complex<f64>,
     /// Depth behind the surface from the counts, m.
     pub(super) depth_m: f64,
@@ -212,7 +213,7 @@ impl<'a> Sine<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Answer {
     omega_per_s: f64,
-    /// Measured position per motion. It is 1 except for rounding, error and noise of the encoder.
+    /// Ratio of the measured position to the motion. It is 1 except for rounding, error and noise of the encoder.
     position: Complex<f64>,
     /// Velocity per motion, 1/s.
     by_motion: Complex<f64>,

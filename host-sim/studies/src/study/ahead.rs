@@ -59,8 +59,9 @@ const TREND: i32 = 4;
 /// A walk that has begun, with its known and its running cells.
 pub struct Running {
     pub progress: Progress,
-    /// The boundary so far. Then the boundary of a neighbour.
+    /// The boundary so far.
     pub guide: Guide,
+    /// The boundary of a walk with another start or another tuning.
     pub neighbour: Guide,
     /// Verdicts of cells that the walk has not reached yet.
     pub known: BTreeMap<(i32, i32), Result<Verdict, HitError>>,

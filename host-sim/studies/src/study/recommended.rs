@@ -27,10 +27,11 @@ use crate::{
 pub const AS_GOOD: f64 = 0.97;
 /// Largest ratio of the best cutoff to its neighbours.
 const NEAR: f64 = 1.1;
-/// Ratio of the steps that extend a list. Then the largest number of extensions.
+/// Ratio of the steps that extend a list.
 const BEYOND: f64 = 1.25;
+/// Largest number of times that cutoffs are added to the list.
 const TRIES: usize = 12;
-/// Smallest and largest number of steps of a boundary. First for K up to its peak, then for B.
+/// Smallest and largest number of steps of a boundary, for K up to its peak and for B.
 const STEPS: [[f64; 2]; 2] = [[24.0, 400.0], [16.0, 240.0]];
 /// Largest number of times that the grid is changed.
 const GRIDS: usize = 8;
@@ -38,9 +39,10 @@ const GRIDS: usize = 8;
 const AIM: [f64; 2] = [48.0, 32.0];
 /// Largest refinement of the next grid. A boundary with few steps gives little information about its size.
 const FINER: f64 = 8.0;
-/// If a grid has no stable wall, single walls are tried. This is the number of K and of B. Then the ratio of each value
-/// to the value before. The first wall is the largest possible.
+/// If a grid has no stable wall, single walls with this number of K and of B are tried. The first is the largest
+/// possible.
 const TRIED: [u32; 2] = [17, 13];
+/// Ratio of each K or B of these walls to the value before.
 const APART: f64 = 0.562;
 /// If a neighbour of the best cutoff has less than this share of the best area, its walk has ended too early.
 const BROKEN: f64 = 0.5;
@@ -79,8 +81,9 @@ impl Held {
     }
 }
 
-/// Ratio of the K of each tried wall to the K of the wall before. Then the number of tried walls.
+/// Ratio of the K of each tried wall to the K of the wall before.
 const SOFTER: f64 = 0.9;
+/// Largest number of tried walls.
 const SOFTER_TRIES: i32 = 30;
 
 impl Held {

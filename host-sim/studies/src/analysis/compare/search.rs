@@ -8,8 +8,8 @@
 //! has not settled. A refused tuning, or a whole number that was already tried, is not tried again.
 //!
 //! The search walks from two starts that no repeat uses. A tuning that can no longer win is walked from the first start
-//! only (`looked.rs`). The result is walked again from the starts of a sweep. So its area does not come from the start
-//! with the best luck. Wrong tunings are walked from the same starts.
+//! only (`looked.rs`). The result is walked again from the starts of a sweep. So the selection does not bias its area.
+//! Wrong tunings are walked from the same starts.
 
 use std::{cell::RefCell, sync::atomic::AtomicBool};
 

@@ -130,8 +130,9 @@ pub fn evolve<const N: usize>(
     Ok(found)
 }
 
-/// Number of best filters that define the Gaussian. Then the number of draws in a round.
+/// Number of best filters that define the Gaussian.
 const SPREAD: usize = 12;
+/// Number of draws in a round.
 const ROUND: usize = 40;
 
 /// Refines the filters at the points `from`, below the cap. Their qualities are not used, because they belong to

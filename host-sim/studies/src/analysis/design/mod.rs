@@ -8,8 +8,8 @@
 //!   (caps) together. The grid of the walk is so coarse that Butterworth's boundary has about 28 columns.
 //! * The best filters of the first cap are refined on a grid with twice as many columns.
 //! * The best filters of each cap are walked again on the scene's grid, from other starts. The best of these are walked
-//!   from the starts of a sweep. So the area in the result does not come from the start with the best luck. With one
-//!   repeat, all walks have one start, and the area may come from a lucky start.
+//!   from the starts of a sweep. So the selection does not bias the area in the result. With one repeat, all walks have
+//!   one start, and the area is biased upwards.
 //! * Roughness is measured as in [`compare`](super::compare), at the same wall. Here, Butterworth's cutoff is a cutoff
 //!   of `[sweep]`. The area with a frequency or damping that is wrong by [`MISTUNED_BY`] is also measured.
 
@@ -46,8 +46,9 @@ use crate::{
 
 /// Columns of the reference's boundary on the grid of the search, and rows up to its peak.
 const COLUMNS: f64 = 28.0;
-/// Columns of the grid for the refinement. Then the share of the budget for the refinement.
+/// Columns of the grid for the refinement.
 const FINE_COLUMNS: f64 = 56.0;
+/// Share of the budget for the refinement.
 const REFINE: f64 = 0.2;
 /// Starts of the walks that choose among the best filters, counts: the starts of a search, and two between them.
 const CHOICE: [f64; 4] =
@@ -275,7 +276,7 @@ impl Reference {
     }
 }
 
-/// The smallest ratio of area to scale. Then its index.
+/// The smallest ratio of area to scale, and its index.
 fn worth(areas: impl Iterator<Item = f64>, scale: &[f64]) -> (f64, usize) {
     let shares = areas.zip(scale).map(|(area, scale)| area / scale).enumerate();
     let least = shares.min_by(|a, b| a.1.total_cmp(&b.1));

@@ -28,9 +28,9 @@ const FREE: f64 = 0.1;
 const LEAD: [f64; 2] = [-2.0, 4.0];
 /// Largest lead of the second zero, in units of `1 / w`.
 const SECOND: f64 = 3.0;
-/// Number of frequencies at which the gain is computed. Then the lowest frequency, as a share of half the rate. The
-/// highest frequency is half the rate.
+/// Number of frequencies at which the gain is computed, up to half the rate.
 const LOOKS: u32 = 400;
+/// Lowest of these frequencies, as a share of half the rate.
 const LOWEST: f64 = 1e-3;
 
 /// The parameters of `estimator = "biquad"`.

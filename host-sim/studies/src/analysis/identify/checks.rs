@@ -115,7 +115,7 @@ pub(super) fn not_driven(explained: Option<f64>) -> String {
     }
 }
 
-/// Usual mass of a hand-held handle, kg. Then the largest usual force, N, and the largest usual speed, m/s.
+/// Usual mass, force and speed of a hand-held handle.
 const USUAL_KG: std::ops::RangeInclusive<f64> = 0.005..=20.0;
 const USUAL_FORCE_N: f64 = 500.0;
 const USUAL_SPEED_M_PER_S: f64 = 20.0;

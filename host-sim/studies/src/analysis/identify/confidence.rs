@@ -79,7 +79,7 @@ impl Estimate {
 pub(super) struct Estimates {
     pub mass: Estimate,
     pub damping: Estimate,
-    /// Stiffness, N/m. Then the rest position from the reference, m.
+    /// Stiffness, N/m, and rest position from the reference, m.
     pub spring: Option<[Estimate; 2]>,
     pub gain: Option<Estimate>,
     pub latency: Option<Estimate>,

@@ -21,7 +21,7 @@ pub struct Joint {
     pub correlations: [[f64; NUMBERS]; NUMBERS],
 }
 
-/// Indices of the parameters that are proportional to the gain. Then the index of the gain.
+/// Indices of the parameters that are proportional to the gain.
 const BY_GAIN: [usize; 3] = [0, 1, 2];
 const GAIN: usize = 4;
 const LATENCY: usize = 5;

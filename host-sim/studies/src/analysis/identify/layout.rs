@@ -24,8 +24,9 @@ pub(super) enum Parameter {
     Friction,
     /// Time constant of the amplifier, s.
     Lag,
-    /// Static friction minus Coulomb friction, N. Then the speed over which this difference falls, m/s.
+    /// Static friction minus Coulomb friction, N.
     Rise,
+    /// Speed over which the friction falls from static to Coulomb friction, m/s.
     Fall,
     /// Encoder error once per cycle: sine and cosine at the reference, m.
     Sine,

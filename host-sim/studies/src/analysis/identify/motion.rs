@@ -49,7 +49,7 @@ pub(super) struct Motion {
     pub offset: f64,
     /// Coulomb friction per mass, m/s^2.
     pub friction: f64,
-    /// Static friction minus `friction`, per mass, m/s^2. Then the speed over which this difference falls, m/s.
+    /// Static friction minus `friction`, per mass, m/s^2, and speed over which this difference falls, m/s.
     pub stribeck: Option<[f64; 2]>,
     /// Cogging per mass: sine and cosine at the reference, m/s^2, and radians per metre.
     pub cogging: Option<[f64; 3]>,

@@ -40,8 +40,9 @@ const CURVE_LEAVES: f64 = 0.25;
 const SMALL_FORCE: f64 = 1e-4;
 /// Strides at which the search looks for cogging, rows.
 const STRIDES_OF_COGS: [usize; 3] = [2, 8, 32];
-/// First change of a parameter along the profile, half-widths. Then the number of doublings.
+/// First change of a parameter along the profile, half-widths.
 const PROFILE_FROM: f64 = 1.0;
+/// Largest number of times that this change is doubled.
 const PROFILE_STEPS: usize = 10;
 /// Number of starts from which a fit is made.
 const STARTS_TAKEN: usize = 3;
@@ -303,7 +304,7 @@ impl Search<'_> {
         if self.records.iter().any(Fitted::is_stopped) {
             return None;
         }
-        // If a curve is missing in the model, the residual has more than noise.
+        // If a curve is missing in the model, the residual contains more than noise.
         if likely && term.is_a_curve() && self.is_explained(before?) {
             return None;
         }
@@ -747,7 +748,7 @@ impl Search<'_> {
         values.vector().iter().all(|value| value.is_finite()).then_some((values, gain))
     }
 
-    /// First values from the windows of the first record in which the handle moves.
+    /// First values from the first record. Only windows in which the handle moves are used.
     fn in_motion(&self, start: &Values, windows: usize) -> Option<Values> {
         let Fitted { record, positions_m, first, added_kg, .. } = &self.records[0];
         let latency = start.of(Parameter::Latency) / record.step_s;

@@ -30,9 +30,9 @@ use crate::{
 
 /// Rate of the design whose tunings are tried, Hz. Every estimator has its defaults at this rate.
 const RATE_HZ: f64 = 1e4;
-/// Number of points along an axis in one pass of the search. Then the number of passes. Each pass searches a quarter of
-/// the range of the pass before.
+/// Number of points along an axis in one pass of the search.
 const PLACES: u32 = 9;
+/// Number of passes. Each pass searches a quarter of the range of the pass before.
 const PASSES: i32 = 3;
 /// Time that is left out at both ends, in time constants of the low-pass.
 const SETTLES: f64 = 2.0;
@@ -43,8 +43,9 @@ pub struct Ranked {
     pub estimator: &'static str,
     /// -3 dB frequency of the best tuning, at the record's rate. `None` if the estimator has no tuning.
     pub bandwidth_hz: Option<f64>,
-    /// RMS of the error on the recorded counts. Then the same on the counts of an ideal encoder.
+    /// RMS of the error on the recorded counts.
     pub error_m_per_s: f64,
+    /// RMS of the error on the counts of an ideal encoder.
     pub simulated_error_m_per_s: f64,
 }
 

@@ -88,8 +88,9 @@ pub struct Tried {
     pub intervals: Vec<Interval>,
     /// Length of the intervals, divided by their length in the map.
     pub length: f64,
-    /// Number of fresh draws in the test. Then the number of stable draws.
+    /// Number of fresh draws in the test.
     pub draws: u32,
+    /// Number of these draws that are stable.
     pub held: u32,
 }
 
@@ -180,7 +181,7 @@ pub fn fitted(how: How<'_>, draws: &Draws, map: &Map) -> Result<Option<Tried>, E
     Ok(Some(Tried { intervals, length, draws: TRIED, held }))
 }
 
-/// The longest of [`LENGTHS`] up to which enough draws are stable. Then the next length.
+/// The longest of [`LENGTHS`] up to which enough draws are stable, and the next length.
 fn bracket(enough: &[bool]) -> [f64; 2] {
     let last = LENGTHS.len() - 1;
     match enough.iter().position(|enough| !enough) {

@@ -22,8 +22,9 @@ use core::f64::consts::PI;
 const OMEGA_MIN: f64 = 1e-8;
 /// Search points per decade. Closer crossings are found as minima of |Im K| between points.
 const PER_DECADE: u32 = 32;
-/// Search points per turn of the latency's phase. Then the smallest number of points per half circle.
+/// Search points per turn of the latency's phase.
 const PER_TURN: f64 = 16.0;
+/// Smallest number of search points per half circle.
 const PER_HALF_CIRCLE: f64 = 128.0;
 /// Smallest distance of search points from a resonance, radians per output period.
 const MARK_MIN: f64 = 1e-10;

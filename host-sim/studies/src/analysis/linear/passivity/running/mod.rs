@@ -39,8 +39,9 @@ use crate::analysis::linear::{LinearError, Loop, boundary::minimum, transfer::Tr
 /// Lowest frequency, radians per output period. At lower frequencies the rounding error would be large: it is 1e-16
 /// divided by the frequency.
 const OMEGA_MIN: f64 = 1e-6;
-/// Number of search points from 0 to pi. Then the number of search points per turn of the latency's phase.
+/// Number of search points from 0 to pi.
 const LINEAR: f64 = 512.0;
+/// Number of search points per turn of the latency's phase.
 const PER_TURN: f64 = 32.0;
 /// Number of halvings in a search for a stiffness or a damping.
 const HALVINGS: u32 = 40;
