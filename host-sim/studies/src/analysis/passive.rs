@@ -34,9 +34,7 @@ pub struct PassiveQuestion {
     /// Limits for the motion at a stable wall.
     pub limits: Vec<Limit>,
     pub filters: Vec<VelocitySettings>,
-    /// Walks of each boundary.
     pub repeats: u32,
-    /// Grid and caps of the walks.
     pub walk: Walk,
     pub table: PassivityTable,
     /// Durations of the hits before their window, s. A limit cycle gets energy during the whole hit.

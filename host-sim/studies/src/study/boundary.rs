@@ -210,7 +210,6 @@ impl Progress {
         self.last_stiffness.map(|stiffness| (stiffness, self.boundary.points.len()))
     }
 
-    /// The hit for a cell.
     pub(super) fn hit_at(&self, cell: Cell) -> WallHit {
         WallHit {
             velocity: self.velocity,

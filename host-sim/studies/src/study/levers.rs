@@ -93,7 +93,6 @@ pub struct LeverQuestion {
     pub limits: Vec<Limit>,
     pub pushes: Vec<PushBy>,
     pub cutoffs_hz: Vec<f64>,
-    /// Walks of each boundary.
     pub repeats: u32,
 }
 

@@ -81,7 +81,6 @@ pub struct Question {
     /// Velocity filters, in ascending order of the cutoff.
     pub filters: Vec<VelocitySettings>,
     pub repeats: u32,
-    /// Grid and caps of the walks.
     pub walk: Walk,
     /// Pushes and hands. `None` means the values of the scene.
     pub situations: Vec<Situation>,

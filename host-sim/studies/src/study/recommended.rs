@@ -68,7 +68,6 @@ pub struct QuietStudy {
 /// Quiet walls by another protocol.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Held {
-    /// Protocol of the tried hits.
     pub protocol: Protocol,
     /// K of the stiffest quiet wall with the B of the given wall, N/m. Softer and softer walls are tried until one wall
     /// is quiet. `Ok(None)` if no wall is quiet. The reason if no wall can be tried.
@@ -207,7 +206,6 @@ pub fn recommended(
 /// A scene that ranks estimators, filters and changes.
 #[derive(Clone, Debug)]
 pub struct Ranked {
-    /// The scene for the walks.
     pub scene: NamedScene,
     /// The scene with its own criterion and grid, for comparison. `None` if they are the same.
     pub beside: Option<Scene>,

@@ -76,7 +76,6 @@ pub struct Tried {
 
 #[derive(Clone, Debug)]
 pub struct Agreement {
-    /// One row for each B.
     pub rows: Vec<Row>,
     /// Step of K, N/m.
     pub step: f64,

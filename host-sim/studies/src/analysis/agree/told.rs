@@ -65,7 +65,6 @@ pub struct SuspectRow {
     /// Name in reports.
     pub name: &'static str,
     pub key: String,
-    /// Unit of the numbers.
     pub unit: String,
     /// The scene's value; `None` if the scene does not have the element.
     pub scene: Option<f64>,
@@ -156,7 +155,6 @@ impl Agreement {
         self.tried.iter().map(row).collect()
     }
 
-    /// The result as sentences.
     pub fn answers(&self, units: Units) -> Vec<String> {
         if self.agrees() {
             return vec![

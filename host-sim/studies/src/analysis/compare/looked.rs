@@ -16,7 +16,6 @@ pub(in crate::analysis) const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_0
 /// Smallest first area for a walk from the second start, as a share of the best area.
 pub const CAN_WIN: f64 = 0.95;
 
-/// Result of a tuning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Look {
     /// Mean area of the walks, N^2 s/m^2.
@@ -24,7 +23,6 @@ pub(super) struct Look {
     pub(super) walks: u32,
 }
 
-/// Tunings that were walked.
 pub(super) struct Looked<T> {
     /// For each tuning, the boundaries from its starts, each with its judgement.
     made: Vec<(VelocitySettings, Vec<(T, Boundary)>)>,

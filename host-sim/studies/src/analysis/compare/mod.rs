@@ -224,7 +224,6 @@ impl Place {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compared {
     pub entry: Entry,
-    /// Settings after the search.
     pub settings: VelocitySettings,
     /// The search, and the boundaries of its result.
     pub tuned: Tuned,

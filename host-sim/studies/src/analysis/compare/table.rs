@@ -202,7 +202,6 @@ fn worse([low, high]: [Option<f64>; 2]) -> Option<f64> {
     low.zip(high).map(|(low, high)| low.min(high))
 }
 
-/// Number of walks of the search.
 pub fn search_walks(c: &Compared) -> u32 {
     c.tuned.tried.iter().map(|tried| tried.walks).sum()
 }

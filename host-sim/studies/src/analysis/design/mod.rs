@@ -409,7 +409,6 @@ impl<D: Fn(&Boundary) + Sync> Last<'_, D> {
         Ok(best.iter().enumerate().map(|(place, &n)| (shapes[n].0, of(place))).collect())
     }
 
-    /// Computes all results of a filter.
     fn finish(
         &self,
         first: &Scene,

@@ -105,7 +105,6 @@ impl Shape {
         *zero = ((h + 0.5) / (0.5 + SECOND / per_sample)).sqrt();
     }
 
-    /// The parameters as settings of the core.
     pub fn settings(&self) -> VelocitySettings {
         let Self { frequency_hz, damping, lead_s, zero, second } = *self;
         match second {

@@ -42,7 +42,6 @@ pub struct Change {
     /// Description in a report, in the scene's units.
     pub text: String,
     pub kind: Kind,
-    /// Cost in words.
     pub cost: String,
     /// Additional cycles of the Cortex-M4 per second; `None` if not measured.
     pub cycles_per_s: Option<f64>,

@@ -125,7 +125,6 @@ impl Explanation {
         1 + self.changes.iter().filter(better).count()
     }
 
-    /// The best change of a kind.
     pub fn best_of(&self, kind: Kind) -> Option<&Explained> {
         self.changes.iter().find(|one| one.change.kind == kind)
     }
@@ -156,12 +155,10 @@ fn screening(budget: Budget) -> Budget {
     Budget { repeats: 1, ..budget }
 }
 
-/// Budget of the full search of an estimator.
 fn final_search(budget: Budget) -> Budget {
     Budget { tunings: FINAL_TUNINGS * budget.tunings, ..budget }
 }
 
-/// Largest number of walks of an explanation.
 pub fn most_walks(scene: &Scene, budget: Budget) -> u64 {
     let names = estimators(scene);
     let changes = changes(scene, &names).len() as u64;

@@ -120,7 +120,6 @@ pub struct Asked {
     pub encoder_cycle: Option<f64>,
     /// Size of a count; 0 for a sensor without counts.
     pub resolution: Option<f64>,
-    /// Part of the records that is used.
     pub span: Span,
 }
 

@@ -48,7 +48,6 @@ impl fmt::Display for Drive {
     }
 }
 
-/// Quantity of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Quantity {
     Time,
@@ -126,12 +125,10 @@ fn meant(header: &str) -> Option<Result<(Quantity, f64), String>> {
     }))
 }
 
-/// Whether the header is the time of a log.
 pub(super) fn is_time(header: &str) -> bool {
     matches!(meant(header), Some(Ok((Time, _))))
 }
 
-/// The three columns of a log.
 #[derive(Debug, PartialEq)]
 pub(super) struct Columns<'a> {
     /// Header name and factor of the time (to s), the command (to the drive's unit) and the position (to m).

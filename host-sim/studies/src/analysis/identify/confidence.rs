@@ -97,7 +97,6 @@ pub(super) struct Estimates {
     pub widening: f64,
     /// An interval was widened by a term that is not in the model.
     pub is_widened: bool,
-    /// Joint error of all parameters of the device.
     pub joint: Joint,
 }
 

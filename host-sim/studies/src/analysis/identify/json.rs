@@ -35,7 +35,6 @@ struct Interval {
     value: f64,
     low: f64,
     high: f64,
-    /// Half-width for white noise.
     white_half_width: f64,
 }
 

@@ -95,7 +95,6 @@ pub(super) struct Layout {
     pub resting: u64,
 }
 
-/// Terms of a layout.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Included {
     pub friction: bool,

@@ -141,13 +141,11 @@ pub struct Identification {
     pub gain_n_per_v: Estimate,
     /// Latency, s. A known latency has no interval.
     pub latency_s: Estimate,
-    /// Terms in addition to mass, damping and spring.
     pub terms: Found,
     pub fits: Vec<Fit>,
     pub residual: Residual,
     /// Largest ratio of a stated interval to the interval for white noise.
     pub widening: f64,
-    /// Joint error of the device's parameters.
     pub joint: Joint,
     pub evaluations: usize,
     pub warnings: Vec<String>,

@@ -29,7 +29,6 @@ pub struct Record {
     pub name: String,
     /// Time of the first row, s.
     pub start_s: f64,
-    /// Time between rows, s.
     pub step_s: f64,
     pub drive: Drive,
     /// Command of each row, V, N or A. It is constant until the next row.
@@ -58,7 +57,6 @@ pub struct Span {
 }
 
 impl Span {
-    /// The rows in the span.
     pub(super) fn of<T>(
         &self,
         mut rows: Vec<T>,

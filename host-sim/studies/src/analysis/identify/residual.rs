@@ -58,7 +58,6 @@ pub struct Residual {
     pub noise_counts: Option<f64>,
     /// Remaining part of the sawtooth, from 0 (noise hides it) to 1 (no noise).
     pub coherence: f64,
-    /// Standard error of the squared coherence.
     pub coherence_squared_error: f64,
     /// p-value of the Ljung-Box test over 20 lags. A small value means that the residual is not white.
     pub whiteness_p: f64,

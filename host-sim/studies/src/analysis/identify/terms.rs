@@ -149,7 +149,6 @@ impl Terms {
         }
     }
 
-    /// Whether friction may be in the model.
     pub(super) fn may_have_friction(self) -> bool {
         self == Self::Auto || self.asks(Term::Friction)
     }

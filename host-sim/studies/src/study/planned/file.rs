@@ -37,7 +37,6 @@ impl Measure {
 /// Keys of a scene and their new values.
 pub type Changes = Vec<(String, Value)>;
 
-/// The keys of the file.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Keys {

@@ -78,7 +78,6 @@ pub struct Study {
     pub blocks: Vec<Block>,
     pub points: u64,
     pub units: u64,
-    /// The files of the scenes.
     pub files: Vec<PathBuf>,
 }
 
@@ -229,7 +228,6 @@ impl Study {
         format!("{}: {}", self.file.origin, described(block, &self.file.changes(variant)))
     }
 
-    /// The block that contains the unit.
     pub fn block_of(&self, unit: u64) -> &Block {
         let after = self.blocks.partition_point(|block| block.first_unit <= unit);
         &self.blocks[after.saturating_sub(1)]

@@ -205,9 +205,7 @@ pub struct PeerQuestion {
     pub limits: Vec<Limit>,
     /// The scene's own estimator at several cutoffs.
     pub own: Vec<VelocitySettings>,
-    /// Grid and caps of the walks.
     pub walk: Walk,
-    /// Walks of each row.
     pub repeats: u32,
 }
 

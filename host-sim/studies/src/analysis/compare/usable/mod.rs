@@ -75,7 +75,6 @@ pub struct UsableQuestion {
     pub entries: Vec<Entry>,
     /// Limits of the error, as a share. Infinity allows any error.
     pub limits: Vec<f64>,
-    /// Limits on the cost of each search.
     pub budget: Budget,
 }
 
