@@ -143,7 +143,7 @@ result! { table(table)
 /// engine, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the count of finished walks and the largest possible count. An exception in it
+///     Called from this thread with the number of finished walks and the largest possible number. An exception in it
 ///     ends the work.
 ///
 /// Raises
@@ -354,7 +354,7 @@ result! { table(table)
 /// engine, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the count of finished walks and the largest possible count. An exception in it
+///     Called from this thread with the number of finished walks and the largest possible number. An exception in it
 ///     ends the work.
 ///
 /// Raises

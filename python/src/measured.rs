@@ -252,7 +252,8 @@ result! { table
         /// Notes about the scene.
         notes: Tuple<String>,
         /// Fit of each record: `time_s`, the command (`voltage_v`, `force_n` or `current_a`), `position_m`, `model_m`,
-        /// `residual_m`. The residual is the position minus the model. For a floor encoder, half a count is added.
+        /// `residual_m`. The residual is the position minus the model. If the encoder rounds down, half a count is
+        /// added to the position.
         fits: Tuple<Table>,
         /// The base scene with the device, or the reason why it is not allowed.
         scene_or_reason: Any,
@@ -542,7 +543,7 @@ result! { table(walls)
 /// engine, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the count of finished walks and the largest possible count. An exception in it
+///     Called from this thread with the number of finished walks and the largest possible number. An exception in it
 ///     ends the work.
 ///
 /// Raises
@@ -579,7 +580,7 @@ result! { table(table)
         estimator: String,
         /// Nominal cutoff of the estimator, Hz.
         cutoff_hz: f64,
-        /// Count of consecutive samples.
+        /// Number of consecutive samples.
         samples: u64,
         /// Number of the first sample.
         first_sample: u64,

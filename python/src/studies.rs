@@ -277,7 +277,7 @@ result! { table
         stiffness_n_per_m: Array<f64>,
         /// Area under the boundary, N^2 s/m^2.
         area: f64,
-        /// Count of wall hits of the walk.
+        /// Number of wall hits of the walk.
         hits: u64,
         /// Reason for the end of the walk; None if its first point is unstable.
         ended_by: Option<String>,
@@ -430,7 +430,7 @@ result! { table
 /// engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the count of finished walks and the count of all. An exception in it ends the
+///     Called from this thread with the number of finished walks and the number of all. An exception in it ends the
 ///     sweep.
 ///
 /// Raises
@@ -564,7 +564,7 @@ result! { table
 /// start_offset, engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the count of finished walls and the count of all. An exception in it ends the
+///     Called from this thread with the number of finished walls and the number of all. An exception in it ends the
 ///     grid.
 ///
 /// Raises

@@ -66,7 +66,7 @@ result! { table(table)
 /// engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the count of finished units and the count of all. An exception in it ends the
+///     Called from this thread with the number of finished units and the number of all. An exception in it ends the
 ///     study.
 ///
 /// Raises

@@ -22,7 +22,7 @@ pub struct Chunk {
     /// Push of an experiment at each output.
     pub pushes: Vec<Force>,
     /// Positions of the samples up to the newest output, oldest first. The first position belongs to the sample before
-    /// them. Empty for layout 1, or if all samples of the frame are outputs.
+    /// these samples. Empty for layout 1, or if all samples of the frame are outputs.
     pub positions: Vec<Position>,
     /// Settings in the frame. Only estimators of this build are included.
     pub settings: Vec<InForce>,

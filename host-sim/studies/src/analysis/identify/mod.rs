@@ -5,9 +5,9 @@
 //! m x'' + b x' + k (x - x0) = gain u        eq. (6); u held between rows, late by the latency
 //! ```
 //! Mass, damping, stiffness, rest position and the initial state of each record are fitted. If a second record has a
-//! known added mass, the gain is fitted too. The latency is fitted on request. A floor quantiser has a mean error of
-//! half a count, which is corrected. The intervals include the rest of its error (`residual`). A record without
-//! sufficient information is refused with the reason. `docs/identification.md` is the page for users.
+//! known added mass, the gain is fitted too. The latency is fitted on request. A quantiser that rounds down has a mean
+//! error of half a count, which is corrected. The intervals include the rest of its error (`residual`). A record
+//! without sufficient information is refused with the reason. `docs/identification.md` is the page for users.
 
 mod asked;
 mod checks;
