@@ -1,4 +1,4 @@
-//! Probability that a wall is stable, for random starts and random devices (draws).
+//! Probability that a wall is stable, for many starts and random devices. A draw is a device with a start.
 //!
 //! A walk finds one boundary from one start. Near the boundary the verdict depends on the start, by a part of a count.
 //! It also depends on device parameters that are not known exactly. So the same draws hit every cell of a grid of K and
@@ -56,7 +56,7 @@ const MISS: f64 = 0.025;
 /// Number of bootstrap samples.
 const TIMES: u64 = 1000;
 
-/// Random devices and starts.
+/// The devices and starts of all draws.
 #[derive(Clone, Debug)]
 pub struct Draws {
     scene: Scene,
