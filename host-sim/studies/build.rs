@@ -1,4 +1,4 @@
-//! Hashes the sources of core and simulator. A study can only be continued by a program with the same sources.
+//! Hashes the sources of core and simulator. Only a program with the same sources can continue a study.
 
 use std::{
     env, fs, io,
@@ -7,8 +7,8 @@ use std::{
 
 use sha2::{Digest as _, Sha256};
 
-/// Paths from this crate: the core, the loop, the studies, and the versions of the libraries that influence result
-/// bits.
+/// Paths relative to this crate: the core, the loop, the studies, and the versions of the libraries. All of them
+/// influence the bits of results.
 const SOURCES: [&str; 4] = ["../../src", "../loop/src", "src", "../../Cargo.toml"];
 
 fn main() -> io::Result<()> {

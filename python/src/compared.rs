@@ -1,4 +1,4 @@
-//! Estimators beside each other, and what limits the walls of a scene.
+//! Comparison of estimators, and the explanation of what limits a scene's walls.
 
 use std::sync::{Arc, atomic::AtomicBool};
 
@@ -37,19 +37,19 @@ use crate::{
     work::{raised, run},
 };
 
-/// Checks the costs of a search, as the command line does.
+/// Checks the costs of a search by the rules of the command line.
 fn budget_of(tunings: u32, repeats: u32, fewest_repeats: u32) -> PyResult<Budget> {
     in_range("budget", tunings, 3..=1000)?;
     in_range("repeat", repeats, fewest_repeats..=1000)?;
     Ok(Budget { tunings, repeats })
 }
 
-/// The criterion by which walls are ranked.
+/// The criterion that ranks walls.
 fn criterion_of(name: &str) -> PyResult<Criterion> {
     named("criterion", name, Criterion::ALL, Criterion::name)
 }
 
-/// The checked scene by which walls are ranked.
+/// The checked scene with the criterion that ranks walls.
 fn ranked_of(
     engine: Engine,
     scene: &NamedScene,
@@ -62,7 +62,7 @@ fn ranked_of(
     ranked(how, scene, by, rms_of).map_err(|error| error.of(&scene.name))
 }
 
-/// The named estimators, each once. `None` if no names are given.
+/// The named estimators, without repeated names. `None` if no names are given.
 fn entries_of(named: Option<Texts>, scene: &NamedScene) -> PyResult<Option<Vec<Entry>>> {
     let Some(Several(named)) = named else { return Ok(None) };
     not_empty("estimators", &named)?;
@@ -82,20 +82,20 @@ result! { value
         not_told_apart: Tuple<String>,
         /// Value of the best estimator, in the unit of the column.
         value: f64,
-        /// 1 plus the count of estimators that are shown to be better than finite difference and Butterworth; None if
-        /// that one is not compared.
+        /// Rank of finite difference and Butterworth: 1 plus the number of estimators that are shown to be better. None
+        /// if it is not compared.
         butterworth_rank: Option<u32>,
     }
 }
 
 result! { table(table)
-    /// Estimators, each tuned by the same search.
+    /// A comparison of estimators, each tuned by the same search.
     Comparison {
         /// Name of the scene.
         scene: String,
         /// One row for each estimator, with the columns of the command line's `compare.csv`.
         table: Told,
-        /// What the searches tried, as in `tuning.csv`.
+        /// All tunings that the searches tried, as in `tuning.csv`.
         tunings: Told,
         /// Every point of every walk at the found tunings, as in `boundary.csv`.
         boundaries: Told,
@@ -103,15 +103,15 @@ result! { table(table)
         fidelity: Told,
         /// K of the wall at which forces are compared, N/m.
         stiffness_n_per_m: f64,
-        /// B of the wall at which forces are compared, N s/m; K of each boundary is read at this B too.
+        /// B of the wall at which forces are compared, N s/m. K of each boundary is also read at this B.
         damping_n_s_per_m: f64,
         /// The three walls at which the impedance is compared: `stiffness_n_per_m`, `damping_n_s_per_m`.
         walls: Told,
-        /// Mean area with the true velocity in place of an estimate, N^2 s/m^2.
+        /// Mean area with the true velocity instead of an estimate, N^2 s/m^2.
         true_velocity_area_n2_s_per_m2: f64,
-        /// Impedance error of hold and latency alone, with the true velocity.
+        /// Impedance error that only hold and latency cause, with the true velocity.
         impedance_error_of_loop: f64,
-        /// The best by each criterion.
+        /// The best estimators by each criterion.
         winners: Tuple<Part<Winner>>,
         /// Notes that a reader needs to understand the numbers.
         notes: Tuple<String>,
@@ -120,40 +120,41 @@ result! { table(table)
 
 /// Tune estimators by the same search and compare them.
 ///
-/// Limit, push, arm, latency and output period are the scene's: `Scene.replace` sets others.
+/// Limit, push, arm, latency and output period come from the scene. Use `Scene.replace` to change them.
 ///
 /// Parameters
 /// ----------
 /// scene : Scene
-///     Device and experiment; its own estimator does not matter.
+///     Device and experiment. The scene's own estimator has no effect.
 /// estimators : iterable of str, optional
-///     Their names; by default the usual ones that the scene can feed.
+///     Names of estimators. By default the usual estimators whose inputs the scene has.
 /// criterion : str
-///     What walls are ranked by: `"quiet"`, on a grid that suits these walls, or `"rms"`, `"unsaturated"`, `"felt"` on the
-///     scene's. With `"quiet"` the column `scene_area_n2_s_per_m2` has the area by the scene's own criterion at the same
-///     tuning.
+///     Criterion that ranks walls. `"quiet"` uses a grid that suits quiet walls. `"rms"`, `"unsaturated"` and `"felt"`
+///     use the scene's grid. With `"quiet"`, the column `scene_area_n2_s_per_m2` has the area by the scene's own
+///     criterion at the same tuning.
 /// damping : float, optional
-///     B at which K is read off and contacts are compared, N s/m; by default 100, or half of the largest B that finite
-///     difference and Butterworth reaches, if that is less.
+///     B at which K is read and contacts are compared, N s/m. Default: 100, or half of the largest B that finite
+///     difference and Butterworth reaches, whichever is less.
 /// budget : int
-///     Tunings that the search may try for an estimator with one parameter, 3 to 1000; with two four times as many.
+///     Largest number of tunings that the search tries for an estimator with one parameter, 3 to 1000. With two
+///     parameters it is four times as large.
 /// repeat : int
-///     Walks at the result of each search, from starts that are spread over a count.
+///     Number of walks at the result of each search. Their starts are spread over a count.
 /// engine, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the count of finished walks and the largest possible count. An exception in it
+///     Called from this thread with the number of finished walks and the largest possible number. An exception in it
 ///     ends the work.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     Something is out of range, an estimator is unknown or the scene cannot feed it, or the handle does not reach the
-///     wall.
+///     A value is out of range, an estimator is unknown, or the handle does not reach the wall. Or the scene does not
+///     have the inputs of an estimator.
 ///
 /// Examples
 /// --------
-/// Coarse steps and a small budget are quick, and their areas too small:
+/// Coarse steps and a small budget are quick, but the areas are too small:
 ///
 /// >>> steps = {"stiffness_step_n_per_m": 20e3, "damping_step_n_s_per_m": 200.0}
 /// >>> scene = Scene.load("paper-2um").replace(walk=steps)
@@ -226,24 +227,24 @@ pub fn compare(
 }
 
 result! { table(table)
-    /// What limits the walls of a scene.
+    /// The explanation of what limits the walls of a scene.
     Explanation {
         /// Name of the scene.
         scene: String,
-        /// The scene as it is, then its changes by area, with the columns of the command line's `explain.csv`.
+        /// First the unchanged scene, then the changes by area, with the columns of the command line's `explain.csv`.
         table: Told,
         /// Every point of every walk: `change`, `repeat`, `damping_n_s_per_m`, `stiffness_n_per_m`.
         boundaries: Told,
-        /// B at which K is read off, N s/m.
+        /// B at which K is read, N s/m.
         damping_n_s_per_m: f64,
-        /// Which part to buy, what can be had without one, and whether another estimator is worth it.
+        /// Which part to buy, which walls are possible without a new part, and whether another estimator helps.
         answers: Tuple<String>,
     }
 }
 
-/// Change one element at a time, tune the velocity filter anew for each, and rank the changes.
+/// Change one element at a time, tune the velocity filter again for each change, and rank the changes.
 ///
-/// Limit, push, arm, latency and output period are the scene's: `Scene.replace` sets others.
+/// Limit, push, arm, latency and output period come from the scene. Use `Scene.replace` to change them.
 ///
 /// Parameters
 /// ----------
@@ -252,12 +253,12 @@ result! { table(table)
 /// criterion : str
 ///     As in `compare`.
 /// damping : float, optional
-///     B at which K is read off, N s/m; by default 100, or half of the largest B that the scene reaches, if that is
-///     less.
+///     B at which K is read, N s/m. Default: 100, or half of the largest B that the scene reaches, whichever is less.
 /// budget : int
-///     Tunings that the search may try for each change, 3 to 1000; with two parameters four times as many.
+///     Largest number of tunings that the search tries for each change, 3 to 1000. With two parameters it is four times
+///     as large.
 /// repeat : int
-///     Walks at the result of each search, 2 or more, from starts that are spread over a count.
+///     Number of walks at the result of each search, 2 or more. Their starts are spread over a count.
 /// engine, threads, progress
 ///     As in `compare`.
 ///
@@ -320,45 +321,46 @@ fn limit_of(words: &str) -> PyResult<LimitAsked> {
 }
 
 result! { table(table)
-    /// The defaults of other systems, untuned, beside the scene's own estimator and the true velocity.
+    /// The default velocity filters of other systems, compared with the scene's own estimator and the true velocity.
     Peers {
         /// Name of the scene.
         scene: String,
         /// One row for each loop, estimator and limit, with the columns of the command line's `peers.csv`.
         table: Told,
-        /// Notes that a reader needs to understand the numbers: defaults that cannot run at the scene's rate.
+        /// Notes that a reader needs to understand the numbers. They name the defaults that cannot run at the scene's
+        /// rate.
         notes: Tuple<String>,
     }
 }
 
-/// Walk with the velocity filters that other systems have by default, untuned.
+/// Walk with the default velocity filters of other systems, without tuning.
 ///
-/// The results also have the scene's own estimator, at 500 and 1500 Hz if it has a cutoff, and the true velocity. All
-/// run in the scene's own loop, and with the latency and output of each board. With the scene's own steps it takes
-/// minutes.
+/// The results also have the true velocity and the scene's own estimator. If that estimator has a cutoff, it is used at
+/// 500 and 1500 Hz. All run in the scene's own loop, and also with the latency and output of each board. With the
+/// scene's own steps, the walks take minutes.
 ///
 /// Parameters
 /// ----------
 /// scene : Scene
 ///     Device and experiment.
 /// limits : iterable of float or str, optional
-///     `"quiet"`; RMS of the true motion, m; `"felt"` for the scene's sensation level, `"felt=10"` for another one, dB.
-///     By default quiet, 15 and 1 um, and felt.
+///     `"quiet"`, a limit for the RMS of the true motion, m, or `"felt"` for the scene's sensation level. `"felt=10"`
+///     sets another level, dB. Default: quiet, 15 um, 1 um, and felt.
 /// steps : tuple of float, optional
-///     Steps of K, N/m, and B, N s/m, of the walks, which are also the first ones; by default a quarter and a half of
-///     the scene's.
+///     Step of K, N/m, and step of B, N s/m. The walks also begin at these values. Default: a quarter of the scene's
+///     step of K and half of its step of B.
 /// repeat : int
-///     Walks each, from starts that are spread over a count.
+///     Number of walks of each row. Their starts are spread over a count.
 /// engine, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the count of finished walks and the largest possible count. An exception in it
+///     Called from this thread with the number of finished walks and the largest possible number. An exception in it
 ///     ends the work.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     Something is out of range or no limit, or the handle does not reach the wall.
+///     A value is out of range, a limit is unknown, or the handle does not reach the wall.
 #[pyfunction]
 #[pyo3(signature = (
     scene, *, limits = None, steps = None, repeat = 4, engine = "lanes", threads = None, progress = None
@@ -407,38 +409,38 @@ pub fn peers(
 }
 
 result! { table(table)
-    /// Walls that are stable and rendered as commanded, each estimator tuned for each limit.
+    /// Walls that are stable and whose rendered impedance is accurate. Each estimator is tuned for each limit.
     Usable {
         /// Name of the scene.
         scene: String,
-        /// One row for each limit and estimator, the largest area first, with the columns of the command line's `usable.csv`;
-        /// `within_percent` is NaN where any error counts.
+        /// One row for each limit and estimator, the largest area first, with the columns of the command line's
+        /// `usable.csv`. `within_percent` is NaN if any error is allowed.
         table: Told,
     }
 }
 
-/// Tune estimators for the walls that are stable and whose rendered impedance is off by no more than a limit.
+/// Tune estimators for walls that are stable and whose impedance error is below a limit.
 ///
-/// Limit, push, arm, latency and output period are the scene's: `Scene.replace` sets others. With the usual estimators it
-/// takes minutes.
+/// Limit, push, arm, latency and output period come from the scene. Use `Scene.replace` to change them. With the usual
+/// estimators, the function takes minutes.
 ///
 /// Parameters
 /// ----------
 /// scene : Scene
-///     Device and experiment; its own estimator does not matter.
+///     Device and experiment. The scene's own estimator has no effect.
 /// percents : iterable of float
-///     Limits of the largest error from 1 to 30 Hz, % of the magnitude of K + jwB, 0.1 to 1000; any error is a last
-///     one.
+///     Limits of the largest error from 1 to 30 Hz, % of the magnitude of K + jwB, 0.1 to 1000. A last limit that
+///     allows any error is added.
 /// estimators : iterable of str, optional
-///     Their names; by default the usual ones of each kind that the scene can feed.
+///     Names of estimators. By default the usual estimators of each kind whose inputs the scene has.
 /// criterion, budget, repeat, engine, threads, progress
 ///     As in `compare`.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     Something is out of range or empty, an estimator is unknown or the scene cannot feed it, or the handle does not
-///     reach the wall.
+///     A value is out of range, a list is empty, an estimator is unknown, or the handle does not reach the wall. Or the
+///     scene does not have the inputs of an estimator.
 #[pyfunction]
 #[pyo3(signature = (
     scene, *, percents = Several(vec![5.0, 10.0, 20.0]), estimators = None, criterion = "quiet", budget = 24, repeat = 4,

@@ -1,4 +1,4 @@
-//! The core's velocity estimators over recorded counts.
+//! The core's velocity estimators, applied to recorded counts.
 
 use std::sync::Arc;
 
@@ -30,19 +30,20 @@ use crate::{
     work::raised,
 };
 
-/// A velocity estimator of the control core, with its state. It gives the firmware's velocities for recorded counts.
+/// A velocity estimator of the control core, with its state. From recorded counts it computes the velocities of the
+/// firmware.
 ///
 /// Parameters
 /// ----------
 /// name : str
 ///     One of `zwidth.ESTIMATORS`.
 /// scene : Scene
-///     Gives sample rate, encoder and, where the estimator asks for them, mass and force.
+///     Gives sample rate and encoder. It also gives mass and force if the estimator needs them.
 /// cutoff : float, optional
-///     Nominal cutoff, Hz; an estimator without one takes none.
+///     Nominal cutoff, Hz. Omit it for an estimator without a cutoff.
 /// **parameters
-///     Other keys of a scene's `[velocity]` table; what is left out is the scene's own where it has this estimator, else
-///     the default (docs/estimators.md), and the device's mass.
+///     Other keys of a scene's `[velocity]` table. If the scene has this estimator, missing keys come from the scene.
+///     Otherwise they have their defaults (docs/estimators.md), and the mass is the device's.
 ///
 /// Raises
 /// ------
@@ -72,13 +73,13 @@ pub struct Estimator {
     state: Option<(CounterWidth, Sampler)>,
 }
 
-/// Counts between two checks for the interpreter's signals: some milliseconds.
+/// Number of counts between two checks for the interpreter's signals. A block takes some milliseconds.
 const BLOCK: usize = 1 << 16;
 const NAMES: Names =
     Names { cutoff: "cutoff", stiffness: "", damping: "", start_offset: "start_offset" };
 
-/// The scene's table `[velocity]` for the estimator of this name: the scene's own keys, otherwise defaults and the
-/// device's mass.
+/// The table `[velocity]` for the estimator of this name. It has the scene's own keys if the scene has this estimator.
+/// Otherwise it has the defaults and the device's mass.
 fn velocity_table(name: &str, scene: &NamedScene) -> PyResult<toml::Table> {
     let found = EstimatorName::ALL.iter().find(|known| known.text() == name);
     let found = found.ok_or_else(|| {
@@ -107,7 +108,7 @@ fn velocity_table(name: &str, scene: &NamedScene) -> PyResult<toml::Table> {
     Ok(table)
 }
 
-/// The scene with another table `[velocity]` and with this cutoff as its only one.
+/// The scene with another table `[velocity]`, and with this cutoff as its only cutoff.
 fn with_estimator(
     scene: &NamedScene,
     velocity: toml::Table,
@@ -140,13 +141,13 @@ impl<'py> FromPyObject<'_, 'py> for ArrayLike<'py> {
 }
 
 impl<'py> ArrayLike<'py> {
-    /// For whole numbers: whether they are signed, and bytes of a number.
+    /// Size of a number in bytes. `None` if the numbers are not whole.
     fn whole(&self) -> Option<usize> {
         let dtype = self.0.dtype();
         matches!(dtype.kind(), b'i' | b'u').then(|| dtype.itemsize())
     }
 
-    /// Converts the numbers to this type, which must hold each of them.
+    /// Converts the numbers to this type. Each number must fit.
     fn numbers<T: Element>(
         &self,
         length: usize,
@@ -175,7 +176,7 @@ impl<'py> ArrayLike<'py> {
     }
 }
 
-/// Format of the core's inputs beside the counts.
+/// Format of the core's inputs other than the counts.
 const FORMAT: &str = "whole numbers of 32 bits in the core's format (docs/estimators.md)";
 
 #[pymethods]
@@ -206,7 +207,7 @@ impl Estimator {
         Ok(Self { scene, cutoff_hz, parameters, design, sense, state: None })
     }
 
-    /// The scene with this estimator, and with this cutoff as its only one.
+    /// The scene with this estimator, and with this cutoff as its only cutoff.
     #[getter]
     fn scene(&self) -> Scene {
         Scene(Arc::clone(&self.scene))
@@ -218,7 +219,7 @@ impl Estimator {
         self.cutoff_hz
     }
 
-    /// Required input beside the counts: "force", "acceleration", "edge times" or None.
+    /// Required input in addition to the counts: "force", "acceleration", "edge times" or None.
     #[getter]
     fn needs(&self) -> Option<&'static str> {
         self.sense.map(Sense::text)
@@ -230,7 +231,7 @@ impl Estimator {
         1.0 / lsb_per_m_per_s(&self.design)
     }
 
-    /// Forget every count taken so far.
+    /// Forget all counts, and begin again.
     fn reset(&mut self) {
         self.state = None;
     }
@@ -243,34 +244,35 @@ impl Estimator {
         self.clone()
     }
 
-    /// Velocities at these counts. The next block continues where this one ended.
+    /// Velocities at these counts. The next block continues after the last count.
     ///
     /// Parameters
     /// ----------
     /// counts : array of int
-    ///     The encoder's counter at each sample. Wraps are undone: of numbers of 16 bits at 2^16, of longer ones at 2^32.
+    ///     The encoder's counter at each sample. Wraps are corrected: at 2^16 for numbers of 16 bits, at 2^32 for
+    ///     longer numbers.
     /// force, acceleration : array of int, optional
-    ///     Mean force and acceleration since the last sample in the core's format (docs/estimators.md).
+    ///     Mean force and mean acceleration since the last sample, in the core's format (docs/estimators.md).
     /// edge_age, edge_up : array, optional
-    ///     Time from the latest edge to the sample, in 2^-16 samples, below 0 before the first edge; whether the count
-    ///     went up with it.
+    ///     `edge_age` is the time from the latest edge to the sample, in 2^-16 samples. It is below 0 before the first
+    ///     edge. `edge_up` says whether the count increased at this edge.
     /// bits : bool
     ///     Return the core's integers instead of m/s.
     ///
     /// Returns
     /// -------
     /// ndarray
-    ///     Velocity, m/s (float64), or bits (int32); 0 at the first count.
+    ///     Velocity, m/s (float64), or bits (int32). It is 0 at the first count.
     ///
     /// Raises
     /// ------
     /// ValueError
-    ///     An input that the estimator needs is missing, is not whole, or has another length. Or the counter's width is
-    ///     not an encoder's, or differs from the width in the block before.
+    ///     An input that the estimator needs is missing, has no whole numbers, or has another length. Or the counter's
+    ///     width does not exist, or differs from the previous block.
     ///
     /// Notes
     /// -----
-    /// After an exception, Ctrl-C too, the state is the one before the call.
+    /// After an exception, also after Ctrl-C, the state is as before the call.
     ///
     /// Examples
     /// --------
@@ -347,7 +349,7 @@ impl Estimator {
             let reading = counts[n] as u32;
             let (_, sampler) = state.get_or_insert_with(|| (width, Sampler::new(reading, width)));
             let edge = match (age, up) {
-                // a negative age: no edge yet
+                // A negative age means that there was no edge yet.
                 (Some(age), Some(up)) => {
                     u32::try_from(age[n]).ok().map(|age| Edge { age, up: up[n] })
                 }
@@ -379,7 +381,7 @@ impl Estimator {
     }
 }
 
-/// Velocities that [`Estimator::process`] returns, in m/s or as bits.
+/// The result of [`Estimator::process`]: velocities in m/s, or bits.
 #[derive(IntoPyObject)]
 pub enum Velocities {
     Metres(Array<f64>),

@@ -1,4 +1,4 @@
-//! A study in a folder. Its units can run on any machine; this process writes their parts.
+//! A study in a folder. Any machine can run its units. Only this process writes the results.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -17,7 +17,7 @@ use crate::{
     work::{raised, run},
 };
 
-/// Text, origin and folder of a study, which a worker needs to read it again.
+/// Text, origin and folder of a study. A worker needs them to read the study again.
 #[pyfunction]
 pub fn study_text(py: Python<'_>, study: Asked) -> PyResult<(String, String, PathBuf)> {
     text_of(study.0.bind(py))
@@ -118,7 +118,7 @@ impl StudyFolder {
         folder.add(unit, own, &Part { csv, rows, hits }).map_err(raised)
     }
 
-    /// Sorts the manifest. Returns rows, hits and bytes of all parts.
+    /// Sorts the manifest. Returns the number of rows, hits and bytes of all parts.
     fn finish(&mut self) -> PyResult<(u64, u64, u64)> {
         let done = self.folder.take().ok_or_else(closed)?.finish().map_err(raised)?;
         Ok(done.values().fold((0, 0, 0), |(rows, hits, bytes), entry| {

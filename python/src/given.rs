@@ -79,7 +79,7 @@ pub fn several<T: for<'a, 'py> FromPyObject<'a, 'py>>(
     items.map(|item| item?.extract().map_err(Into::into)).collect()
 }
 
-/// A callable that gets the count of finished pieces of work and the count of all.
+/// A callable that gets the number of finished pieces of work and the number of all pieces.
 pub struct Progress(pub Py<PyAny>);
 
 impl FromPyObject<'_, '_> for Progress {

@@ -48,7 +48,7 @@ mod _native {
         (scenes.collect(), estimators.collect(), super::studies::VERDICTS.into())
     }
 
-    /// Whether a line of a board's console answers a command.
+    /// Whether a line of a board's console is the answer to a command.
     #[pyfunction]
     fn is_answer(line: &str) -> bool {
         zwidth::console::is_answer(line)

@@ -1,5 +1,5 @@
-//! Measured data of a device: records for identification, walks compared with those of a scene, and estimators on a
-//! capture.
+//! Functions for measured data of a device: identification from records, comparison of walks with a scene's walks, and
+//! estimators on a capture.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -26,7 +26,7 @@ use crate::{
     work::{Course, raised, run},
 };
 
-/// Each option of `identify` in the studies, and its argument in Python.
+/// Each option name in messages of `identify`, and its argument in Python.
 const ARGUMENTS: [(&str, &str); 15] = [
     ("--no-spring", "spring=False"),
     ("--torque-constant", "torque_constant"),
@@ -45,12 +45,12 @@ const ARGUMENTS: [(&str, &str); 15] = [
     ("--to", "to"),
 ];
 
-/// A message of the studies with the names of arguments in place of options.
+/// Replaces names of options by names of arguments in a message.
 fn with_arguments(line: &str) -> String {
     ARGUMENTS.iter().fold(line.to_owned(), |line, (option, name)| line.replace(option, name))
 }
 
-/// The error with the names of arguments.
+/// Replaces names of options by names of arguments in an error.
 fn here(error: Error) -> Error {
     match error {
         Error::Input(line) => Error::Input(with_arguments(&line)),
@@ -75,7 +75,7 @@ fn terms_of(names: &[String]) -> PyResult<Terms> {
     Ok(Terms::these(has))
 }
 
-/// Terms that are fitted beside mass, damping and spring: one word, or names.
+/// Terms in addition to mass, damping and spring: one word, or names.
 pub struct TermsAsked(Terms);
 
 impl FromPyObject<'_, '_> for TermsAsked {
@@ -119,16 +119,16 @@ impl FromPyObject<'_, '_> for Places {
 }
 
 result! { value
-    /// A fitted value with its 95 % interval. If the value was given, both ends are the value. The attribute that holds
-    /// the estimate has the unit in its name.
+    /// A fitted value with its 95 % interval. If the value was given, both ends are the value. The unit is in the name
+    /// of the estimate's attribute.
     Estimate {
-        /// The fitted value, or the given one.
+        /// The fitted or given value.
         value: f64,
         /// Lower end of the interval.
         low: f64,
         /// Upper end of the interval.
         high: f64,
-        /// Half of the interval that white noise would give.
+        /// Half-width of the interval for white noise.
         white_half_width: f64,
     }
 }
@@ -164,9 +164,9 @@ result! { value
     TermTest {
         /// `friction`, `stribeck`, `amplifier`, `offset`, `cogging` or `phase`.
         term: String,
-        /// Value over standard error.
+        /// Value divided by its standard error.
         standard_errors: f64,
-        /// Probability of such a value without the term, for all candidates together.
+        /// Probability of such a value if the true value is 0, for all candidates together.
         p: f64,
     }
 }
@@ -182,26 +182,26 @@ result! { value
         whiteness_p: f64,
         /// Autocorrelation from row to row.
         autocorrelation: f64,
-        /// Whether quantisation, and not noise, makes the residual.
+        /// Whether quantisation causes the residual, and not noise.
         bound_by_quantisation: bool,
         /// Fraction of the quantiser's sawtooth in the residual, 0 to 1.
         coherence: f64,
-        /// Largest residual over the RMS.
+        /// Largest residual divided by the RMS.
         peak_per_rms: f64,
         /// RMS in counts; None for a sensor without counts.
         rms_counts: Option<f64>,
-        /// Noise before the quantiser that explains it, counts; None for a sensor without counts.
+        /// RMS of the noise before the quantiser that explains the residual, counts. None for a sensor without counts.
         noise_counts: Option<f64>,
     }
 }
 
 result! { table
-    /// The identified device, with lengths and forces at the handle, also for a rotary device. As a table it is the
-    /// first record's fit.
+    /// The identified device. Lengths and forces are at the handle, also for a rotary device. Its table is the fit of
+    /// the first record.
     Identification {
         /// Names of the records.
         logs: Tuple<String>,
-        /// Rows that were fitted, of all records.
+        /// Number of fitted rows of all records.
         rows: u64,
         /// Time from row to row, s.
         step_s: f64,
@@ -219,42 +219,43 @@ result! { table
         stiffness_n_per_m: Option<Part<Estimate>>,
         /// Rest position of the spring, m; None without a spring.
         rest_position_m: Option<Part<Estimate>>,
-        /// Force per volt, N/V; None of records without a voltage.
+        /// Force per volt, N/V. None if the command is no voltage.
         gain_n_per_v: Option<Part<Estimate>>,
-        /// Force per ampere, N/A; None of records without a current.
+        /// Force per ampere, N/A. None if the command is no current.
         gain_n_per_a: Option<Part<Estimate>>,
-        /// Time from a row's time stamp to its command's effect, s.
+        /// Time from a row's time stamp to the effect of its command, s.
         latency_s: Part<Estimate>,
-        /// Dry friction, N; None where it is not in the model.
+        /// Dry friction, N; None if it is not in the model.
         friction_n: Option<Part<Estimate>>,
-        /// Largest friction at rest, N; None where friction does not fall with the speed.
+        /// Largest friction at rest, N; None if friction does not fall with the speed.
         static_friction_n: Option<Part<Estimate>>,
-        /// Speed over which friction falls, m/s; None where it does not.
+        /// Speed over which friction falls, m/s; None if friction does not fall with the speed.
         stribeck_speed_m_per_s: Option<Part<Estimate>>,
-        /// Time constant of the amplifier, s; None where it is not in the model.
+        /// Time constant of the amplifier, s; None if it is not in the model.
         amplifier_lag_s: Option<Part<Estimate>>,
-        /// Constant force, N; None where it is not in the model.
+        /// Constant force, N; None if it is not in the model.
         offset_n: Option<Part<Estimate>>,
         /// Force that is periodic in the position; None if it is not in the model.
         cogging: Option<Part<CoggingTerm>>,
         /// Periodic error of the encoder; None if it is not in the model.
         encoder_error: Option<Part<EncoderTerm>>,
-        /// Test of each of these terms that is in the model.
+        /// Test of each term in the model, in addition to mass, damping and spring.
         tests: Tuple<Part<TermTest>>,
         /// `time_s`, `position_m`, `speed_m_per_s` at the first fitted row of each record.
         initial: Table,
         /// Residual of the fit.
         residual: Part<Residual>,
-        /// Largest ratio of a stated interval to that of white noise.
+        /// Largest ratio of a stated interval to the interval for white noise.
         widening: f64,
         /// Warnings about the fit.
         warnings: Tuple<String>,
         /// Notes about the scene.
         notes: Tuple<String>,
-        /// Of each record: `time_s`, the command (`voltage_v`, `force_n` or `current_a`), `position_m`, `model_m`, `residual_m`; the residual is the position, with
-        /// half a count added for a floor encoder, less the model.
+        /// Fit of each record: `time_s`, the command (`voltage_v`, `force_n` or `current_a`), `position_m`, `model_m`,
+        /// `residual_m`. The residual is the position minus the model. If the encoder rounds down, half a count is
+        /// added to the position.
         fits: Tuple<Table>,
-        /// The base scene with the device, or the reason why no scene can have it.
+        /// The base scene with the device, or the reason why it is not allowed.
         scene_or_reason: Any,
     }
 
@@ -263,7 +264,7 @@ result! { table
     /// Raises
     /// ------
     /// ValueError
-    ///     No scene can have this device; the message gives the reason.
+    ///     No scene can have this device. The message gives the reason.
     #[getter]
     fn scene<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, Scene>> {
         let made = self.scene_or_reason.0.bind(py);
@@ -277,29 +278,29 @@ result! { table
 }
 
 result! { table(pulses)
-    /// Pulses that identify a scene's device. As a table it is `pulses`.
+    /// Pulses that identify a scene's device. Its table is `pulses`.
     Plan {
         /// Name of the scene.
         scene: String,
         /// Start of each pulse, m.
         start_m: f64,
-        /// The train's force, N.
+        /// Force of the pulse train, N.
         push_n: f64,
-        /// The pulses in order: force `push_n`, N, and duration `seconds`, s. By the scene's device: distance from the
-        /// start `excursion_m`, m, and largest speed `speed_m_per_s`, m/s.
+        /// The pulses in order: force `push_n`, N, and duration `seconds`, s. The simulation gives the distance from
+        /// the start `excursion_m`, m, and the largest speed `speed_m_per_s`, m/s.
         pulses: Table,
-        /// RMS of the force over the whole train, pauses included, N.
+        /// RMS of the force over the whole train with its pauses, N.
         force_rms_n: f64,
         /// Continuous force that the motor allows, N.
         continuous_force_n: f64,
-        /// Limits that the scene does not have: guesses, in the scene's units.
+        /// Guessed values of limits that the scene does not have, in the scene's units.
         guessed: Tuple<String>,
         /// Lines for the board's console, in the scene's units. All other values are at the handle.
         console: Tuple<String>,
     }
 }
 
-/// Converts rows (dictionaries) to columns.
+/// Converts the rows of an attribute (dictionaries) to columns.
 fn turn<'py, const N: usize>(
     told: &Bound<'py, PyAny>,
     rows: &str,
@@ -314,47 +315,48 @@ fn turn<'py, const N: usize>(
     told.set_item(rows, Table::new(told.py(), columns(told.py(), turned)?)?)
 }
 
-/// Find mass, damping, stiffness and more of a device in recorded voltage and position.
+/// Find mass, damping, stiffness and more of a device from recorded voltage and position.
 ///
-/// One record cannot distinguish these values from the force per volt. So give the force per volt in one of four ways,
-/// except for a rotary base scene, which has its own. Lengths and forces are at the handle, also for a rotary scene.
+/// One record cannot distinguish these values from the force per volt. So give the force per volt in one of four ways.
+/// Only a rotary base scene has its own. Lengths and forces are at the handle, also for a rotary scene.
 ///
 /// Parameters
 /// ----------
 /// records : path or iterable of path
-///     Logs, telemetry captures, or the CSV of one. Several of one device are fitted at once.
+///     Logs, telemetry captures, or the CSV of a capture. Several records of one device are fitted together.
 /// base : Scene
 ///     Gives encoder, voltage limit, latency, sample rate, and all other values that a scene needs.
 /// gain : float, optional
-///     Force per volt, N/V; of records with a current per ampere, N/A; of records with a force there is none.
+///     Force per volt, N/V. For records with a current: force per ampere, N/A. Not allowed for records with a force.
 /// torque_constant, amplifier_gain, drum_radius : float, optional
-///     The force per volt as torque constant, N m/A, times amplifier gain, A/V, over radius, m.
+///     Force per volt from three values: torque constant, N m/A, times amplifier gain, A/V, divided by radius, m.
 /// calibration_mass, calibration_voltage : float, optional
-///     The force per volt by a weight, kg, and the voltage that holds it still, V.
+///     Force per volt from a weight, kg, and the voltage that holds it still, V.
 /// added_mass : float, optional
-///     The second of two records was made with this much more mass, kg: the force per volt is found too.
+///     Mass that was added to the device for the second of two records, kg. Then the force per volt is fitted too.
 /// latency : float, optional
-///     Time from a row's time stamp to its command's effect, rows of the log; by default the base scene's time.
+///     Time from a row's time stamp to the effect of its command, rows of the log. Default: the base scene's latency.
 /// fit_latency : bool
-///     Find the latency too, starting from `latency`.
+///     Fit the latency too. `latency` is the first value.
 /// spring : bool
 ///     Whether the device has a spring.
 /// terms : {"auto", "none"} or iterable of {"friction", "stribeck", "amplifier", "offset", "cogging", "phase"}
-///     Terms that are fitted beside mass, damping and spring: those that the records show, none, or these.
+///     Terms in addition to mass, damping and spring: the terms that the records show, no terms, or the named terms.
 /// rest_position : float, optional
 ///     Rest position of the spring without any other force, m. With it, a constant force can be distinguished.
 /// encoder_cycle : float, optional
-///     Travel per cycle of the encoder's signals, m; by default the base scene's, else it is looked for.
+///     Travel per cycle of the encoder's signals, m. Default: the base scene's value. If the scene has none, it is
+///     searched.
 /// resolution : float, optional
 ///     Size of a count, m; 0 for a sensor without counts. By default the base scene's.
 /// span : tuple of float or None
-///     First and last time stamp of the records that is used, s; None is the record's end.
+///     First and last used time stamp of the records, s. None means the beginning or the end.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     Something is out of range, a file cannot be read, or the records do not determine the device; the message
-///     gives the reason.
+///     A value is out of range, a file cannot be read, or the records do not determine the device. The message gives
+///     the reason.
 #[pyfunction]
 #[pyo3(signature = (
     records, *, base, gain = None, torque_constant = None, amplifier_gain = None, drum_radius = None,
@@ -444,7 +446,7 @@ pub fn identify(
     made(&told)
 }
 
-/// Plan the pulses that identify a scene's device: as strong as travel, speed and motor allow.
+/// Plan the pulses that identify a scene's device. They are as strong as travel, speed and motor allow.
 ///
 /// **The device moves.** The plan uses the scene's own mass, damping, spring and friction. If these are a first guess,
 /// begin with a tenth of the force, and keep hands and objects away from the whole travel.
@@ -475,25 +477,25 @@ pub fn identify_plan(py: Python<'_>, scene: Given) -> PyResult<Py<Plan>> {
 }
 
 result! { value
-    /// A number of the scene that may explain why two walks differ.
+    /// A value of the scene that may explain why two walks differ.
     Suspect {
-        /// Name, as reports print it.
+        /// Name in reports.
         name: String,
-        /// Its key in the scene.
+        /// Key in the scene.
         key: String,
-        /// The unit of its numbers.
+        /// Unit of its values.
         unit: String,
         /// The value that explains most of the difference.
         value: f64,
-        /// Lowest tried value that explains as much.
+        /// Lowest tried value that explains the difference equally well.
         low: f64,
-        /// Highest tried value that explains as much.
+        /// Highest tried value that explains the difference equally well.
         high: f64,
-        /// Whether the range ends at an end of the tried values.
+        /// Whether the range reaches the first or the last tried value.
         at_edge: bool,
-        /// Remaining distance with this value, N/m.
+        /// Remaining distance between the walks with this value, N/m.
         left_n_per_m: f64,
-        /// Whether it explains all of the difference.
+        /// Whether the value explains the whole difference.
         explains: bool,
         /// Value in the scene; None if the scene has none.
         scene: Option<f64>,
@@ -501,7 +503,7 @@ result! { value
 }
 
 result! { table(walls)
-    /// A measured walk and the predicted walk of a scene. As a table it is `walls`.
+    /// A measured walk and the predicted walk of a scene. Its table is `walls`.
     Agreement {
         /// Name of the scene.
         scene: String,
@@ -509,44 +511,45 @@ result! { table(walls)
         measured: String,
         /// Nominal cutoff, Hz; None for an estimator without one.
         cutoff_hz: Option<f64>,
-        /// Whether the measured walk is no farther from the prediction than the scene's own walks are.
+        /// Whether the distance of the measured walk from the prediction is within the scatter of the scene's own
+        /// walks.
         agrees: bool,
         /// Step of K, which is the resolution of a walk, N/m.
         stiffness_step_n_per_m: f64,
-        /// Distance of the measured walk beyond that step, N/m.
+        /// Distance of the measured walk from the prediction beyond one step of K, N/m.
         distance_n_per_m: f64,
         /// Largest distance among the scene's own walks, N/m.
         scatter_n_per_m: f64,
         /// For each B: `damping_n_s_per_m`, predicted K with its range over the starts (`predicted_n_per_m`,
-        /// `predicted_low_n_per_m`, `predicted_high_n_per_m`), `measured_n_per_m`, and with the best suspect
-        /// `explained_n_per_m`, NaN if the walks agree. K is 0 where a walk does not reach that B.
+        /// `predicted_low_n_per_m`, `predicted_high_n_per_m`), and measured K (`measured_n_per_m`). `explained_n_per_m`
+        /// is K with the best suspect, or NaN if the walks agree. K is 0 if a walk does not reach that B.
         walls: Table,
-        /// The suspects, the smallest remaining distance first; empty if the walks agree.
+        /// The suspects, the smallest remaining distance first. Empty if the walks agree.
         suspects: Tuple<Part<Suspect>>,
         /// The answer in words.
         answers: Tuple<String>,
     }
 }
 
-/// Check whether a measured walk agrees with the scene's walks. If not, find the number that explains the difference
-/// best.
+/// Check whether a measured walk agrees with the scene's walks. If not, find the value that best explains the
+/// difference.
 ///
 /// Parameters
 /// ----------
 /// scene : Scene
-///     The one that predicts.
+///     The scene that predicts the walk.
 /// measured : path
-///     The walk, as `cargo board walk --csv` writes it, in the scene's units.
+///     The measured walk in the scene's units, as `cargo board walk --csv` writes it.
 /// engine, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the count of finished walks and the largest possible count. An exception in it
+///     Called from this thread with the number of finished walks and the largest possible number. An exception in it
 ///     ends the work.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     The file cannot be read or is no walk of this scene, or the handle does not reach the wall.
+///     The file cannot be read, it is no walk of this scene, or the handle does not reach the wall.
 #[pyfunction]
 #[pyo3(signature = (scene, measured, *, engine = "lanes", threads = None, progress = None))]
 pub fn agree(
@@ -571,17 +574,17 @@ pub fn agree(
 }
 
 result! { table(table)
-    /// Another estimator on the counts of a capture, compared with the board's own. As a table it is `table`.
+    /// Another estimator on the counts of a capture, compared with the board's estimator. Its table is `table`.
     Replay {
         /// Name of the estimator.
         estimator: String,
         /// Nominal cutoff of the estimator, Hz.
         cutoff_hz: f64,
-        /// Count of consecutive samples.
+        /// Number of consecutive samples.
         samples: u64,
         /// Number of the first sample.
         first_sample: u64,
-        /// First sample from which both velocities are equal to the last bit, up to the end.
+        /// First sample from which both velocities are equal, bit for bit, up to the end.
         same_from_sample: Option<u64>,
         /// RMS of the difference from the board's velocity, m/s.
         difference_rms_m_per_s: f64,
@@ -593,29 +596,30 @@ result! { table(table)
         change_rms_m_per_s: f64,
         /// One LSB of the velocities, m/s.
         lsb_m_per_s: f64,
-        /// `sample`, `position_counts`, `board_velocity_lsb`, `velocity_lsb`, as the integers of the control loop.
+        /// Columns `sample`, `position_counts`, `board_velocity_lsb` and `velocity_lsb`, in integers of the control
+        /// loop.
         table: Table,
     }
 }
 
-/// Run an estimator on the counts of all samples of a capture, from rest, and compare it with the board's own.
+/// Run an estimator on the counts of a capture, from rest. Compare its velocity with the board's.
 ///
 /// Parameters
 /// ----------
 /// scene : Scene
-///     The one that the board is built for.
+///     The scene of the board's device record.
 /// capture : path
-///     The bytes of RTT up channel 1 as they came (`Telemetry.save` writes them).
+///     A file with the received bytes of RTT up channel 1 (`Telemetry.save` writes it).
 /// estimator : str, optional
-///     One of `ESTIMATORS`; the scene's by default.
+///     A name of `ESTIMATORS`. Default: the scene's estimator.
 /// cutoff : float
-///     Nominal cutoff, Hz; other parameters are the scene's, or the defaults.
+///     Nominal cutoff, Hz. Other parameters come from the scene, or are the defaults.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     There is no such estimator, its cutoff is out of range, it needs more than counts, or the capture has no
-///     range in which all samples are present.
+///     There is no such estimator, its cutoff is out of range, or it needs more inputs than counts. Or the capture has
+///     no range in which all samples are present.
 #[pyfunction]
 #[pyo3(signature = (scene, capture, *, estimator = None, cutoff = 1500.0))]
 pub fn replay(

@@ -23,7 +23,7 @@ result! { value
         cutoff_hz: f64,
         /// Lowest and highest cutoff with an equally good area, Hz.
         range_hz: (f64, f64),
-        /// Whether the range reaches the first or the last cutoff that was tried.
+        /// Whether the range reaches the first or the last tried cutoff.
         range_is_open: (bool, bool),
         /// K of the stiffest quiet wall, N/m.
         stiffness_n_per_m: f64,
@@ -33,37 +33,37 @@ result! { value
         damping_max_n_s_per_m: f64,
         /// Area of the quiet walls, N^2 s/m^2.
         area: f64,
-        /// Whether a largest value of the walk limits the area.
+        /// Whether the walk's largest allowed K or B cuts the area.
         is_cut: bool,
-        /// For each other protocol, the largest K of a quiet wall with that B, N/m; None if there is none, or none can
-        /// be tried.
+        /// For each other protocol, the largest K of a quiet wall with that B, N/m. None if there is no such wall, or
+        /// the protocol cannot be tried.
         protocols: Tuple<(String, Option<f64>)>,
         /// RMS of the output while the handle rests in free air, N.
         hum_n: f64,
-        /// Text of the command line.
+        /// The sentences that the command line prints.
         sentences: Tuple<String>,
     }
 }
 
-/// Find the recommended cutoff: the cutoff with the largest area of walls that are quiet, by motion and force.
+/// Find the recommended cutoff. It has the largest area of walls that are quiet in motion and force.
 ///
 /// Parameters
 /// ----------
 /// scene : Scene
-///     Device and experiment; its own criterion and limit do not matter.
+///     Device and experiment. The scene's own criterion and limit have no effect.
 /// cutoffs : iterable of float, optional
-///     Nominal cutoffs to begin with, Hz; the scene's by default. What lies between the best and its neighbours is tried as
-///     well, without a list also what lies beyond its ends.
+///     Nominal cutoffs to begin with, Hz. Default: the scene's. Cutoffs between the best one and its neighbours are
+///     tried too. Without a list, cutoffs beyond the ends are also tried.
 /// engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called with the count of finished walks and 0, since the count of all is unknown. An exception in it ends the
-///     search.
+///     Called with the number of finished walks and 0, since the number of all walks is unknown. An exception in it
+///     ends the search.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     Something is out of range, or there is no quiet wall, with what to change.
+///     A value is out of range, or there is no quiet wall. The message says what to change.
 ///
 /// Examples
 /// --------

@@ -12,9 +12,9 @@ use pyo3::{
 };
 use sim_studies::table::{Cell, Column, Kind};
 
-/// A frozen Python class with these fields as attributes. Its constructor takes the fields, its text shows the short
-/// ones, and it can be pickled. Objects of a `value` with equal fields are equal. A `table` has its own `columns`; a
-/// `table(FIELD)` has the columns of that field; `arrays` have their attributes as columns.
+/// A frozen Python class with these fields as attributes. Its constructor takes the fields. Its text shows the short
+/// fields. It can be pickled. Objects of a `value` with equal fields are equal. A `table` has its own `columns`. A
+/// `table(FIELD)` has the columns of that field. The columns of `arrays` are their attributes.
 macro_rules! result {
     (table($table:ident) $(#[$of:meta])* $name:ident $fields:tt $($methods:tt)*) => {
         $crate::result::result! { table $(#[$of])* $name $fields
@@ -113,7 +113,7 @@ pub trait Fields: PyClass {
     const FIELDS: &[&str];
 }
 
-/// An object of the class from attributes by name. A missing attribute is None.
+/// Makes an object of the class from attributes by name. A missing attribute is None.
 pub fn made<T: Fields>(attributes: &Bound<'_, PyAny>) -> PyResult<Py<T>> {
     let attributes = attributes.cast::<PyDict>()?;
     for name in T::FIELDS {
@@ -125,7 +125,7 @@ pub fn made<T: Fields>(attributes: &Bound<'_, PyAny>) -> PyResult<Py<T>> {
     Ok(class.call((), Some(attributes))?.cast_into::<T>()?.unbind())
 }
 
-/// The attributes in their order.
+/// The attributes in the order of [`Fields::FIELDS`].
 pub fn fields<'py, T: Fields>(of: &Bound<'py, T>) -> PyResult<Bound<'py, PyTuple>> {
     let values = T::FIELDS.iter().map(|name| of.as_any().getattr(*name));
     PyTuple::new(of.py(), values.collect::<PyResult<Vec<_>>>()?)
@@ -144,7 +144,7 @@ pub fn attributes<T: Fields>(of: &Bound<'_, T>) -> PyResult<Keys> {
     columns(of.py(), values.collect::<PyResult<Vec<_>>>()?)
 }
 
-/// Longest text of an attribute that is shown in the object's text.
+/// Longest text of an attribute in the object's text, characters.
 const SHORT: usize = 120;
 
 /// The object's text. An array is shown by its shape, and a long attribute by its type and size.
@@ -176,7 +176,7 @@ pub fn columns_to(of: &Bound<'_, impl PyClass>, module: &str, name: &str) -> PyR
     of.py().import(module)?.call_method1(name, (columns,)).map(Bound::unbind)
 }
 
-/// A Python object with its type in the stubs.
+/// A Python object with a type for the stubs.
 macro_rules! typed {
     ($($name:ident: $hint:expr;)*) => { $(
         pub struct $name(pub Py<PyAny>);
@@ -239,7 +239,7 @@ impl Table {
         Ok(Self(class.call1((columns,))?.unbind()))
     }
 
-    /// All columns of a table of the studies.
+    /// A table of the studies with all its columns.
     pub fn of(py: Python<'_>, table: &sim_studies::table::Table) -> PyResult<Self> {
         Self::of_rows(py, &table.columns, &table.rows)
     }
@@ -319,12 +319,12 @@ impl<T: Number> Array<T> {
         Self::of(values.into_pyarray(py).to_dyn().clone())
     }
 
-    /// An array with one value from each of these rows.
+    /// An array with one value for each row.
     pub fn each<R>(py: Python<'_>, rows: &[R], of: impl Fn(&R) -> T) -> PyResult<Self> {
         Self::new(py, rows.iter().map(of).collect())
     }
 
-    /// A writable array of these values; the caller owns it.
+    /// A writable array of these values. The caller owns it.
     pub fn writable(py: Python<'_>, values: Vec<T>) -> Self {
         Self(values.into_pyarray(py).to_dyn().clone().unbind())
     }
@@ -376,7 +376,7 @@ impl<T: Number + 'static> FromPyObject<'_, '_> for Array<T> {
     }
 }
 
-/// An object of one of this module's classes. Python may also give its attributes by name.
+/// An object of a class of this module. Python may also give its attributes by name.
 pub struct Part<T>(pub Py<T>);
 
 impl<'py, T: Fields> IntoPyObject<'py> for &Part<T> {

@@ -21,9 +21,9 @@ use crate::{
     work::raised,
 };
 
-/// A device, its controller and its experiments, checked.
+/// A checked device with its controller and experiments.
 ///
-/// Made by `load`, `parse` and `replace`; a scene never changes. Scenes can be compared and pickled.
+/// Made by `load`, `parse` and `replace`. A scene never changes. Scenes can be compared and pickled.
 #[pyclass(frozen, module = "zwidth")]
 pub struct Scene(pub Arc<NamedScene>);
 
@@ -45,8 +45,8 @@ impl Scene {
     /// Raises
     /// ------
     /// ValueError
-    ///     There is no such scene, or the file has a value that is not allowed: file, line, key, value and what is
-    ///     allowed.
+    ///     There is no such scene, or the file has a value that is not allowed. The message has file, line, key, value
+    ///     and what is allowed.
     ///
     /// Examples
     /// --------
@@ -62,14 +62,14 @@ impl Scene {
         NamedScene::load(text).map(Self::from).map_err(raised)
     }
 
-    /// Read a scene from the text of a scene file; `name` is its name in results and errors.
+    /// Read a scene from the text of a scene file. `name` is its name in results and errors.
     #[staticmethod]
     #[pyo3(signature = (text, name = "scene"))]
     fn parse(text: String, name: &str) -> PyResult<Self> {
         NamedScene::parse(name.into(), text, name).map(Self::from).map_err(raised)
     }
 
-    /// Built-in name, or the file's name without its ending.
+    /// Name of the built-in scene, or of the file without its ending.
     #[getter]
     fn name(&self) -> &str {
         &self.0.name
@@ -81,7 +81,7 @@ impl Scene {
         &self.0.text
     }
 
-    /// The scene as the text of a scene file, with every default. A rotary scene has the text that was read.
+    /// The scene as the text of a scene file, with every default. For a rotary scene, the text that was read.
     fn to_toml(&self) -> PyResult<String> {
         if self.0.scene.units.is_rotary() {
             return Ok(self.0.text.clone());
@@ -89,7 +89,7 @@ impl Scene {
         toml::to_string(&self.0.scene).map_err(|error| PyRuntimeError::new_err(error.to_string()))
     }
 
-    /// The scene as nested dictionaries, with every default. For a rotary scene all values are at the handle, and the
+    /// The scene as nested dictionaries, with all defaults. For a rotary scene all values are at the handle, and the
     /// dictionary also has the scene's table `rotary` as it was read.
     fn to_dict(&self, py: Python<'_>) -> PyResult<Keys> {
         let keys = serialized(py, &self.0.scene)?;
@@ -99,20 +99,21 @@ impl Scene {
         Ok(Keys(keys.unbind()))
     }
 
-    /// Another scene with some values changed.
+    /// Copy the scene with some values changed.
     ///
     /// Parameters
     /// ----------
     /// changes : mapping, optional
-    ///     Dotted keys to values, `{"encoder.resolution_m": 2e-6}`. A value of None leaves the key out; a dictionary
-    ///     takes the place of a whole table.
+    ///     Dotted keys with values, for example `{"encoder.resolution_m": 2e-6}`. The value None removes the key. A
+    ///     dictionary replaces a whole table.
     /// **tables : mapping
-    ///     Keys of a table to values, `encoder={"resolution_m": 2e-6}`; its other keys stay.
+    ///     Keys of a table with values, for example `encoder={"resolution_m": 2e-6}`. Other keys of the table do not
+    ///     change.
     ///
     /// Raises
     /// ------
     /// ValueError
-    ///     The resulting scene is not allowed; the error gives key, value and what is allowed.
+    ///     The changed scene is not allowed. The error gives key, value and what is allowed.
     ///
     /// Examples
     /// --------
@@ -167,7 +168,7 @@ impl Scene {
         parts.into_py_any(slf.py()).map(Any)
     }
 
-    /// The text with a path of its curve file that does not depend on the scene's own file.
+    /// The scene's text with a path of its curve file that is valid from any folder.
     #[pyo3(name = "_portable_text")]
     fn portable_text(&self) -> PyResult<String> {
         if self.0.files.len() < 2 {
@@ -184,7 +185,7 @@ impl Scene {
     }
 }
 
-/// Sets `value` at the dotted `key`, or removes the key.
+/// Sets the dotted `key` to `value`. None removes the key.
 fn change(table: &mut Table, key: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
     let mut parts: Vec<&str> = key.split('.').collect();
     let last = parts.pop().filter(|last| !last.is_empty());

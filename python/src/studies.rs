@@ -43,7 +43,7 @@ const LISTS: Names =
 /// Names of the codes in `Grid.verdict`.
 pub const VERDICTS: [&str; 4] = ["stable", "unstable", "no_contact", "out_of_range"];
 
-/// The value with this name.
+/// The value with this name, or an error with all names.
 pub fn named<T: Copy, const N: usize>(
     what: &str,
     name: &str,
@@ -66,13 +66,13 @@ pub fn engine_of(name: &str) -> PyResult<Engine> {
         .map(|name| if name == "core" { Engine::Core } else { Engine::lanes() })
 }
 
-/// Refuses a count that the command line would refuse too.
+/// Refuses a number that the command line would refuse too.
 pub fn in_range(name: &str, value: u32, range: RangeInclusive<u32>) -> PyResult<()> {
     let range = f64::from(*range.start())..=f64::from(*range.end());
     within(name, f64::from(value), range).map_err(PyValueError::new_err)
 }
 
-/// Refuses a list without an item.
+/// Refuses an empty list.
 pub fn not_empty<T>(name: &str, list: &[T]) -> PyResult<()> {
     match list {
         [] => Err(PyValueError::new_err(format!("{name} is empty"))),
@@ -80,7 +80,7 @@ pub fn not_empty<T>(name: &str, list: &[T]) -> PyResult<()> {
     }
 }
 
-/// The cutoff repeated for each row; NaN without a cutoff.
+/// A column with the cutoff in each row; NaN without a cutoff.
 fn cutoffs(py: Python<'_>, cutoff_hz: Option<f64>, rows: usize) -> PyResult<Bound<'_, PyAny>> {
     Array::new(py, vec![cutoff_hz.unwrap_or(f64::NAN); rows])?.into_bound_py_any(py)
 }
@@ -96,14 +96,14 @@ result! { arrays
         count: Array<i32>,
         /// The controller's velocity, m/s.
         velocity_m_per_s: Array<f64>,
-        /// Force that the controller commands, held from output to output, N.
+        /// Force that the controller commands, constant from output to output, N.
         force_n: Array<f64>,
         /// Force on the handle at the end of the sample, after latency and the output's quantisation, N.
         output_n: Array<f64>,
-        /// Sum of 1 (inside the wall), 2 (an output was computed) and 4 (the last output saturated).
+        /// Sum of three flags: 1 (inside the wall), 2 (an output was computed), 4 (the last output saturated).
         flags: Array<u8>,
-        /// Energy that the wall has absorbed in this contact, by its force and the counts, J; negative: it has supplied
-        /// energy.
+        /// Energy that the wall has absorbed in this contact, computed from its force and the counts, J. If negative,
+        /// the wall has supplied energy.
         port_energy_j: Array<f64>,
     }
 }
@@ -133,20 +133,21 @@ result! { value
         saturated_fraction: f64,
         /// Fraction of the window in contact.
         contact_fraction: f64,
-        /// Fraction of the samples with a velocity at the end of its range.
+        /// Fraction of the samples with a velocity at the limit of its number format.
         velocity_clipped_fraction: f64,
         /// Fraction of the window's outputs at the actuator's limit.
         window_at_limit_fraction: f64,
-        /// Level of the window's motion above the threshold of feeling, dB; None if the window has no motion.
+        /// Level of the window's motion above the threshold of human feeling, dB; None if the window has no motion.
         sensation_db: Option<f64>,
-        /// RMS of the window's outputs about their mean, N; with several pushes that of the deciding push.
+        /// RMS of the window's outputs about their mean, N. With several pushes: the value of the push that decides the
+        /// verdict.
         force_rms_n: f64,
-        /// K times the mean penetration divided by the wall's mean force: 1 for a wall at rest; None if the wall has no
-        /// force.
+        /// K times the mean penetration, divided by the wall's mean force. It is 1 for a wall at rest. None if the wall
+        /// has no force.
         penetration_ratio: Option<f64>,
-        /// Energy that the wall has absorbed in the last contact, by its force and the counts, J.
+        /// Energy that the wall has absorbed in the last contact, computed from its force and the counts, J.
         port_taken_j: f64,
-        /// Largest energy that the wall had supplied beyond the absorbed energy, in any contact, J.
+        /// Largest energy that the wall has supplied in excess of the absorbed energy, in any contact, J.
         port_given_j: f64,
         /// Fraction of the outputs in contact that the passivity controller has changed; None without the controller.
         port_limited_fraction: Option<f64>,
@@ -172,18 +173,19 @@ result! { value
 /// stiffness, damping : float
 ///     The wall, N/m and N s/m.
 /// cutoff : float, optional
-///     Nominal cutoff of the velocity filter, Hz; an estimator without one takes none.
+///     Nominal cutoff of the velocity filter, Hz. Omit it for an estimator without a cutoff.
 /// start_offset : float
-///     Counts beyond the scene's start.
+///     Distance of the start from the scene's start, counts.
 /// numeric : {"fixed", "f64", "f64-rounded"}
-///     The core's fixed point, or its twin in floats, also with the velocity rounded as the core does.
+///     Numbers of the controller: the core's fixed point, its twin in floats, or the twin with the core's rounding of
+///     the velocity.
 /// trace : bool
-///     Keep every sample.
+///     Return every sample.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     Something is out of range; the line names it, its value and what is allowed.
+///     A value is out of range. The message has its name, its value and what is allowed.
 ///
 /// Examples
 /// --------
@@ -275,7 +277,7 @@ result! { table
         stiffness_n_per_m: Array<f64>,
         /// Area under the boundary, N^2 s/m^2.
         area: f64,
-        /// Count of wall hits of the walk.
+        /// Number of wall hits of the walk.
         hits: u64,
         /// Reason for the end of the walk; None if its first point is unstable.
         ended_by: Option<String>,
@@ -319,20 +321,21 @@ fn walked(py: Python<'_>, scene: &str, hz: Option<f64>, boundary: &Boundary) -> 
 /// scene : Scene
 ///     Device and experiment.
 /// cutoff : float, optional
-///     Nominal cutoff of the velocity filter, Hz; an estimator without one takes none.
+///     Nominal cutoff of the velocity filter, Hz. Omit it for an estimator without a cutoff.
 /// start_offset : float
-///     Counts beyond the scene's start; the repeats of a sweep use 0, 1/4, 1/2, 3/4.
+///     Distance of the start from the scene's start, counts. The repeats of a sweep use 0, 1/4, 1/2, 3/4.
 /// engine : {"lanes", "core"}
-///     Hits side by side in vector lanes, or by the core itself; the bits are the same.
+///     `"lanes"` computes many hits together in vector lanes. `"core"` runs the control core itself. The results are
+///     equal, bit for bit.
 /// numeric : {"fixed", "f64", "f64-rounded"}
 ///     As in `hit`.
 /// threads : int, optional
-///     Threads; all cores by default. The result does not depend on it.
+///     Number of threads. Default: all cores. The result does not depend on it.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     Something is out of range, or the first wall of the walk is unstable, with what to change.
+///     A value is out of range, or the first wall of the walk is unstable. The message says what to change.
 ///
 /// Examples
 /// --------
@@ -384,11 +387,11 @@ result! { table
         areas: Array<f64>,
         /// The walks of every cutoff: `walks[n][repeat]`.
         walks: Tuple<Tuple<Part<Walk>>>,
-        /// Lowest cutoff whose mean area is at least 98 % of the largest, Hz; None where every walk failed.
+        /// Lowest cutoff whose mean area is at least 98 % of the largest, Hz; None if every walk failed.
         ideal_cutoff_hz: Option<f64>,
         /// Lowest and highest cutoff that the repeats cannot distinguish from the ideal one, Hz.
         ideal_range_hz: Option<(f64, f64)>,
-        /// What the range is based on.
+        /// Name of the rule that gave the range.
         ideal_basis: Option<String>,
         /// Notes that a reader needs to understand the numbers.
         notes: Tuple<String>,
@@ -414,20 +417,20 @@ result! { table
     }
 }
 
-/// Walk at every cutoff and name the ideal one.
+/// Walk at every cutoff, and find the ideal cutoff.
 ///
 /// Parameters
 /// ----------
 /// scene : Scene
 ///     Device and experiment.
 /// cutoffs : iterable of float, optional
-///     Nominal cutoffs, Hz; the scene's by default.
+///     Nominal cutoffs, Hz. Default: the scene's.
 /// repeat : int
-///     Walks of each cutoff, from starts that are spread over a count.
+///     Number of walks of each cutoff. Their starts are spread over a count.
 /// engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the count of finished walks and the count of all. An exception in it ends the
+///     Called from this thread with the number of finished walks and the number of all. An exception in it ends the
 ///     sweep.
 ///
 /// Raises
@@ -517,7 +520,7 @@ result! { table
         dampings_n_s_per_m: Array<f64>,
         /// K of the grid, N/m.
         stiffnesses_n_per_m: Array<f64>,
-        /// Verdicts as indices of `zwidth.VERDICTS`; shape (cutoffs, dampings, stiffnesses).
+        /// Verdicts as indices of `zwidth.VERDICTS`, with the shape (cutoffs, dampings, stiffnesses).
         verdict: Array<u8>,
         /// RMS of the counts, m, same shape; NaN without an RMS.
         rms_m: Array<f64>,
@@ -557,17 +560,17 @@ result! { table
 /// stiffnesses, dampings : iterable of float
 ///     K, N/m, and B, N s/m.
 /// cutoffs : iterable of float, optional
-///     Nominal cutoffs, Hz; an estimator without one takes none.
+///     Nominal cutoffs, Hz. Omit them for an estimator without a cutoff.
 /// start_offset, engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the count of finished walls and the count of all. An exception in it ends the
+///     Called from this thread with the number of finished walls and the number of all. An exception in it ends the
 ///     grid.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     Something is out of range or empty.
+///     A value is out of range, or a list is empty.
 ///
 /// Examples
 /// --------
@@ -666,14 +669,14 @@ result! { table
         cutoff_hz: Option<f64>,
         /// B of the wall, N s/m.
         damping_n_s_per_m: Array<f64>,
-        /// Largest K such that every K from 0 up to it is stable, N/m; infinite if no K is unstable.
+        /// Largest K up to which every K from 0 is stable, N/m; infinite if no K is unstable.
         stiffness_max_n_per_m: Array<f64>,
         /// Whether the paper's gain-margin method gives the same result.
         gain_margin_holds: Array<bool>,
-        /// Largest K up to which no motion extracts energy from wall and damper, N/m; 0 if there is none. None without
-        /// `passivity`.
+        /// Largest K up to which no motion extracts energy from wall and damper, N/m; 0 if there is no such K. None
+        /// without `passivity`.
         stiffness_passive_n_per_m: Option<Array<f64>>,
-        /// Tables of the scene that a linear analysis ignores.
+        /// Tables of the scene that the linear analysis ignores.
         left_out: Tuple<String>,
     }
 
@@ -691,7 +694,7 @@ result! { table
     }
 }
 
-/// Linear stability boundary K(B), without quantisation, saturation and one-sided wall.
+/// Linear stability boundary K(B). Quantisation, saturation and the one side of the wall are ignored.
 ///
 /// Parameters
 /// ----------
@@ -702,15 +705,15 @@ result! { table
 /// cutoff : float, optional
 ///     Nominal cutoff of the velocity filter, Hz.
 /// multirate : bool
-///     The loop as it runs, with output period and latency; else a force at every sample and at once, as in the
-///     paper's equations (3) to (5).
+///     True: the loop with the scene's output period and latency. False: a new force at every sample without latency,
+///     as in the paper's equations (3) to (5).
 /// passivity : bool
-///     Add the largest K that is passive whatever holds the handle.
+///     Add the largest K that is passive for any hand or load on the handle.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     Something is out of range, or the estimator is no linear function of the position alone.
+///     A value is out of range, or the estimator is no linear function of the position alone.
 ///
 /// Examples
 /// --------

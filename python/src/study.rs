@@ -1,4 +1,4 @@
-//! Studies of many points.
+//! Studies with many points.
 
 use std::{
     path::{Path, PathBuf},
@@ -24,8 +24,8 @@ use crate::{
     work::{raised, run},
 };
 
-/// Text of a study, its name in errors, and the folder of its scenes. The argument is a dictionary with the keys of a
-/// study's file, or the path of the file.
+/// Text of a study, its name in errors, and the folder of its scenes. The argument is the path of a study's file, or a
+/// dictionary with the keys of such a file.
 pub fn text_of(asked: &Bound<'_, PyAny>) -> PyResult<(String, String, PathBuf)> {
     if let Ok(keys) = asked.cast::<PyMapping>() {
         let own = PyDict::new(asked.py());
@@ -41,7 +41,7 @@ pub fn text_of(asked: &Bound<'_, PyAny>) -> PyResult<(String, String, PathBuf)> 
 }
 
 result! { table(table)
-    /// Every point of a study.
+    /// The results of a study.
     Study {
         /// `walk`, `hit` or `sweep`.
         measure: String,
@@ -51,27 +51,28 @@ result! { table(table)
         units: u64,
         /// Number of hits of all points.
         hits: u64,
-        /// The columns of the command line's parts, one row per point (for a sweep: per cutoff of a point), in order.
+        /// The columns of the command line's parts, in the order of the points. A hit or a walk has one row per point.
+        /// A sweep has one row per cutoff of a point.
         table: Table,
     }
 }
 
-/// Walk, hit or sweep at every point of a product or list; in memory, without the command line's folder.
+/// Walk, hit or sweep at every point of a product or list. The results stay in memory: no folder is written.
 ///
 /// Parameters
 /// ----------
 /// study : path or mapping
-///     The path of a study's file, or its keys: `measure`, `scenes` (names and paths), `product`, `list` ..
+///     The path of a study's file, or its keys: `measure`, `scenes` (names and paths), `product`, `list` and others.
 /// engine, numeric, threads
 ///     As in `walk`.
 /// progress : callable, optional
-///     Called from this thread with the count of finished units and the count of all. An exception in it ends the
+///     Called from this thread with the number of finished units and the number of all. An exception in it ends the
 ///     study.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     A key or value is wrong, or a scene with its changes; the line names it and what is allowed.
+///     A key, a value or a scene with its changes is wrong. The message names it and what is allowed.
 ///
 /// Examples
 /// --------

@@ -21,7 +21,7 @@ use crate::{
 };
 
 result! { arrays
-    /// One row per output, as the integers of the control loop: the columns of `cargo sim telemetry --csv`.
+    /// One row per output, in the integers of the control loop. The columns are those of `cargo sim telemetry --csv`.
     Outputs {
         /// Number of the frame with this output.
         sequence: Array<u32>,
@@ -37,7 +37,7 @@ result! { arrays
         command: Array<i32>,
         /// Flags (docs/telemetry.md).
         flags: Array<u16>,
-        /// Number of the settings in force.
+        /// Number of the settings that the board uses.
         settings: Array<u16>,
         /// Code of the latched fault, 0 for none.
         fault: Array<u8>,
@@ -45,7 +45,7 @@ result! { arrays
 }
 
 result! { arrays
-    /// One row per sample, as in `cargo sim telemetry --samples`.
+    /// One row per sample, with the columns of `cargo sim telemetry --samples`.
     Samples {
         /// Sample since the board's reset.
         sample: Array<u64>,
@@ -65,7 +65,7 @@ result! { arrays
 }
 
 result! { plain
-    /// A capture of a board's telemetry, decoded.
+    /// A decoded capture of a board's telemetry.
     ///
     /// Examples
     /// --------
@@ -78,9 +78,9 @@ result! { plain
         outputs: Part<Outputs>,
         /// One row for every sample.
         samples: Part<Samples>,
-        /// Count of frames that are missing between received frames.
+        /// Number of frames that are missing between received frames.
         dropped: u64,
-        /// Count of bytes outside frames, such as the end of a frame that began before the capture.
+        /// Number of bytes outside frames, for example the end of a frame that began before the capture.
         garbage_bytes: u64,
         /// Codes of the faults that were latched during the capture.
         faults: Tuple<u32>,
@@ -88,15 +88,15 @@ result! { plain
         gaps: Tuple<(u64, u64)>,
         /// Ranges of samples that the core cannot compute: first sample, last sample, and reason.
         unknown: Tuple<(u64, u64, String)>,
-        /// Count of samples that the core has computed.
+        /// Number of samples that the core has computed.
         computed: u64,
-        /// Count of velocities that equal the board's bit for bit.
+        /// Number of velocities that equal the board's, bit for bit.
         velocities_equal: u64,
-        /// Count of forces that equal the board's bit for bit.
+        /// Number of forces that equal the board's, bit for bit.
         forces_equal: u64,
-        /// Count of estimator states that equal the board's bit for bit.
+        /// Number of estimator states that equal the board's, bit for bit.
         states_equal: u64,
-        /// Count of port energies that equal the board's bit for bit.
+        /// Number of port energies that equal the board's, bit for bit.
         energies_equal: u64,
         /// The first difference from the board, or None.
         first_difference: Option<String>,
@@ -108,7 +108,7 @@ result! { plain
         full_scale_n: Option<f64>,
     }
 
-    /// Decode bytes of RTT up channel 1, which may begin and end anywhere.
+    /// Decode bytes of RTT up channel 1. They may begin and end within a frame.
     ///
     /// Raises
     /// ------
@@ -133,7 +133,8 @@ result! { plain
         decode(py, bytes)
     }
 
-    /// Write the capture for `cargo sim telemetry`, `replay` and `identify`; `force` replaces a file.
+    /// Write the capture to a file for `cargo sim telemetry`, `replay` and `identify`. `force` replaces an existing
+    /// file.
     #[pyo3(signature = (path, *, force = false))]
     fn save(&self, py: Python<'_>, path: Place, force: bool) -> PyResult<()> {
         let mut options = fs::OpenOptions::new();
@@ -144,7 +145,7 @@ result! { plain
     }
 }
 
-/// The exception of Python's own file functions.
+/// The exception that Python's own file functions raise.
 fn of_file(error: &io::Error, path: &Path) -> PyErr {
     let text = error.to_string().split(" (os error").next().unwrap_or_default().to_owned();
     PyOSError::new_err((error.raw_os_error(), text, path.display().to_string()))
@@ -200,7 +201,7 @@ fn outputs(py: Python<'_>, frames: &[Frame]) -> PyResult<Outputs> {
     })
 }
 
-/// An unknown value is 0, and a column marks it.
+/// In the table, an unknown value is 0, and another column marks it as unknown.
 fn samples(py: Python<'_>, all: &Recomputed) -> PyResult<Samples> {
     let rows = &all.rows;
     Ok(Samples {

@@ -27,9 +27,9 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Shared state of running work: the request to stop, and the progress.
 #[derive(Default)]
 pub struct Course {
-    /// Set when the work shall stop, since no caller waits for it any more.
+    /// Set to end the work, because no caller waits for it any more.
     pub stop: AtomicBool,
-    /// Count of finished pieces.
+    /// Number of finished pieces.
     done: AtomicU64,
 }
 
@@ -40,7 +40,7 @@ impl Course {
     }
 }
 
-/// An error of the simulator as an exception, with the simulator's line.
+/// An error of the simulator as an exception with the same message.
 pub fn raised(error: Error) -> PyErr {
     let line = sim_loop::error::one_line(&error.to_string());
     match error {
@@ -51,11 +51,11 @@ pub fn raised(error: Error) -> PyErr {
     }
 }
 
-/// Runs `work` on another thread, and on `threads` threads unless it uses all cores. Calls `progress` with the finished
-/// pieces and `total` (0: not known) when they change. An exception of `progress` ends the work.
+/// Runs `work` on another thread, with `threads` threads or with all cores. Calls `progress` when the number of
+/// finished pieces changes. Its arguments are this number and `total`, which is 0 if it is unknown.
 ///
-/// An exception of `progress` or of a signal is raised at once. The work ends when it checks `stop`. So the work must
-/// own its data, must not use Python objects, and must not write a file.
+/// An exception of `progress` or of a signal is raised at once. The work ends later, when it checks `stop`. So the work
+/// must own its data, must not use Python objects, and must not write a file.
 ///
 /// # Errors
 /// The error of the work, of `progress`, or of a signal.
@@ -101,16 +101,17 @@ pub fn run<T: Send + 'static>(
     Ok(made)
 }
 
-/// A pool of this count of threads; 0: of all cores.
+/// A pool with this number of threads. 0 means all cores.
 fn pool_of(threads: usize) -> PyResult<ThreadPool> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     pool.map_err(|error| PyRuntimeError::new_err(error.to_string()))
 }
 
-/// The pool of a process that was forked after the first work. Such a process has no threads of rayon's global pool,
-/// and would wait for them for ever. Any other process uses only rayon's global pool.
+/// The pool of a process that was forked after the first work. The threads of rayon's global pool do not exist in such
+/// a process, so the process would wait for ever. Any other process uses only rayon's global pool.
 ///
-/// It is read only with the interpreter's lock. A process forks only with this lock, so a child never finds it locked.
+/// `POOL` is locked only while the thread holds the interpreter's lock. A process forks only with the interpreter's
+/// lock, so a child never finds `POOL` locked.
 fn of_child() -> PyResult<Option<Arc<ThreadPool>>> {
     static FIRST: OnceLock<u32> = OnceLock::new();
     static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);

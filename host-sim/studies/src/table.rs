@@ -1,4 +1,4 @@
-//! A result as a table with one kind of value per column. The table is written as CSV, and Python gets it as arrays.
+//! A result as a table with one kind of value per column. It is written as CSV. Python gets it as arrays.
 
 use std::{borrow::Cow, fmt::Write as _};
 
@@ -89,7 +89,7 @@ pub struct Column {
     pub kind: Kind,
 }
 
-/// Rows under named columns.
+/// A table: named columns and rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
     pub columns: Vec<Column>,
@@ -136,7 +136,6 @@ impl Table {
         table
     }
 
-    /// The table as CSV.
     pub fn csv(&self) -> String {
         let names = self.columns.iter().map(|column| Cell::Text(column.name.clone().into()));
         let mut text = csv_line(&names.collect::<Vec<_>>());

@@ -1,4 +1,4 @@
-//! Tests each place that reads a user's table: all accept the same files, and all refuse the same files.
+//! Tests every function that reads a user's table. All must accept the same files and refuse the same files.
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -20,12 +20,12 @@ type Cells = Vec<Vec<String>>;
 /// Result of reading a file.
 type Found = Result<String, Error>;
 
-/// A place that reads tables.
+/// A function that reads a table, with a good table.
 struct Door {
     name: &'static str,
     good: Cells,
     read: Box<dyn Fn(&Path) -> Found>,
-    /// Accepts unknown columns.
+    /// Whether the function accepts unknown columns.
     others: bool,
 }
 
@@ -106,7 +106,7 @@ fn each(cells: &Cells, change: impl Fn(&str) -> String) -> Cells {
     cells.iter().map(|row| row.iter().map(|cell| change(cell)).collect()).collect()
 }
 
-/// Forms of the good table that every place must read as the good table.
+/// Other forms of the good table. Every function must read them as the good table.
 fn taken(good: &Cells, others: bool) -> BTreeMap<&'static str, String> {
     let commas = each(good, |cell| cell.replace('.', ","));
     let noted = plain(good).replace('\n', "\n\t # a, \"b;\n\n  \t \n#\n");
@@ -150,7 +150,7 @@ fn taken(good: &Cells, others: bool) -> BTreeMap<&'static str, String> {
     taken
 }
 
-/// Tables that every place must refuse, each with its message.
+/// Tables that every function must refuse, each with its message.
 fn refused(good: &Cells) -> Vec<(Vec<u8>, String)> {
     let header = &good[0];
     let (first, last) = (&header[0], &header[header.len() - 1]);
@@ -221,7 +221,7 @@ fn refused(good: &Cells) -> Vec<(Vec<u8>, String)> {
             let shown = format!("line 2: {name} is `{cell}`, allowed ");
             text(joined(&with(2, &|row| row[column] = cell.into()), ";", "\n"), shown);
         }
-        // Telemetry without its counts would be a log without time.
+        // Telemetry without counts would be read as a log without time, with another message.
         if name != "position_counts" {
             text(
                 plain(&with(1, &|row| row[column] = "other".into())),
@@ -237,7 +237,7 @@ fn folder() -> TempDir {
     tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
 }
 
-/// The answer to a file with this content.
+/// Result of reading a file with this content.
 fn answer(door: &Door, folder: &Path, content: &[u8]) -> Found {
     let path = folder.join("table.csv");
     fs::write(&path, content).unwrap();

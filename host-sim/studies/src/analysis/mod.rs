@@ -1,5 +1,5 @@
-//! Analyses of a scene in addition to its walks: linear stability and passivity, identification, comparison of
-//! estimators, and cost of number formats and integrators.
+//! Analyses of a scene in addition to its walks: linear stability and passivity, identification, and comparison of
+//! estimators. Also the cost of number formats and integrators.
 
 pub mod agree;
 pub mod compare;

@@ -1,5 +1,5 @@
-//! Three boundaries of one estimator side by side: the linear envelope, the walls that are passive with any hand, and
-//! the simulated boundary. Each point of the simulated boundary is explained.
+//! Compares three boundaries of one estimator: the linear envelope, the walls that are passive with any hand, and the
+//! simulated boundary. Each point of the simulated boundary is explained.
 //!
 //! The simulated boundary may be above the linear envelope. There the linear loop is unstable, so the handle does not
 //! come to rest. Quantisation, saturation and the one-sided wall turn the growing oscillation into a limit cycle. The
@@ -23,17 +23,16 @@ use crate::{
 #[derive(Clone, Debug, PartialEq)]
 pub struct Explained {
     pub point: BoundaryPoint,
-    /// Largest K of the linear envelope at this B, N/m: every K from 0 to this value is stable. Infinite if no K is
-    /// unstable.
+    /// End of the linear envelope at this B, N/m. Every K from 0 to this value is stable. Infinite if no K is unstable.
     pub linear_n_per_m: f64,
     /// Further linearly stable intervals of K above the envelope, N/m.
     pub further_stable_n_per_m: Vec<(f64, f64)>,
-    /// The hit at this wall.
     pub report: HitReport,
 }
 
 impl Explained {
-    /// Whether the linear loop is unstable at this wall: above the envelope and in no further stable interval.
+    /// Whether the linear loop is unstable at this wall. Then the wall is above the envelope and in no further stable
+    /// interval.
     pub fn is_unstable(&self) -> bool {
         let k = self.point.stiffness_n_per_m;
         let further = |&(from, to): &(f64, f64)| (from..=to).contains(&k);
@@ -71,7 +70,8 @@ pub fn explain(
         .collect()
 }
 
-/// Number of points on the edge of the passive region, from B = 0 to the B at which even K = 0 is not passive.
+/// Number of intervals on the edge of the passive region. The edge goes from B = 0 to the largest B at which K = 0 is
+/// passive.
 const REGION_POINTS: u32 = 64;
 
 /// The edge of the walls that are passive with any hand, from B = 0 on.
@@ -148,10 +148,10 @@ mod tests {
         }
     }
 
-    /// The loop is unstable at K = 0 and stable at higher K. A point in this higher interval is no limit cycle.
+    /// The loop is unstable at K = 0 and stable in an interval of higher K. There a point is no limit cycle.
     #[test]
     fn a_point_in_a_further_stable_stretch_is_stable() {
-        // The filter is far slower than the device with its spring, as in a test of the linear analysis.
+        // The filter is far slower than the device with its spring.
         let device = Device { mass_kg: 0.4, damping_n_s_per_m: 5.0, stiffness_n_per_m: 1e4 };
         let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0).unwrap());
         let envelope = linear::Boundary::new(&of).unwrap();
@@ -194,7 +194,7 @@ mod tests {
     fn the_passive_region_ends_where_the_demand_is_the_device_damping() {
         let mut of =
             Loop::single_rate(Device::PAPER, 1e3, TransferFunction::finite_difference(1e3));
-        // b > K T/2 + |B| is a triangle.
+        // The condition b > K T/2 + |B| gives a triangle.
         let passivity = Passivity::new(&of).unwrap();
         let region = passive_region(5.5, &passivity).unwrap();
         let (first, last) = (region[0], region[region.len() - 1]);
@@ -205,7 +205,7 @@ mod tests {
             assert!((point.stiffness_n_per_m - k).abs() < 0.1, "{point:?}");
         }
         assert_eq!(passivity.stiffness_max(5.5, 6.0).unwrap(), None);
-        // The real loop lies inside its own envelope, which begins at 3693 N/m.
+        // The real loop is stable inside its own envelope, which begins at 3693 N/m.
         of = Loop::single_rate(Device::PAPER, 1e4, TransferFunction::paper(1e4, 1500.0).unwrap());
         (of.period, of.latency_samples) = (10, 10.0);
         let b = of.device.damping_n_s_per_m;

@@ -1,5 +1,5 @@
-//! Effect of the passivity controller ([`zwidth::passivity`]) on a scene's walls: areas with and without the
-//! controller, and results of hits at the boundary's walls.
+//! Effect of the passivity controller ([`zwidth::passivity`]) on a scene's walls. Compares areas with and without the
+//! controller. Hits the walls on the boundary.
 
 use std::sync::atomic::AtomicBool;
 
@@ -26,40 +26,36 @@ use crate::{
     table::{Cell, Kind, Table, Told},
 };
 
-/// Largest number of walls of a boundary that are hit, evenly spaced in B.
+/// Largest number of walls on a boundary that are hit. They are evenly spaced in B.
 const WALLS: usize = 24;
 
 #[derive(Clone, Debug)]
 pub struct PassiveQuestion {
-    /// Limits of a stable wall's motion.
+    /// Limits for the motion at a stable wall.
     pub limits: Vec<Limit>,
     pub filters: Vec<VelocitySettings>,
-    /// Walks of each boundary.
     pub repeats: u32,
-    /// Grid and caps of the walks.
     pub walk: Walk,
-    /// Settings of the passivity controller.
     pub table: PassivityTable,
-    /// Durations of the hits before their window, s. During the whole hit, a hum gets energy.
+    /// Durations of the hits before their window, s. A limit cycle gets energy during the whole hit.
     pub settles_s: Vec<f64>,
 }
 
 impl PassiveQuestion {
-    /// Number of walks of the question.
     pub fn walks(&self) -> u64 {
         (2 * self.limits.len() * self.filters.len()) as u64 * u64::from(self.repeats)
     }
 }
 
-/// Hits of one duration at the walls of a boundary. All values are means over the walls, except the largest ones.
+/// Results of hits at the walls of a boundary, with one duration. Values are means over the walls, except the largest
+/// values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Length {
     /// Nominal cutoff, Hz; `None` without a cutoff.
     pub cutoff_hz: Option<f64>,
-    /// The limit of the boundary.
     #[serde(skip)]
     pub limit: Limit,
-    /// The passivity controller is on.
+    /// Whether the passivity controller is on.
     pub controller: bool,
     /// Duration before the window, s.
     pub settle_s: f64,
@@ -68,18 +64,18 @@ pub struct Length {
     pub given_j: f64,
     /// Largest energy that a wall has given in a contact, from force and true motion, J.
     pub given_by_motion_j: f64,
-    /// Power that the device's damping takes from the hum in the window, b <v^2>, W. The source of the hum supplies the
-    /// same power.
+    /// Power that the device's damping takes from the limit cycle in the window, b <v^2>, W. The source of the limit
+    /// cycle supplies the same power.
     pub fed_w: f64,
-    /// Withheld force of the controller, as a fraction of the wall's force.
+    /// Force that the controller withholds, as a fraction of the wall's force.
     pub withheld_fraction: f64,
-    /// The largest such fraction of any wall.
+    /// Largest withheld fraction of any wall.
     pub withheld_most_fraction: f64,
     /// Mean penetration in the window divided by push / K. A value above 1 means that the wall sags.
     pub sag: f64,
 }
 
-/// Hits at walls of a boundary. Means are over the walls.
+/// Results of hits at the walls of a boundary. Values are means over the walls, except the largest values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Hits {
     pub walls: usize,
@@ -90,13 +86,13 @@ pub struct Hits {
     pub beyond: usize,
     /// Fraction of the outputs in contact that the controller has changed.
     pub limited_fraction: f64,
-    /// Withheld force of the controller, as a fraction of the wall's force.
+    /// Force that the controller withholds, as a fraction of the wall's force.
     pub withheld_fraction: f64,
     /// Fraction of the outputs that saturated.
     pub saturated_fraction: f64,
     /// RMS of the motion in the window, m.
     pub rms_motion_m: f64,
-    /// Force above 100 Hz in the window, RMS, N.
+    /// RMS of the force above 100 Hz in the window, N.
     pub roughness_n: f64,
 }
 
@@ -106,27 +102,28 @@ pub struct PassiveRow {
     /// Nominal cutoff, Hz; `None` without a cutoff.
     pub cutoff_hz: Option<f64>,
     pub limit: Limit,
-    /// The passivity controller is on.
+    /// Whether the passivity controller is on.
     pub controller: bool,
     pub boundaries: Boundaries,
-    /// Hits in this loop at the boundary that was found without the controller. With the controller on, also at the
-    /// boundary that was found with it.
+    /// Hits in this loop. The first are at the boundary that was found without the controller. With the controller on,
+    /// the second are at the boundary that was found with it.
     pub hits: [Hits; 2],
 }
 
 #[derive(Clone, Debug)]
 pub struct PassiveStudy {
     pub question: PassiveQuestion,
-    /// Largest energy that a contact may give with the controller, J.
+    /// Largest energy that the controller lets a contact give, J.
     pub reserve_j: f64,
-    /// Rows by limit and cutoff, first without the controller.
+    /// Rows by limit and cutoff. Rows without the controller come first.
     pub rows: Vec<PassiveRow>,
-    /// Hits by limit, cutoff and duration, first without the controller. All are at the boundaries found without it.
+    /// Hits by limit, cutoff and duration. Hits without the controller come first. All are at the boundaries that were
+    /// found without the controller.
     pub lengths: Vec<Length>,
 }
 
-/// Walks every cutoff with and without the controller, and hits the walls of the boundaries. `done` is called after
-/// each walk.
+/// Walks every cutoff with and without the controller, and hits the walls of the boundaries. Calls `done` after each
+/// walk.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
@@ -183,14 +180,14 @@ pub fn passive(
     Ok(PassiveStudy { question, reserve_j, rows, lengths: by_length })
 }
 
-/// Walls of the first boundary of the repeats.
+/// Walls on the first boundary of the repeats.
 fn walls(boundaries: &Boundaries, velocity: VelocitySettings) -> Vec<WallHit> {
     let Some(first) = boundaries.first() else { return vec![] };
     let step = first.points.len().div_ceil(WALLS).max(1);
     first.points.iter().step_by(step).map(|wall| wall.hit(velocity)).collect()
 }
 
-/// Energy of a wall's force along the true motion, from zero for each contact.
+/// Energy of a wall's force along the true motion. It begins at zero in each contact.
 struct MotionAccount {
     /// Largest delay from a count to its force, samples.
     until_it_acts: u64,
@@ -198,7 +195,7 @@ struct MotionAccount {
     contact_m: f64,
     /// Samples since the last contact.
     free: u64,
-    /// The output without the wall: the push, rounded to its code.
+    /// The output without the wall, N: the push, rounded to an output code.
     rest_n: f64,
     energy_j: f64,
     /// Largest energy given so far.
@@ -217,7 +214,7 @@ impl MotionAccount {
         }
     }
 
-    /// Adds a sample. The handle then moved by `moved_m`.
+    /// Adds a sample, during which the handle moved by `moved_m`.
     fn take(&mut self, sample: &Sample, moved_m: f64) {
         self.free = if sample.position_m > self.contact_m { 0 } else { self.free + 1 };
         if self.free > self.until_it_acts {
@@ -229,10 +226,10 @@ impl MotionAccount {
     }
 }
 
-/// Results of a hit: its port, the largest energy given by the true motion, the power of the damping, and the sag.
+/// Result of a hit: its port, the largest energy given along the true motion, the power of the damping, and the sag.
 type Shown = (PortReport, f64, f64, f64);
 
-/// Hits the walls for the duration in the scene.
+/// Hits the walls with the duration in the scene.
 fn length(
     prepared: &PreparedScene,
     walls: &[WallHit],
@@ -315,7 +312,7 @@ fn hits(
     Ok(sum)
 }
 
-/// A row of the table: the study, a boundary, the name of the boundary whose walls were hit, and the hits.
+/// Data of a row: the study, a boundary, the name of the boundary whose walls were hit, and the hits.
 type Hit<'a> = (&'a PassiveStudy, &'a PassiveRow, &'static str, Hits);
 
 use Kind::{Flag, Number, Text, Whole};

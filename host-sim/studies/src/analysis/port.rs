@@ -1,5 +1,5 @@
-//! Computes the energy at the port again from the outputs of a capture, and compares it with the energy in the
-//! capture's keys.
+//! Computes the energy at the port again from the outputs of a capture. Compares it with the energy in the capture's
+//! key frames.
 
 use zwidth::{
     port::PortEnergy,
@@ -9,17 +9,17 @@ use zwidth::{
 
 use super::telemetry::Chunk;
 
-/// Time until a push has its full force, ms: there is an output per millisecond, and each adds at most 5 % of full
+/// Time until a push has its full force, ms. There is one output per millisecond. Each output adds at most 5 % of full
 /// scale.
 const PUSH_MS: u64 = 41;
 /// Samples per millisecond at the boards' rate.
 const SAMPLES_PER_MS: u64 = 10;
 
-/// The energy account up to the last output.
+/// The energy up to the last output.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Account {
     port: Option<PortEnergy>,
-    /// Sample of the last output, and its distance from the output before.
+    /// Sample of the last output, and number of samples since the output before it.
     last: Option<(u64, u64)>,
     push: Force,
     /// Sample of the last change of the push.
@@ -27,11 +27,11 @@ pub struct Account {
     zeros: Option<u16>,
 }
 
-/// A difference in energy: sample, energy of the board, energy of the core.
+/// A difference in energy: sample, energy of the board, and energy of the core.
 pub type Other = (u64, i64, i64);
 
 impl Account {
-    /// Adds a frame. Returns the number of compared keys, and a difference if there is one.
+    /// Adds a frame. Returns the number of compared key frames, and a difference if there is one.
     pub fn take(&mut self, chunk: &Chunk) -> (u64, Option<Other>) {
         for (record, push) in chunk.outputs.iter().zip(&chunk.pushes) {
             self.output(record, *push);
@@ -69,8 +69,8 @@ impl Account {
         }
     }
 
-    /// Force of the wall from this output on, and whether the handle is in contact. `None` if the force is not known:
-    /// during the sign test and the ramp, and while a push rises.
+    /// Force of the wall from this output on, and whether the handle is in contact. `None` if the force is unknown. It
+    /// is unknown during the sign test and the ramp, and while a push rises.
     fn wall(&self, record: &Record) -> Option<(i64, bool)> {
         let has = |flag| record.flags.contains(flag);
         if !has(Flags::ON) {

@@ -1,8 +1,8 @@
-//! Computes every sample of a capture again with the core, from the keys and the counts of the board.
+//! Computes every sample of a capture again with the core, from the board's counts and key frames (keys).
 //!
-//! Between two keys, every velocity follows from the counts, and every force from the settings. The board's outputs,
-//! and the state in its next key, must be equal to the last bit. If they differ, the first sample with a difference is
-//! reported. The samples after it, up to the next key, are not compared.
+//! A key has the state of the sampler. From there to the next key, every velocity follows from the counts, and every
+//! force from the settings. The board's outputs, and the state in its next key, must be equal, bit for bit. If they
+//! differ, the first sample with a difference is reported. The samples after it, up to the next key, are not compared.
 
 use std::{
     collections::HashMap,
@@ -23,7 +23,7 @@ use super::{
     telemetry::{Capture, Chunk},
 };
 
-/// Largest move during the sample in which the count was zeroed, counts. The capture does not contain this move.
+/// Largest motion in the sample in which the count was set to zero, counts. The capture does not contain this motion.
 const ZEROED_MOVE: i32 = 500;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,9 +32,9 @@ pub struct Row {
     pub position: Position,
     /// Velocity, if it could be computed.
     pub velocity: Option<Velocity>,
-    /// Force that acts from the last output on; `None` before the first output.
+    /// Force of the last output; `None` before the first output.
     pub force: Option<Force>,
-    /// Velocity that the board reports with an output.
+    /// Velocity of the board, if the sample has an output.
     pub told: Option<Velocity>,
 }
 
@@ -44,7 +44,7 @@ pub struct Difference {
     pub sample: u64,
     /// Name of the quantity with a difference.
     pub what: &'static str,
-    /// Value of the board, as bits; then the value of the core.
+    /// Value of the board, as bits. `core` is the value of the core.
     pub board: i64,
     pub core: i64,
 }
@@ -61,7 +61,7 @@ impl fmt::Display for Difference {
 pub struct Recomputed {
     /// Every sample whose count is in the capture, in order.
     pub rows: Vec<Row>,
-    /// Stretches without a missing sample, as ranges of `rows`.
+    /// Ranges of `rows` without a missing sample.
     pub stretches: Vec<Range<usize>>,
     /// Number of samples whose velocity was computed.
     pub computed: u64,
@@ -73,11 +73,10 @@ pub struct Recomputed {
     pub states: u64,
     /// Number of keys whose energy at the port was compared with the computed energy.
     pub energies: u64,
-    /// Number of changes of the estimator, its tuning or the zero of the count that were followed.
+    /// Number of recomputed changes of the estimator, its tuning or the zero of the count.
     pub changes: u64,
-    /// Differences, in order.
     pub differences: Vec<Difference>,
-    /// Stretches between two keys that could not be computed: first sample, last sample, and reason.
+    /// Ranges between two keys that could not be computed: first sample, last sample, and reason.
     pub unknown: Vec<(u64, u64, &'static str)>,
 }
 
@@ -102,7 +101,7 @@ impl Recomputed {
         Self::until(capture, &AtomicBool::new(false))
     }
 
-    /// Computes a capture again. Ends with a part of the capture once `stop` is set.
+    /// Computes a capture again. If `stop` is set, ends with a part of the capture.
     pub fn until(capture: &Capture, stop: &AtomicBool) -> Self {
         let mut all = Self::default();
         let mut run = Run::default();
@@ -128,7 +127,7 @@ impl Recomputed {
         all
     }
 
-    /// Missing samples between the samples of the capture: first and last sample of each gap.
+    /// Gaps between the samples of the capture: first and last missing sample of each gap.
     pub fn gaps(&self) -> Vec<(u64, u64)> {
         let ends = self.stretches.windows(2).filter_map(|pair| {
             let [before, after] = [self.rows.get(pair[0].end - 1)?, self.rows.get(pair[1].start)?];
@@ -137,8 +136,8 @@ impl Recomputed {
         ends.collect()
     }
 
-    /// One row per sample, in the integers of the control. The velocity is in 2^-16 counts per sample, empty if it
-    /// could not be computed. The force of the last output is in 2^-30 of full scale.
+    /// One row per sample, in integers of the control loop. The velocity is in 2^-16 counts per sample. It is empty if
+    /// it could not be computed. The force of the last output is in 2^-30 of full scale.
     pub fn csv(&self) -> String {
         let mut text = String::from("sample,position_counts,velocity_q16,force_q30,output\n");
         for Row { sample, position, velocity, force, told } in &self.rows {
@@ -151,7 +150,6 @@ impl Recomputed {
         text
     }
 
-    /// The first difference.
     pub fn first_difference(&self) -> Option<&Difference> {
         self.differences.first()
     }
@@ -225,7 +223,7 @@ impl Recomputed {
         }
     }
 
-    /// Computes a stretch from key to key.
+    /// Computes a range of samples from key to key.
     fn stretch(&mut self, run: &Run, stretch: &[Told], begin: usize, stop: &AtomicBool) {
         let (Some(first), Some(last)) = (stretch.first(), stretch.last()) else { return };
         let place = |key: &Key| usize::try_from(key.sample - first.sample).unwrap_or(usize::MAX);
@@ -282,7 +280,7 @@ impl Recomputed {
         self.changes += changes;
     }
 
-    /// Keeps the computed velocities up to the first output that differs.
+    /// Compares the outputs. Stores the computed velocities up to the first output that differs.
     fn compare(&mut self, run: &Run, samples: &[Told], velocities: &[Velocity], begin: usize) {
         for (n, (told, &velocity)) in samples.iter().zip(velocities).enumerate() {
             if let Some((record, push)) = told.output {
@@ -303,8 +301,8 @@ impl Recomputed {
         }
     }
 
-    /// Whether the force of an output agrees with the core. True if something other than wall and push decides the
-    /// force.
+    /// Whether the force of an output agrees with the core. Also true if the force has another source than wall and
+    /// push.
     fn force(&mut self, run: &Run, record: &Record, motion: Motion, push: Force) -> bool {
         let Some(Some(parameters)) = run.settings.get(&record.settings) else { return true };
         let (flags, drive) = (record.flags, parameters.render(motion, push));
@@ -331,7 +329,7 @@ impl Recomputed {
     }
 }
 
-/// Result of the core for some samples: velocities, last state, estimator.
+/// Result of the core for several samples: velocities, last state, and estimator.
 struct Path {
     velocities: Vec<Velocity>,
     state: velocity::State,
@@ -346,8 +344,8 @@ fn is(path: &Path, key: &Key) -> bool {
         && length.is_some_and(|length| memory.get(..length) == Some(key.memory()))
 }
 
-/// The path from the state after the first of the samples. The estimator changes at the index of `change`. The count is
-/// zeroed at the index of `zero`, in a sample that moved by the given counts.
+/// Computes the samples after the first one. The estimator changes at the index of `change`. The count is set to zero
+/// at the index of `zero`, in a sample with the given motion, counts.
 fn follow(
     samples: &[Told],
     mut state: velocity::State,
@@ -378,9 +376,9 @@ fn follow(
 }
 
 /// The path to a key after a change of the tuning or of the count's zero. A change normally acts from the sample after
-/// an output on. A later sample is used only if no other path ends in the key's state. The key's state also shows the
-/// unknown move of the sample in which the count was zeroed. `None` if no path ends in this state, or if several later
-/// ones with different velocities do.
+/// an output on. A later sample is used only if no other path ends in the key's state. The motion in the sample that
+/// sets the count to zero is unknown. It follows from the key's state. `None` if no path ends in this state. Also
+/// `None` if several later paths end in it with different velocities.
 fn followed(
     samples: &[Told],
     state: velocity::State,
@@ -424,8 +422,8 @@ fn followed(
             if !fits(&path) {
                 continue;
             }
-            // By the board's timing, the change acts from the sample after the output. An estimator without memory
-            // cannot show this sample.
+            // By the board's timing, the change acts from the sample after the output on. If the estimator has no
+            // memory, several samples fit.
             if zero.is_some() || change == &changes[0] {
                 return Some(path);
             }

@@ -1,22 +1,22 @@
-//! The rendered impedance of the sampled loop: a sine moves the handle inside the wall, and the loop responds with a
+//! The rendered impedance of the sampled loop. A sine moves the handle inside the wall, and the loop responds with a
 //! force.
 //!
 //! The loop of the scene (encoder, estimator in the core's integers, wall, output period, latency) runs with a
 //! prescribed motion of [`AMPLITUDE_COUNTS`]. The ratio of the Fourier coefficients of force and motion is the
-//! impedance. For a non-linear estimator this is its describing function at this amplitude. For a linear one it is the
-//! frequency response, except for the rounding of the counts. A prescribed motion needs no arm: any hand feels the
-//! force that belongs to the motion. The arm decides which walls are stable.
+//! impedance. For a non-linear estimator this is its describing function at this amplitude. For a linear estimator it
+//! is the frequency response, except for the rounding of the counts. A prescribed motion needs no arm, because any hand
+//! feels the force that belongs to the motion. The arm only decides which walls are stable.
 //!
-//! **Magnitude.** [`Rendered`] stores the estimator's response at [`HZ`], 1 to 30 Hz: `V = a X + c F`, the velocity
-//! from the motion and from the force that a model gets (`c` is 0 except for observers). So each wall follows without
-//! another run:
+//! **Magnitude.** [`Rendered`] stores the estimator's response at [`HZ`], 1 to 30 Hz: `V = a X + c F`. `a` is the
+//! velocity per motion. `c` is the velocity per force, for an estimator that gets the force. It is 0 except for
+//! observers. So one run gives every wall:
 //! ```text
 //! F = -(K X + B V) at the outputs  =>  V = (a - c K) / (1 + c B),   Z = (K + B V) sinc(w T/2) A(w),   T the output period
 //! ```
 //! where A is the amplifier. The error of a wall is the maximum of `| |Z| / |K + jwB| - 1 |` over these frequencies.
-//! Hold and latency turn the phase and are equal for all estimators. So the error comes from the estimator, except for
-//! less than 0.15 % from the hold at 1 kHz. Without a model the error depends only on K / B: in the plane of K and B
-//! the walls whose error is above a limit form a sector from the origin.
+//! Hold and latency change the phase, and are equal for all estimators. So the error comes from the estimator, except
+//! for less than 0.15 % from the hold at 1 kHz. If the estimator does not get the force, the error depends only on K /
+//! B. Then the walls with an error above a limit form a sector from the origin in the plane of K and B.
 
 use std::f64::consts::PI;
 
@@ -36,25 +36,25 @@ use crate::{
     },
 };
 
-/// Amplitude of the motion, counts: as small as in a contact, but with many counts.
+/// Amplitude of the motion, counts. It is as small as in a contact, but has many counts.
 pub const AMPLITUDE_COUNTS: f64 = 100.0;
-/// Length of the record, s: two periods of 1 Hz.
+/// Length of the record, s. It has two periods of 1 Hz.
 const RECORD_S: f64 = 2.0;
 /// Time before the record, s.
 const SETTLE_S: f64 = 1.0;
 
 /// Approximate frequencies at which the magnitude is compared, Hz: the range of a hand's motion.
 pub const HZ: [f64; 12] = [1.0, 1.5, 2.0, 3.0, 4.0, 5.5, 7.5, 10.0, 13.0, 17.0, 23.0, 30.0];
-/// Stiffness of the run that measures an observer's response to the force, N/m. It is so high that the LSB of the force
-/// has no effect.
+/// Stiffness of the run that measures an observer's response to the force, N/m. With such a high value, the LSB of the
+/// force has no effect.
 const PROBE_N_PER_M: f64 = 2000.0;
 
-/// The scene with an actuator that does not saturate here, up to `highest_hz`.
+/// The scene with an actuator that does not saturate at frequencies up to `highest_hz`.
 pub(super) fn unlimited(scene: &Scene, wall: &WallHit, highest_hz: f64) -> Scene {
     let mut scene = scene.clone();
     let depth_m = 4.0 * AMPLITUDE_COUNTS * scene.encoder.resolution_m;
     let fastest = 2.0 * PI * highest_hz * AMPLITUDE_COUNTS * scene.encoder.resolution_m;
-    // Noise may add one count per sample to the velocity; the factor is a margin.
+    // Noise may add one count per sample to the velocity. The factor 10 is a margin.
     let noise = 10.0 * scene.encoder.resolution_m * scene.control.rate_hz;
     let most_n = wall.stiffness_n_per_m * depth_m + wall.damping_n_s_per_m * (fastest + noise);
     scene.actuator.limit_v *= (2.0 * most_n / scene.full_scale_n()).max(1.0);
@@ -66,7 +66,7 @@ pub(super) fn unlimited(scene: &Scene, wall: &WallHit, highest_hz: f64) -> Scene
 /// The encoder with a prescribed motion.
 struct Encoder<'a> {
     scene: &'a Scene,
-    /// Number that makes this motion's noise differ from that of other motions.
+    /// Number of this motion, so that each motion has its own noise.
     hit: u64,
 }
 
@@ -94,8 +94,8 @@ pub(super) struct Sine<'a> {
 
 /// One output of the record.
 pub(super) struct Output {
-    /// Factor from the force to its share of the fundamental. A held force acts as if it came in the middle of its
-    /// hold.
+    /// Factor that gives the contribution of the force to the fundamental. A held force acts as if it came in the
+    /// middle of its hold.
     pub(super) acts: Complex<f64>,
     /// Depth behind the surface from the counts, m.
     pub(super) depth_m: f64,
@@ -108,7 +108,7 @@ pub(super) struct Output {
 }
 
 impl<'a> Sine<'a> {
-    /// A sine near this frequency. Its number of periods and its number of outputs have no common factor, so no pattern
+    /// A sine near this frequency. Its number of periods and its number of outputs have no common factor. So no pattern
     /// of counts repeats.
     pub(super) fn new(scene: &'a Scene, wall: &'a WallHit, about_hz: f64) -> Self {
         let output_hz = scene.control.rate_hz / f64::from(scene.actuator.period);
@@ -126,12 +126,12 @@ impl<'a> Sine<'a> {
         Self { scene, wall, outputs, frequency_hz: periods * output_hz / outputs }
     }
 
-    /// Runs the loop; `each` gets every output of the record.
+    /// Runs the loop. Calls `each` with every output of the record.
     pub(super) fn run(&self, each: impl FnMut(&Output)) -> Result<(), Error> {
         self.run_at(false, each)
     }
 
-    /// Runs the loop. With `samples`, `each` gets every sample, with the force of the last output.
+    /// Runs the loop. With `samples`, calls `each` with every sample and the force of the last output.
     fn run_at(&self, samples: bool, mut each: impl FnMut(&Output)) -> Result<(), Error> {
         let Self { scene, wall, .. } = self;
         let design = scene.design();
@@ -203,7 +203,7 @@ impl<'a> Sine<'a> {
         [(half.sin() / half).into(), lag]
     }
 
-    /// Coefficient of the motion, m: x = A sin = A (e - e*) / 2j.
+    /// Coefficient of the motion, m: x = A sin = A (e - e*) / 2j, where e* is the conjugate of e.
     pub(super) fn motion(&self) -> Complex<f64> {
         Complex::new(0.0, -AMPLITUDE_COUNTS * self.scene.encoder.resolution_m / 2.0)
     }
@@ -213,7 +213,7 @@ impl<'a> Sine<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Answer {
     omega_per_s: f64,
-    /// Counts per motion: 1 except for rounding, error and noise of the encoder.
+    /// Ratio of the measured position to the motion. It is 1 except for rounding, error and noise of the encoder.
     position: Complex<f64>,
     /// Velocity per motion, 1/s.
     by_motion: Complex<f64>,
@@ -255,7 +255,7 @@ impl Rendered {
                     (velocity - by_motion) / force
                 }
             };
-            // The coefficients already contain the delay of hold and latency.
+            // The coefficients already contain the delay of hold and latency, so it is not added again.
             let [hold, lag] = sine.held();
             let held = hold * lag;
             let omega_per_s = 2.0 * PI * sine.frequency_hz;
@@ -288,9 +288,9 @@ impl Answer {
 }
 
 impl Sine<'_> {
-    /// Coefficients of position, velocity and granted force, divided by that of the motion. An estimator without a
-    /// force input does not depend on the output period. So all samples are used instead of the outputs only, which
-    /// reduces the ripple of the counts.
+    /// Coefficients of position, velocity and granted force, divided by the coefficient of the motion. An estimator
+    /// without a force input does not depend on the output period. So all samples are used instead of the outputs only.
+    /// This reduces the ripple of the counts.
     fn coefficients(&self, is_told: bool) -> Result<[Complex<f64>; 3], Error> {
         let (mut sums, mut count) = ([Complex::new(0.0, 0.0); 3], 0.0);
         self.run_at(!is_told, |output| {
@@ -314,7 +314,7 @@ mod tests {
         NamedScene::load("paper-1um").unwrap().scene
     }
 
-    /// Walls on both sides of K = w B, and in the middle of the sector.
+    /// Walls on both sides of K = w B, and in the middle of the sector, K, N/m, and B, N s/m.
     const WALLS: [[f64; 2]; 5] =
         [[20_000.0, 10.0], [20_000.0, 100.0], [20_000.0, 300.0], [5000.0, 300.0], [0.0, 50.0]];
 
@@ -335,8 +335,8 @@ mod tests {
 
     /// Error by quantisation at an amplitude of 100 counts.
     const ROUNDING: f64 = 1.5e-3;
-    /// Error by quantisation of a single wall from its outputs only, if most of its force comes from the damper. Larger
-    /// for estimators that chatter.
+    /// Error by quantisation of a single wall from its outputs only, if most of its force comes from the damper. It is
+    /// larger for estimators that chatter.
     const ROUNDING_OF_OUTPUTS: f64 = 0.015;
     const CHATTER: f64 = 0.1;
 
@@ -364,7 +364,7 @@ mod tests {
         assert!(tried >= 50 && largest > 0.1, "{tried} {largest}");
     }
 
-    /// Compares with one run of the loop at each wall, for estimators with a force input and for non-linear ones.
+    /// Compares with one run of the loop at each wall. The estimators have a force input or are non-linear.
     #[test]
     fn the_walls_follow_from_one_run_as_each_of_them_alone() {
         let observer = |bandwidth_hz| VelocitySettings::Observer { bandwidth_hz, mass_kg: 0.416 };
@@ -440,7 +440,7 @@ mod tests {
         let rendered = Rendered::of(&paper(), filter).unwrap();
         let one = rendered.error(20_000.0, 100.0);
         assert!((one / rendered.error(2000.0, 10.0) - 1.0).abs() < 1e-12);
-        // A delay of 2.3 ms: at K = w B and 30 Hz the error is half of w times the delay.
+        // With a delay of 2.3 ms, at K = w B and 30 Hz, the error is half of w times the delay.
         let middle = rendered.error(2.0 * PI * 30.0 * 100.0, 100.0);
         assert!((middle / (0.5 * 2.0 * PI * 30.0 * 2.3e-3) - 1.0).abs() < 0.15, "{middle}");
         assert!(rendered.error(1e6, 100.0) < 0.02 && one > 0.1, "{one}");

@@ -21,21 +21,21 @@ pub struct Chunk {
     pub outputs: Vec<Record>,
     /// Push of an experiment at each output.
     pub pushes: Vec<Force>,
-    /// Positions of the samples up to the newest output, starting with the sample before them, oldest first. Empty if
-    /// all samples of the frame are outputs, or for layout 1.
+    /// Positions of the samples up to the newest output, oldest first. The first position belongs to the sample before
+    /// these samples. Empty for layout 1, or if all samples of the frame are outputs.
     pub positions: Vec<Position>,
-    /// Settings in the frame, of estimators that this build has.
+    /// Settings in the frame. Only estimators of this build are included.
     pub settings: Vec<InForce>,
     /// State of the sampler; only in a key frame.
     pub key: Option<Key>,
-    /// Energy exchanged between wall and hand up to the newest output; only in a key frame.
+    /// Energy between wall and hand up to the newest output; only in a key frame.
     pub port: Option<Exchanged>,
 }
 
-/// All frames of a capture, and the gaps between them.
+/// All frames of a capture, and the number of missing frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Capture {
-    /// The frames in their order of arrival. A frame with several outputs appears once for each output.
+    /// The frames in the order of arrival. A frame with several outputs appears once for each output.
     pub frames: Vec<Frame>,
     /// The same data by frame, with the counts of all samples.
     pub chunks: Vec<Chunk>,
@@ -64,12 +64,12 @@ impl Chunk {
 }
 
 impl Capture {
-    /// Decodes a capture. It may begin and end anywhere, and contain any bytes.
+    /// Decodes a capture. It may begin or end within a frame, and contain any bytes.
     pub fn decode(bytes: &[u8]) -> Self {
         Self::decode_until(bytes, &AtomicBool::new(false))
     }
 
-    /// Decodes a capture. Ends with a part of the capture once `stop` is set.
+    /// Decodes a capture. If `stop` is set, ends with a part of the capture.
     pub fn decode_until(bytes: &[u8], stop: &AtomicBool) -> Self {
         let mut decoder = Decoder::new();
         let (mut frames, mut chunks) = (Vec::new(), Vec::new());
@@ -98,14 +98,14 @@ impl Capture {
         codes.filter(|code| *code != 0).collect::<BTreeSet<_>>().into_iter().collect()
     }
 
-    /// The records of the longest stretch without a reset of the board, in the order of their samples. A record that
-    /// came twice, because the black box was read, appears once.
+    /// The records of the longest run without a reset of the board, in the order of their samples. If the black box was
+    /// read, some records were received twice. Each of them appears once.
     pub fn longest_run(&self) -> Vec<Record> {
         let live = |frame: &&Frame| !frame.record.flags.contains(Flags::REPLAY);
         let mut runs = vec![Vec::new()];
         let mut last = 0;
         for frame in &self.frames {
-            // A replayed record belongs to the run in which it was requested.
+            // A record from the black box belongs to the run in which it was read.
             if live(&frame) {
                 if frame.record.sample < last {
                     runs.push(Vec::new());
@@ -122,8 +122,8 @@ impl Capture {
         longest
     }
 
-    /// One row per frame, in the integers of the control, so nothing is rounded: velocity in 2^-16 counts per sample,
-    /// force in 2^-30 of full scale.
+    /// One row per frame, in the integers of the control loop, so that nothing is rounded. The velocity is in 2^-16
+    /// counts per sample, and the force in 2^-30 of full scale.
     pub fn csv(&self) -> String {
         let mut text = String::from(
             "sequence,sample,position_counts,velocity_q16,force_q30,command,flags,settings,fault\n",

@@ -1,8 +1,8 @@
-//! Selects walls that a walk may need next, so that a free lane can run them.
+//! Finds walls that a walk may need later, so that a free lane can run them.
 //!
 //! A walk continues from verdict to verdict. A future verdict is guessed from the boundary so far, and from the
-//! boundary of a neighbour. A neighbour has another start or another tuning. Of all possible walls, the most likely one
-//! is taken. A wrong guess costs a hit in a lane that would be idle. It changes no boundary and no count of hits.
+//! boundary of a neighbour, which has another start or another tuning. The wall that is most likely needed is run. A
+//! wrong guess costs a hit in a lane that would be idle. It changes no boundary and no number of hits.
 
 use std::{
     cmp::Reverse,
@@ -14,11 +14,11 @@ use zwidth::experiment::{Cell, Verdict, Walk};
 use super::boundary::Progress;
 use crate::simulation::prepared::HitError;
 
-/// Expected error of a guess of the boundary's K, steps.
+/// Expected error of a guessed K of the boundary, steps.
 const OFF_STEPS: f64 = 1.2;
-/// Probability that a wall is stable before the boundary is reached: most are.
+/// Probability that a wall is stable before the boundary is reached. Most of these walls are stable.
 const STABLE_BEFORE: f64 = 0.9;
-/// Limit of the search, because walks may reach the same cells again.
+/// Largest number of examined cells, because several possible walks may reach the same cell.
 const LOOKED_AT_MAX: usize = 400;
 
 /// K of a boundary at each B, steps.
@@ -26,8 +26,8 @@ const LOOKED_AT_MAX: usize = 400;
 pub struct Guide(Vec<i32>);
 
 impl Guide {
-    /// Adds the last point of a boundary, if new. `last` is the K of this point and the number of points. B ascends
-    /// from the first.
+    /// Adds the last point of a boundary, if it is new. `last` is the K of this point and the number of points. The
+    /// points are in the order of B.
     pub fn follow(&mut self, last: Option<(i32, usize)>) {
         if let Some((stiffness, _)) = last.filter(|(_, points)| *points > self.0.len()) {
             self.0.push(stiffness);
@@ -38,8 +38,7 @@ impl Guide {
         self.0.get(usize::try_from(damping).ok()?).map(|k| f64::from(*k))
     }
 
-    /// A guess of K at a B beyond the boundary so far. It follows the trend of a neighbour, or the boundary's own
-    /// trend.
+    /// A guess of K at a B beyond the boundary so far. It follows the trend of a neighbour or the boundary's own trend.
     fn guess(&self, neighbour: &Self, damping: i32) -> Option<f64> {
         let last = i32::try_from(self.0.len()).ok()?.checked_sub(1)?;
         let here = self.at(last)?;
@@ -57,11 +56,12 @@ impl Guide {
 /// Range of B for a trend, steps.
 const TREND: i32 = 4;
 
-/// A walk that has begun, with walls for later.
+/// A walk that has begun, with its known and its running cells.
 pub struct Running {
     pub progress: Progress,
-    /// The boundary so far, and that of a neighbour.
+    /// The boundary so far.
     pub guide: Guide,
+    /// The boundary of a walk with another start or another tuning.
     pub neighbour: Guide,
     /// Verdicts of cells that the walk has not reached yet.
     pub known: BTreeMap<(i32, i32), Result<Verdict, HitError>>,
@@ -80,10 +80,10 @@ pub fn place(cell: Cell) -> (i32, i32) {
     (cell.stiffness, cell.damping)
 }
 
-/// The walk and the cell that are most likely needed. The cell is neither known nor running.
+/// The walk and the cell that are most likely needed. The cell has no verdict and does not run in a lane.
 pub fn likeliest(running: &BTreeMap<usize, Running>) -> Option<(usize, Cell)> {
-    // Possible walks; the most likely one is examined first. If two are equally likely, that of the first walk comes
-    // first. A probability is not negative, so its bits have the same order.
+    // Possible continuations of the walks, the most likely first. If two are equally likely, the continuation of the
+    // first walk comes first. A probability is not negative, so its bits have the same order.
     let mut walks: Vec<Walk> = running.values().map(|of| of.progress.walk()).collect();
     let start = |(place, of)| (1f64.to_bits(), Reverse(of), Reverse(place));
     let mut heap: BinaryHeap<_> = running.keys().copied().enumerate().map(start).collect();
@@ -111,7 +111,6 @@ pub fn likeliest(running: &BTreeMap<usize, Running>) -> Option<(usize, Cell)> {
     None
 }
 
-/// Probability that a wall is stable.
 fn stable([own, neighbour]: [&Guide; 2], cell: Cell) -> f64 {
     let guess = own.guess(neighbour, cell.damping).or_else(|| neighbour.at(cell.damping));
     guess.map_or(STABLE_BEFORE, |k| {

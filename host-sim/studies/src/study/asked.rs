@@ -1,4 +1,4 @@
-//! Options for a scene, checked before the first hit. Command line and Python share them.
+//! Checks options for a scene before the first hit. Command line and Python share this code.
 
 use std::sync::atomic::AtomicBool;
 
@@ -17,7 +17,7 @@ use crate::{
     simulation::prepared::{Numeric, PreparedScene, WallHit},
 };
 
-/// Names of the options in messages: a command's options, or a function's arguments.
+/// Names in messages: a command's options, or a function's arguments.
 #[derive(Clone, Copy, Debug)]
 pub struct Names {
     /// Nominal cutoff of the filter, Hz.
@@ -30,7 +30,7 @@ pub struct Names {
     pub start_offset: &'static str,
 }
 
-/// Prepares a user's scene. No hit may reach the wall faster than the range of the core's velocity.
+/// Prepares a user's scene. No hit may reach the wall with a speed above the range of the core's velocity.
 ///
 /// # Errors
 /// A hit is too fast, or the scene cannot be prepared.
@@ -40,11 +40,11 @@ pub fn prepare(scene: &NamedScene) -> Result<PreparedScene, Error> {
     Ok(prepared)
 }
 
-/// The scene's filter at the requested cutoff; without one, at the cutoff of `[velocity]`; without one there, at the
-/// only cutoff of `[sweep]`.
+/// The scene's filter at the requested cutoff. Without a request, at the cutoff of `[velocity]`. Without this cutoff,
+/// at the only cutoff of `[sweep]`.
 ///
 /// # Errors
-/// There is no such cutoff, or the estimator has no cutoff that could be set.
+/// There is no such cutoff, or the estimator has no cutoff.
 pub fn filter(scene: &NamedScene, asked_hz: Option<f64>) -> Result<VelocitySettings, Error> {
     let velocity = &scene.scene.velocity;
     if asked_hz.is_some() && !velocity.has_cutoff() {
@@ -68,12 +68,12 @@ pub fn only_of_sweep(scene: &scene::Scene) -> Option<VelocitySettings> {
 /// The scene's filters at these cutoffs. Empty if there are no cutoffs.
 ///
 /// # Errors
-/// Cutoffs are given, but the estimator has none.
+/// Cutoffs are given, but the estimator has no cutoff.
 pub fn filters(scene: &NamedScene, cutoffs_hz: &[f64]) -> Result<Vec<VelocitySettings>, Error> {
     cutoffs_hz.iter().map(|&cutoff_hz| filter(scene, Some(cutoff_hz))).collect()
 }
 
-/// The error that refuses a cutoff.
+/// The error if a cutoff is given for an estimator without a cutoff.
 pub fn no_cutoff(scene: &NamedScene) -> Error {
     Error::Input(format!(
         "{}: the estimator {} has no cutoff; its parameters are keys of [velocity]",
@@ -96,7 +96,7 @@ pub fn check_start(scene: &NamedScene, offset_counts: f64, names: Names) -> Resu
     Err(Error::Input(refused(names.start_offset, offset_counts, &(-1e6..=counts.min(1e6)))))
 }
 
-/// Checks cutoff, K and B: the core must accept the settings.
+/// Checks whether the core accepts cutoff, K and B.
 ///
 /// # Errors
 /// A value is out of range.
@@ -118,7 +118,7 @@ pub fn check_wall(scene: &NamedScene, wall: &WallHit, names: Names) -> Result<()
         })
 }
 
-/// Refuses a B that the scene's walk does not reach. K is to be read at this B. Messages call the B `option`.
+/// Refuses a B that the scene's walk does not reach, because K is read at this B. Messages call the B `option`.
 ///
 /// # Errors
 /// The walk does not reach the B.
@@ -133,7 +133,7 @@ pub fn check_read_off(
         .map_err(|error| Error::Input(scene.scene.units.text(&error)))
 }
 
-/// The requested hit, checked: on the wall `[K, B]`, or on the first wall of the scene's walk.
+/// The requested hit, after its checks. The wall is `[K, B]`, or the first wall of the scene's walk.
 ///
 /// # Errors
 /// A value is out of range.
@@ -154,10 +154,11 @@ pub fn hit(
     Ok(hit)
 }
 
-/// The boundary of the walk that begins with the hit `first`.
+/// Walks from the hit `first`, and returns the boundary.
 ///
 /// # Errors
-/// The first wall is unstable (the error says what to change), the handle does not reach it, or `stop` was set.
+/// The first wall is unstable, the handle does not reach it, or `stop` was set. If the wall is unstable, the error says
+/// what to change.
 pub fn boundary(
     scene: &NamedScene,
     engine: Engine,
@@ -187,11 +188,11 @@ pub fn boundary(
     ))))
 }
 
-/// The linear loop of a scene with its linear elements. Without `multirate` there is a force for every sample without
-/// latency, as in the paper's equations (3) to (5). With `multirate` the loop has its real period and latency.
+/// The linear loop of a scene with its linear elements. With `multirate` the loop has its real period and latency.
+/// Without `multirate` there is a force for every sample without latency, as in the paper's equations (3) to (5).
 ///
 /// # Errors
-/// The estimator is not linear, has other inputs than the position, or its tuning is out of range.
+/// The estimator is not linear, has inputs in addition to the position, or has a tuning out of range.
 pub fn linear_loop(
     scene: &scene::Scene,
     filter: &VelocitySettings,
@@ -215,7 +216,7 @@ pub fn linear_loop(
     Ok(of)
 }
 
-/// Numbered walls of a grid. K changes fastest, then B, then the filter.
+/// The walls of a grid, with numbers. K changes fastest, then B, then the filter.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Walls {
     pub filters: Vec<VelocitySettings>,

@@ -1,4 +1,5 @@
-//! The envelope in a board's device record: a sweep for every estimator, design and output period of the scene.
+//! The envelope of a board's device record. There is a sweep for every estimator, design and output period of the
+//! scene.
 
 use zwidth::{
     VelocitySettings,
@@ -21,11 +22,11 @@ use crate::{
 /// Walks per cutoff, as in a sweep.
 pub const REPEATS: u32 = 4;
 
-/// An estimator or a design with an output period.
+/// An estimator or a design, with an output period.
 #[derive(Clone, Debug)]
 pub struct Part {
     pub estimator: EstimatorName,
-    /// Name and number of the design, if it is one.
+    /// Name and number of the design; `None` for an estimator.
     pub design: Option<(String, u8)>,
     /// Samples from output to output.
     pub period: u32,
@@ -35,7 +36,7 @@ pub struct Part {
 }
 
 impl Part {
-    /// All parts of a scene, at the cutoffs of its sweep and at the cutoff of `first`, the initial settings.
+    /// All parts of a scene, at the cutoffs of its sweep and at the cutoff of the initial settings `first`.
     ///
     /// # Errors
     /// [`Error::Input`]: a value of the scene is not allowed with one of the parts.
@@ -69,7 +70,6 @@ impl Part {
         Ok(parts)
     }
 
-    /// Number of walks of the sweep.
     pub fn walks(&self) -> u64 {
         self.filters.len() as u64 * u64::from(REPEATS)
     }
@@ -84,12 +84,11 @@ pub struct Found {
 }
 
 impl Found {
-    /// The boundaries in the core's form.
+    /// The boundaries in the form of the core.
     pub fn boundaries(&self) -> impl Iterator<Item = Boundary<'_>> {
         self.boundaries.iter().map(|(key, points)| Boundary { key: *key, points })
     }
 
-    /// Number of rows of the table.
     pub fn rows(&self) -> usize {
         self.boundaries.iter().map(|(_, points)| points.len()).sum()
     }
@@ -104,11 +103,11 @@ pub struct DeviceRecord {
 }
 
 impl DeviceRecord {
-    /// The record of a scene on a board, with the envelope of these parts. Without parts, the record is that of a
-    /// device without measurements. `done` is called after each walk.
+    /// The record of a scene on a board, with the envelope of these parts. Without parts, the record has no
+    /// measurements. Calls `done` after each walk.
     ///
     /// # Errors
-    /// The scene does not fit the board, or `stop` was set. All refusals come before the first walk.
+    /// The scene does not fit the board, or `stop` was set. The scene is refused before the first walk.
     pub fn of(
         named: &NamedScene,
         board: &BoardFacts,
@@ -124,7 +123,7 @@ impl DeviceRecord {
     }
 }
 
-/// The device on a board, if it fits, with or without an envelope.
+/// The device on a board, with or without an envelope.
 ///
 /// # Errors
 /// [`Error::Input`]: the device does not fit the board.
@@ -139,7 +138,7 @@ pub fn fitting(
     named.prepared(board, first)
 }
 
-/// The scene with the initial estimator. The recommended cutoff is for this estimator.
+/// The scene with the initial estimator, for which the cutoff is recommended.
 ///
 /// # Errors
 /// [`Error::Input`]: the scene names no estimator of the board.
@@ -152,7 +151,7 @@ pub fn with_first_estimator(named: &NamedScene) -> Result<NamedScene, Error> {
     Ok(named)
 }
 
-/// Sets the estimator of the scene: the scene's own settings, or the defaults of another estimator.
+/// Sets the estimator of the scene. It has the scene's own settings, or the defaults of another estimator.
 fn take(scene: &mut Scene, estimator: EstimatorName) {
     if scene.velocity.estimator() != estimator {
         scene.velocity = VelocityTable::from(estimator.defaults()).with_cutoff(None);
@@ -165,8 +164,8 @@ pub fn says_first(scene: &Scene) -> bool {
     scene.board.as_ref().is_some_and(said) || scene.velocity.cutoff_hz().is_some()
 }
 
-/// The initial settings: the design or the cutoff of the scene. Without one, the recommended cutoff. Without a
-/// recommendation, the middle of the scene's list.
+/// The initial settings. They have the design or the cutoff of the scene. Without both, they have the recommended
+/// cutoff. Without a recommendation, they have the middle of the scene's list.
 ///
 /// # Errors
 /// [`Error::Input`]: the scene names no estimator of the board.
@@ -191,7 +190,7 @@ pub fn first_settings(
     Ok(first.map_or(scene.velocity, |first| first.defaults().into()).at(cutoff_hz))
 }
 
-/// Makes the sweeps of all parts. `done` is called after each walk.
+/// Makes the sweeps of all parts. Calls `done` after each walk.
 ///
 /// # Errors
 /// A setting is out of range, or `stop` was set.
@@ -210,7 +209,7 @@ pub fn board_envelope(
         let mut boundaries = vec![];
         for envelope in envelopes(how, &prepared, &swept)? {
             let velocity = envelope.velocity;
-            // Without a design, the firmware's key has no further parameter: its walls are for the defaults only.
+            // Without a design, the firmware only knows walls for the default values of further parameters.
             if part.design.is_none() && !velocity.differs_by_tuning_only() {
                 continue;
             }

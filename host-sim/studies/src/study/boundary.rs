@@ -1,4 +1,4 @@
-//! The boundary of the stable walls at one cutoff, as the core's walk finds it, hit by hit.
+//! The boundary of the stable walls at one cutoff. The core's walk finds it hit by hit.
 
 use std::borrow::Cow;
 
@@ -32,11 +32,10 @@ impl BoundaryPoint {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Boundary {
-    /// The points, B ascending.
+    /// The points in ascending order of B.
     pub points: Vec<BoundaryPoint>,
     /// Area below the boundary: the sum of K dB over the points, N^2 s/m^2.
     pub area: f64,
-    /// Number of hits of the walk.
     pub hits: u64,
     /// The reason for the end of the walk; `None` if the first point is unstable.
     pub ended: Option<Ended>,
@@ -87,7 +86,6 @@ impl Boundaries {
         self.iter().map(|boundary| boundary.area).collect()
     }
 
-    /// Mean and spread of the areas.
     pub fn repeats(&self) -> Repeats {
         Repeats::of(self.iter().map(|boundary| boundary.area))
     }
@@ -97,7 +95,6 @@ impl Boundaries {
         self.repeats().mean
     }
 
-    /// Number of hits of all walks.
     pub fn hits(&self) -> u64 {
         self.iter().map(|boundary| boundary.hits).sum()
     }
@@ -127,7 +124,7 @@ impl Boundaries {
         self.iter().map(Boundary::damping_max_n_s_per_m).collect()
     }
 
-    /// K of each boundary at the nearest B of the grid, N/m; 0 if a boundary ends before this B.
+    /// K of each boundary at the B of the grid nearest to this B, N/m; 0 if a boundary ends before.
     pub fn stiffnesses_at(&self, damping_n_s_per_m: f64) -> Vec<f64> {
         let of = |boundary: &Boundary| {
             let distance = |b: f64| (b - damping_n_s_per_m).abs();
@@ -140,7 +137,7 @@ impl Boundaries {
         self.iter().map(of).collect()
     }
 
-    /// Every point of several boundaries. The column `of` has their names.
+    /// Every point of several boundaries. The column `of` has the names of the boundaries.
     pub fn table<'a>(
         of: &str,
         named: impl IntoIterator<Item = (Cow<'static, str>, &'a Self)>,
@@ -166,7 +163,7 @@ impl Boundaries {
         table
     }
 
-    /// Number of boundaries that ended at a cap or passed a cap.
+    /// Number of boundaries that ended at a cap or went beyond a cap.
     pub fn capped(&self) -> usize {
         self.iter().filter(|boundary| !matches!(boundary.ended, None | Some(Ended::Closed))).count()
     }
@@ -183,7 +180,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// A walk of the scene with this filter, before its first hit.
+    /// A walk of the scene with this filter, before the first hit.
     pub fn new(
         prepared: &PreparedScene,
         velocity: VelocitySettings,
@@ -213,7 +210,6 @@ impl Progress {
         self.last_stiffness.map(|stiffness| (stiffness, self.boundary.points.len()))
     }
 
-    /// The hit of a cell.
     pub(super) fn hit_at(&self, cell: Cell) -> WallHit {
         WallHit {
             velocity: self.velocity,
@@ -223,8 +219,8 @@ impl Progress {
         }
     }
 
-    /// Takes the verdict of [`hit`](Self::hit). At the end of the walk, returns the boundary or the reason why there is
-    /// none. An unstable first point gives an empty boundary. A hit that leaves the core's range counts as unstable.
+    /// Takes the verdict of [`hit`](Self::hit). At the end of the walk, returns the boundary, or the reason why there
+    /// is no boundary. An unstable first point gives an empty boundary. A hit that leaves the core's range is unstable.
     /// `touches` returns whether the handle reaches the wall in a hit.
     pub fn report(
         &mut self,
@@ -234,7 +230,7 @@ impl Progress {
         let hit = self.hit();
         self.boundary.hits += 1;
         let verdict = match verdict {
-            // An early verdict may end the hit before the handle leaves the range. Both cases are unstable.
+            // With an early verdict, the hit may end before the handle leaves the range. Both cases are unstable.
             Err(HitError::OutOfRange(_)) => Verdict::Unstable,
             Err(error) => return Some(Err(error.into())),
             Ok(verdict) => verdict,

@@ -1,12 +1,12 @@
 //! The walls that the firmware may render without unlocking.
 //!
-//! The boundary walk records the largest stable K at each B, as the paper does. Not every wall below it is stable: at
-//! large B a soft wall chatters where a stiffer wall is stable. The walk comes from above and misses this wall. So the
-//! envelope has an interval of K at each B: the longest interval in which every hit is stable, up to the smallest
-//! boundary of all repeats.
+//! The boundary walk records the largest stable K at each B, as the paper does. Some walls below this K are not stable.
+//! At large B, a soft wall may chatter although a stiffer wall is stable. The walk comes from above and does not find
+//! the soft wall. So the envelope has an interval of K at each B. It is the longest interval in which every hit is
+//! stable, up to the smallest boundary of all repeats.
 //!
-//! Hits are made on every [`STRIDE`]-th line of the walk's grid in both directions, which limits their number. Between
-//! two B the firmware allows a K that is allowed at both.
+//! Hits are made on every [`STRIDE`]-th line of the walk's grid in both directions, which limits the number of hits.
+//! Between two B, the firmware allows a K if both B allow it.
 
 use std::fmt::Write as _;
 
@@ -26,7 +26,7 @@ use crate::{
     },
 };
 
-/// Steps of the walk's grid between two lines with hits.
+/// Number of grid steps of the walk between two lines with hits.
 pub const STRIDE: i32 = 5;
 
 /// The stable interval of K at one B. It begins at K = 0 if the softest wall of the grid is stable. If no hit was
@@ -41,14 +41,14 @@ pub struct Envelope {
     pub intervals: Vec<Interval>,
 }
 
-/// Rows of `envelope.csv` for the firmware, without the header.
+/// Rows of `envelope.csv` for the firmware. The header is [`HEADER`].
 pub fn rows(scene: &NamedScene, envelopes: &[Envelope]) -> String {
     let estimator = scene.scene.velocity.name();
     let (device, actuator) = (&scene.name, scene.scene.actuator);
     let (latency, period) = (actuator.latency, actuator.period);
     let mut text = String::new();
     for Envelope { velocity, intervals } in envelopes {
-        // The firmware's key has no further parameter: its walls are for the defaults only.
+        // The firmware only knows walls for the default values of further parameters.
         if !velocity.differs_by_tuning_only() {
             continue;
         }
@@ -85,7 +85,7 @@ pub fn envelopes(
         let shortest = result.boundaries.iter().map(|boundary| boundary.points.len()).min();
         let velocity = result.velocity;
         let lows = (0..shortest.unwrap_or(0)).step_by(STRIDE.unsigned_abs() as usize).map(|n| {
-            // Every walk has one point per B, from the same first B.
+            // Every walk has one point per B, and begins at the same B.
             let points = result.boundaries.iter().filter_map(|boundary| boundary.points.get(n));
             points.map(|point| point.stiffness_n_per_m).fold(f64::INFINITY, f64::min)
         });
@@ -148,7 +148,7 @@ impl Column {
         Self { damping_n_s_per_m, stiffnesses_n_per_m }
     }
 
-    /// The longest run of stable hits. Uses one verdict per hit.
+    /// The longest run of stable hits, from one verdict per hit.
     fn longest(&self, verdicts: impl Iterator<Item = bool>) -> Interval {
         let damping_n_s_per_m = self.damping_n_s_per_m;
         let mut longest =

@@ -10,8 +10,8 @@ use super::{
 use crate::{error::Error, simulation::prepared::PreparedScene};
 
 /// Boundaries by scene, then by filter, from each of `starts` (counts from the scene's start). The result does not
-/// depend on the number of threads or on `engine`. `done` is called after each walk. A filter has no lanes if its form
-/// differs from the scene's own filter.
+/// depend on the number of threads or on `engine`. Calls `done` after each walk. If the form of a filter differs from
+/// the scene's own filter, the filter runs without lanes.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.

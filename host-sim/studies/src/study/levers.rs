@@ -1,13 +1,15 @@
-//! Finds what limits the walls first: the latency of the loop, its output rate, the mechanics between loop and handle,
+//! Finds what limits the walls most: the latency of the loop, its output rate, the mechanics between loop and handle,
 //! or the velocity.
 //!
-//! The same device is walked in other loops: the scene's own loop, and loops with the latency and output stage of each
-//! board. A board's output comes every ten samples or more often. Each loop also has a version with an amplifier of
-//! [`AMPLIFIER_HZ`], and a version with a handle on a transmission. The last version shows the limits of a device with
-//! a belt. Each loop gives the areas by limit, push and cutoff, and the area with the true velocity.
+//! The same device is walked in several loops: the scene's own loop, and loops with the latency and output stage of
+//! each board. In a board's loop there are at most ten samples per output. Each loop also has a version with an
+//! amplifier of [`AMPLIFIER_HZ`], and a version with amplifier and a handle on a transmission. The last version shows
+//! the limits of a device with a belt. Each loop gives the areas by limit, push and cutoff, and the area with the true
+//! velocity.
 //!
-//! **Steps.** Areas differ by five powers of ten, so one grid would be too coarse for some and too slow for others. The
-//! steps are divided by [`FINER`] until the boundary is at least [`RESOLVED`] steps of K high and of B wide.
+//! **Steps.** Areas differ by five powers of ten. So one grid would be too coarse for some areas, and too slow for
+//! others. The steps are divided by [`FINER`] until the boundary is at least [`RESOLVED`] steps of K high and of B
+//! wide.
 
 use rayon::prelude::*;
 
@@ -27,7 +29,7 @@ use crate::{
     },
 };
 
-/// Output periods of the boards, samples.
+/// Output periods for the boards' loops, samples.
 pub const PERIODS: [u32; 4] = [10, 5, 2, 1];
 /// Bandwidth of the added amplifier, Hz.
 pub const AMPLIFIER_HZ: f64 = 1000.0;
@@ -38,8 +40,8 @@ pub const MODE: [f64; 3] = [0.24, 150.0, 0.03];
 pub const FINER: f64 = 2.0;
 /// Smallest height and width of a boundary, in steps of K and of B.
 pub const RESOLVED: [f64; 2] = [32.0, 24.0];
-/// Number of the largest steps of K and of B between 0 and the caps. Boundaries are some 200 to 500 times higher than
-/// wide.
+/// Number of steps from 0 to the caps on the coarsest grid, for K and for B. The height of a boundary is some 200 to
+/// 500 times its width.
 const COARSEST: [f64; 2] = [200.0, 20.0];
 /// Number of step sizes. A walk may have a million steps.
 const SIZES: i32 = 13;
@@ -47,11 +49,10 @@ const SIZES: i32 = 13;
 /// A device in a loop.
 #[derive(Clone, Debug)]
 pub struct Lever {
-    /// Name of the loop: that of the scene or of a board.
+    /// Name of the loop, which is the name of the scene or of a board.
     pub of_loop: String,
     /// Added elements between the output and the handle.
     pub between: Between,
-    /// The scene with all changes.
     pub scene: Scene,
 }
 
@@ -61,7 +62,7 @@ pub enum Between {
     /// No added element.
     Nothing,
     Amplifier,
-    /// An amplifier, and a handle on a transmission.
+    /// An amplifier and a handle on a transmission.
     Transmission,
 }
 
@@ -88,11 +89,10 @@ impl Between {
 #[derive(Clone, Debug)]
 pub struct LeverQuestion {
     pub levers: Vec<Lever>,
-    /// Limits of the motion's RMS or of the sensation level.
+    /// Limits for the RMS of the motion or for the sensation level.
     pub limits: Vec<Limit>,
     pub pushes: Vec<PushBy>,
     pub cutoffs_hz: Vec<f64>,
-    /// Walks of each boundary.
     pub repeats: u32,
 }
 
@@ -122,7 +122,7 @@ pub struct LeverResult {
     pub lever: usize,
     pub limit: Limit,
     pub push: PushBy,
-    /// Cutoffs, Hz, ascending, each with its walks.
+    /// Cutoffs in ascending order, Hz, each with its walks.
     pub cutoffs: Vec<(f64, Walked)>,
     /// Walks with the true velocity. Empty if an amplifier or a transmission is added.
     pub told: Walked,
@@ -143,14 +143,14 @@ impl LeverResult {
     }
 }
 
-/// The loops of a scene; its own loop is the first. A board that is equal to the scene's own loop is left out.
+/// The loops of a scene. The scene's own loop is the first. A board's loop that is equal to it is left out.
 ///
 /// # Errors
 /// The scene is not allowed with a board's output.
 pub fn levers(scene: &NamedScene) -> Result<Vec<Lever>, Error> {
     let mut loops = vec![(scene.name.clone(), scene.scene.clone())];
     for (place, (name, of_board)) in boards(&scene.scene)?.into_iter().enumerate() {
-        // The second board's loop is almost the same, so only its longest and shortest period are used.
+        // The second board's loop is almost the same as the first's. So only its longest and shortest period are used.
         for period in PERIODS.into_iter().filter(|period| place == 0 || [1, 10].contains(period)) {
             let mut own = of_board.clone();
             own.actuator.period = period;
@@ -170,7 +170,7 @@ pub fn levers(scene: &NamedScene) -> Result<Vec<Lever>, Error> {
                 changed.mode = Some(transmission(changed.device.mass_kg));
             }
             let is_there = levers.iter().any(|lever: &Lever| lever.scene == changed);
-            // A version is left out if the scene does not allow the added elements beside its own.
+            // If the scene does not allow the added elements in addition to its own, this version is left out.
             if !is_there && changed.check().is_ok() {
                 levers.push(Lever { of_loop: of_loop.clone(), between, scene: changed });
             }
@@ -179,7 +179,7 @@ pub fn levers(scene: &NamedScene) -> Result<Vec<Lever>, Error> {
     Ok(levers)
 }
 
-/// The mode of a handle on a transmission, for a device with this mass.
+/// The mode of a handle on a transmission. The device has this mass.
 fn transmission(mass_kg: f64) -> Mode {
     let [share, frequency_hz, ratio] = MODE;
     let handle_kg = share * mass_kg;
@@ -192,7 +192,7 @@ fn transmission(mass_kg: f64) -> Mode {
     }
 }
 
-/// Whether the loop accepts this cutoff: a loop with few samples accepts no cutoff near its rate. The walk reports
+/// Whether the loop accepts this cutoff. A loop with few samples accepts no cutoff near its rate. The walk reports
 /// other errors.
 pub(super) fn takes(scene: &Scene, cutoff_hz: f64) -> bool {
     let settings = scene.velocity.at(cutoff_hz);
@@ -212,7 +212,7 @@ fn grid(own: &Walk, size: i32) -> Walk {
 }
 
 impl Walked {
-    /// Number of further step sizes for a sufficient resolution; `None` if sufficient.
+    /// Number of further step sizes for a sufficient resolution; `None` if the resolution is sufficient.
     fn finer(&self) -> Option<i32> {
         let high = self.boundaries.stiffness_peak_n_per_m() / self.walk.stiffness_step_n_per_m;
         let wide = self.boundaries.damping_max_n_s_per_m() / self.walk.damping_step_n_s_per_m;
@@ -229,8 +229,8 @@ impl Walked {
     }
 }
 
-/// Walks every loop. The result does not depend on the number of threads or on `engine`. `done` is called for each
-/// loop, limit and push.
+/// Walks every loop. The result does not depend on the number of threads or on `engine`. Calls `done` for each loop,
+/// limit and push.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
@@ -262,7 +262,7 @@ pub fn walk_levers(
         let sweep = SweepResult::of(vec![]);
         let mut found = LeverResult { lever, limit, push, cutoffs, told: none, sweep };
         let own = question.levers[lever].between == Between::Nothing;
-        // Next step size of each cutoff. The last element is for the true velocity.
+        // Next step size of each cutoff. The last element belongs to the true velocity.
         let mut next = vec![Some(0); cutoffs_hz.len()];
         next.push(own.then_some(0));
         while let Some(size) = next.iter().flatten().min().copied() {
@@ -303,7 +303,7 @@ fn sweep_of(cutoffs: &[(f64, Walked)], scene: &Scene) -> SweepResult {
 }
 
 impl LeverResult {
-    /// Takes the results with smaller steps.
+    /// Replaces results by results with smaller steps.
     fn take(&mut self, asked: &Question, LimitResult { result, told, .. }: LimitResult) {
         let walk = asked.walk;
         for CutoffResult { cutoff_hz, boundaries, .. } in result.cutoffs {
@@ -360,7 +360,6 @@ mod tests {
         assert!((h - 0.1).abs() < 2e-4);
     }
 
-    /// A short hit, for a fast test.
     #[test]
     fn boundaries_of_any_size_are_resolved_and_no_finer_than_they_need() {
         let mut scene = scene("paper-1um");
@@ -395,7 +394,7 @@ mod tests {
         }
         let hz: Vec<f64> = found[0].cutoffs.iter().map(|(hz, _)| *hz).collect();
         assert_eq!(hz, [300.0, 1000.0]);
-        // A shorter latency gives more area, a smaller limit gives less.
+        // A shorter latency gives more area, and a smaller limit gives less.
         let area = |n: usize| found[n].area();
         assert!(area(1) > 10.0 * area(0) && area(2) < area(0) && area(3) < area(1));
         // Both engines give the same bits.

@@ -1,8 +1,8 @@
 //! The limit as an axis: areas and ideal cutoffs for several limits of the RMS and of the sensation level. They are
 //! computed for each push and hand, and also with the true velocity.
 //!
-//! All walks of a scene at one cutoff and start share their hits: the result of a hit serves every limit. A hit ends
-//! early if it is certainly beyond the largest limit.
+//! All walks of a scene at one cutoff and start share their hits, because the result of a hit serves every limit. A hit
+//! ends early if it is certainly beyond the largest limit.
 
 use std::{
     collections::HashMap,
@@ -28,24 +28,23 @@ use crate::{
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
-/// A limit of stability: a wall below it counts as stable.
+/// A limit of stability. A wall below the limit is stable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Limit {
     /// Limit of the RMS, m.
     Rms(f64),
     /// Limit of the sensation level, dB.
     Felt(f64),
-    /// Limit of the force's RMS, N, with all other conditions of a [quiet](Criterion::Quiet) wall.
+    /// Limit of the force's RMS, N, together with all other conditions of a [quiet](Criterion::Quiet) wall.
     Quiet(f64),
 }
 
 impl Limit {
-    /// Whether both limits are of one kind. Then hits of the larger limit also serve the smaller one.
+    /// Whether both limits are of one kind. Then hits for the larger limit also serve the smaller limit.
     fn is_like(self, other: Self) -> bool {
         std::mem::discriminant(&self) == std::mem::discriminant(&other)
     }
 
-    /// Sets this limit in a scene.
     pub fn set(self, hit: &mut scene::WallHit) {
         match self {
             Self::Rms(limit_m) => hit.rms_limit_m = limit_m,
@@ -64,7 +63,6 @@ impl Limit {
         self.told().0
     }
 
-    /// Value and unit.
     pub fn told(self) -> (f64, &'static str) {
         match self {
             Self::Rms(metres) => (metres, "m"),
@@ -78,29 +76,26 @@ impl Limit {
 pub struct Question {
     /// The limits, in any order.
     pub limits: Vec<Limit>,
-    /// Signal of the RMS.
+    /// Signal whose RMS is limited.
     pub rms_of: RmsOf,
-    /// Velocity filters, from the lowest cutoff to the highest.
+    /// Velocity filters, in ascending order of the cutoff.
     pub filters: Vec<VelocitySettings>,
-    /// Number of walks of each filter.
     pub repeats: u32,
-    /// Grid and caps of the walks.
     pub walk: Walk,
-    /// Pushes and hands (`None`: those of the scene).
+    /// Pushes and hands. `None` means the values of the scene.
     pub situations: Vec<Situation>,
     /// Whether the true velocity is walked too.
     pub told: bool,
 }
 
 impl Question {
-    /// Number of walks of the question.
     pub fn walks(&self) -> usize {
         let rows = self.filters.len() + usize::from(self.told);
         self.situations.len() * self.limits.len() * rows * self.repeats as usize
     }
 }
 
-/// Who pushes, with which hand.
+/// The push and the hand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Situation {
     pub push: PushBy,
@@ -111,7 +106,7 @@ pub struct Situation {
 /// Results for one limit.
 #[derive(Clone, Debug)]
 pub struct LimitResult {
-    /// Who pushes, with which hand; `None` for the worst of all situations.
+    /// Push and hand; `None` for the worst of all situations.
     pub situation: Option<Situation>,
     pub limit: Limit,
     /// Areas by cutoff, the ideal cutoff and its range.
@@ -141,7 +136,7 @@ struct Known {
     no_contact: bool,
     rms_m: Option<f64>,
     level_db: Option<f64>,
-    /// Verdict for a quiet wall. This kind has only one limit.
+    /// Verdict for a quiet wall. There is only one limit of this kind.
     quiet: Option<Verdict>,
 }
 
@@ -189,7 +184,7 @@ struct Job {
 }
 
 /// Makes all walks of the question on all threads of the current pool. The result does not depend on the number of
-/// threads or on `engine`. `done` is called after each walk.
+/// threads or on `engine`. Calls `done` after each walk.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
@@ -255,7 +250,7 @@ pub fn limits(
     Ok(results)
 }
 
-/// At each cutoff, the situation with the smallest mean area.
+/// For each cutoff, the results of the situation with the smallest mean area.
 fn worst(results: &[LimitResult], limit: Limit) -> Option<LimitResult> {
     let of_limit = || results.iter().filter(move |result| result.limit == limit);
     let mut result = of_limit().next()?.clone();
@@ -274,8 +269,8 @@ fn worst(results: &[LimitResult], limit: Limit) -> Option<LimitResult> {
     Some(result)
 }
 
-/// The limits by kind: first those of the sensation level, each kind from the largest on. Later walks use the hits of
-/// earlier ones.
+/// The limits by kind. Limits of the sensation level come first. In each kind, the largest limit comes first. Later
+/// walks use the hits of earlier walks.
 fn kinds(question: &Question) -> Vec<Vec<Limit>> {
     let of = |kind: Limit| {
         let mut limits: Vec<Limit> = question.limits.clone();
@@ -288,8 +283,8 @@ fn kinds(question: &Question) -> Vec<Vec<Limit>> {
     kinds.map(of).into_iter().filter(|limits| !limits.is_empty()).collect()
 }
 
-/// Fields by situation, then with an estimate or with the true velocity, then by kind of limit. Also the number of
-/// shared sets of hits.
+/// All fields, and the number of shared sets of hits. The fields are sorted by situation, then by velocity (estimate,
+/// then true velocity), then by kind of limit.
 fn fields(scene: &Scene, question: &Question) -> Result<(Vec<Field>, usize), Error> {
     let (mut fields, mut shared) = (vec![], 0);
     for situation in &question.situations {
@@ -365,8 +360,8 @@ impl<D: FnMut(&Job, Result<Boundary, Error>)> Walks<'_, D> {
         shared.lock().unwrap_or_else(PoisonError::into_inner).get(&place).copied()
     }
 
-    /// Stores the result of a hit. A hit without measurements ended early. It is beyond the largest RMS, and its level
-    /// is not known. A hit with an error is beyond all limits.
+    /// Stores the result of a hit. A hit without measurements ended early. It is beyond the largest RMS, and its
+    /// sensation level is unknown. A hit with an error is beyond all limits.
     fn learn(&self, job: &Job, place: (i32, i32), outcome: &Result<Outcome, HitError>) {
         let beyond = Known {
             no_contact: false,

@@ -1,4 +1,5 @@
-//! Options for limits, and for a grid of walks that is fine enough for them. Command line and Python share them.
+//! Checks the options for limits, and makes a fine enough grid for their walks. Command line and Python share this
+//! code.
 
 use std::fmt;
 
@@ -8,17 +9,17 @@ use crate::{
     scene::{Scene, Walk},
 };
 
-/// Default steps of the walks: the scene's step of K divided by this number, and its step of B divided by half of it.
+/// Divisor of the scene's step of K for the default grid. The divisor of the step of B is half of it.
 const FINER: f64 = 4.0;
 
-/// A limit in an option.
+/// A limit as given by the user.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LimitAsked {
     /// Limit of the RMS, m.
     Rms(f64),
     /// The scene's limits of the sensation level.
     Felt,
-    /// A level above the threshold, dB: the threshold curve is shifted by this value.
+    /// A limit of the sensation level, dB. It shifts the threshold curve by this value.
     FeltAt(f64),
     /// A quiet wall, with the scene's limit of the force.
     Quiet,
@@ -44,7 +45,7 @@ impl LimitAsked {
         }
     }
 
-    /// The limit for a scene.
+    /// The limit in a scene.
     pub fn of(self, scene: &Scene) -> Limit {
         match self {
             Self::Rms(limit_m) => Limit::Rms(limit_m),
@@ -74,7 +75,7 @@ pub fn finer(scene: &Scene, steps: Option<[f64; 2]>, starts: Option<[f64; 2]>) -
     on_grid(own, starts.unwrap_or(steps), steps)
 }
 
-/// A walk from this K and B with these steps, up to the same caps.
+/// A walk from this K and B with these steps. The caps do not change.
 pub(super) fn on_grid(own: &Walk, [k, b]: [f64; 2], [k_step, b_step]: [f64; 2]) -> Walk {
     Walk {
         stiffness_start_n_per_m: k,
@@ -85,7 +86,7 @@ pub(super) fn on_grid(own: &Walk, [k, b]: [f64; 2], [k_step, b_step]: [f64; 2]) 
     }
 }
 
-/// Names of the limits and of the walks' steps in messages.
+/// Names of limits and steps in messages.
 #[derive(Clone, Copy, Debug)]
 pub struct Names {
     pub limits: &'static str,
@@ -109,7 +110,7 @@ pub fn check(scene: &Scene, limits: &[Limit], walk: Walk, names: Names) -> Resul
     Ok(())
 }
 
-/// Columns with the grid of the walks.
+/// Columns that describe the grid of the walks.
 pub const GRID: [&str; 6] = [
     "stiffness_start_n_per_m",
     "stiffness_step_n_per_m",

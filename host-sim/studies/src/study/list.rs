@@ -1,8 +1,7 @@
-//! Lists of numbers, as typed on a command line and in a study: `A,B,C` or `FROM:STEP:TO`.
+//! Lists of numbers on a command line and in a study: `A,B,C` or `FROM:STEP:TO`.
 
 use crate::scene::ranges::VALUES_MAX;
 
-/// A list of numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct List(pub Vec<f64>);
 
@@ -34,7 +33,7 @@ pub fn parse(text: &str) -> Result<List, String> {
     }
 }
 
-/// Number of digits after the point as typed; `None` if there are too many for exact arithmetic.
+/// Number of typed digits after the point; `None` if there are too many for exact arithmetic.
 fn decimals(text: &str) -> Option<i32> {
     let (digits, exponent) = text.trim().split_once(['e', 'E']).unwrap_or((text.trim(), "0"));
     let places = digits.split_once('.').map_or(0, |(_, places)| places.len());
@@ -49,13 +48,13 @@ fn range(from: f64, step: f64, to: f64, places: Option<i32>) -> Result<List, Str
     if to < from {
         return Err(format!("the range {from} to {to} is empty"));
     }
-    // The end is included if it is reached except for rounding.
+    // The end is included if a step reaches it within a rounding error.
     let steps = ((to - from) / step * (1.0 + 4.0 * f64::EPSILON)).floor();
     if steps >= VALUES_MAX as f64 {
         return Err(format!("the list has {} values, allowed {VALUES_MAX}", steps + 1.0));
     }
     let indices = std::iter::successors(Some(0.0), |n| Some(n + 1.0));
-    // In units of the last typed digit, the sum is exact. The division then gives the number as typed.
+    // In units of the last typed digit, the sum is exact. The division then gives the number that was typed.
     let unit = places.map(|places| 10f64.powi(places));
     let exact = |value: f64| value.abs() < 2f64.powi(53);
     let value = |n: f64| match unit.map(|unit| ((from * unit).round(), (step * unit).round(), unit))

@@ -1,4 +1,4 @@
-//! Studies of many wall hits: the boundary walk, the sweep over cutoffs, the sensitivity of the sweep's result to
+//! Studies with many wall hits: the boundary walk, the sweep over cutoffs, the sensitivity of the sweep's result to
 //! assumptions, and the firmware's envelope.
 
 mod ahead;
@@ -30,18 +30,17 @@ use crate::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
-/// Settings of all hits. Engine and number of threads change no bit of the result.
+/// Settings of all hits. Engine and number of threads do not change the result.
 #[derive(Clone, Copy, Debug)]
 pub struct How<'a> {
     pub engine: Engine,
-    /// Arithmetic of the controller.
     pub numeric: Numeric,
     /// Set to end the study early.
     pub stop: &'a AtomicBool,
 }
 
 impl How<'_> {
-    /// Runs hits of a scene on all threads of the current pool. `sink` gets their results in order.
+    /// Runs hits of a scene on all threads of the current pool. `sink` gets the results in order.
     fn run(
         self,
         prepared: &PreparedScene,

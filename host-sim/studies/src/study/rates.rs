@@ -1,8 +1,8 @@
-//! Encoder rate and output rate as axes: the same device in loops with other rates.
+//! Encoder rate and output rate as axes. The same device is walked in loops with other rates.
 //!
-//! Each pair of rates is a loop. The loops are walked as in [`levers`](super::levers). The latency keeps its time at
-//! any sample rate, and so do the phases of the hit. The estimator keeps its parameters, so a window of n samples
-//! becomes shorter at a higher rate. An output needs a sample, so only pairs with a whole-number ratio are loops.
+//! Each pair of rates is a loop, and is walked as in [`levers`](super::levers). The latency and the phases of the hit
+//! keep their duration at any sample rate. The estimator keeps its parameters, so a window of n samples becomes shorter
+//! at a higher rate. An output needs a sample, so only pairs with a whole-number ratio are used.
 
 use super::levers::{Between, Lever, takes};
 use crate::{error::Error, scene::NamedScene};
@@ -35,7 +35,7 @@ impl Rates {
     /// The loops, by encoder rate, then by output rate.
     ///
     /// # Errors
-    /// A rate fits none of the others, or the scene does not allow it.
+    /// A rate has no whole-number ratio to any other rate, or the scene does not allow it.
     pub fn loops(&self, scene: &NamedScene) -> Result<Vec<Lever>, Error> {
         let own = &scene.scene;
         let own_hz = own.control.rate_hz;
@@ -117,10 +117,10 @@ mod tests {
             of(&[2e4, 5e3], &[1e3, 5e3]).unwrap(),
             [(5e3, 5, 5.0), (5e3, 1, 5.0), (2e4, 20, 20.0), (2e4, 4, 20.0)]
         );
-        // 5 kHz is no multiple of 2 kHz. A repeated rate counts once.
+        // 5 kHz is no multiple of 2 kHz. A repeated rate is used once.
         assert_eq!(of(&[2e3, 1e4], &[5e3, 1e3]).unwrap().len(), 3);
         assert_eq!(of(&[1e4, 1e4], &[1e3]).unwrap().len(), 1);
-        // Rates with rounded decimals.
+        // Rates with rounded decimals also give a whole-number ratio.
         assert_eq!(of(&[2_857.142_857], &[285.714_285]).unwrap()[0].1, 10);
     }
 

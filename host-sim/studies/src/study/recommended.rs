@@ -1,8 +1,8 @@
-//! Recommends a cutoff: the one with the largest area of [quiet](Criterion::Quiet) walls.
+//! Recommends the cutoff with the largest area of [quiet](Criterion::Quiet) walls.
 //!
-//! First a list of cutoffs is walked. Then cutoffs between the best one and its neighbours are walked, until the
-//! neighbours are within 10 %. If the best cutoff is at an end of the list, the list is extended. The grid of the walks
-//! is the scene's grid. If its steps are too coarse or too fine for the quiet walls, the first walks give a new grid.
+//! First a list of cutoffs is walked. Then cutoffs between the best cutoff and its neighbours are walked, until the
+//! neighbours are within 10 %. If the best cutoff is at an end of the list, the list is extended. The first grid is the
+//! scene's. If its steps are too coarse or too fine for the quiet walls, the first walks give a new grid.
 
 use rayon::prelude::*;
 use zwidth::{VelocitySettings, experiment::Verdict, velocity::EstimatorName};
@@ -23,66 +23,66 @@ use crate::{
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
-/// Smallest share of the largest area that counts as equally good.
+/// An area is equally good if it is at least this share of the largest area.
 pub const AS_GOOD: f64 = 0.97;
 /// Largest ratio of the best cutoff to its neighbours.
 const NEAR: f64 = 1.1;
-/// Ratio of the steps that extend a list, and largest number of these steps.
+/// Ratio of the steps that extend a list.
 const BEYOND: f64 = 1.25;
+/// Largest number of times that cutoffs are added to the list.
 const TRIES: usize = 12;
-/// Allowed number of steps of a boundary: of K up to its peak, and of B.
+/// Smallest and largest number of steps of a boundary, for K up to its peak and for B.
 const STEPS: [[f64; 2]; 2] = [[24.0, 400.0], [16.0, 240.0]];
-/// Largest number of grids.
+/// Largest number of times that the grid is changed.
 const GRIDS: usize = 8;
-/// Number of steps for which a new grid is designed.
+/// Number of steps of K and of B that a new grid aims at.
 const AIM: [f64; 2] = [48.0, 32.0];
 /// Largest refinement of the next grid. A boundary with few steps gives little information about its size.
 const FINER: f64 = 8.0;
-/// If a grid has no stable wall, single walls are tried: numbers of K and of B, and ratio of each to the one before.
-/// They begin at the largest possible quiet wall.
+/// If a grid has no stable wall, single walls with this number of K and of B are tried. The first is the largest
+/// possible.
 const TRIED: [u32; 2] = [17, 13];
+/// Ratio of each K or B of these walls to the value before.
 const APART: f64 = 0.562;
-/// If a cutoff beside the best one has less than this share of the best area, its walk broke off.
+/// If a neighbour of the best cutoff has less than this share of the best area, its walk has ended too early.
 const BROKEN: f64 = 0.5;
-/// Largest number of times that a grid then begins at another wall.
+/// If a walk has ended too early, the grid may begin at another wall this number of times.
 const SEEDS: usize = 3;
-/// Smallest share of the best area at which a cutoff is examined.
+/// Smallest share of the best area for a cutoff to be examined.
 const PROMISING: f64 = 0.3;
 
-/// The walks that were made, and their result.
+/// All walks, and their result.
 #[derive(Clone, Debug)]
 pub struct QuietStudy {
-    /// Grid of the walks.
     pub walk: Walk,
-    /// Each cutoff, ascending, with one walk for all pushes.
+    /// The cutoffs in ascending order. Each has one walk for all pushes.
     pub cutoffs: Vec<CutoffResult>,
-    /// The recommended cutoff, or the reason why there is none.
+    /// The recommended cutoff, or the reason why no cutoff is recommended.
     pub recommended: Result<Recommended, String>,
     /// Free motion with the stiffest wall of the recommended cutoff.
     pub free: Option<FreeMotion>,
-    /// The stiffest wall with protocols other than the scene's.
+    /// The stiffest quiet wall by each protocol other than the scene's.
     pub protocols: Vec<Held>,
 }
 
 /// Quiet walls by another protocol.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Held {
-    /// Protocol of the tried hits.
     pub protocol: Protocol,
-    /// K of the stiffest quiet wall with the B of the given wall, N/m: softer and softer walls are tried until one is
-    /// quiet. `Ok(None)` if no wall is quiet; the reason if no wall can be tried.
+    /// K of the stiffest quiet wall with the B of the given wall, N/m. Softer and softer walls are tried until one wall
+    /// is quiet. `Ok(None)` if no wall is quiet. The reason if no wall can be tried.
     pub stiffest: Result<Option<f64>, String>,
 }
 
 impl Held {
-    /// K of the stiffest quiet wall, N/m, if there is one.
     pub fn stiffness_n_per_m(&self) -> Option<f64> {
         self.stiffest.clone().ok().flatten()
     }
 }
 
-/// Ratio of the K of each tried wall to the K of the one before, and number of tried walls.
+/// Ratio of the K of each tried wall to the K of the wall before.
 const SOFTER: f64 = 0.9;
+/// Largest number of tried walls.
 const SOFTER_TRIES: i32 = 30;
 
 impl Held {
@@ -116,20 +116,18 @@ impl Held {
 }
 
 impl QuietStudy {
-    /// The recommended cutoff, Hz, if there is one.
     pub fn cutoff_hz(&self) -> Option<f64> {
         self.recommended.as_ref().ok().map(|found| found.cutoff_hz)
     }
 }
 
-/// A recommended cutoff.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recommended {
     /// Nominal cutoff of the filter, Hz.
     pub cutoff_hz: f64,
     /// Lowest and highest neighbouring cutoff with at least [`AS_GOOD`] of its area, Hz.
     pub range_hz: [f64; 2],
-    /// The range reaches the first or the last tried cutoff.
+    /// Whether the range reaches the first or the last tried cutoff.
     pub is_open: [bool; 2],
     /// The stiffest quiet wall.
     pub stiffest: BoundaryPoint,
@@ -137,7 +135,7 @@ pub struct Recommended {
     pub damping_max_n_s_per_m: f64,
     /// Area of the quiet walls, N^2 s/m^2.
     pub area: f64,
-    /// A cap cuts the area.
+    /// Whether a cap of the walk cuts the area.
     pub is_cut: bool,
 }
 
@@ -155,7 +153,7 @@ pub struct FreeMotion {
 }
 
 impl FreeMotion {
-    /// Free motion in a scene that would render this wall.
+    /// Free motion in a scene with this wall. The handle rests far from the wall.
     ///
     /// # Errors
     /// The handle leaves the core's range without a push.
@@ -174,8 +172,8 @@ impl FreeMotion {
     }
 }
 
-/// Searches the recommended cutoff among those of a list. With `goes_on`, the search continues beyond the ends of the
-/// list. `done` is called after each walk.
+/// Finds the recommended cutoff, beginning with a list. With `goes_on`, the search continues beyond the ends of the
+/// list. Calls `done` after each walk.
 ///
 /// # Errors
 /// `stop` was set, or an unexpected error.
@@ -205,17 +203,16 @@ pub fn recommended(
     })
 }
 
-/// A scene for the ranking of estimators, filters and changes.
+/// A scene that ranks estimators, filters and changes.
 #[derive(Clone, Debug)]
 pub struct Ranked {
-    /// The scene for the walks.
     pub scene: NamedScene,
-    /// The scene with its own criterion and grid, for comparison; `None` if they are the same.
+    /// The scene with its own criterion and grid, for comparison. `None` if they are the same.
     pub beside: Option<Scene>,
 }
 
 /// The scene for a ranking by a criterion. For [`Quiet`](Criterion::Quiet) the grid suits the quiet walls of finite
-/// difference and Butterworth at the cutoffs of `[sweep]`. For another criterion the grid is the scene's.
+/// difference and Butterworth at the cutoffs of `[sweep]`. For other criteria the grid is the scene's.
 ///
 /// # Errors
 /// There is no quiet wall, the scene does not allow the criterion, or `stop` was set.
@@ -261,7 +258,7 @@ struct Search<'a, D> {
     scene: NamedScene,
     done: D,
     cutoffs: Vec<CutoffResult>,
-    /// The grid begins at a wall of [`Self::first_walls`].
+    /// Whether the grid begins at a wall of [`Self::first_walls`].
     is_seeded: bool,
 }
 
@@ -289,7 +286,6 @@ impl<D: Fn() + Sync> Search<'_, D> {
         Ok(self.best().map(|best| self.of(best)))
     }
 
-    /// Walks additional cutoffs.
     fn walk(&mut self, cutoffs_hz: &[f64]) -> Result<(), Error> {
         let How { engine, numeric, stop } = self.how;
         let prepared = prepare(&self.scene)?;
@@ -302,7 +298,7 @@ impl<D: Fn() + Sync> Search<'_, D> {
         Ok(())
     }
 
-    /// Walks again with another grid if the grid does not suit the walls.
+    /// Walks again with other grids, until the grid suits the walls.
     fn fit_grid(&mut self, cutoffs_hz: &[f64]) -> Result<(), Error> {
         for _ in 0..GRIDS {
             let walk = self.scene.scene.walk;
@@ -345,8 +341,8 @@ impl<D: Fn() + Sync> Search<'_, D> {
         self.walk(cutoffs_hz)
     }
 
-    /// Whether a cutoff next to the best one has almost no walls. The area changes little over a quarter of the
-    /// frequency. So this walk broke off at a soft wall that does not come to rest in time.
+    /// Whether a cutoff near the best cutoff has much less area. The area changes little if the frequency changes by a
+    /// quarter. So the walk of this cutoff has ended too early, at a soft wall that does not come to rest in time.
     fn breaks_off(&self) -> bool {
         let Some(best) = self.best().map(|best| &self.cutoffs[best]) else { return false };
         self.cutoffs.iter().any(|other| {
@@ -364,8 +360,7 @@ impl<D: Fn() + Sync> Search<'_, D> {
         Ok(true)
     }
 
-    /// A grid that begins at a wall found among single walls. The wall is quiet at as many promising cutoffs as
-    /// possible.
+    /// A grid that begins at a single wall that was tried. The wall is quiet at as many promising cutoffs as possible.
     fn first_walls(&self, cutoffs_hz: &[f64]) -> Result<Option<Walk>, Error> {
         let (prepared, scene) = (prepare(&self.scene)?, &self.scene.scene);
         let caps = scene.walk_plan();
@@ -414,7 +409,7 @@ impl<D: Fn() + Sync> Search<'_, D> {
             .filter(|at| area(at) > 0.0)
     }
 
-    /// The cutoffs near the best one that must still be tried.
+    /// Further cutoffs near the best one, between it and its neighbours or beyond the list.
     fn more(&self, goes_on: bool) -> Vec<f64> {
         let Some(best) = self.best() else { return vec![] };
         let hz = |place: usize| self.cutoffs.get(place).map(|result| result.cutoff_hz);

@@ -14,11 +14,11 @@ pub enum Length {
     Short,
     /// Several parameters or estimators, in lanes.
     Long,
-    /// Any estimator without lanes, hit by hit.
+    /// Any estimator without lanes. Its hits run one by one.
     Longest,
 }
 
-/// Makes a result for each of `lengths` on all threads of the current pool. The longest begin first. The results are in
+/// Makes a result for each of `lengths` on all threads of the current pool. The longest begin first. The results have
 /// the order of `lengths`.
 pub fn longest_first<T: Send>(lengths: &[Length], make: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let mut order: Vec<usize> = (0..lengths.len()).collect();

@@ -1,8 +1,8 @@
 //! Sensitivity of the ideal cutoff to the assumptions of a study.
 //!
-//! The ideal cutoff does not depend on the device alone. It also depends on the RMS limit, on whether the wall may
-//! pull, on the latency, on the output rate and on the impact speed. Each variant changes one of these and keeps the
-//! rest of the scene. Each variant is walked with a push by motor and by hand.
+//! The ideal cutoff does not depend on the device alone. It also depends on five assumptions: the RMS limit, whether
+//! the wall may pull, the latency, the output rate, and the impact speed. Each variant changes one assumption. Each
+//! variant is walked with a push by motor and with a push by hand.
 
 use crate::{
     error::Error,
@@ -17,12 +17,11 @@ pub struct Variant {
     pub name: String,
     /// Description of the change, for people.
     pub change: String,
-    /// The changed scene, prepared.
     pub prepared: PreparedScene,
 }
 
-/// The variants of a scene. A variant without a change (half of a latency of zero, half of an odd period) is left out.
-/// A variant out of the accepted ranges (twice a latency of 600 samples) is left out too.
+/// The variants of a scene. A variant without a change is left out, for example half of an odd period. A variant that
+/// the scene does not accept is also left out, for example twice a latency of 600 samples.
 ///
 /// # Errors
 /// A variant's value is out of range.

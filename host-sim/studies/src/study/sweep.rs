@@ -1,8 +1,9 @@
-//! The sweep over cutoffs: boundaries with repeats, areas with their spread, and the ideal cutoff with the range of
-//! cutoffs that the repeats cannot distinguish from it.
+//! The sweep over cutoffs. It gives boundaries with repeats, areas with their spread, and the ideal cutoff. The range
+//! of the ideal cutoff has the cutoffs that the repeats cannot distinguish from it.
 //!
-//! Near the boundary a hit is chaotic: a start that differs by a fraction of a count changes a walk's area by 0.2 to 2
-//! %. So every walk is repeated from starts spread over one count. The result is the mean with its low and high.
+//! Near the boundary a hit is chaotic. If the start differs by a fraction of a count, the area of a walk changes by 0.2
+//! to 2 %. So every walk is repeated from starts spread over one count. The result is the mean, with the smallest and
+//! the largest value.
 
 use std::sync::atomic::AtomicBool;
 
@@ -30,16 +31,16 @@ pub struct CutoffResult {
     pub cutoff_hz: f64,
     /// -3 dB frequency of the digital filter, Hz.
     pub true_cutoff_hz: f64,
-    /// One boundary per repeat, the first from the scene's own start.
+    /// One boundary per repeat. The first is from the scene's own start.
     pub boundaries: Boundaries,
-    /// Settle time after which the first point is stable, s. Only computed if no walk has a stable first point; `None`
+    /// Settle time after which the first point is stable, s. Only computed if no walk has a stable first point. `None`
     /// if no settle time helps.
     pub settles_in_s: Option<f64>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct SweepResult {
-    /// Results by cutoff, ascending.
+    /// Results in ascending order of the cutoff.
     pub cutoffs: Vec<CutoffResult>,
     /// The ideal cutoff; `None` if no cutoff has a stable wall.
     pub ideal: Option<Ideal>,
@@ -49,19 +50,19 @@ pub struct SweepResult {
 pub struct Ideal {
     /// The smallest cutoff whose mean area is at least 98 % of the largest, Hz.
     pub cutoff_hz: f64,
-    /// Lowest and highest cutoff that the repeats cannot distinguish from an equally good one, Hz.
+    /// Lowest and highest cutoff that the repeats cannot distinguish from an equally good cutoff, Hz.
     pub range_hz: [f64; 2],
-    /// Basis of the range.
+    /// Test that gave the range.
     pub basis: RangeBasis,
 }
 
-/// Basis of the range of the ideal cutoff.
+/// Test that gives the range of the ideal cutoff.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RangeBasis {
-    /// Welch's t-test (one-sided at [`LEVEL`]) does not show the mean area to be below 98 % of the largest. More
-    /// repeats make the range narrower, until it contains only equally good cutoffs.
+    /// Welch's t-test (one-sided at [`LEVEL`]) does not show that the mean area is below 98 % of the largest. With more
+    /// repeats the range becomes narrower, until it contains only equally good cutoffs.
     Repeats,
-    /// The area is at least 98 % of the largest, because there are no repeats.
+    /// Without repeats, the area itself is at least 98 % of the largest.
     WithinTwoPercent,
 }
 
@@ -74,7 +75,7 @@ impl RangeBasis {
     }
 }
 
-/// Neighbouring cutoffs with a larger ratio are too far apart.
+/// If the ratio of neighbouring cutoffs is above this value, they are too far apart.
 const COARSE: f64 = 1.3;
 
 /// The walks of a study.
@@ -83,13 +84,13 @@ pub struct Plan<'a> {
     /// Name in error messages.
     pub name: &'a str,
     pub prepared: &'a PreparedScene,
-    /// Velocity filters, from the lowest cutoff to the highest.
+    /// Velocity filters, in ascending order of the cutoff.
     pub filters: &'a [VelocitySettings],
 }
 
-/// Makes several studies at once: `repeats` walks (one or more) with every filter of every plan, on all threads of the
-/// current pool. `done` is called after each walk, from any thread. The result does not depend on the number of threads
-/// or on `engine`.
+/// Makes several studies together, on all threads of the current pool. Every filter of every plan has `repeats` walks,
+/// one or more. Calls `done` after each walk, from any thread. The result does not depend on the number of threads or
+/// on `engine`.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
@@ -112,7 +113,7 @@ pub fn sweep(
             let boundaries =
                 made.by_ref().take(repeats as usize).collect::<Result<Boundaries, _>>()?;
             let unstable = boundaries.iter().all(|boundary| boundary.ended.is_none());
-            // A study of quiet walls searches for another first point itself.
+            // A study of quiet walls searches another first point itself.
             let settles_in_s = match unstable && criterion != Criterion::Quiet {
                 true => settles_in_s(plan.prepared, numeric, &first_hit(plan.prepared, velocity)),
                 false => None,
@@ -135,7 +136,7 @@ pub fn starts(repeats: u32) -> Vec<f64> {
     (0..repeats).map(|repeat| start_offset_counts(repeat, repeats)).collect()
 }
 
-/// Each cutoff once, ascending.
+/// The cutoffs in ascending order, without repetition.
 pub fn ascending(cutoffs_hz: &[f64]) -> Vec<f64> {
     let mut sorted = cutoffs_hz.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -143,7 +144,8 @@ pub fn ascending(cutoffs_hz: &[f64]) -> Vec<f64> {
     sorted
 }
 
-/// The scene's filters at these cutoffs, each once, ascending. The only filter if it has no cutoff.
+/// The scene's filters at these cutoffs, ascending and without repetition. If the filter has no cutoff, only this
+/// filter.
 pub fn filters(velocity: &VelocityTable, cutoffs_hz: &[f64]) -> Vec<VelocitySettings> {
     match velocity.has_cutoff() {
         true => ascending(cutoffs_hz).into_iter().map(|hz| velocity.at(hz)).collect(),
@@ -152,7 +154,7 @@ pub fn filters(velocity: &VelocityTable, cutoffs_hz: &[f64]) -> Vec<VelocitySett
 }
 
 impl CutoffResult {
-    /// The result of walks without further information.
+    /// The result of walks without settle time.
     pub(super) fn of(velocity: VelocitySettings, rate_hz: f64, boundaries: Boundaries) -> Self {
         let cutoff_hz = velocity.cutoff_hz().unwrap_or_default();
         let true_cutoff_hz = velocity.true_cutoff_hz(rate_hz).unwrap_or_default();
@@ -180,13 +182,13 @@ fn ideal(cutoffs: &[CutoffResult]) -> Option<Ideal> {
 }
 
 impl SweepResult {
-    /// The result of these cutoffs, which are ascending.
+    /// The result of these cutoffs, which are in ascending order.
     pub fn of(cutoffs: Vec<CutoffResult>) -> Self {
         let ideal = ideal(&cutoffs);
         Self { cutoffs, ideal }
     }
 
-    /// Whether the ideal range reaches the first or the last cutoff, so it may continue beyond.
+    /// Whether the ideal range reaches the first or the last cutoff. Then it may continue beyond.
     pub fn ends_at_edge(&self) -> bool {
         let (Some(ideal), Some(first), Some(last)) =
             (self.ideal, self.cutoffs.first(), self.cutoffs.last())
@@ -196,7 +198,7 @@ impl SweepResult {
         ideal.range_hz[0] == first.cutoff_hz || ideal.range_hz[1] == last.cutoff_hz
     }
 
-    /// A note if areas in the ideal range are cut.
+    /// A note if a cap cuts areas in the ideal range.
     fn cut_range(&self) -> Option<String> {
         let [low, high] = self.ideal?.range_hz;
         let within = |result: &&CutoffResult| (low..=high).contains(&result.cutoff_hz);
@@ -215,7 +217,7 @@ impl SweepResult {
         })
     }
 
-    /// A note if the cutoffs beside the ideal range are far from it.
+    /// A note if the cutoffs next to the ideal range are far from it.
     fn coarse_range(&self) -> Option<String> {
         let [low, high] = self.ideal?.range_hz;
         let cutoffs = self.cutoffs.iter().map(|result| result.cutoff_hz);
@@ -328,7 +330,7 @@ mod tests {
             notes.contains("rests on areas that are cut") && notes.contains("1 of its 1"),
             "{notes}"
         );
-        // A cut area outside the range does not affect the range.
+        // A cut area outside the range has no effect on the range.
         let notes = of(&[(900.0, 50.0, Some(Ended::DampingMax)), plain[1], plain[2]]);
         assert!(!notes.contains("rests on"), "{notes}");
         let notes = of(&[(500.0, 50.0, closed), plain[1], (2000.0, 60.0, closed)]);

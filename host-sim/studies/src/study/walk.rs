@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// Walks along the boundary with the filter `velocity`. An unstable first point gives an empty boundary. A hit that
-/// leaves the core's range counts as unstable. `stop` is read between two hits.
+/// leaves the core's range is unstable. `stop` is read between two hits.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
@@ -34,7 +34,7 @@ pub fn walk(
     found
 }
 
-/// Like [`walk`], but each hit is made by the caller's function.
+/// Like [`walk`], but a function of the caller makes each hit.
 ///
 /// # Errors
 /// An error of [`walk`].
@@ -62,7 +62,7 @@ pub fn first_hit(prepared: &PreparedScene, velocity: VelocitySettings) -> WallHi
     Progress::new(prepared, velocity, 0.0).hit()
 }
 
-/// A longer settle time with which an unstable wall becomes stable, because the handle needed more time to come to
+/// A longer settle time, s, with which an unstable wall becomes stable, because the handle needs more time to come to
 /// rest. `None` if more time does not help.
 pub fn settles_in_s(prepared: &PreparedScene, numeric: Numeric, hit: &WallHit) -> Option<f64> {
     let mut scene = prepared.scene().clone();
@@ -78,7 +78,7 @@ pub fn settles_in_s(prepared: &PreparedScene, numeric: Numeric, hit: &WallHit) -
     })
 }
 
-/// Tried extensions, in multiples of settle time plus window. If none helps, the wall is unstable.
+/// Tried extensions, in multiples of settle time plus window. If no extension helps, the wall is unstable.
 const SETTLE_LONGER: [f64; 3] = [1.0, 3.0, 10.0];
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
 //! Many walks in the lanes of one thread. A lane runs the next hit of a waiting walk. If no walk waits, it begins
-//! another walk. If there is none, it runs a hit that a walk may need later ([`super::ahead`]).
+//! another walk. If all walks have begun, it runs a hit that a walk may need later ([`super::ahead`]).
 
 use std::{
     collections::BTreeMap,
@@ -21,7 +21,6 @@ use crate::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
-/// Start of a walk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
     pub velocity: VelocitySettings,
@@ -29,7 +28,7 @@ pub struct Start {
     pub start_offset_counts: f64,
 }
 
-/// Walks of one scene that wait for a lane, for all threads.
+/// Walks of one scene that wait for a lane. All threads share them.
 pub struct Queue<'a> {
     pub prepared: &'a PreparedScene,
     pub starts: &'a [Start],
@@ -42,16 +41,16 @@ impl<'a> Queue<'a> {
         Self { prepared, starts, begun: AtomicUsize::new(0) }
     }
 
-    /// The next walk, beginning with the last of the queue. It has the highest cutoff and is long. A long walk that
-    /// begins late would leave lanes empty.
+    /// The next walk, from the end of the queue. The last walk has the highest cutoff and takes longest. A long walk
+    /// that begins late would leave lanes empty.
     fn next(&self) -> Option<usize> {
         let begun = self.begun.fetch_add(1, Ordering::Relaxed);
         self.starts.len().checked_sub(begun + 1)
     }
 }
 
-/// Makes walks of the queue in the lanes of this thread until none is left or `stop` is set. `done` gets each result
-/// with its index in the queue.
+/// Makes walks of the queue in the lanes of this thread until none is left or `stop` is set. Calls `done` with the
+/// index in the queue and the result.
 pub fn walks(
     engine: Engine,
     numeric: Numeric,
@@ -64,12 +63,12 @@ pub fn walks(
     run(engine, queue.prepared, numeric, Depth::Verdict, &mut work);
 }
 
-/// Results by index of the queue, and by index in the queue.
+/// Results, each with two indices: of its queue, and of its walk in the queue.
 pub(super) type Made = Vec<((usize, usize), Result<Boundary, Error>)>;
 
 /// Calls `work` for all queues on each thread of the current pool. Each thread begins with another queue, so that fewer
-/// threads share the end of a queue. Every walk runs to its end or to the interruption. So the reported error is the
-/// first in order, not the first in time.
+/// threads share the end of a queue. Every walk runs to its end or until `stop` is set. So the reported error is the
+/// first in order, and not the first in time.
 pub(super) fn on_all_threads(
     queues: usize,
     work: impl Fn(usize, &mut Made) + Sync,
@@ -86,8 +85,8 @@ pub(super) fn on_all_threads(
     made.into_iter().collect()
 }
 
-/// The walks of several scenes on all threads of the current pool, in order. The result does not depend on the number
-/// of threads or on the engine. `done` is called after each walk.
+/// Makes the walks of several scenes on all threads of the current pool. The results are in order, and do not depend on
+/// the number of threads or on the engine. Calls `done` after each walk.
 ///
 /// # Errors
 /// `stop` was set.
@@ -128,7 +127,7 @@ struct Walks<'a, D> {
     running: BTreeMap<usize, Running>,
     /// The walk and the cell of each lane.
     lanes: Vec<Option<(usize, Cell)>>,
-    /// The boundary of the walk that ended last.
+    /// The boundary of the walk that ended last in these lanes.
     last: Guide,
     done: D,
 }

@@ -13,10 +13,9 @@ use crate::{
     study::boundary::BoundaryPoint,
 };
 
-/// A measured walk.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measured {
-    /// Nominal cutoff, Hz; 0 for an estimator without one.
+    /// Nominal cutoff, Hz; 0 for an estimator without a cutoff.
     pub cutoff_hz: f64,
     /// Largest stable K of each B.
     pub points: Vec<BoundaryPoint>,
@@ -24,7 +23,7 @@ pub struct Measured {
 
 /// Columns of the file for a linear scene.
 const COLUMNS: [&str; 3] = ["cutoff_hz", "damping_n_s_per_m", "stiffness_n_per_m"];
-/// Largest distance of a measured B from a step of the scene's walk, in steps.
+/// Largest distance of a measured B from the nearest B of the scene's walk, in steps.
 const NEAR: f64 = 1e-3;
 
 impl Measured {
@@ -86,7 +85,7 @@ impl Measured {
     }
 }
 
-/// Step of the scene's walk at this B; `None` if there is no such step.
+/// Index of this B in the scene's walk; `None` if the walk does not have this B.
 pub(super) fn row_of(scene: &crate::scene::Scene, damping_n_s_per_m: f64) -> Option<usize> {
     let plan = scene.walk_plan();
     let steps = (damping_n_s_per_m - plan.damping_start_n_s_per_m) / plan.damping_step_n_s_per_m;

@@ -1,19 +1,19 @@
-//! Compares a measured walk with the walk that a scene predicts. Do they agree? If not, which number of the scene
+//! Compares a measured walk with the walk that a scene predicts. Do the walks agree? If not, which number of the scene
 //! explains the difference best?
 //!
 //! **Distance** of two walks, N/m: `sqrt(sum over B of max(0, |K - K'| - step)^2 / n)`, where n is the number of
 //! measured B. One step of K is subtracted, because a walk does not resolve less. If only one of the walks reaches a B,
 //! the other walk has K = 0 at this B.
 //!
-//! **Do they agree?** The scene is walked from nineteen starts over one count. The distance of each walk is taken from
-//! the mean of the other predicted walks. The walks disagree if the distance of the measured walk is larger than each
-//! of the others. Of twenty walks that differ only by their start, the measured one has the largest distance with a
+//! **Do they agree?** The scene is walked from nineteen starts over one count. For each of these walks, the distance
+//! from the mean of the other eighteen is computed. The walks disagree if the measured walk has a larger distance than
+//! all nineteen. If twenty walks differ only by their start, the measured walk has the largest distance with a
 //! probability of one in twenty. So 5 % of agreeing walks are reported as different.
 //!
 //! **Which number?** Each [`Suspect`] is changed alone. First it gets values around the scene's value, then values
-//! between the best three. Last, the search refines the ends of the range whose values explain as much as the best one.
-//! Each value takes four walks. A value explains the difference if the remaining distance is no larger than that among
-//! the scene's own walks. Several suspects may explain the difference.
+//! between the best three. Last, the search refines the range of values that explain as much as the best value. Each
+//! value takes four walks. A value explains the difference if the remaining distance is at most the largest distance
+//! among the scene's own walks. Several suspects may explain the difference.
 
 mod measured;
 mod suspects;
@@ -56,17 +56,17 @@ pub struct Row {
     pub measured: f64,
 }
 
-/// How much of the difference one suspect explains.
+/// Result of one suspect.
 #[derive(Clone, Debug)]
 pub struct Tried {
     /// The number that was changed.
     pub suspect: Suspect,
-    /// The middle one of the tried values in the range.
+    /// The middle value of the tried values in the range.
     pub value: f64,
-    /// Smallest and largest tried value that explains as much. The remaining distance there is the minimum, or within
-    /// the scatter.
+    /// Smallest and largest tried value that explain the difference equally well. Their remaining distance is the
+    /// minimum, or within the scatter.
     pub range: [f64; 2],
-    /// The range ends at the first or the last tried value.
+    /// Whether the range ends at the first or the last tried value.
     pub at_edge: bool,
     /// Distance between the walks that remains with this value, N/m.
     pub left: f64,
@@ -76,11 +76,10 @@ pub struct Tried {
 
 #[derive(Clone, Debug)]
 pub struct Agreement {
-    /// One row for each B.
     pub rows: Vec<Row>,
     /// Step of K, N/m.
     pub step: f64,
-    /// Distance of the measured walk, N/m.
+    /// Distance of the measured walk from the prediction, N/m.
     pub distance: f64,
     /// Largest distance of the scene's own walks, N/m.
     pub scatter: f64,
@@ -89,17 +88,18 @@ pub struct Agreement {
 }
 
 impl Agreement {
-    /// Whether the walks differ no more than walks from different starts.
+    /// Whether the measured walk differs no more than walks from different starts do.
     pub fn agrees(&self) -> bool {
         self.distance <= self.scatter
     }
 
-    /// Whether a suspect explains all of the difference.
+    /// Whether a suspect explains the whole difference.
     pub fn explains(&self, tried: &Tried) -> bool {
         tried.left <= self.scatter
     }
 
-    /// The suspects that explain the whole difference. If there is none, the best suspect that explains a part.
+    /// The suspects that explain the whole difference. If no suspect explains it, the best suspect that explains a
+    /// part.
     pub fn best(&self) -> Vec<&Tried> {
         let all: Vec<&Tried> = self.tried.iter().filter(|tried| self.explains(tried)).collect();
         match self.tried.first() {
@@ -120,7 +120,7 @@ struct Walker<'a, D> {
 }
 
 impl<D: Fn() + Sync> Walker<'_, D> {
-    /// Walks from `starts`, in counts.
+    /// Walks from `starts`, which are in counts.
     fn walk(&self, prepared: &PreparedScene, starts: &[f64]) -> Result<Vec<Stiffnesses>, Error> {
         let of = |&start: &f64| {
             let walk = walk(self.engine, prepared, Numeric::Fixed, self.velocity, start, self.stop);
@@ -183,10 +183,10 @@ pub fn most_walks(scene: &Scene) -> u64 {
     u64::from(STARTS) + values as u64 * u64::from(STARTS_OF_A_VALUE)
 }
 
-/// Compares the walk in a file with the scene's walk.
+/// Compares a measured walk in a file with the scene's walk.
 ///
 /// # Errors
-/// The file is unreadable or no walk of this scene, or an error of [`agree`].
+/// The file cannot be read or is no walk of this scene, or an error of [`agree`].
 pub fn agree_with_file(
     engine: Engine,
     scene: &NamedScene,
@@ -275,14 +275,14 @@ fn rows(scene: &Scene, own: &[Stiffnesses], predicted: &[f64], found: &[f64]) ->
     (0..predicted.len().max(found.len())).map(row).collect()
 }
 
-/// A value of a suspect, the remaining distance, and the walk with this value. Lists of values are ascending.
+/// A value of a suspect, the remaining distance, and the walk with this value. Lists are sorted by the value.
 struct Value {
     value: f64,
     left: f64,
     walk: Stiffnesses,
 }
 
-/// The best value of a suspect; `None` if the core accepts no scene with this suspect.
+/// The best value of a suspect. `None` if the core accepts none of the changed scenes.
 fn search(
     walker: &Walker<'_, impl Fn() + Sync>,
     scene: &Scene,
@@ -349,8 +349,8 @@ fn search(
     }))
 }
 
-/// First and last index of the values around the best one that explain as much. Their remaining distance is no larger
-/// than that of the best one, or within the scatter.
+/// First and last index of the neighbouring values that explain as much as the best value. Their remaining distance is
+/// not larger, or is within the scatter.
 fn explaining(tried: &[Value], best: usize, scatter: f64) -> [usize; 2] {
     let least = tried[best].left.max(scatter);
     let good = |place: &usize| tried[*place].left <= least;

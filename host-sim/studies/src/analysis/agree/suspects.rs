@@ -1,4 +1,4 @@
-//! Numbers of a scene that may be wrong. Each is changed alone, and has a list of first values.
+//! Numbers of a scene that may be wrong. Each number is changed alone. It has a list of first values.
 
 use crate::{
     numerics::integrator::Integrator,
@@ -11,7 +11,7 @@ use crate::{
 /// A number of the scene that may differ in the device.
 #[derive(Clone, Debug)]
 pub struct Suspect {
-    /// Name, as reports print it.
+    /// Name in reports.
     pub name: &'static str,
     /// Key of a linear scene that holds the number.
     pub key: &'static str,
@@ -24,7 +24,7 @@ pub struct Suspect {
     edit: fn(&mut Scene, f64),
 }
 
-/// Factors of the scene's own value.
+/// Factors by which the scene's own value is multiplied.
 const TIMES: [f64; 9] = [0.5, 0.7, 0.85, 0.95, 1.05, 1.15, 1.3, 1.5, 2.0];
 /// Bandwidths of amplifiers, Hz.
 const AMPLIFIERS_HZ: [f64; 8] = [50.0, 100.0, 200.0, 400.0, 800.0, 1500.0, 3000.0, 4900.0];
@@ -39,8 +39,8 @@ const SEED: u32 = 1;
 /// Stribeck speed of the friction, if the scene has no friction, m/s. Static and Coulomb friction are equal.
 const STRIBECK_M_PER_S: f64 = 1e-3;
 
-/// The motor's force is `times` the scene's force. The board does not know this factor, so the rest of the device is
-/// divided by it. A count of another size has the same effect.
+/// Divides the rest of the device by `times`. The effect is a motor force that is `times` the scene's, which the board
+/// does not know. A wrong size of a count has the same effect.
 fn force(scene: &mut Scene, times: f64) {
     scene.device.mass_kg /= times;
     scene.device.damping_n_s_per_m /= times;
@@ -66,7 +66,6 @@ fn friction(scene: &mut Scene, coulomb_n: f64) {
     scene.integrator = scene.integrator.or(Some(Integrator::Rk4 { steps_per_sample: 1 }));
 }
 
-/// The suspects of a scene.
 pub fn suspects(scene: &Scene) -> Vec<Suspect> {
     let mut all = vec![];
     let mut add =
@@ -94,7 +93,7 @@ pub fn suspects(scene: &Scene) -> Vec<Suspect> {
             scene.device.stiffness_n_per_m = k
         });
     }
-    // The motor's force does not divide the mass of an arm or of a second body.
+    // The mass of an arm or of a second body is not divided.
     if scene.arm.is_none() && scene.mode.is_none() {
         let (key, unit) = ("actuator.gain_n_per_v", "times the scene's");
         add("force per command", key, unit, Some(1.0), times(1.0), force);
@@ -127,15 +126,14 @@ pub fn suspects(scene: &Scene) -> Vec<Suspect> {
 }
 
 impl Suspect {
-    /// The scene with this value.
     pub fn with(&self, scene: &Scene, value: f64) -> Scene {
         let mut changed = scene.clone();
         (self.edit)(&mut changed, value);
         changed
     }
 
-    /// Relative distance of a value from the scene's value. If the scene does not have the element, the distance is
-    /// from a scene without the element.
+    /// Relative distance of a value from the scene's value. If the scene does not have the element, a value beyond the
+    /// first values replaces the scene's value.
     pub fn far(&self, value: f64) -> f64 {
         let none = || match (self.values.first(), self.values.last()) {
             (_, Some(last)) if self.name == "amplifier" => 2.0 * last,

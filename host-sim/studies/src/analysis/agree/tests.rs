@@ -30,7 +30,7 @@ fn walks_of_the_same_scene_agree_but_for_one_in_twenty() {
     let farther = (0..20).filter(|n| {
         let start = f64::from(*n) / 20.0 + 0.013;
         let own = measured(&named.scene, 1500.0, start);
-        // The search is not needed here: the test only asks whether there is a difference.
+        // The test only asks whether there is a difference, so it does not need the search.
         let agreement = compared(&named, &own);
         assert_eq!(agreement.tried.is_empty(), agreement.agrees());
         !agreement.agrees()

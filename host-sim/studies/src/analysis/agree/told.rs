@@ -62,25 +62,23 @@ pub struct WallRow {
 
 #[derive(Clone, Debug, Serialize)]
 pub struct SuspectRow {
-    /// Name, as reports print it.
+    /// Name in reports.
     pub name: &'static str,
-    /// The scene's key.
     pub key: String,
-    /// Unit of the numbers.
     pub unit: String,
     /// The scene's value; `None` if the scene does not have the element.
     pub scene: Option<f64>,
-    /// The middle one of the tried values in the range.
+    /// The middle value of the tried values in the range.
     pub value: f64,
-    /// Smallest value that explains as much.
+    /// Smallest tried value that explains the difference equally well.
     pub low: f64,
-    /// Largest value that explains as much.
+    /// Largest tried value that explains the difference equally well.
     pub high: f64,
-    /// The range ends at the first or the last tried value.
+    /// Whether the range ends at the first or the last tried value.
     pub at_edge: bool,
     /// Remaining distance between the walks.
     pub left_n_per_m: f64,
-    /// Whether the suspect explains all of the difference.
+    /// Whether the suspect explains the whole difference.
     pub explains: bool,
 }
 
@@ -114,7 +112,6 @@ impl Agreement {
         self.rows.iter().enumerate().map(row).collect()
     }
 
-    /// The rows as a table.
     pub fn table(&self) -> Table {
         let columns: [table::Told<WallRow>; 6] = [
             ("damping_n_s_per_m", Kind::Number, |row| row.damping_n_s_per_m.into()),
@@ -127,10 +124,10 @@ impl Agreement {
         Table::of(&columns, &self.walls())
     }
 
-    /// The suspects in ascending order of the remaining distance, with numbers in `units`.
+    /// The suspects in ascending order of the remaining distance. Their values are in `units`.
     pub fn suspects(&self, units: Units) -> Vec<SuspectRow> {
         let row = |tried: &Tried| {
-            // An angle is reported in rad, as in the scene's key.
+            // An angle is in rad, as in the scene.
             let key = tried.suspect.key;
             let whole = key.ends_with("gain_n_per_v");
             let factor = match units.key(key) {
@@ -158,7 +155,6 @@ impl Agreement {
         self.tried.iter().map(row).collect()
     }
 
-    /// The result as sentences.
     pub fn answers(&self, units: Units) -> Vec<String> {
         if self.agrees() {
             return vec![

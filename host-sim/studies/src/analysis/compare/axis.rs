@@ -1,12 +1,18 @@
-//! Tunings that a search may try. One axis is the bandwidth, the other is a second parameter; both go from 0 to 1.
+//! Tunings that a search may try. One axis is the bandwidth, the other is a second parameter. Both go from 0 to 1.
 //!
-//! **First axis**: for every estimator the same range of [bandwidth](super::bandwidth), from `LOW` to half the rate, as
-//! far as the core accepts the tuning. A window is rounded to a whole number.
+//! **First axis**: the same range of [bandwidth](super::bandwidth) for every estimator, from `LOW` to half the rate. It
+//! is shorter if the core refuses a tuning. A window is rounded to a whole number.
 //!
-//! **Second axis**, with logarithmic scale: lambda of Levant's differentiator over sqrt(C), and the quality of a
-//! low-pass, both as far as the core accepts them; the damping of a biquad, 0.05 to 2; the second pole of smoothing, up
-//! to 100 times the first; the noise of adaptive windowing, 1/4 to 8 counts; the observer's mass, half to twice the
-//! device's.
+//! **Second axis**, with logarithmic scale:
+//!
+//! | estimator | second parameter |
+//! |-----------|------------------|
+//! | Levant's differentiator | lambda divided by sqrt(C), as far as the core accepts it |
+//! | low-pass | quality, as far as the core accepts it |
+//! | biquad | damping, 0.05 to 2 |
+//! | smoothing | second pole, up to 100 times the first |
+//! | adaptive windowing | noise, 1/4 to 8 counts |
+//! | observer | mass, half to twice the device's |
 
 use zwidth::{
     Design, VelocitySettings,
@@ -15,7 +21,7 @@ use zwidth::{
 
 use super::bandwidth::bandwidth_hz;
 
-/// Lowest bandwidth of the search, as a share of the rate: 20 Hz at 10 kHz.
+/// Lowest bandwidth of the search, as a share of the rate. It is 20 Hz at 10 kHz.
 const LOW: f64 = 2e-3;
 /// An interval that contains every tuning that the core accepts.
 const TUNINGS: [f64; 2] = [1e-9, 1e12];
@@ -27,7 +33,7 @@ const HALVINGS: u32 = 60;
 pub struct Axes {
     start: VelocitySettings,
     design: Design,
-    /// The tuning is a whole number.
+    /// Whether the tuning is a whole number.
     pub whole: bool,
     /// Tuning at the lowest and the highest bandwidth.
     pub tuning: [f64; 2],
@@ -37,12 +43,12 @@ pub struct Axes {
     pub refused_beyond: [bool; 2],
     /// Lowest and highest second parameter.
     pub second: Option<[f64; 2]>,
-    /// The core refuses a second parameter outside `second`.
+    /// Whether the core refuses a second parameter outside `second`.
     pub second_refused_beyond: bool,
 }
 
 impl Axes {
-    /// Axes of an estimator with settings that the core accepts; `None` if the estimator has nothing to tune.
+    /// Axes of an estimator, from settings that the core accepts. `None` if the estimator has no tuning.
     pub fn new(start: &VelocitySettings, design: &Design, mass_kg: f64) -> Option<Self> {
         let (parameter, default) = start.tuning()?;
         let second = start.name().parameters()[1].and_then(|p| second_range(&p, mass_kg));
@@ -80,7 +86,7 @@ impl Axes {
         Some(axes)
     }
 
-    /// The estimator's settings at a place on the axes.
+    /// The estimator's settings at a point on the axes.
     pub fn at(&self, [along, second]: [f64; 2]) -> VelocitySettings {
         let [low, high] = self.bandwidth_hz;
         let hz = low * (high / low).powf(along);
@@ -88,14 +94,14 @@ impl Axes {
         self.second.map_or(tuned, |[low, high]| tuned.with_second(low * (high / low).powf(second)))
     }
 
-    /// Place of the second parameter before the search.
+    /// Second parameter before the search, as a point on its axis.
     pub fn start_second(&self) -> f64 {
         let (_, [_, before, ..]) = EstimatorName::of(&self.start);
         self.second.map_or(0.0, |[low, high]| (before / low).ln() / (high / low).ln())
     }
 
-    /// The settings with a bandwidth that is wrong by a factor, and the reached factor. A whole number cannot reach
-    /// every factor. `None` if the core refuses the tuning.
+    /// The settings with a bandwidth that is wrong by a factor, and the factor that is reached. A whole number cannot
+    /// reach every factor. `None` if the core refuses the tuning.
     pub fn off_by(
         &self,
         settings: &VelocitySettings,
@@ -123,7 +129,6 @@ impl Axes {
         Some((wrong, reached))
     }
 
-    /// Whether the core accepts these settings.
     pub fn accepts(&self, settings: &VelocitySettings) -> bool {
         settings.build(&self.design).is_ok()
     }
@@ -136,7 +141,7 @@ impl Axes {
         bandwidth_hz(&self.start.with_tuning(tuning), &self.design).ok()
     }
 
-    /// The accepted tuning nearest to `far`. `near` must be accepted.
+    /// The accepted tuning nearest to `far`. The search begins at `near`, which must be accepted.
     fn last_accepted(&self, near: f64, far: f64) -> f64 {
         let nearest = |tuning: f64| if self.whole { tuning.round() } else { tuning };
         let (mut good, mut bad) = (near, far);
@@ -147,7 +152,7 @@ impl Axes {
         nearest(good)
     }
 
-    /// The tuning with this bandwidth, within the ends.
+    /// The tuning with this bandwidth. It is limited to the ends of the axis.
     fn tuning_of(&self, hz: f64) -> f64 {
         let [low, high] = self.bandwidth_hz;
         if hz <= low {
@@ -236,7 +241,7 @@ mod tests {
                     _ => ends[1] < wanted,
                 };
                 assert!(ends[0] >= 0.999 * 20.0 && ends[1] <= 5000.0);
-                // If an end lies inside the search range, the core refuses the next step beyond the end.
+                // If an end is inside the search range, the core refuses the next step beyond it.
                 if outside {
                     assert!(axes.refused_beyond[side], "{name:?} {ends:?}");
                     let other = axes.tuning[1 - side];
@@ -277,7 +282,7 @@ mod tests {
         let best = EstimatorName::LevantImplicit.defaults();
         let (wrong, _) = levant.off_by(&best, 1.2).unwrap();
         assert!((wrong.tuning().unwrap().1 / (20.0 * 1.44) - 1.0).abs() < 1e-6);
-        // The nearest other whole number is taken, never the same one.
+        // The nearest other whole number is used, and never the same number.
         let window = axes(EstimatorName::FoawEnd);
         let off = |samples: f64, factor| {
             let best = EstimatorName::FoawEnd.defaults().with_tuning(samples);

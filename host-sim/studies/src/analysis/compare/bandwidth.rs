@@ -1,6 +1,6 @@
 //! A common measure for the tunings of all estimators: the -3 dB frequency of the response from the position to the
-//! estimate. All searches cover the same range of this bandwidth. A tuning is "wrong by 20 %" if its bandwidth is wrong
-//! by 20 %.
+//! estimate. All searches cover the same range of this bandwidth. If a tuning is called "wrong by 20 %", its bandwidth
+//! is wrong by 20 %.
 //!
 //! | estimator | its bandwidth |
 //! |-----------|---------------|
@@ -11,16 +11,16 @@
 //! | Levant's differentiator | the same for the equivalent linear loop at an error of one count, see below |
 //!
 //! **Levant's differentiator** is nonlinear, so its bandwidth depends on the size of the error. For `e = sin(w t)`
-//! counts, the describing function of the sign term is `4 / pi`. That of the root term is 1.1128 (`2 / pi` times the
-//! integral of `sin^(3/2)` from 0 to pi). The equivalent linear loop is then:
+//! counts, the describing function of the sign term is `4 / pi`. The describing function of the root term is 1.1128 (`2
+//! / pi` times the integral of `sin^(3/2)` from 0 to pi). The equivalent linear loop is then:
 //!
 //! ```text
 //! V / (s X) = (p s + i) / (s^2 + p s + i),   p = 1.1128 lambda,   i = 4 alpha / pi     explicit
 //!                     i / (s^2 + p s + i)                                             implicit: u1
 //! ```
 //!
-//! The differentiator is homogeneous, so all its frequencies are proportional to sqrt(C): 20 % of bandwidth are 44 % of
-//! C.
+//! The differentiator is homogeneous, so all its frequencies are proportional to sqrt(C). So 20 % of bandwidth are 44 %
+//! of C.
 
 use std::f64::consts::PI;
 
@@ -31,7 +31,7 @@ use crate::analysis::linear::position_response;
 
 /// Lowest frequency of the grid, as a share of the rate.
 const LOWEST: f64 = 1e-5;
-/// Grid points from there to half the rate: 80 points per decade.
+/// Number of grid points from `LOWEST` to half the rate, 80 points per decade.
 const POINTS: u32 = 376;
 
 /// -3 dB frequency of the response from the position to the estimate, Hz.
@@ -105,7 +105,7 @@ mod tests {
         // (1 + 9 x^2) / (1 + x^2)^3 = 1/2 at x = 1.6426
         near(of(VelocitySettings::Fusion { crossover_hz: 20.0 }), 1.6426 * 20.0, 0.01);
         near(of(VelocitySettings::Observer { bandwidth_hz: 20.0, mass_kg: 0.416 }), 32.9, 0.01);
-        // The bandwidth is proportional to sqrt(C). The integrator alone has a lower one.
+        // The bandwidth is proportional to sqrt(C). The integrator alone has a lower bandwidth.
         let levant = |name: EstimatorName, c| of(name.defaults().with_tuning(c).with_second(1.0));
         let [explicit, implicit] = [EstimatorName::LevantExplicit, EstimatorName::LevantImplicit];
         near(levant(implicit, 4.0) / levant(implicit, 1.0), 2.0, 1e-6);

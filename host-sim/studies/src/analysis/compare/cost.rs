@@ -1,4 +1,5 @@
-//! Cost of an estimator on the Cortex-M4, measured on the virtual board, see docs/estimators.md.
+//! Cost of an estimator on the Cortex-M4, measured on the virtual board. docs/estimators.md has the
+//! table.
 
 use zwidth::velocity::EstimatorName;
 
@@ -19,7 +20,7 @@ impl Cost {
     }
 }
 
-/// Cost of an estimator, if measured. A test compares the table with the measurement.
+/// Cost of an estimator, if measured.
 pub fn of(name: EstimatorName) -> Option<Cost> {
     Cost::find(include_str!("../../../../data/estimator_cost.csv"), name.text())
 }

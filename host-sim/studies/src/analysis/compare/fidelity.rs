@@ -1,25 +1,26 @@
-//! Rendered impedance against the commanded impedance `K + j w B`. Chawda, Celik and O'Malley (IEEE/ASME T-Mech 23(2),
-//! 2018) plot the fidelity over the Z-width.
+//! Compares the rendered impedance with the commanded impedance `K + j w B`. Chawda, Celik and O'Malley (IEEE/ASME
+//! T-Mech 23(2), 2018) plot the fidelity over the Z-width.
 //!
 //! A sine moves the handle inside each of several walls. The loop of the scene (encoder, estimator, wall, output
 //! period, latency) responds with a force. The ratio of the Fourier coefficients of force and motion is the impedance.
-//! Included are the encoder's rounding, periodic error, noise and jitter, and the amplifier's pole. Not included are
-//! saturation, the rule that the wall never pulls, and the quantisation of the output ([`LEFT_OUT`]). Mode, arm,
-//! backlash, friction, cogging and travel limits would only change the motion, which is prescribed here. An amplifier
-//! error is not included either: the ratio would depend on the force.
 //!
-//! An estimator that needs a force gets the motor's force when it is granted, as in the loop. The hand moves the
-//! handle, and its force is not known.
+//! The encoder's rounding, periodic error, noise and jitter are included, and the amplifier's pole. Saturation, the
+//! rule that the wall never pulls, and the quantisation of the output are not ([`LEFT_OUT`]). An amplifier error is not
+//! included either, because the ratio would depend on the force. Other elements, for example mode, arm or friction,
+//! would only change the motion, which is prescribed here.
 //!
-//! **The estimator's share.** Hold and latency of the loop shift the impedance equally for all estimators. So a second
-//! loop uses the true velocity at the sample instead of the estimate. The distance between both impedances is the error
-//! of the estimator.
+//! An estimator that needs a force gets the motor's force when it is granted, as in the loop. It does not get the force
+//! of the hand, which moves the handle.
 //!
-//! **One number.** Errors grow with the frequency, so an RMS would be dominated by the highest frequency. The result is
-//! the geometric mean over all walls and [`FREQUENCIES_HZ`], which are evenly spaced on a logarithmic scale. So half
-//! the error counts the same at each frequency. An error below [`FLOOR`] counts as [`FLOOR`]: a hand distinguishes two
-//! stiffnesses only from some 10 % on (Jones and Hunter, Exp. Brain Res. 79, 1990: 23 %). `fidelity.csv` has every
-//! point.
+//! **The estimator's share.** Hold and latency of the loop shift the impedance, and the shift is equal for all
+//! estimators. So a second loop uses the true velocity at the sample instead of the estimate. The distance between the
+//! impedances of both loops is the error of the estimator.
+//!
+//! **One number.** Errors grow with the frequency, so the highest frequency would dominate an RMS. The result is the
+//! geometric mean over all walls and [`FREQUENCIES_HZ`], which are evenly spaced on a logarithmic scale. So half the
+//! error has the same effect at each frequency. An error below [`FLOOR`] is set to [`FLOOR`], because a hand
+//! distinguishes two stiffnesses only if they differ by more than some 10 % (Jones and Hunter, Exp. Brain Res. 79,
+//! 1990: 23 %). `fidelity.csv` has every point.
 
 use std::{f64::consts::PI, sync::atomic::AtomicBool};
 
@@ -39,38 +40,35 @@ use crate::{
 /// frequencies.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fidelity {
-    /// The whole error: `|rendered - commanded|`.
+    /// Total error: `|rendered - commanded|`.
     pub error: f64,
-    /// `|rendered - rendered with the true velocity|`: error of the estimator.
+    /// Error of the estimator: `|rendered - rendered with the true velocity|`.
     pub of_estimator: f64,
-    /// `|rendered with the true velocity - commanded|`: error of the loop, the same for every estimator.
+    /// Error of the loop, equal for every estimator: `|rendered with the true velocity - commanded|`.
     pub of_loop: f64,
     /// Errors at each wall and frequency. The fields above are their means.
     pub points: Vec<Point>,
 }
 
-/// The impedance at one wall and frequency; errors as in [`Fidelity`].
+/// The impedance at one wall and frequency, and its errors as in [`Fidelity`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
     pub wall: Wall,
     pub frequency_hz: f64,
-    /// The whole error: `|rendered - commanded|`.
     pub error: f64,
-    /// `|rendered - rendered with the true velocity|`.
     pub of_estimator: f64,
-    /// `|rendered with the true velocity - commanded|`.
     pub of_loop: f64,
 }
 
-/// Frequencies at which the impedance is compared, Hz: those of a hand's motion and touch at a wall. Each is shifted by
-/// up to a few parts in a thousand, so that no pattern of counts repeats in the record.
+/// Frequencies at which the impedance is compared, Hz. They cover a hand's motion and touch at a wall. Each is shifted
+/// by up to a few parts in a thousand, so that no pattern of counts repeats in the record.
 pub const FREQUENCIES_HZ: [f64; 7] = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0];
-/// A smaller error counts as this one.
+/// A smaller error is set to this value.
 pub const FLOOR: f64 = 1e-3;
-/// Elements that are not included, for people.
+/// Text with the elements that are not included.
 pub const LEFT_OUT: &str = "saturation, push-only, output quantisation, amplifier error, mode, backlash, arm, friction, cogging, travel limits";
 
-/// Measures the filter `velocity` in the scene at these walls.
+/// Measures the filter `velocity` of the scene at these walls.
 ///
 /// # Errors
 /// A parameter is out of range, or `stop` was set.
@@ -117,8 +115,8 @@ fn at_wall(
     Ok(points)
 }
 
-/// Fourier coefficient of the force divided by that of the motion at one frequency, N/m: with the estimator, and with
-/// the true velocity.
+/// Fourier coefficient of the force divided by the coefficient of the motion at one frequency, N/m. The first value is
+/// with the estimator, the second with the true velocity.
 fn impedances(sine: &Sine<'_>) -> Result<[Complex<f64>; 2], Error> {
     let wall = sine.wall;
     let mut sums = [Complex::new(0.0, 0.0); 2];
@@ -204,7 +202,7 @@ mod tests {
         let large = of(&scene, 150.0, &[WALL]);
         assert!((small.error / large.error - 1.0).abs() < 1e-3, "{small:?} {large:?}");
         // The observer in continuous time: V^ = V + H (U - A), H = (s^2 + 3 w s) / (s + w)^3. A is the acceleration. U
-        // is the motor's force over the mass, -(K X + B V^) / m, and is late by half a period because of the hold.
+        // is the motor's force divided by the mass, -(K X + B V^) / m. The hold delays U by half a period.
         let (k, b, w) = (20_000.0, 50.0, 2.0 * PI * 150.0);
         for point in small.points {
             let s = Complex::new(0.0, 2.0 * PI * point.frequency_hz);

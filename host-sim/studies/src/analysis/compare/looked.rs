@@ -1,22 +1,21 @@
-//! Results of a search by tuning. Each tuning is walked from the first start, and from the second start only if it can
-//! still win.
+//! Results of a search by tuning. Each tuning is walked from the first start. It is walked from the second start only
+//! if it can still win.
 //!
-//! Suppose that the first area of a tuning is below [`CAN_WIN`] of the best. Then the second area would have to be
-//! above 105 % of the best. In the searches of paper-1um, such second areas reached at most 95 %. So these tunings
-//! cannot win, and one walk is enough.
+//! If the first area of a tuning is below [`CAN_WIN`] of the best area, the tuning could only win with a second area
+//! above 105 % of the best. In the searches of paper-1um, second areas of such tunings reached at most 95 %. So these
+//! tunings cannot win, and one walk is enough.
 
 use zwidth::VelocitySettings;
 
 use crate::{error::Error, numerics::statistics::Repeats, study::boundary::Boundary};
 
-/// Starts of the walks of a search, counts: the golden section, and a start half a count from the golden
-/// section. No number of repeats uses these starts.
+/// Starts of the walks of a search, counts. One is from the golden section, the other is half a count from it. No
+/// number of repeats uses these starts.
 pub(in crate::analysis) const STARTS: [f64; 2] = [0.118_033_988_749_895, 0.618_033_988_749_895];
 
-/// Smallest first area that allows a walk from the second start, as a share of the best area.
+/// Smallest first area for a walk from the second start, as a share of the best area.
 pub const CAN_WIN: f64 = 0.95;
 
-/// Result of a tuning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Look {
     /// Mean area of the walks, N^2 s/m^2.
@@ -24,11 +23,9 @@ pub(super) struct Look {
     pub(super) walks: u32,
 }
 
-/// Tunings that were walked.
 pub(super) struct Looked<T> {
-    /// For each tuning: the judgement and the boundary from each start.
+    /// For each tuning, the boundaries from its starts, each with its judgement.
     made: Vec<(VelocitySettings, Vec<(T, Boundary)>)>,
-    /// Hits of all walks so far.
     pub(super) hits: u64,
 }
 
@@ -39,8 +36,8 @@ impl<T> Default for Looked<T> {
 }
 
 impl<T> Looked<T> {
-    /// Walks tunings. The best area before is `best`. `walk` makes the walks from one start. Walks of the tunings that
-    /// will `soon` be asked for are made in parallel.
+    /// Walks the tunings. `best` is the best area before. `walk` makes the walks from one start. The tunings in `soon`
+    /// may be requested next, so they are walked in parallel.
     pub(super) fn look(
         &mut self,
         settings: &[VelocitySettings],
@@ -77,7 +74,7 @@ impl<T> Looked<T> {
         self.made.iter().find(|(other, _)| other == settings).map_or(&[], |(_, made)| made)
     }
 
-    /// Mean of the known areas of a tuning; 0 if nothing is known.
+    /// Mean of the known areas of a tuning; 0 if no area is known.
     fn mean(&self, settings: &VelocitySettings, area: impl Fn(&(T, Boundary)) -> f64) -> f64 {
         Repeats::of(self.of(settings).iter().map(&area)).mean
     }
@@ -102,7 +99,7 @@ mod tests {
         study::boundary::Boundaries,
     };
 
-    /// The search that walks every tuning alone from both starts. Returns the best tuning and its area in the search.
+    /// A search that walks every tuning alone from both starts. Returns the best tuning and its area.
     fn exhaustive(scene: &Scene, start: &VelocitySettings, budget: Budget) -> Search {
         let stop = AtomicBool::new(false);
         let walker = Walker { engine: Engine::lanes(), scene, stop: &stop, done: &|_| () };
@@ -132,8 +129,8 @@ mod tests {
             assert_eq!(found.settings, other.settings);
             let boundaries = walker.walks(&[found.settings], &STARTS).unwrap().pop().unwrap();
             hits += boundaries.hits();
-            // The area of a losing tuning comes from its first start. Its distance from the best is larger than that
-            // between starts.
+            // The area of a losing tuning comes from its first start. Its distance from the best area is larger than
+            // the difference between the starts.
             match found.walks {
                 1 => {
                     assert!(
@@ -161,7 +158,8 @@ mod tests {
         (walk.damping_start_n_s_per_m, walk.damping_step_n_s_per_m) = (30.0, 30.0);
         (walk.stiffness_max_n_per_m, walk.damping_max_n_s_per_m) = (4e5, 1200.0);
         let budget = Budget { tunings: 8, repeats: 2 };
-        // The cases are: in lanes with a cutoff, with a whole-number window, with two parameters, and hit by hit.
+        // The cases are a cutoff in lanes, a whole-number window in lanes, two parameters, and an estimator that runs
+        // hit by hit.
         for name in [
             EstimatorName::Butterworth,
             EstimatorName::LeastSquares2,
@@ -209,7 +207,7 @@ mod tests {
             let (one, soon): (Vec<_>, Vec<_>) = (one, soon);
             looked.look(&one, &soon, best, |((), walked)| walked.area, walk).unwrap()
         };
-        // 100 is the best area, 90 cannot win, and 97 can win.
+        // 100 is the best area. 90 cannot win. 97 can win.
         let found = look(&[100.0, 90.0], &[97.0], 0.0);
         assert_eq!(found.iter().map(|look| look.walks).collect::<Vec<_>>(), [2, 1]);
         assert_eq!(asked.load(Ordering::Relaxed), 5);

@@ -1,17 +1,17 @@
-//! Compares all velocity estimators. The same search tunes each on the same boundary, and the cost of each is reported.
+//! Compares all velocity estimators. The same search tunes each estimator on the same boundary.
 //!
-//! * [`search`]: the tuning with the largest Z-width area, by the same rule for each estimator, over the same range of
-//!   [`bandwidth`]; [`tuned`] is its result;
-//! * [`signal`]: delay and noise of the estimator alone, on prescribed motions;
-//! * [`roughness`](mod@roughness): how rough the force is in contact;
-//! * [`fidelity`]: how far the rendered impedance is from the commanded one;
-//! * [`usable`](mod@usable): the area of the walls that are rendered as commanded, within a limit;
-//! * [`cost`]: cycles and memory on the Cortex-M4;
-//! * [`peers`]: the defaults of other systems, untuned;
-//! * [`table`]: all results as columns; [`winners`]: the best estimators of each criterion.
+//! * [`search`]: finds the tuning with the largest Z-width area, by the same rule for each estimator, over the same
+//!   range of [`bandwidth`]. [`tuned`] is its result.
+//! * [`signal`]: delay and noise of the estimator alone, on prescribed motions.
+//! * [`roughness`](mod@roughness): roughness of the force in contact.
+//! * [`fidelity`]: distance of the rendered impedance from the commanded impedance.
+//! * [`usable`](mod@usable): the area of the walls that are rendered as commanded, within a limit.
+//! * [`cost`]: cycles and memory on the Cortex-M4.
+//! * [`peers`]: the default filters of other systems, without tuning.
+//! * [`table`]: all results as columns. [`winners`]: the best estimators of each criterion.
 //!
-//! The core itself runs in all these parts. The only exceptions are the walks of the usual low-passes: by default they
-//! run in the lanes of [`engine`](crate::engine), with the same bits.
+//! All these parts run the core itself. Only walks of the usual low-passes run in the lanes of
+//! [`engine`](crate::engine) by default, with the same bits.
 
 pub mod axis;
 pub mod bandwidth;
@@ -60,19 +60,18 @@ use crate::{
 /// An estimator in the comparison.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Entry {
-    /// Tuned by the search.
+    /// An estimator that the search tunes.
     Tuned(EstimatorName),
-    /// Observer with known latency: it gets each force when the force acts, not when the force is granted.
+    /// Observer with known latency. It gets each force when the force acts, and not when the force is granted.
     ObserverInTime,
-    /// A frequent setting without tuning: a first-order low-pass at 50 Hz.
+    /// A common choice without tuning: a first-order low-pass at 50 Hz.
     AdHoc,
 }
 
-/// Cutoff of [`Entry::AdHoc`], Hz.
 const AD_HOC_HZ: f64 = 50.0;
 
 impl Entry {
-    /// The default list of estimators. Forms that exist only for other systems' defaults are left out.
+    /// The default list of estimators. Forms that are only used for other systems' defaults are left out.
     pub fn usual(scene: &Scene) -> Vec<Self> {
         let mut all = Self::all(scene);
         let rare = [
@@ -87,8 +86,8 @@ impl Entry {
         all
     }
 
-    /// Every estimator that the scene can feed, each once, and the ad-hoc estimator last. Pre-warped forms are left
-    /// out, because pre-warping only moves the cutoff.
+    /// Every estimator whose inputs the scene has, and the ad-hoc estimator last. Pre-warped forms are left out,
+    /// because pre-warping only changes the cutoff.
     pub fn all(scene: &Scene) -> Vec<Self> {
         let twice = [EstimatorName::ButterworthPrewarped, EstimatorName::FirstOrderPrewarped];
         let can = |name: &EstimatorName| name.sense().is_none_or(|sense| scene.feeds(sense));
@@ -98,11 +97,11 @@ impl Entry {
         tuned.map(|&name| Self::Tuned(name)).chain(more).collect()
     }
 
-    /// The estimators with these names, each once, in the given order. An empty list gives the [usual](Self::usual)
-    /// ones. Messages call the list `option`.
+    /// The estimators with these names in the given order, without repeated names. An empty list gives the
+    /// [usual](Self::usual) estimators. Messages call the list `option`.
     ///
     /// # Errors
-    /// A name is unknown, or the scene cannot feed the estimator.
+    /// A name is unknown, or the scene does not have the inputs of the estimator.
     pub fn named(names: &[String], scene: &NamedScene, option: &str) -> Result<Vec<Self>, Error> {
         if names.is_empty() {
             return Ok(Self::usual(&scene.scene));
@@ -128,14 +127,14 @@ impl Entry {
         }
     }
 
-    /// Length of the search of this entry.
+    /// Approximate duration of the search of this entry.
     fn length(self, engine: Engine, scene: &Scene, stop: &AtomicBool) -> Result<Length, Error> {
         let start = settings_of(self, scene);
         let walker = search::Walker { engine, scene: &self.told(scene), stop, done: &|_| () };
         walker.length(&start)
     }
 
-    /// The scene with the latency information of this entry.
+    /// The scene in which the latency is known to the estimator, if this entry needs it.
     fn told(self, scene: &Scene) -> Scene {
         let mut scene = scene.clone();
         scene.actuator.latency_known |= self == Self::ObserverInTime;
@@ -143,7 +142,7 @@ impl Entry {
     }
 }
 
-/// The reason why the name is not in the list.
+/// Message that the name is not in the list, with the reason.
 fn not_among(name: &str, all: &[Entry], scene: &NamedScene) -> String {
     let reason = match name.parse::<EstimatorName>() {
         Err(_) => match EstimatorName::replacing(name) {
@@ -168,7 +167,7 @@ fn not_among(name: &str, all: &[Entry], scene: &NamedScene) -> String {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
     PositionOnly,
-    /// Also a force, an accelerometer, or edge times.
+    /// Position, and a force, an accelerometer or edge times.
     MoreThanPosition,
 }
 
@@ -194,7 +193,7 @@ impl Class {
 pub use crate::study::boundary::BoundaryPoint as Wall;
 
 impl Wall {
-    /// Half of the mean K that these boundaries reach at a B, but at least the walk's first K.
+    /// A wall with half of the mean K that these boundaries reach at a B. K is at least the walk's first K.
     pub fn half_of(boundaries: Option<&Boundaries>, scene: &Scene, damping_n_s_per_m: f64) -> Self {
         let reached = boundaries.map_or(0.0, |boundaries| {
             Repeats::of(boundaries.stiffnesses_at(damping_n_s_per_m).into_iter()).mean
@@ -204,9 +203,9 @@ impl Wall {
     }
 }
 
-/// The walls at which estimators are compared. Their B is half, one and two times the B at which K is read from each
-/// boundary, within the scene's walk. Their K is half of the mean K that the tuned finite difference and Butterworth
-/// filter reaches there, but at least the walk's first K.
+/// The walls at which estimators are compared. K is read from each boundary at a B. The walls have half, one and two
+/// times this B, within the scene's walk. Their K is half of the mean K that the tuned finite difference and
+/// Butterworth filter reaches there. It is at least the walk's first K.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
     /// The walls, lowest B first.
@@ -216,33 +215,29 @@ pub struct Place {
 }
 
 impl Place {
-    /// The wall at which the force is compared. K is read from each boundary at its B.
+    /// The wall at which the force is compared. K of each boundary is read at its B.
     pub fn middle(&self) -> Wall {
         self.walls[1]
     }
 }
 
-/// All results of one estimator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compared {
     pub entry: Entry,
-    /// Settings after the search.
     pub settings: VelocitySettings,
     /// The search, and the boundaries of its result.
     pub tuned: Tuned,
     /// Boundaries of this tuning by the scene's own criterion; `None` if the search used that criterion.
     pub beside: Option<Boundaries>,
     pub signal: Signal,
-    /// Contact with each of the walls.
+    /// Results of contacts with each of the walls.
     pub contacts: [Contact; 3],
-    /// Rendered impedance against commanded impedance.
     pub fidelity: Fidelity,
     /// Cost on the Cortex-M4; `None` if not measured.
     pub cost: Option<Cost>,
 }
 
 impl Compared {
-    /// Class by the estimator's inputs.
     pub fn class(&self) -> Class {
         match self.settings.name().sense() {
             None => Class::PositionOnly,
@@ -250,7 +245,7 @@ impl Compared {
         }
     }
 
-    /// Necessary inputs, for people.
+    /// Text with the necessary inputs.
     pub fn needs(&self) -> &'static str {
         match self.settings.name().sense() {
             None => "position only",
@@ -261,7 +256,6 @@ impl Compared {
     }
 }
 
-/// The scene with these estimator settings.
 pub fn with_filter(scene: &Scene, settings: &VelocitySettings) -> Scene {
     Scene { velocity: (*settings).into(), ..scene.clone() }
 }
@@ -269,11 +263,11 @@ pub fn with_filter(scene: &Scene, settings: &VelocitySettings) -> Scene {
 /// The estimator that defines the walls of the comparison.
 const REFERENCE: Entry = Entry::Tuned(EstimatorName::Butterworth);
 
-/// Default B at which K is read. It applies if the tuned finite difference and Butterworth filter reaches twice this B.
-/// Otherwise half of the reached B is used.
+/// Default B at which K is read. If the tuned finite difference and Butterworth filter does not reach twice this B,
+/// half of the reached B is used.
 const USUAL_DAMPING_N_S_PER_M: f64 = 100.0;
 
-/// B at which K is read: the default, or half of the B that these boundaries reach. It is a B of the walk's grid.
+/// B at which K is read: the default, or half of the B that these boundaries reach. It is on the walk's grid.
 pub fn damping_of(boundaries: Option<&Boundaries>, scene: &Scene) -> f64 {
     let plan = scene.walk_plan();
     let reached = boundaries.map_or(0.0, |boundaries| {
@@ -291,8 +285,8 @@ pub fn most_walks(entries: &[Entry], budget: search::Budget) -> u64 {
 }
 
 /// Compares `entries`. The tuned finite difference and Butterworth filter defines the walls ([`Place`]) of the
-/// contacts, even if it is not an entry. `beside` is the scene with another criterion: the area by this criterion at
-/// each result is reported too. `done` is called with the number of walks made.
+/// contacts, even if it is not an entry. `beside` is the scene with another criterion. The areas by this criterion are
+/// reported too. Calls `done` with the number of finished walks.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -364,15 +358,15 @@ pub fn compare(
     Ok((place, compared.into_iter().collect::<Result<_, _>>()?))
 }
 
-/// Start of the search. Known numbers of the device are used: the observer gets its mass.
+/// Start of the search. Known values of the device are used, for example its mass for the observer.
 pub fn settings_of(entry: Entry, scene: &Scene) -> VelocitySettings {
     let start = match entry {
         Entry::Tuned(name) => with_own_mass(name.defaults(), scene),
         Entry::ObserverInTime => with_own_mass(EstimatorName::Observer.defaults(), scene),
         Entry::AdHoc => VelocitySettings::FirstOrder { cutoff_hz: AD_HOC_HZ },
     };
-    // The defaults are for 10 kHz and 1 um. If the core refuses a default, the nearest accepted power of two times the
-    // default is used.
+    // The defaults are for 10 kHz and 1 um. If the core refuses a default, it is multiplied by the nearest power of two
+    // that the core accepts.
     let Some((_, tuning)) = start.tuning() else { return start };
     let design = scene.design();
     let powers = (0..64).flat_map(|n| [n, -n]).map(|n| 2f64.powi(n));

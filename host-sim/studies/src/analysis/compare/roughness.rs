@@ -1,7 +1,7 @@
-//! Roughness of a wall in the hand: RMS of the force above 100 Hz, over the window of a wall hit. One hit is a sample
-//! of a chaotic signal (15 % from start to start). So there are [`HITS`] hits, with starts spread over a count. The
-//! hand feels vibration best near 250 Hz, and a force above 100 Hz is no part of a wall. The hit runs with all elements
-//! of the scene. The force is the controller's, with output quantisation, before the amplifier.
+//! Roughness of a wall in the hand: RMS of the force above 100 Hz, over the window of a wall hit. The hand feels
+//! vibration best near 250 Hz, and a force above 100 Hz does not belong to a wall. The force in one hit is a sample of
+//! a chaotic signal (15 % from start to start). So there are [`HITS`] hits, with starts spread over a count. The hit
+//! runs with all elements of the scene. The force is the controller's, with output quantisation, before the amplifier.
 
 use std::{f64::consts::PI, sync::atomic::AtomicBool};
 
@@ -19,7 +19,7 @@ use crate::{
 /// Results of a contact.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contact {
-    /// The wall is stable with this estimator from every start.
+    /// Whether the wall is stable with this estimator from every start.
     pub stable: bool,
     /// RMS of the force above [`ROUGH_ABOVE_HZ`] in each hit, N.
     pub roughness_n: Vec<f64>,
@@ -27,10 +27,9 @@ pub struct Contact {
 
 /// Lower frequency limit of roughness, Hz.
 pub const ROUGH_ABOVE_HZ: f64 = 100.0;
-/// Hits at a wall.
 pub const HITS: u32 = 16;
 
-/// Measures the estimator of the prepared scene.
+/// Measures the contact with the estimator of the prepared scene.
 ///
 /// # Errors
 /// `stop` was set.
@@ -73,8 +72,8 @@ pub fn of_hit(
     (report, rms_above(&forces_n, output_hz, ROUGH_ABOVE_HZ))
 }
 
-/// RMS of a signal above `above_hz`. The mean is subtracted first. A Hann window keeps low-frequency drift from leaking
-/// to high frequencies.
+/// RMS of a signal above `above_hz`. The mean is subtracted first. A Hann window prevents that low-frequency drift
+/// leaks to high frequencies.
 fn rms_above(signal: &[f64], rate_hz: f64, above_hz: f64) -> f64 {
     let length = signal.len() as f64;
     if signal.is_empty() {

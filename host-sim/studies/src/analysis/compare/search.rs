@@ -1,15 +1,15 @@
 //! Finds the tuning with the largest Z-width area, by the same rule for every estimator.
 //!
-//! Over the tuning, the area has one broad maximum and a rough surface. So the search first walks evenly spaced tunings
-//! ([`Axes`]): bandwidths with one parameter, a grid with two. Then it moves from the best tuning to a neighbour that
-//! is better by more than [`GAIN`]. Neighbours are along the axes and, with two parameters, along the diagonals (a
-//! compass search). If no neighbour is better, the steps are halved. The search has *settled* when the steps are below
-//! [`LAST_STEP`] of bandwidth. If the allowed number of tunings is used up before, the result says that the search has
-//! not settled. A refused tuning, or a whole number that was already tried, is not tried again.
+//! As a function of the tuning, the area has one broad maximum and a rough surface. So the search first walks evenly
+//! spaced tunings ([`Axes`]): bandwidths with one parameter, a grid with two. Then it moves from the best tuning to a
+//! neighbour that is better by more than [`GAIN`]. Neighbours are along the axes. With two parameters, they are also
+//! along the diagonals (a compass search). If no neighbour is better, the steps are halved. The search has *settled*
+//! when the steps are below [`LAST_STEP`] of bandwidth. If the allowed number of tunings is used up before, the search
+//! has not settled. A refused tuning, or a whole number that was already tried, is not tried again.
 //!
 //! The search walks from two starts that no repeat uses. A tuning that can no longer win is walked from the first start
-//! only (`looked.rs`). The result is walked again from the starts of a sweep, so that its area is not the luckiest of
-//! many. The areas of wrong tunings are walked from the same starts.
+//! only (`looked.rs`). The result is walked again from the starts of a sweep. So the selection does not bias its area.
+//! Wrong tunings are walked from the same starts.
 
 use std::{cell::RefCell, sync::atomic::AtomicBool};
 
@@ -34,47 +34,47 @@ use crate::{
 /// Limits on the cost of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// Most tunings with one parameter, 3 or more. With two parameters the limit is [`OF_TWO`] times larger.
+    /// Largest number of tunings with one parameter, 3 or more. With two parameters the limit is [`OF_TWO`] times
+    /// larger.
     pub tunings: u32,
-    /// Walks of the result, with starts spread over a count, 1 or more.
+    /// Number of walks of the result, 1 or more. Their starts are spread over a count.
     pub repeats: u32,
 }
 
 impl Budget {
-    /// Most walks of one estimator: its search, the result, and four wrong tunings.
+    /// Largest number of walks of one estimator: its search, the result, and four wrong tunings.
     pub fn most(&self) -> u64 {
         let walks = OF_TWO * self.tunings * WALKS_OF_A_TRY;
         u64::from(walks) + 5 * u64::from(self.repeats)
     }
 }
 
-/// Most walks of a search per tried tuning.
+/// Largest number of walks for one tried tuning of a search.
 pub const WALKS_OF_A_TRY: u32 = 2;
-/// Tunings with two parameters, per tuning with one parameter.
+/// Number of tunings with two parameters, for one tuning with one parameter.
 pub const OF_TWO: u32 = 4;
-/// Share of the tunings in the first look, as a fraction, for one axis and for two.
+/// Share of the tunings in the evenly spaced first step, as a fraction, for one axis and for two.
 const FIRST_LOOK: [(u32, u32); 2] = [(3, 5), (3, 8)];
-/// Lines of the first look across the second axis. Each is in the middle of one of as many equal parts.
+/// Number of lines of the first grid along the second axis. Each line is in the middle of one of `LINES` equal parts.
 const LINES: u32 = 3;
 /// A neighbour is better if its area is larger by more than this share.
 pub const GAIN: f64 = 0.002;
-/// Smallest step, as a ratio of bandwidths. It does not apply to whole numbers, whose steps end by themselves.
+/// Smallest step, as a ratio of bandwidths. It does not apply to whole numbers, which use `LEAST_STEP`.
 pub const LAST_STEP: f64 = 1.03;
 /// Smallest step of any kind, as a part of the range.
 const LEAST_STEP: f64 = 1e-4;
-/// Factor of the wrong bandwidth that shows how much the tuning matters.
+/// Factor of a wrong bandwidth. The loss of area shows how critical the tuning is.
 pub const WRONG_BY: f64 = 1.2;
-/// Relative error of the wrong mass of a model, in both directions.
+/// Relative error of a wrong model mass, in both directions.
 pub const MASS_WRONG_BY: f64 = 0.2;
 
 pub struct Walker<'a, D> {
-    /// Engine of the hits.
     pub engine: Engine,
     /// The scene. Its own estimator is not used.
     pub scene: &'a Scene,
     /// Set to stop the search.
     pub stop: &'a AtomicBool,
-    /// Called with the number of walks made.
+    /// Called with the number of finished walks.
     pub done: &'a D,
 }
 
@@ -104,8 +104,8 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         Ok(self.walks(&[*settings], &starts(budget.repeats))?.pop().unwrap_or_default())
     }
 
-    /// The best tuning from `start` and its boundaries, without the areas of wrong tunings. Settings that are not free
-    /// are walked unchanged.
+    /// The best tuning from `start`, and its boundaries. Wrong tunings are not walked. Settings that are not free are
+    /// walked unchanged.
     ///
     /// # Errors
     /// The handle does not reach the wall, or `stop` was set.
@@ -160,7 +160,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
         Ok(lanes_for(&prepared, Numeric::Fixed))
     }
 
-    /// Length of the search of this estimator.
+    /// Approximate duration of this estimator's search.
     ///
     /// # Errors
     /// An error of [`has_lanes`](Self::has_lanes).
@@ -184,7 +184,7 @@ impl<D: Fn(u64) + Sync> Walker<'_, D> {
     }
 }
 
-/// Tunes `start` if it is free; otherwise walks it unchanged. `done` is called with the number of walks made.
+/// Tunes `start` if it is free. Otherwise walks it unchanged. Calls `done` with the number of finished walks.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -200,12 +200,13 @@ pub fn tune(
     let walker = Walker { engine, scene, stop, done };
     let (best, mut tuned) = walker.best(start, is_free, budget)?;
     let area = tuned.boundaries.area();
-    // Wrong settings below and above. The share says how much of the loss of area counts; a model's mass has none.
+    // Wrong settings below and above the best. A share scales the loss of area. The wrong masses of a model have no
+    // share.
     let mut wrongs: Vec<(usize, Option<f64>, VelocitySettings)> = vec![];
     let axes = walker.axes(start, is_free);
     for (side, factor) in [1.0 / WRONG_BY, WRONG_BY].into_iter().enumerate() {
         let wrong = axes.as_ref().and_then(|axes| axes.off_by(&best, factor));
-        // A whole number misses the factor. The loss is scaled in proportion on a logarithmic scale.
+        // A whole number does not reach the factor. So the loss is scaled in proportion on a logarithmic scale.
         let share = |reached: f64| Some(factor.ln() / reached.ln());
         wrongs.extend(wrong.map(|(wrong, reached)| (side, share(reached), wrong)));
     }
@@ -228,7 +229,7 @@ pub fn tune(
     Ok((best, tuned))
 }
 
-/// For each parameter of `best`, the end of the search range at which it lies, within the last step.
+/// For each parameter of `best`: the end of the search range, if the parameter is within the last step of this end.
 fn edges(axes: &Axes, best: &VelocitySettings) -> [Option<Edge>; 2] {
     let (_, [tuning, second, ..]) = EstimatorName::of(best);
     let near = |value: f64, end: f64| (value / end).ln().abs() < 1e-6;
@@ -248,13 +249,13 @@ fn edges(axes: &Axes, best: &VelocitySettings) -> [Option<Edge>; 2] {
 /// Tunings that were tried so far.
 pub(super) struct Search {
     pub(super) tried: Vec<Tried>,
-    /// The search ended because its steps became small.
+    /// Whether the search ended because its steps became small.
     pub(super) settled: bool,
 }
 
 impl Search {
-    /// Tries at most `tunings` tunings ([`OF_TWO`] times as many with two axes). `look` returns the result of each
-    /// tuning. It also gets the next tunings if none of these is better, and the largest area so far.
+    /// Tries at most `tunings` tunings. With two axes, it tries [`OF_TWO`] times as many. `look` returns the result of
+    /// each tuning. It also gets the tunings that are next if none of these is better, and the largest area so far.
     pub(super) fn over(
         axes: &Axes,
         tunings: u32,
@@ -351,7 +352,6 @@ impl Search {
         axes.accepts(&settings) && self.tried.iter().all(|tried| tried.settings != settings)
     }
 
-    /// The try with the largest area.
     pub(super) fn best(&self) -> Option<Tried> {
         self.tried.iter().max_by(|a, b| a.area.total_cmp(&b.area)).copied()
     }
@@ -386,7 +386,7 @@ mod tests {
         [tuning, second]
     }
 
-    /// Searches a synthetic surface. Returns the tried tunings, the best one, and whether the search settled.
+    /// Searches a synthetic surface. Returns the tried tunings, the best tuning, and whether the search settled.
     fn search(
         name: EstimatorName,
         tunings: u32,
@@ -415,7 +415,7 @@ mod tests {
                 search(EstimatorName::FirstOrder, 24, |[hz, _]| hill(hz / top));
             assert!(settled && hill(found / top) > 0.995, "{found} for {top}");
             assert!((14..=24).contains(&looked.len()), "{}", looked.len());
-            // A larger budget does not help: the search only starts with a finer grid, and also settles.
+            // A larger budget does not help. The search only starts with a finer grid, and also settles.
             let (_, [again, _], settled) =
                 search(EstimatorName::FirstOrder, 48, |[hz, _]| hill(hz / top));
             assert!(settled && hill(again / top) > 0.995, "{again} for {top}");

@@ -7,12 +7,14 @@
 //! | noise in motion | constant speeds of 0.01 to 3 counts per sample, none a simple fraction | the hand |
 //!
 //! As on a device, an estimator that uses a force gets only the *motor's* force, never the hand's. If the motor drives,
-//! this force is the one that the device needs for the motion: `m x'' + b x' + k x`, with the scene's damping and
+//! its force gives the device the prescribed motion: `m x'' + b x' + k x`. This force contains the scene's damping and
 //! spring, which the estimator does not model. The estimator gets the force when it is granted, as in the firmware. The
 //! force acts after the actuator's latency (whole samples). With `actuator.latency_known` the estimator gets the force
-//! when it acts. Other inputs are ideal: an accelerometer's reading of the whole motion, and the encoder's edges.
-//! Counts and edges come from the same reading: rounded as the scene says, with its periodic error, without noise and
-//! jitter. At rest the periodic error is constant and is left out.
+//! when it acts.
+//!
+//! Other inputs are ideal: an accelerometer's reading of the whole motion, and the encoder's edges. Counts and edges
+//! come from the same reading. It has the scene's rounding and periodic error, but no noise and no jitter. At rest the
+//! periodic error is constant and is left out.
 
 use std::f64::consts::PI;
 
@@ -35,16 +37,16 @@ pub struct Signal {
     pub phase_100_hz_deg: Driven,
     /// RMS of the velocity at rest with a flickering count, m/s.
     pub noise_at_rest_m_per_s: f64,
-    /// RMS of the error at constant speeds, m/s: the largest over the speeds.
+    /// RMS of the error at a constant speed, m/s. The largest value of all speeds.
     pub noise_in_motion_m_per_s: f64,
 }
 
-/// One figure for a motion by the hand, and for a motion by the motor.
+/// A result for a motion by the hand, and for a motion by the motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Driven {
-    /// Motion by the hand: no force is known.
+    /// Motion by the hand. The estimator does not get the force.
     pub hand: f64,
-    /// Motion by the motor: all of the force is known.
+    /// Motion by the motor. The estimator gets the whole force.
     pub motor: f64,
 }
 
@@ -58,17 +60,17 @@ enum Drive {
 const SLOW: f64 = 5e-4;
 /// Largest speed of the sines, counts per sample.
 const FAST_COUNTS: f64 = 100.0;
-/// Samples before the measurement: even the slowest filters have settled.
+/// Samples before the measurement. Even the slowest filters then have settled.
 const WARM_UP: u32 = 20_000;
 const SAMPLES: u32 = 40_000;
 /// Speeds, counts per sample.
 const SPEEDS: [f64; 6] = [0.010_618, 0.038_197, 0.123_606, 0.381_966, 1.127_3, 2.902_7];
 
-/// A motion: from the sample number to position and speed. The position is in counts, with edges at whole numbers. The
-/// speed is in counts per sample.
+/// A motion as a function from the sample number to position and speed. The position is in counts, with edges at whole
+/// numbers. The speed is in counts per sample.
 type Motion<'a> = dyn FnMut(u32) -> [f64; 2] + 'a;
 
-/// Measures the filter `velocity` in the scene.
+/// Measures the filter `velocity` with the values of the scene.
 ///
 /// # Errors
 /// A parameter is out of range.
@@ -84,7 +86,7 @@ pub fn measure(scene: &Scene, velocity: VelocitySettings) -> Result<Signal, Sett
     let phase_100_hz_deg = driven(100.0 / rate_hz, 180.0 / PI)?;
     let mut state = 0x2545_f491_4f6c_dd1du64;
     let mut flicker = |_| {
-        // Xorshift64: the flicker must be the same in every run and on every machine.
+        // Xorshift64 gives the same flicker in every run and on every machine.
         state ^= state << 13;
         state ^= state >> 7;
         state ^= state << 17;
@@ -128,8 +130,8 @@ impl Bench<'_> {
 
     /// Phase against the true velocity near `frequency` (cycles per sample), rad.
     fn sine(&self, frequency: f64, by: Drive) -> Result<f64, SettingsError> {
-        // The number of periods and the number of samples have no common factor. Otherwise few different counts would
-        // repeat with their rounding.
+        // The number of periods and the number of samples have no common factor. Otherwise a few counts would repeat
+        // with their rounding errors.
         let periods = whole(f64::from(SAMPLES) * frequency);
         let samples = (1..=SAMPLES).rev().find(|&n| gcd(n, periods) == 1).unwrap_or(SAMPLES);
         let omega = 2.0 * PI * f64::from(periods) / f64::from(samples);
@@ -151,7 +153,7 @@ impl Bench<'_> {
         Ok((-im).atan2(re))
     }
 
-    /// Mean force over a sample that the device needs for this motion, N.
+    /// Force that the device needs for this motion, mean over a sample, N.
     fn force_n(&self, [x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> f64 {
         let (device, rate_hz) = (&self.scene.device, self.scene.control.rate_hz);
         let counts = device.mass_kg * (v1 - v0) * rate_hz * rate_hz
@@ -160,7 +162,7 @@ impl Bench<'_> {
         counts * self.scene.encoder.resolution_m
     }
 
-    /// Runs the motion. After the warm-up `each` gets the sample number and the velocity, counts per sample.
+    /// Runs the motion. After the warm-up, calls `each` with the sample number and the velocity, counts per sample.
     fn run(
         &self,
         motion: &mut Motion<'_>,
@@ -242,7 +244,7 @@ mod tests {
             measure(&scene, settings).unwrap()
         };
         let plain = measured(|_| ());
-        // Rounding to nearest gives the count of a position half a count further.
+        // Rounding to the nearest count gives the same count as rounding down a position that is half a count larger.
         let rounded = measured(|scene| scene.encoder.rounding = Rounding::Round);
         let near = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-3;
         assert_eq!(rounded.noise_at_rest_m_per_s, plain.noise_at_rest_m_per_s);
@@ -251,7 +253,7 @@ mod tests {
             "{rounded:?} {plain:?}"
         );
         assert!((rounded.phase_100_hz_deg.hand - plain.phase_100_hz_deg.hand).abs() < 1e-2);
-        // The error has a slope of 0.0628 sin. At 2.9 counts a sample this is a real velocity of 0.0129 m/s RMS; the
+        // The error has a slope of 0.0628 sin. At 2.9 counts per sample this is a real velocity of 0.0129 m/s RMS. The
         // rest is small.
         let wrong = measured(|scene| {
             let (cycle_m, first_m) = (1e-3, 1e-5);
@@ -266,7 +268,7 @@ mod tests {
 
     #[test]
     fn a_coarse_encoder_does_not_move_the_phase() {
-        // The delay at 100 Hz is half a sample for every count size: 1.8 degrees.
+        // The delay at 100 Hz is half a sample for every size of a count, which is 1.8 degrees.
         for resolution_m in [1e-6, 1e-5, 2e-5, 4e-5] {
             let mut scene = NamedScene::load("paper-1um").unwrap().scene;
             scene.encoder.resolution_m = resolution_m;
@@ -287,14 +289,15 @@ mod tests {
         let butterworth = signal(VelocitySettings::Butterworth { cutoff_hz: 500.0 });
         assert!((butterworth.delay_s.hand / 5.0e-4 - 1.0).abs() < 0.01, "{butterworth:?}");
         assert!((butterworth.phase_100_hz_deg.hand + 18.2).abs() < 0.1, "{butterworth:?}");
-        // The count changes with probability 1/2 per sample: half of the differences are +-1 count, 10 mm/s each.
+        // The count changes with probability 1/2 per sample. So half of the differences are +-1 count, which is 10
+        // mm/s.
         assert!((plain.noise_at_rest_m_per_s / (0.01 * 0.5f64.sqrt()) - 1.0).abs() < 0.02);
         assert!(butterworth.noise_at_rest_m_per_s < 0.1 * plain.noise_at_rest_m_per_s);
         assert!(butterworth.noise_in_motion_m_per_s < plain.noise_in_motion_m_per_s);
         let window = VelocitySettings::LeastSquares1 { window_samples: 20 };
         assert!((signal(window).delay_s.hand / 1e-3 - 1.0).abs() < 0.01);
-        // With the motor's force the observer has almost no delay. The hand's force is not known. Then the observer is
-        // a filter of the position with poles w, and late by 3 atan(x) - atan(3 x), where x is 100 Hz divided by the
+        // With the motor's force the observer has almost no delay. It does not get the hand's force. Then it is a
+        // filter of the position with poles w. Its delay is 3 atan(x) - atan(3 x), where x is 100 Hz divided by the
         // bandwidth.
         let observer = signal(VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 0.416 });
         // The observer does not know the force of the device's damping b, so it leads by 3 b / (m w^2).
@@ -303,8 +306,8 @@ mod tests {
         assert!(observer.phase_100_hz_deg.motor.abs() < 1.0, "{observer:?}");
         let late = (3.0 * 1f64.atan() - 3f64.atan()).to_degrees();
         assert!((observer.phase_100_hz_deg.hand + late).abs() < 2.5, "{observer:?} {late}");
-        // If the observer gets the force 0.3 ms before it acts, it leads. It passes (s^3 + 3 w s^2) / (s + w)^3 of a
-        // force U for the acceleration s^2 X. U is (1 + b / (m s)) e^(s t) times its correct value.
+        // If the observer gets the force 0.3 ms before it acts, the velocity leads. The observer passes (s^3 + 3 w s^2)
+        // / (s + w)^3 of a force U for the acceleration s^2 X. U is (1 + b / (m s)) e^(s t) times its correct value.
         let s = Complex::new(0.0, 2.0 * PI * 100.0);
         let w = 2.0 * PI * 100.0;
         let passed = (s * s * s + s * s * 3.0 * w) / ((s + w) * (s + w) * (s + w));
@@ -315,7 +318,7 @@ mod tests {
         assert!(early > 4.0 && observer.phase_100_hz_deg.motor < 1.0);
         assert!((told.phase_100_hz_deg.motor - early).abs() < 0.6, "{told:?} {early}");
         assert_eq!(told.phase_100_hz_deg.hand, observer.phase_100_hz_deg.hand);
-        // With known latency the observer gets the force in time, and its result is as without latency.
+        // With known latency the observer gets the force in time. The result is the same as without latency.
         assert_eq!(of(3.0, true, settings), observer);
         // With a mass that is 20 % too large, the observer attributes a sixth of the acceleration to the hand.
         let wrong = VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg: 1.2 * 0.416 };

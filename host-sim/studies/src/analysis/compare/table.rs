@@ -1,4 +1,4 @@
-//! The comparison as a table: one list of criteria for CSV, JSON, the page and the winners.
+//! The comparison as a table. CSV, JSON, the page and the winners use one list of criteria.
 
 use zwidth::{VelocitySettings, velocity};
 
@@ -16,7 +16,7 @@ use crate::{
     table::{Cell, Kind, Table},
 };
 
-/// Direction in which a criterion is better.
+/// Which values of a criterion are better.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Better {
     More,
@@ -25,7 +25,7 @@ pub enum Better {
     NearerToZero,
 }
 
-/// Table for people that contains the criterion.
+/// Printed table that contains the criterion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
     /// Criteria of the Z-width.
@@ -54,18 +54,18 @@ impl Part {
 pub struct Criterion {
     /// Name of the CSV column, with unit.
     pub key: &'static str,
-    /// Name in tables for people.
+    /// Name in printed tables.
     pub name: &'static str,
-    /// Unit in tables for people.
+    /// Unit in printed tables.
     pub unit: &'static str,
-    /// Factor from the CSV's unit to the unit for people.
+    /// Factor from the CSV's unit to the unit in printed tables.
     pub scale: f64,
-    /// Digits after the point in tables for people.
+    /// Digits after the point in printed tables.
     pub digits: usize,
     pub part: Part,
-    /// Direction in which it is better; `None` if no direction is better.
+    /// Which values are better; `None` if the criterion ranks nothing.
     pub better: Option<Better>,
-    /// Values of all repeats; one value if measured once, none if not applicable.
+    /// Values of all repeats. One value if measured once. Empty if the criterion does not apply.
     pub values: fn(&Compared, &Place) -> Vec<f64>,
 }
 
@@ -76,7 +76,7 @@ impl Criterion {
         (!values.is_empty()).then(|| Repeats::of(values.iter().copied()).mean)
     }
 
-    /// The value for people.
+    /// The value for printed tables.
     pub fn cell(&self, c: &Compared, place: &Place, units: Units) -> String {
         let (_, factor) = units.written(self.unit);
         let digits = |value: f64| match (factor == 1.0, value.abs()) {
@@ -94,14 +94,14 @@ impl Criterion {
         )
     }
 
-    /// Unit in tables for people, in `units`.
+    /// Unit in printed tables, in `units`.
     pub fn unit(&self, units: Units) -> &'static str {
         units.written(self.unit).0
     }
 }
 
-/// Makes the list of criteria. Each has part, better direction and key; name, unit for people, factor and digits;
-/// values.
+/// Makes the list of criteria. An entry has three groups. The first has table part, better values and CSV key. The
+/// second has printed name, unit, factor and digits. The third is the function that gives the values.
 macro_rules! criteria {
     ($($part:ident $better:expr, $key:literal:
        $name:literal, $unit:expr, $scale:literal, $digits:literal, $values:expr;)*) => {
@@ -192,7 +192,7 @@ fn roughness(c: &Compared) -> Vec<f64> {
     if middle.stable { middle.roughness_n.clone() } else { vec![] }
 }
 
-/// One value, if all walls are stable; otherwise none.
+/// The value, if all walls are stable. Otherwise empty.
 fn at_all_walls(c: &Compared, value: f64) -> Vec<f64> {
     if c.contacts.iter().all(|contact| contact.stable) { vec![value] } else { vec![] }
 }
@@ -202,19 +202,17 @@ fn worse([low, high]: [Option<f64>; 2]) -> Option<f64> {
     low.zip(high).map(|(low, high)| low.min(high))
 }
 
-/// Number of walks of the search.
 pub fn search_walks(c: &Compared) -> u32 {
     c.tuned.tried.iter().map(|tried| tried.walks).sum()
 }
 
-/// A tuned parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
     pub name: &'static str,
     pub unit: &'static str,
     /// Result of the search.
     pub value: f64,
-    /// The end of the search range, if the value lies there.
+    /// The end of the search range, if the value is at an end.
     pub edge: Option<Edge>,
 }
 
@@ -232,7 +230,6 @@ pub(super) fn value_and_unit(settings: &VelocitySettings, n: usize) -> [Cell; 2]
     parameter.map_or([Cell::Empty, Cell::Empty], |(of, value)| [value.into(), of.unit.into()])
 }
 
-/// An area with its unit.
 fn area_text(area: f64, units: Units) -> String {
     match units.written("N² s/m²") {
         (unit, factor) if factor != 1.0 => format!("{:.4e} {unit}", area * factor),
@@ -280,7 +277,7 @@ pub fn stable_at_walls(c: &Compared) -> usize {
     c.contacts.iter().filter(|contact| contact.stable).count()
 }
 
-/// Every tuning that was tried, in the order of the tries.
+/// Every tried tuning, in the order of the tries.
 pub fn tunings(compared: &[Compared]) -> Table {
     let mut table = Table::new([
         ("estimator", Kind::Text),

@@ -1,4 +1,4 @@
-//! The comparison for a terminal: several small tables, with no line wider than [`WIDTH`].
+//! The comparison for a terminal: several small tables. No line is wider than [`WIDTH`].
 
 use super::{
     Compared, Place,

@@ -1,13 +1,12 @@
-//! The result of a search: boundaries at the best tuning, and the remaining area at wrong tunings.
+//! The result of a search: boundaries at the best tuning, and the areas at wrong tunings.
 
 use zwidth::VelocitySettings;
 
 use crate::study::boundary::Boundaries;
 
-/// A tuning that was tried.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tried {
-    /// Place on the axes, each 0 to 1.
+    /// Position on the axes, each 0 to 1.
     pub place: [f64; 2],
     pub settings: VelocitySettings,
     /// Mean area of the search's walks, N^2 s/m^2.
@@ -16,33 +15,33 @@ pub struct Tried {
     pub walks: u32,
 }
 
-/// An end of the search range at which the best tuning lies.
+/// The reason for an end of the search range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Edge {
-    /// The core accepts nothing beyond this end.
+    /// The core accepts no value beyond this end.
     Core,
     /// The range of the search ends there.
     Search,
 }
 
-/// The result of a search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tuned {
-    /// Every tuning that was tried, in the order of the tries; empty if there is nothing to tune.
+    /// Every tried tuning, in the order of the tries. Empty if there is nothing to tune.
     pub tried: Vec<Tried>,
-    /// The search ended because no neighbour of its result is better. False if all allowed tunings were used up before.
+    /// Whether the search ended because no neighbour of its result is better. False if all allowed tunings were used up
+    /// before.
     pub settled: bool,
     /// Boundaries at the best tuning, one per start.
     pub boundaries: Boundaries,
     /// -3 dB bandwidth at the best tuning, Hz, as [`super::bandwidth`] defines it.
     pub bandwidth_hz: f64,
     /// Mean area with a bandwidth that is too low and too high by [`WRONG_BY`](super::search::WRONG_BY), as a fraction
-    /// of the best area. `None` if there is nothing to tune, or if the core refuses the tuning.
+    /// of the best area. `None` if there is no tuning, or if the core refuses the wrong tuning.
     pub left_when_mistuned: [Option<f64>; 2],
     /// Mean area with a model mass that is too small and too large by [`MASS_WRONG_BY`](super::search::MASS_WRONG_BY),
     /// as a fraction of the best area. `None` without a model.
     pub left_when_mass_is_wrong: [Option<f64>; 2],
-    /// For the tuning and the second parameter, the end of the search range at which the best value lies.
+    /// For the tuning and the second parameter: the end of the search range, if the best value is at an end.
     pub edges: [Option<Edge>; 2],
     /// Hits of all walks: search, result, and wrong tunings.
     pub hits: u64,

@@ -1,9 +1,9 @@
 //! The best estimators of each criterion, among estimators with the same kind of inputs.
 //!
-//! Repeats of a walk and of a hit scatter. So a criterion from repeats has a best mean, and other means that cannot be
-//! distinguished from it. Two means are not distinguished if Welch's t-test does not show that the worse one is below
-//! 98 % of the better one, as in a sweep ([`crate::numerics::statistics`]). If less is better, the test is whether the
-//! better one is below 98 % of the worse one.
+//! Repeats of a walk and of a hit scatter. So, with repeats, some means cannot be distinguished from the best mean.
+//! Welch's t-test decides, as in a sweep ([`crate::numerics::statistics`]). Two means are only distinguished if the
+//! test shows that the worse mean is below 98 % of the better mean. If smaller values are better, the test is whether
+//! the better mean is below 98 % of the worse mean.
 
 use std::borrow::Cow;
 
@@ -26,7 +26,7 @@ pub struct Winner {
     pub class: &'static str,
     /// The estimators with the best mean.
     pub best: Vec<String>,
-    /// Others that the repeats cannot distinguish from the best.
+    /// Other estimators that the repeats cannot distinguish from the best.
     pub not_told_apart: Vec<String>,
     /// Mean of the best estimator.
     pub value: f64,
@@ -36,7 +36,7 @@ pub struct Winner {
 }
 
 impl Winner {
-    /// The winner with criterion and value in `units`.
+    /// The winner with its criterion and value in `units`.
     #[must_use]
     pub fn told(&self, units: Units) -> Self {
         match units.key(&self.criterion) {
@@ -50,7 +50,7 @@ impl Winner {
     }
 }
 
-/// The winner of every criterion that has a better direction, in every class that has a member.
+/// The winners of all criteria that rank estimators, in every class that has a member.
 pub fn winners(compared: &[Compared], place: &Place) -> Vec<Winner> {
     let mut winners = vec![];
     for criterion in &CRITERIA {
@@ -77,7 +77,7 @@ fn winner(
     ranked(criterion.key, class, better, &candidates)
 }
 
-/// The winner among names and values.
+/// The winner among estimators with these names and values.
 fn ranked(
     criterion: &'static str,
     class: Class,
@@ -118,7 +118,6 @@ fn ranked(
     })
 }
 
-/// A sentence about a winner.
 pub fn sentence(winner: &Winner) -> String {
     let name = CRITERIA.iter().find(|c| c.key == winner.criterion).map_or("", |c| c.name);
     let class = Class::ALL.into_iter().find(|class| class.name() == winner.class);
@@ -157,7 +156,7 @@ mod tests {
         assert_eq!(winner.best, ["kalman-2"]);
         assert_eq!(winner.not_told_apart, ["butterworth", "kalman-3"]);
         assert_eq!(winner.butterworth_rank, Some(1));
-        // The same means without scatter: two estimators are shown to be better.
+        // The same means without scatter. Then the test shows that two estimators are better.
         let winner = of(
             Better::More,
             &[("butterworth", &[94.0; 4]), ("kalman-2", &[100.0; 4]), ("kalman-3", &[99.0; 4])],

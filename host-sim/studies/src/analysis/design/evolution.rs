@@ -2,15 +2,15 @@
 //!
 //! R. Storn and K. Price, "Differential evolution: a simple and efficient heuristic for global optimization over
 //! continuous spaces", J. Global Optimization 11, 1997. The scale of the differences is drawn again for each
-//! generation, as in SciPy. Each member has its own cap on the gain peak, so one search finds the whole front. A member
-//! takes steps from the best filter below its cap that any member has found, or from another member. A filter above the
-//! cap is not walked. Of two filters above the cap, the one nearer to the cap stays (K. Deb, Comput. Methods Appl.
-//! Mech. Engrg. 186, 2000).
+//! generation, as in SciPy. Each member has its own limit of the gain peak, its cap. So one search finds the best
+//! filter for every cap. A member takes steps from the best known filter below its cap, or from another member. A
+//! filter above the cap is not walked. Of two filters above the cap, the filter nearer to the cap stays (K. Deb,
+//! Comput. Methods Appl. Mech. Engrg. 186, 2000).
 //!
 //! The result of a search is refined in rounds. Each round draws from a Gaussian with the mean and covariance of the
 //! best filters below a cap (P. Larranaga and J. A. Lozano, "Estimation of distribution algorithms", 2002).
 //!
-//! All random numbers come from a seed in one fixed order, so the result depends on nothing else.
+//! All random numbers come from a seed in one fixed order. So the result depends only on the seed and the question.
 
 use crate::{
     error::Error,
@@ -20,32 +20,32 @@ use crate::{
     },
 };
 
-/// Members with the first cap, per member with another cap.
+/// Number of members with the first cap.
 const MAIN: usize = 24;
-/// Members with each of the other caps.
+/// Number of members with each of the other caps.
 const EACH: usize = 8;
-/// Share of a member's coordinates that its trial takes from the step.
+/// Share of coordinates that a member's trial takes from the step. The other coordinates do not change.
 const CROSSING: f64 = 0.8;
 
-/// A place of the search.
+/// A point of the search. Each coordinate is 0 to 1.
 pub type Place<const N: usize> = [f64; N];
 
 /// The objective of a search.
 pub trait Field<const N: usize> {
-    /// First place of a member that was drawn at `drawn`.
+    /// First point of a member, from the random point `drawn`.
     fn begin(&self, drawn: Place<N>) -> Place<N> {
         drawn
     }
-    /// Gain peak of the filter at a place, dB; infinite if there is no filter.
+    /// Gain peak of the filter at a point, dB; infinite if there is no filter.
     fn peak_db(&self, place: &Place<N>) -> f64;
-    /// Quality of several filters.
+    /// Quality of the filters at these points.
     ///
     /// # Errors
     /// The filters could not be walked.
     fn worths(&mut self, places: &[Place<N>]) -> Result<Vec<f64>, Error>;
 }
 
-/// A member: its place, its excess above the cap, and its quality.
+/// A member: its point, its excess above the cap, and its quality.
 #[derive(Clone, Copy, Debug)]
 struct Member<const N: usize> {
     place: Place<N>,
@@ -54,7 +54,7 @@ struct Member<const N: usize> {
 }
 
 impl<const N: usize> Member<N> {
-    /// Whether this member is at least as good.
+    /// Whether this member is at least as good as `other`.
     fn beats(&self, other: &Self) -> bool {
         match self.excess_db == other.excess_db {
             true => self.worth >= other.worth,
@@ -63,11 +63,11 @@ impl<const N: usize> Member<N> {
     }
 }
 
-/// All walked filters: place, gain peak and quality.
+/// All walked filters: point, gain peak, dB, and quality.
 pub type Found<const N: usize> = Vec<(Place<N>, f64, f64)>;
 
-/// Walks at least `budget` filters, and at most one generation more. The caps are in dB; the first cap is the most
-/// important one.
+/// Walks at least `budget` filters, and at most one generation more. The caps are in dB. The first cap gets most
+/// members.
 ///
 /// # Errors
 /// An error of [`Field::worths`].
@@ -91,7 +91,7 @@ pub fn evolve<const N: usize>(
     let first: Vec<Place<N>> =
         caps.iter().map(|_| field.begin(std::array::from_fn(|_| random()))).collect();
     let mut members = look(field, &first, &caps, &mut found)?;
-    // A generation with all members above their caps costs nothing, so the number of generations is limited.
+    // If all members are above their caps, a generation walks no filter. So the number of generations is limited.
     for _ in 0..10 * budget.div_ceil(caps.len()).max(1) {
         if found.len() >= budget {
             break;
@@ -130,12 +130,13 @@ pub fn evolve<const N: usize>(
     Ok(found)
 }
 
-/// Number of best filters that define the Gaussian, and number of draws in a round.
+/// Number of best filters that define the Gaussian.
 const SPREAD: usize = 12;
+/// Number of draws in a round.
 const ROUND: usize = 40;
 
-/// Refines the best filters of `from` below the cap. `from` has places and qualities of another grid. The refinement
-/// walks `budget` filters, and at least one round.
+/// Refines the filters at the points `from`, below the cap. Their qualities are not used, because they belong to
+/// another grid. The refinement walks `budget` filters, and at least one round.
 ///
 /// # Errors
 /// An error of [`Field::worths`].
@@ -198,7 +199,7 @@ fn look<const N: usize>(
     Ok(members.collect())
 }
 
-/// The best filter that was found below a cap, or the first member.
+/// The best walked filter below a cap, or the first member.
 fn best_below<const N: usize>(cap_db: f64, found: &Found<N>, members: &[Member<N>]) -> Place<N> {
     let below = found.iter().filter(|(_, peak, _)| *peak <= cap_db);
     let best = below.max_by(|a, b| a.2.total_cmp(&b.2)).map(|(place, ..)| *place);

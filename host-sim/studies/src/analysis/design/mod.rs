@@ -1,17 +1,17 @@
-//! Finds the best velocity filter for a device, instead of the best cutoff. The filter has one or two biquads after the
-//! finite difference, in the core's fixed point. It is designed for the worst of several conditions (who pushes, with
-//! which hand, below which limit).
+//! Finds the best velocity filter for a device, and not only the best cutoff. The filter has one or two biquads after
+//! the finite difference, in the core's fixed point. It is designed for the worst of several conditions. A condition
+//! sets the push, the hand and the limit.
 //!
 //! * The quality of a filter is its area divided by the area of finite difference and Butterworth at its best cutoff of
 //!   `[sweep]`, in the worst condition. With one condition, the best filter has the largest area.
-//! * [`evolution`]: a global search over poles, lead and second zero ([`shape`]), for several caps on the gain peak at
-//!   once. The grid of the walk is so coarse that Butterworth's boundary has about 28 columns.
+//! * [`evolution`] is a global search over poles, lead and second zero ([`shape`]), for several limits of the gain peak
+//!   (caps) together. The grid of the walk is so coarse that Butterworth's boundary has about 28 columns.
 //! * The best filters of the first cap are refined on a grid with twice as many columns.
 //! * The best filters of each cap are walked again on the scene's grid, from other starts. The best of these are walked
-//!   from the starts of a sweep. So an area in the result is not the luckiest of many. A question with one repeat is
-//!   different: all walks have one start, so its areas are the luckiest of many.
-//! * Roughness is measured as in [`compare`](super::compare), at the same wall, except that Butterworth's cutoff here
-//!   is one of `[sweep]`. The remaining area is measured with a frequency or damping that is wrong by [`MISTUNED_BY`].
+//!   from the starts of a sweep. So the selection does not bias the area in the result. With one repeat, all walks have
+//!   one start, and the area is biased upwards.
+//! * Roughness is measured as in [`compare`](super::compare), at the same wall. Here, Butterworth's cutoff is a cutoff
+//!   of `[sweep]`. The area with a frequency or damping that is wrong by [`MISTUNED_BY`] is also measured.
 
 pub mod evolution;
 mod references;
@@ -46,24 +46,24 @@ use crate::{
 
 /// Columns of the reference's boundary on the grid of the search, and rows up to its peak.
 const COLUMNS: f64 = 28.0;
-/// Columns of the grid for the refinement, and share of the budget that is reserved for the refinement.
+/// Columns of the grid for the refinement.
 const FINE_COLUMNS: f64 = 56.0;
+/// Share of the budget for the refinement.
 const REFINE: f64 = 0.2;
-/// Starts of the walks that choose among the best filters, counts: those of a search, and two between them.
+/// Starts of the walks that choose among the best filters, counts: the starts of a search, and two between them.
 const CHOICE: [f64; 4] =
     [0.118_033_988_749_895, 0.368_033_988_749_895, 0.618_033_988_749_895, 0.868_033_988_749_895];
 /// Number of filters of each cap and grid that are walked on the scene's grid.
 const CHOSEN: usize = 8;
-/// Caps on the gain peak of the front, dB. Only caps below the requested one are used.
+/// Caps on the gain peak, dB, for the other filters of the result. Only caps below the requested cap are used.
 const FRONT_DB: [f64; 6] = [12.0, 9.0, 6.0, 4.5, 3.0, 1.5];
 /// Factor of a mistuned frequency or damping, up or down.
 pub const MISTUNED_BY: f64 = 1.2;
 
-/// Who pushes, with which hand, below which limit.
+/// Push, hand and limit of a design.
 #[derive(Clone, Debug)]
 pub struct Condition {
     pub name: String,
-    /// The scene in this condition.
     pub scene: Scene,
 }
 
@@ -77,7 +77,7 @@ pub struct Question {
     pub delay_s: Option<f64>,
     /// Largest allowed roughness of the force, N.
     pub roughness_n: Option<f64>,
-    /// Smallest share of the area that a mistuned filter must keep.
+    /// Smallest share of its area that a mistuned filter must have.
     pub mistuned_share: Option<f64>,
     /// Sections of a filter, 1 or 2.
     pub sections: u8,
@@ -85,9 +85,7 @@ pub struct Question {
     pub budget: u32,
     /// Walks of a result in each condition.
     pub repeats: u32,
-    /// Seed of the search.
     pub seed: u64,
-    /// Arithmetic of the controller.
     pub numeric: Numeric,
 }
 
@@ -113,7 +111,7 @@ pub struct Designed {
     pub gain_peak_db: f64,
     /// RMS of the force above 100 Hz at the wall, N; `None` if the wall is not stable.
     pub roughness_n: Option<f64>,
-    /// Smallest share of the area that a mistuned filter keeps, in the worst condition.
+    /// Smallest share of its area that a mistuned filter has, in the worst condition.
     pub mistuned_share: f64,
     /// The biquads, as the core runs them.
     pub sections: Vec<Biquad>,
@@ -144,13 +142,12 @@ pub struct DesignStudy {
     pub wall: Wall,
     /// The best filter, then the best filters below lower caps on the gain peak.
     pub filters: Vec<Designed>,
-    /// All filters that were walked.
     pub tried: Vec<Tried>,
     /// Roughness with Butterworth at `wall`, N.
     pub reference_roughness_n: Option<f64>,
 }
 
-/// Settings of all walks.
+/// Settings that all walks share.
 struct Walker<'a, D> {
     how: How<'a>,
     done: D,
@@ -168,7 +165,7 @@ impl<D: Fn(&Boundary) + Sync> Walker<'_, D> {
     }
 }
 
-/// Designs the filters. `done` is called after each walk.
+/// Designs the filters. Calls `done` after each walk.
 ///
 /// # Errors
 /// The handle does not reach the wall, no filter is within the limits, or `stop` was set.
@@ -196,7 +193,7 @@ fn of_numbers<const N: usize>(
         scenes.iter().map(PreparedScene::new).collect()
     };
     let fine = prepared(&scenes)?;
-    // Butterworth low-passes have another form than two biquads, and need scenes of their own.
+    // Butterworth low-passes have another form than two biquads, so they need scenes of their own.
     let plain: Vec<Scene> = question.conditions.iter().map(|c| with_low_pass(&c.scene)).collect();
     let references = references(&walker, &question, &prepared(&plain)?)?;
     let cutoffs: Vec<VelocitySettings> = references.iter().map(Reference::settings).collect();
@@ -267,7 +264,7 @@ fn of_numbers<const N: usize>(
 }
 
 impl Question {
-    /// `starts`, unless the question uses only one start.
+    /// The starts of a walk: `starts`, or only one start if the question has one repeat.
     fn spread<'a>(&self, starts: &'a [f64]) -> &'a [f64] {
         if self.repeats == 1 { &[0.0] } else { starts }
     }
@@ -294,7 +291,7 @@ struct Search<'a, D, const N: usize> {
     /// The reference's area on the grid of the search, by condition.
     scale: Vec<f64>,
     wall: Wall,
-    /// Whether a filter is within the limits that need further measurements, by its numbers.
+    /// Whether a filter is within the limits of roughness and mistuning. The key is the filter's parameters.
     kept: RefCell<HashMap<[u64; PARAMETERS], bool>>,
 }
 
@@ -335,7 +332,8 @@ impl<D: Fn(&Boundary) + Sync, const N: usize> Search<'_, D, N> {
 }
 
 impl<D: Fn(&Boundary) + Sync, const N: usize> Field<N> for Search<'_, D, N> {
-    /// Half of the members begin without a second section, because a good filter with one section is a start for two.
+    /// Half of the members begin without a second section, because a good filter with one section is a good start for
+    /// two sections.
     fn begin(&self, mut drawn: Place<N>) -> Place<N> {
         if N > NUMBERS && drawn[NUMBERS + 1] < 0.5 {
             Shape::without_second(&mut drawn, self.scene.control.rate_hz);
@@ -363,7 +361,7 @@ impl<D: Fn(&Boundary) + Sync, const N: usize> Field<N> for Search<'_, D, N> {
     }
 }
 
-/// The last walks, on the scenes' own grids.
+/// The last walks, which are on the scenes' own grids.
 struct Last<'a, D> {
     walker: &'a Walker<'a, D>,
     question: &'a Question,
@@ -411,7 +409,6 @@ impl<D: Fn(&Boundary) + Sync> Last<'_, D> {
         Ok(best.iter().enumerate().map(|(place, &n)| (shapes[n].0, of(place))).collect())
     }
 
-    /// Computes all results of a filter.
     fn finish(
         &self,
         first: &Scene,

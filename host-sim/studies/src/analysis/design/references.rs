@@ -1,4 +1,4 @@
-//! The reference of designed filters: Butterworth at its best cutoff. Also the grids and walls of the comparison.
+//! The reference for designed filters: Butterworth at its best cutoff. Also the grids and the wall of the comparison.
 
 use std::sync::atomic::AtomicBool;
 
@@ -38,7 +38,8 @@ pub(super) fn with_low_pass(scene: &Scene) -> Scene {
     with_filter(scene, &settings)
 }
 
-/// The best cutoff of `[sweep]` in each condition, from one start on the scene's grid. Its boundaries are walked again.
+/// The best cutoff of `[sweep]` in each condition, from one start on the scene's grid. Its boundaries are then walked
+/// from all starts.
 pub(super) fn references<D: Fn(&Boundary) + Sync>(
     walker: &Walker<'_, D>,
     question: &Question,
@@ -84,8 +85,8 @@ pub(super) fn coarser(scene: &Scene, reference: &Boundaries, columns: f64) -> Sc
     scene
 }
 
-/// The wall of the roughness. K is half of the K that the reference reaches at the B of `compare`, or at half of its
-/// largest B.
+/// The wall at which roughness is measured. B is the B of `compare`, or half of the reference's largest B. K is half of
+/// the K that the reference reaches at this B.
 pub(super) fn wall(scene: &Scene, references: &[Reference]) -> Wall {
     let boundaries = references.first().map(|reference| &reference.boundaries);
     Wall::half_of(boundaries, scene, damping_of(boundaries, scene))

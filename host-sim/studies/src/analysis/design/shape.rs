@@ -1,5 +1,5 @@
-//! A filter of the search: the four numbers of `biquad` or the eight of `biquad-2`, their ranges, and values that
-//! follow directly from these numbers.
+//! A filter of the search. Its parameters are the four numbers of `biquad` or the eight of `biquad-2`. Here are their
+//! ranges, and values that follow directly from them.
 
 use std::f64::consts::PI;
 
@@ -19,18 +19,18 @@ pub const NUMBERS: usize = 4;
 const FREQUENCY: [f64; 2] = [3e-3, 0.2];
 /// Damping ratio range of the search.
 const DAMPING: [f64; 2] = [0.02, 3.0];
-/// Range of the second section's pole frequency over the first section's.
+/// Range of the ratio of the pole frequencies, second section divided by first section.
 const RATIO: [f64; 2] = [0.25, 8.0];
-/// Frequency of a second section without effect, as a share of the rate. At a lower frequency the sum of coefficients
+/// Frequency of a second section without effect, as a share of the rate. With a lower frequency the sum of coefficients
 /// would overflow.
 const FREE: f64 = 0.1;
-/// Lead range in units of `1 / w`, where w is the frequency of the poles. A Butterworth low-pass has -1.4.
+/// Lead range in units of `1 / w`, where w is the frequency of the poles. A Butterworth low-pass has a lead of -1.4.
 const LEAD: [f64; 2] = [-2.0, 4.0];
 /// Largest lead of the second zero, in units of `1 / w`.
 const SECOND: f64 = 3.0;
-/// Number of frequencies at which the gain is computed, and the lowest one as a share of half the rate. The highest one
-/// is half the rate.
+/// Number of frequencies at which the gain is computed, up to half the rate.
 const LOOKS: u32 = 400;
+/// Lowest of these frequencies, as a share of half the rate.
 const LOWEST: f64 = 1e-3;
 
 /// The parameters of `estimator = "biquad"`.
@@ -42,7 +42,7 @@ pub struct Shape {
     pub damping: f64,
     /// Lead of the velocity in a slow motion, s.
     pub lead_s: f64,
-    /// Place of the second zero.
+    /// Second zero, in the z plane.
     pub zero: f64,
     pub second: Option<Second>,
 }
@@ -50,13 +50,13 @@ pub struct Shape {
 /// The second section's parameters of `estimator = "biquad-2"`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Second {
-    /// Frequency of the second section's poles over the first section's.
+    /// Frequency of the second section's poles, divided by the frequency of the first section's poles.
     pub ratio: f64,
     /// Damping ratio of the second section's poles.
     pub damping: f64,
     /// Lead of the second section in a slow motion, s.
     pub lead_s: f64,
-    /// Place of the second section's second zero.
+    /// Second zero of the second section, in the z plane.
     pub zero: f64,
 }
 
@@ -65,15 +65,15 @@ fn between([low, high]: [f64; 2], part: f64) -> f64 {
 }
 
 impl Shape {
-    /// The filter at a place of the search. Each coordinate is 0 to 1, each number has four digits. Eight coordinates
-    /// give two sections.
+    /// The filter at a point of the search. Each coordinate is 0 to 1. Each parameter is rounded to four digits or
+    /// less. Eight coordinates give two sections.
     pub fn at(place: &[f64], rate_hz: f64) -> Self {
         let number = |n: usize| place.get(n).copied().unwrap_or_default();
         let of = |n: usize, frequency_hz: f64| {
             let per_sample = 2.0 * PI * frequency_hz / rate_hz;
             let lead = LEAD[0] + (LEAD[1] - LEAD[0]) * number(n + 1);
-            // The second zero's lead grows with the square of the coordinate: low leads, where the zero moves fast, are
-            // finer.
+            // The second zero's lead grows with the square of the coordinate. So low leads, for which the zero moves
+            // fast, have finer steps.
             let h = -0.5 + number(n + 2).powi(2) * (0.5 + SECOND / per_sample);
             let zero = (h / (1.0 + h) * 1e4).round() / 1e4;
             [rounded(between(DAMPING, number(n)), 3), rounded(lead / per_sample / rate_hz, 4), zero]
@@ -88,7 +88,7 @@ impl Shape {
         Self { frequency_hz, damping, lead_s, zero, second }
     }
 
-    /// Sets the second section so that it has no effect: both zeros are on its two equal poles. Its frequency must be
+    /// Sets the second section so that it has no effect, with both zeros on its two equal poles. Its frequency must be
     /// in the range of the search.
     pub fn without_second(place: &mut [f64], rate_hz: f64) {
         let ratio = FREE * rate_hz / Self::at(place, rate_hz).frequency_hz;
@@ -105,7 +105,6 @@ impl Shape {
         *zero = ((h + 0.5) / (0.5 + SECOND / per_sample)).sqrt();
     }
 
-    /// Settings of the core.
     pub fn settings(&self) -> VelocitySettings {
         let Self { frequency_hz, damping, lead_s, zero, second } = *self;
         match second {
@@ -123,7 +122,7 @@ impl Shape {
         }
     }
 
-    /// Lead of both sections together in a slow motion, s.
+    /// Sum of the leads of both sections in a slow motion, s.
     pub fn led_s(&self) -> f64 {
         self.lead_s + self.second.map_or(0.0, |second| second.lead_s)
     }
@@ -138,8 +137,8 @@ impl Shape {
         self.response(design).map(|response| gain_peak_db(&response, design.rate_hz))
     }
 
-    /// The same filter with its frequencies or its dampings wrong by a factor. Its leads stay within the range of the
-    /// core.
+    /// The same filter with its frequencies or its dampings multiplied by a factor. Its leads stay within the range of
+    /// the core.
     fn off(&self, place: usize, factor: f64, design: &Design) -> Option<Self> {
         let mut other = *self;
         match place {
@@ -161,7 +160,7 @@ impl Shape {
         other.settings().build(design).is_ok().then_some(other)
     }
 
-    /// Neighbours by mistuning: frequency or damping wrong by the factor, in both directions.
+    /// The filters with a frequency or a damping that is wrong by the factor, in both directions.
     pub fn mistuned(&self, by: f64, design: &Design) -> Vec<Self> {
         let ways = [0, 1].into_iter().flat_map(|place| [(place, 1.0 / by), (place, by)]);
         ways.filter_map(|(place, factor)| self.off(place, factor, design)).collect()

@@ -1,4 +1,4 @@
-//! Possible changes of a device, one element at a time, and the cost of each change.
+//! Possible changes of a device, each of one element, and the cost of each change.
 
 use zwidth::velocity::EstimatorName;
 
@@ -18,7 +18,7 @@ pub enum Kind {
     Part,
     /// Another firmware, or another setting of the firmware.
     Firmware,
-    /// Nothing to buy: the change adds an element that the scene leaves out but the device may have.
+    /// The change adds an element that the scene leaves out but the device may have. There is nothing to buy.
     LeftOut,
     /// No change: the scene itself.
     Nothing,
@@ -39,17 +39,14 @@ impl Kind {
 pub struct Change {
     /// Name in files.
     pub name: &'static str,
-    /// Description for people, in the scene's units.
+    /// Description in a report, in the scene's units.
     pub text: String,
-    /// Kind of effort.
     pub kind: Kind,
-    /// Cost in words.
     pub cost: String,
-    /// Additional cycles of the Cortex-M4 in a second; `None` if not measured.
+    /// Additional cycles of the Cortex-M4 per second; `None` if not measured.
     pub cycles_per_s: Option<f64>,
-    /// The scene with the change.
     pub scene: Scene,
-    /// Estimators of which the best is taken. Empty for the scene's own estimator.
+    /// Estimators of which the best is used. If empty, the scene's own estimator is used.
     pub estimators: Vec<EstimatorName>,
 }
 
@@ -68,13 +65,13 @@ impl Change {
     }
 }
 
-/// Name of the worst-case cycles of `render` on the faster board.
+/// Name of the measured worst-case cycles of `render` on the faster board.
 const RENDER: &str = "elf/control/nucleo-f446re/render_most";
 /// Clock of the faster board, Hz.
 pub const CLOCK_HZ: f64 = 180e6;
 /// Amplifier bandwidth for a scene without an amplifier, Hz.
 const AMPLIFIER_HZ: f64 = 1000.0;
-/// Error of the force at full command, for a scene without an amplifier error.
+/// Cubic error of the force at full command, for a scene without an amplifier error.
 const CUBIC: f64 = -0.03;
 /// Gap for a scene with a second mass and without backlash, m.
 const GAP_M: f64 = 1e-4;
@@ -100,7 +97,7 @@ fn render_cycles() -> Option<f64> {
     row.split(',').nth(1)?.parse().ok()
 }
 
-/// Cycles per second of an estimator minus those of the scene's own estimator.
+/// Cycles per second of an estimator, minus the cycles of the scene's own estimator.
 fn estimator_cycles(scene: &Scene, name: EstimatorName) -> Option<f64> {
     let cycles = |cost: Option<Cost>| cost.map(|cost| cost.cycles);
     let own = cycles(cost::of(scene.velocity.estimator()))?;
@@ -136,8 +133,8 @@ fn integrated(mut scene: Scene) -> Scene {
     scene
 }
 
-/// All changes for which the core accepts the changed scene, in the order of the loop: encoder, velocity, time, output,
-/// amplifier, motor, mechanics.
+/// All changes for which the core accepts the changed scene. They are in the order of the loop: encoder, velocity,
+/// time, output, amplifier, motor, mechanics.
 pub fn changes(scene: &Scene, estimators: &[EstimatorName]) -> Vec<Change> {
     let mut all = vec![];
     let mut add = |name, kind, text: String, cost: String, edit: &dyn Fn(&mut Scene)| {
@@ -371,7 +368,7 @@ mod tests {
         (scene, all)
     }
 
-    /// Tables that differ between two scenes, by their printed text.
+    /// Tables that differ between two scenes, compared as text.
     fn differing(one: &Scene, other: &Scene) -> Vec<String> {
         let tables = |scene: &Scene| -> BTreeMap<String, String> {
             let (mut tables, mut name) = (BTreeMap::new(), String::new());
@@ -430,7 +427,7 @@ mod tests {
             assert!(has(&plain, absent) && !has(&plain, there), "{absent}");
         }
         assert!(has(&plain, "accelerometer") && !has(&rich, "accelerometer"));
-        // The gap needs a second mass.
+        // The backlash gap needs a second mass.
         let (_, geared) = of("paper-1um", |scene| scene.mode = Some(MODE));
         let gaps = [&plain, &geared, &rich]
             .map(|all| ["backlash-100um", "backlash-none"].map(|name| has(all, name)));

@@ -1,18 +1,19 @@
-//! Finds what limits the walls of a device: one element is changed at a time, and the velocity filter is tuned again
-//! for each change.
+//! Finds what limits the walls of a device. One element is changed at a time. The velocity filter is tuned again for
+//! each change.
 //!
 //! The tuning is the search of [`compare`](super::compare), for the area of the boundary. So each change has its best
 //! filter, and the remaining difference comes from the element. The estimator is also an element. All estimators that
 //! need only the position are screened from one start. The best three are searched with twice the usual number of
-//! tunings. They need more, because each has its own rough surface.
+//! tunings, because each estimator has its own rough surface.
 //!
-//! **Errors of a search.** The surface is rough, so two searches may end at maxima of different heights. Then an
-//! element without effect would seem to have one. So the unchanged scene is tried at the tunings of all changes, and
-//! each change at the tuning of the scene. The best result counts. The gain by this step is the share that the search
+//! **Errors of a search.** The surface of areas is rough, so two searches may end at maxima of different heights. Then
+//! an element without effect would seem to have one. So the unchanged scene is tried with the tunings of all changes.
+//! Each change is tried with the tuning of the scene. The best result is used. Its gain is the share that the search
 //! has [missed](Explained::missed). A smaller difference between changes is not reported.
 //!
-//! **Ranges.** Each boundary is walked from starts spread over a count, with other noise if the scene has noise. Two
-//! changes have the same rank if Welch's t-test (one-sided, 5 %) does not show that one area is below the other.
+//! **Ranges.** Each boundary is walked from starts that are spread over a count. If the scene has noise, each start has
+//! its own noise. Two changes have the same rank if Welch's t-test (one-sided, 5 %) does not show that one area is
+//! below the other.
 
 mod changes;
 pub mod table;
@@ -46,16 +47,15 @@ use crate::{
 const FINALISTS: usize = 3;
 /// Tunings in the full search of an estimator, as a multiple of the usual number.
 const FINAL_TUNINGS: u32 = 2;
-/// Walks of each change in addition to its search: the scene at the tuning of the change, the change at its own tuning,
-/// and the change at the scene's tuning.
+/// Walks of each change in addition to its search. Three tunings are walked: the scene with the change's tuning, the
+/// change with its own tuning, and the change with the scene's tuning.
 const POOLED: u64 = 3 * STARTS.len() as u64;
-/// Number of tunings for a plant that is integrated step by step. Such a plant takes ten times as long.
+/// Number of tunings for a plant that is integrated step by step. Its walks take ten times as long.
 const INTEGRATED_TUNINGS: u32 = 5;
 
 /// A scene with one element changed, and its walls.
 #[derive(Clone, Debug)]
 pub struct Explained {
-    /// The change.
     pub change: Change,
     /// The estimator with its best tuning.
     pub settings: VelocitySettings,
@@ -65,18 +65,19 @@ pub struct Explained {
     pub beside: Option<Boundaries>,
     /// Noise of the velocity in motion, m/s RMS.
     pub noise_m_per_s: f64,
-    /// The search ended because no neighbour is better. False if the search has [missed](Self::missed) a better result.
+    /// Whether the search ended because no neighbour is better. False if the search has [missed](Self::missed) a better
+    /// result.
     pub settled: bool,
-    /// Known share of the area that the search has missed.
+    /// Share of the area that the search is known to have missed.
     pub missed: f64,
-    /// The best tuning lies at an end of the search range.
+    /// Whether the best tuning is at an end of the search range.
     pub at_edge: bool,
     /// Hits of the search and the result. For the best estimator, hits of all tried estimators.
     pub hits: u64,
 }
 
 impl Explained {
-    /// Mean and spread of a value of each boundary: mean, smallest, largest.
+    /// Mean, smallest and largest of the values of all boundaries.
     pub fn range(values: &[f64]) -> [f64; 3] {
         let of = |pick: fn(f64, f64) -> f64| values.iter().copied().reduce(pick).unwrap_or(0.0);
         [Repeats::of(values.iter().copied()).mean, of(f64::min), of(f64::max)]
@@ -117,14 +118,13 @@ pub struct Explanation {
 }
 
 impl Explanation {
-    /// Rank of a change: one more than the number of changes that are certainly better.
+    /// Rank of a change: 1 plus the number of changes that are certainly better.
     pub fn rank(&self, place: usize) -> usize {
         let own = &self.changes[place];
         let better = |other: &&Explained| own.is_below(other);
         1 + self.changes.iter().filter(better).count()
     }
 
-    /// The best change of a kind.
     pub fn best_of(&self, kind: Kind) -> Option<&Explained> {
         self.changes.iter().find(|one| one.change.kind == kind)
     }
@@ -140,7 +140,7 @@ impl Explanation {
     }
 }
 
-/// Estimators that replace the scene's: those that need only the position, without the scene's own.
+/// Estimators that may replace the scene's estimator. They need only the position. The scene's own is left out.
 pub fn estimators(scene: &Scene) -> Vec<EstimatorName> {
     let own = scene.velocity.estimator();
     let named = Entry::usual(scene).into_iter().filter_map(|entry| match entry {
@@ -150,17 +150,15 @@ pub fn estimators(scene: &Scene) -> Vec<EstimatorName> {
     named.filter(|name| name.sense().is_none()).collect()
 }
 
-/// Budget of the screening of an estimator: the tunings of any other element, one start.
+/// Budget for the screening of an estimator. It has the tunings of any other element, and one start.
 fn screening(budget: Budget) -> Budget {
     Budget { repeats: 1, ..budget }
 }
 
-/// Budget of the full search of an estimator.
 fn final_search(budget: Budget) -> Budget {
     Budget { tunings: FINAL_TUNINGS * budget.tunings, ..budget }
 }
 
-/// Largest number of walks of an explanation.
 pub fn most_walks(scene: &Scene, budget: Budget) -> u64 {
     let names = estimators(scene);
     let changes = changes(scene, &names).len() as u64;
@@ -169,7 +167,7 @@ pub fn most_walks(scene: &Scene, budget: Budget) -> u64 {
         + names.len() as u64 * screening(budget).most()
 }
 
-/// Walks the scene and every change of the scene. The result does not depend on the number of threads or on `engine`.
+/// Walks the scene and every changed scene. The result does not depend on the number of threads or on `engine`.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -280,11 +278,11 @@ pub fn explain(
     Ok(Explanation { base, changes: explained, damping_n_s_per_m })
 }
 
-/// Walks of a scene at tunings of one estimator, from the given starts.
+/// A function that walks a scene with several tunings of one estimator, from the given starts.
 type Walks<'a> =
     dyn Fn(&Scene, &[VelocitySettings], &[f64]) -> Result<Vec<Boundaries>, Error> + Sync + 'a;
 
-/// Tries the scene at the tunings of its changes, and the changes at the tuning of the scene.
+/// Tries the scene with the tunings of its changes, and the changes with the tuning of the scene.
 fn pool(
     walks: &Walks<'_>,
     base: &mut Explained,
@@ -302,13 +300,13 @@ fn pool(
 }
 
 impl Explained {
-    /// Whether the area is shown to be below another area, by more than the searches have missed.
+    /// Whether the area is certainly below another area, by more than the searches have missed.
     fn is_below(&self, other: &Self) -> bool {
         let same = 1.0 / (1.0 + self.missed.max(other.missed));
         self.boundaries.repeats().is_below(same, &other.boundaries.repeats())
     }
 
-    /// Takes the best of its own tuning and the other tunings.
+    /// Takes the best tuning, from its own tuning and the others.
     fn try_at(
         &mut self,
         walks: &Walks<'_>,
@@ -372,7 +370,8 @@ mod tests {
             let before = place.checked_sub(1).map(|before| one.changes[before].area()[0]);
             assert!(before.is_none_or(|before| before >= a.area()[0]));
         }
-        // Half the latency gives more area, an additional amplifier gives less. Both differ from the unchanged scene.
+        // Half the latency gives more area, and an additional amplifier gives less. Both areas differ from the area of
+        // the unchanged scene.
         let of = |name: &str| {
             let is_it = |one: &&Explained| one.change.name == name;
             one.changes.iter().find(is_it).unwrap()

@@ -1,4 +1,4 @@
-//! The result of `explain`, as rows for programs and sentences for people.
+//! The result of `explain`, as rows of a table and as sentences.
 
 use serde::{Serialize, Serializer};
 
@@ -12,7 +12,7 @@ use crate::{
 /// Smallest missed share of the area that is reported.
 const MISSED: f64 = 0.01;
 
-/// The value with three digits, also below 1.
+/// The value with three digits, also for values below 1.
 pub fn digits(value: f64) -> String {
     if value.abs() < 0.995 { rounded(value, 3).to_string() } else { three_digits(value) }
 }
@@ -26,7 +26,7 @@ pub struct Row<'a> {
     pub of: &'a Explanation,
 }
 
-/// All columns. A mean over the starts stands before the smallest and the largest value.
+/// The columns. For each value, the mean over the starts comes before the smallest and the largest value.
 impl Row<'_> {
     const COLUMNS: [Told<Self>; 32] = [
         ("rank", Kind::Whole, |row| Cell::count(row.rank)),
@@ -75,7 +75,7 @@ impl Row<'_> {
         self.one.times(&self.of.base).filter(|_| self.one.change.kind != ChangeKind::Nothing)
     }
 
-    /// `yes`, `worse` or `unsure`, compared with the unchanged scene.
+    /// Comparison with the unchanged scene: `yes`, `worse` or `unsure`.
     pub fn better(&self) -> &'static str {
         match self.one.change.kind {
             ChangeKind::Nothing => "",
@@ -115,7 +115,6 @@ impl Explanation {
         [Row { rank: 0, one: &self.base, of: self }].into_iter().chain(changes).collect()
     }
 
-    /// The rows as a table.
     pub fn table(&self) -> Table {
         Table::of(&Row::COLUMNS, &self.rows())
     }

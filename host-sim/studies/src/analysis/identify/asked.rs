@@ -1,5 +1,4 @@
-//! The options of an identification. They are checked before the first record is read. Command line and Python share
-//! them.
+//! Checks the options of an identification before the first record is read. Command line and Python share this code.
 
 use std::{
     ops::RangeInclusive,
@@ -43,8 +42,8 @@ pub struct GainAsked {
 }
 
 impl GainAsked {
-    /// The source that is given. If none is given, a rotary base scene has its own source, and a log with the force
-    /// needs none.
+    /// The source of the gain that the options give. If they give none, a rotary base scene has its own source. A log
+    /// with the force needs no source.
     ///
     /// # Errors
     /// No source, several sources or an incomplete source is given, or the source does not fit the log.
@@ -110,9 +109,7 @@ impl GainAsked {
 pub struct Asked {
     /// Time from a row to the effect of its command, rows of the log. Default: the base scene's latency.
     pub latency: Option<f64>,
-    /// Fit the latency too.
     pub fit_latency: bool,
-    /// The device has a spring.
     pub spring: bool,
     /// Terms in addition to mass, damping and spring.
     pub terms: Terms,
@@ -123,7 +120,6 @@ pub struct Asked {
     pub encoder_cycle: Option<f64>,
     /// Size of a count; 0 for a sensor without counts.
     pub resolution: Option<f64>,
-    /// Part of the records that is used.
     pub span: Span,
 }
 
@@ -173,7 +169,8 @@ impl Asked {
     }
 }
 
-/// The records of the files, and the options for them. `said_in` is the unit of lengths and of the gain.
+/// Reads the records, and completes the options with values from the records. `said_in` is the unit of lengths and of
+/// the gain.
 ///
 /// # Errors
 /// A file is no record, the records have different kinds of commands, or an option does not fit them.
@@ -236,7 +233,7 @@ pub fn read(
     record.map_err(|error| Error::Input(error).of(&name))
 }
 
-/// Names of columns and options of a rotary record, for texts that name those of a linear record.
+/// Names for a rotary record: each pair has the linear name of a column or an option, and the rotary name.
 const NAMES: [(&str, &str); 4] = [
     ("position_m is in m: are these mm?", "position_rad is in rad: are these degrees?"),
     ("position_m in m", "position_rad in rad"),

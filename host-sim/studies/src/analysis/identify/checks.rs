@@ -10,12 +10,12 @@ use crate::{range::refused, scene::ranges};
 
 /// Smallest travel of a record, counts.
 const FEWEST_COUNTS: f64 = 20.0;
-/// Largest distance of a position from a whole count, counts: the rounding of printed numbers.
+/// Largest distance of a position from a whole count, counts. It allows the rounding of printed numbers.
 const OFF_GRID_MAX: f64 = 0.01;
-/// Smallest change of the voltage that counts as excitation, as a part of the limit.
+/// Smallest change of the voltage that excites the device, as a part of the limit.
 const EXCITATION_MIN: f64 = 1e-4;
-/// Smallest part of the motion's variance that the model must explain. Below it, effects that are not modelled are as
-/// large as the parameters themselves.
+/// Smallest part of the motion's variance that the model must explain. With a smaller part, effects outside the model
+/// are as large as the parameters themselves.
 pub(super) const EXPLAINED_MIN: f64 = 0.99;
 /// A parameter counts as 0 if its largest effect on the response over the whole record is below this part.
 const NEGLIGIBLE: f64 = 0.1;
@@ -56,7 +56,7 @@ pub(super) fn before(record: &Record, first: usize, options: &Options) -> Result
 
 /// Refuses positions that are no counts of an encoder with this resolution.
 fn on_grid(record: &Record, resolution_m: f64) -> Result<(), String> {
-    // A software zero need not be at a count.
+    // A zero that software has set need not be at a count.
     let first = record.position_m[0] / resolution_m;
     let counts = record.position_m.iter().map(|x| x / resolution_m);
     let off = |count: &f64| (count - first - (count - first).round()).abs();
@@ -100,7 +100,8 @@ pub(super) fn explains(rms_m: f64, motion_rms_m: f64) -> Result<(), String> {
     ))
 }
 
-/// Reason why no mass was found. `explained` is the part of the variance that a device without a mass explains.
+/// Message of a record that does not show the mass. `explained` is the part of the variance that a device without a
+/// mass explains.
 pub(super) fn not_driven(explained: Option<f64>) -> String {
     match explained {
         Some(explained) if explained >= EXPLAINED_MIN => format!(
@@ -114,13 +115,12 @@ pub(super) fn not_driven(explained: Option<f64>) -> String {
     }
 }
 
-/// Usual range of the mass of a hand-held handle, kg. The next constants are the largest usual force, N, and speed,
-/// m/s.
+/// Usual mass, force and speed of a hand-held handle.
 const USUAL_KG: std::ops::RangeInclusive<f64> = 0.005..=20.0;
 const USUAL_FORCE_N: f64 = 500.0;
 const USUAL_SPEED_M_PER_S: f64 = 20.0;
 
-/// Values that a hand-held device cannot have, each with the likely cause.
+/// Warnings about values that a hand-held device cannot have, each with the likely cause.
 pub(super) fn questions(mass_kg: f64, force_n: f64, speed_m_per_s: f64) -> Vec<String> {
     let mut questions = vec![];
     if !USUAL_KG.contains(&mass_kg) {
@@ -147,8 +147,8 @@ const STEP_PER_RMS: f64 = 6.0;
 const AROUND: usize = 50;
 const STAYS: usize = 5;
 
-/// Row (after the first) at which the residual makes a lasting step, and the size of the step, counts. No force makes a
-/// handle jump.
+/// Row (after the first) at which the residual makes a lasting step, and the size of the step, counts. A force cannot
+/// cause such a step.
 pub(super) fn step(residual_counts: &[f64]) -> Option<(usize, f64)> {
     let steps: Vec<f64> = residual_counts.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let middle = |rows: &[f64]| {
@@ -186,7 +186,7 @@ pub(super) fn untold(tests: &[Tested]) -> Vec<String> {
         .collect()
 }
 
-/// Refuses estimates that the record does not support; returns warnings. `seconds` is the length of the longest record.
+/// Refuses estimates that the record does not support. Returns warnings. `seconds` is the length of the longest record.
 pub(super) fn after(
     found: &Estimates,
     tests: &[Tested],
@@ -211,7 +211,7 @@ pub(super) fn after(
         ));
     }
     if damping.low() <= 0.0 {
-        // A damping b changes the response over the record by about b seconds / m. Friction can hide a damping.
+        // A damping b changes the response over the record by about b seconds / m. Friction can hide this change.
         let is_friction = |one: &Tested| one.term == Term::Friction && one.p < FAMILY_P;
         let has_loss = found.is_widened || tests.iter().any(is_friction);
         if !has_loss && damping.half_width * seconds > NEGLIGIBLE * mass.value {
@@ -253,8 +253,8 @@ pub(super) fn after(
     }
 }
 
-/// Refuses a latency that is below 0 by more than one row of `step_s`. A smaller negative latency gives a warning,
-/// because the log's time of a row or noise can cause it.
+/// Refuses a latency below minus one row of `step_s`. A negative latency above this limit gives a warning, because
+/// noise or the log's time stamps can cause it.
 pub(super) fn early(latency: &Estimate, step_s: f64) -> Result<String, String> {
     let found = with(latency, "s");
     if latency.high() < -step_s {

@@ -48,7 +48,6 @@ impl fmt::Display for Drive {
     }
 }
 
-/// Quantity of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Quantity {
     Time,
@@ -107,8 +106,8 @@ const UNITS: [(&str, Quantity, f64); 26] = [
     ("cts", Counts, 1.0),
 ];
 
-/// Quantity and factor of a header. `None` for another name; an error if the unit is missing or belongs to another
-/// quantity.
+/// Quantity of a header, and its factor to SI units. `None` for an unknown name. An error if the unit is missing or
+/// belongs to another quantity.
 fn meant(header: &str) -> Option<Result<(Quantity, f64), String>> {
     let lower = header.to_lowercase().replace(['µ', 'μ'], "u");
     let words: Vec<&str> = lower
@@ -126,12 +125,10 @@ fn meant(header: &str) -> Option<Result<(Quantity, f64), String>> {
     }))
 }
 
-/// Whether the header is the time of a log.
 pub(super) fn is_time(header: &str) -> bool {
     matches!(meant(header), Some(Ok((Time, _))))
 }
 
-/// The three columns of a log.
 #[derive(Debug, PartialEq)]
 pub(super) struct Columns<'a> {
     /// Header name and factor of the time (to s), the command (to the drive's unit) and the position (to m).

@@ -1,4 +1,4 @@
-//! Confidence of the parameters: 95 % intervals from the properties of the residual.
+//! Confidence of the parameters: 95 % intervals from the residual.
 //!
 //! At the solution, a small error e of the positions changes an estimate by `sum of q(n) e(n)`, where q is its row of
 //! `(J' J)^-1 J'`. The variance of this sum is computed in two ways. The larger variance is used:
@@ -39,34 +39,32 @@ use crate::interrupt;
 pub const CONFIDENCE: f64 = 0.95;
 /// Largest condition number of the scaled derivatives. Above it the parameters cannot be distinguished.
 const CONDITION_MAX: f64 = 1e8;
-/// A parameter is named if its component of the weakest direction is at least this part of the largest component.
+/// An error message names a parameter if its component of the weakest direction is at least this part of the largest
+/// component.
 const NAMED_SHARE: f64 = 0.3;
 
-/// Number of half-widths from which a hidden term widens an interval.
+/// A hidden term widens an interval if it could move the value by more than this number of half-widths.
 const FAR_OUTSIDE: f64 = 3.0;
 
 /// A value and its 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     pub value: f64,
-    /// Half of the interval's width.
     pub half_width: f64,
     /// Half-width for white noise with the residual's RMS; never above the stated half-width.
     pub white_half_width: f64,
 }
 
 impl Estimate {
-    /// A given value without an interval.
+    /// A given value. Its interval has the width 0.
     pub fn given(value: f64) -> Self {
         Self { value, half_width: 0.0, white_half_width: 0.0 }
     }
 
-    /// Lower end of the interval.
     pub fn low(&self) -> f64 {
         self.value - self.half_width
     }
 
-    /// Upper end of the interval.
     pub fn high(&self) -> f64 {
         self.value + self.half_width
     }
@@ -77,7 +75,6 @@ impl Estimate {
     }
 }
 
-/// All estimates of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Estimates {
     pub mass: Estimate,
@@ -90,22 +87,21 @@ pub(super) struct Estimates {
     /// Time constant of the amplifier, s.
     pub lag: Option<Estimate>,
     pub offset: Option<Estimate>,
-    /// Rise of friction to rest, N, static friction, N, and Stribeck speed, m/s.
+    /// Rise of friction from Coulomb to static friction, N, static friction, N, and Stribeck speed, m/s.
     pub stribeck: Option<[Estimate; 3]>,
-    /// Cogging: amplitude, N, phase at position 0, and pitch.
+    /// Cogging: amplitude, N, phase at position 0, rad, and pitch, m.
     pub cogging: Option<[Estimate; 3]>,
-    /// Encoder error: amplitudes once and twice per cycle, phase at position 0, and cycle.
+    /// Encoder error: amplitudes once and twice per cycle, m, phase at position 0, rad, and cycle, m.
     pub phase: Option<[Estimate; 4]>,
     /// Largest ratio of a stated interval to the interval for white noise.
     pub widening: f64,
     /// An interval was widened by a term that is not in the model.
     pub is_widened: bool,
-    /// Joint error of the device's numbers.
     pub joint: Joint,
 }
 
 impl Estimates {
-    /// Widens the intervals by the differences from other estimates.
+    /// Widens each interval until it contains the interval of `other`.
     pub fn hold(&mut self, other: &Self) {
         let widen = |own: &mut Estimate, other: &Estimate| {
             own.half_width = own.half_width.hypot(own.value - other.value);
@@ -128,7 +124,7 @@ impl Estimates {
         self.follow(&before);
     }
 
-    /// Widens the joint error as the intervals since `before`.
+    /// Widens the joint error by the same factors as the intervals since `before`.
     fn follow(&mut self, before: &Self) {
         let wider = self.numbers().into_iter().zip(before.numbers());
         for (deviation, wider) in self.joint.deviations.iter_mut().zip(wider) {
@@ -140,7 +136,7 @@ impl Estimates {
         }
     }
 
-    /// Widens the intervals to the parameters of `other`, which explains the record as well as `own`.
+    /// Widens the intervals to contain the values of `other`, which explains the record as well as `own`.
     pub fn reach(&mut self, own: &Values, other: &Values) {
         let [before, after] = [own, other].map(|values| (values, values.layout()));
         let of = |(values, layout): (&Values, &Layout)| {
@@ -183,7 +179,7 @@ impl Estimates {
         self.follow(&was);
     }
 
-    /// The estimates of the device's numbers.
+    /// The estimates in the order of [`NUMBERS`](super::joint::NUMBERS).
     fn numbers(&self) -> [Option<Estimate>; NUMBERS] {
         let [stiffness, rest] = self.spring.map_or([None; 2], |spring| spring.map(Some));
         [Some(self.mass), Some(self.damping), stiffness, rest, self.gain, self.latency]
@@ -201,7 +197,7 @@ fn wave(values: &Values, parameters: [Parameter; 3]) -> [f64; 3] {
     [sine.hypot(cosine), phase, 1.0 / cycles]
 }
 
-/// Half-widths of an interval per standard error, with many rows.
+/// Half-width of an interval divided by the standard error, for many rows.
 pub(super) fn quantile() -> f64 {
     Normal::standard().inverse_cdf(f64::midpoint(1.0, CONFIDENCE))
 }
@@ -211,9 +207,9 @@ pub(super) fn standard_error(estimate: &Estimate) -> f64 {
     estimate.half_width / quantile()
 }
 
-/// A parameter that is not in the model.
+/// A parameter outside the model.
 pub(super) struct Hidden {
-    /// Derivative by the parameter.
+    /// Derivative of the positions by the parameter.
     pub by: DVector<f64>,
     /// Part of the derivative that is orthogonal to the model's own derivatives.
     pub left: DVector<f64>,
@@ -221,11 +217,11 @@ pub(super) struct Hidden {
     pub most: f64,
 }
 
-/// The estimates of a solution. A `hidden` parameter may be as large as the record allows. If it could move a value far
-/// outside its interval, the interval is widened to contain this change.
+/// The estimates of a solution. A `hidden` parameter may have any size that the record allows. If it could move a value
+/// far outside its interval, the interval is widened to contain this change.
 ///
 /// # Errors
-/// The record cannot distinguish some parameters, which are named, or `stop` was set.
+/// The record cannot distinguish some parameters, or `stop` was set. The message names these parameters.
 pub(super) fn estimates(
     solution: &Solution,
     (weighed, weighting): (&Weighed, &Weighting),
@@ -300,7 +296,7 @@ pub(super) fn estimates(
     };
     let [stiffness, constant] = values.spring();
     let free = |parameter| values.fitted(parameter);
-    // The order is that of the columns of `influence`.
+    // The order of these estimates is the order of the columns of `influence`.
     Ok(Estimates {
         mass: next(values.of(Mass)),
         damping: next(values.of(Damping)),
@@ -337,7 +333,8 @@ pub(super) fn estimates(
     })
 }
 
-/// Joint error of the device's numbers, which stand first. The half-widths are the stated ones.
+/// Joint error of the device's parameters, from the stated half-widths. These parameters are the first in
+/// `half_widths`.
 fn joint(layout: &Layout, correlations: &[Vec<f64>], half_widths: &[[f64; 2]]) -> Joint {
     let free = |parameter| layout.place(parameter).is_some();
     let fitted: [bool; NUMBERS] = [
@@ -361,7 +358,7 @@ fn joint(layout: &Layout, correlations: &[Vec<f64>], half_widths: &[[f64; 2]]) -
     joint
 }
 
-/// Each estimate as a linear combination of the fitted parameters: the gradient at the solution.
+/// Gradient of each estimate at the solution: pairs of a fitted parameter's index and its derivative.
 fn gradients(values: &Values) -> Vec<Vec<(usize, f64)>> {
     let layout = values.layout();
     let place = |parameter| layout.place(parameter);
@@ -431,7 +428,7 @@ fn influence(solution: &Solution, unit_m: f64) -> Result<DMatrix<f64>, String> {
     Ok(jacobian * inner * unit_m)
 }
 
-/// Names the parameters along the direction with the least information in the record.
+/// Message with the parameters along the direction about which the record has the least information.
 fn indistinguishable(
     svd: &nalgebra::SVD<f64, nalgebra::Dyn, nalgebra::Dyn>,
     layout: &Layout,
@@ -457,7 +454,7 @@ fn names(layout: &Layout, count: usize) -> Vec<&'static str> {
     names
 }
 
-/// Variance of an estimate from the residual itself, with its correlation in time.
+/// Variance of an estimate from the residual itself, with the residual's correlation in time.
 fn robust(column: &[f64], (errors, pieces): (&[f64], &[Piece<'_>]), stop: &AtomicBool) -> f64 {
     let scores: Vec<f64> = column.iter().zip(errors).map(|(q, r)| q * r).collect();
     let mut rest = &scores[..];
@@ -469,7 +466,7 @@ fn robust(column: &[f64], (errors, pieces): (&[f64], &[Piece<'_>]), stop: &Atomi
     own.sum()
 }
 
-/// Newey-West variance of the sum of `scores`. Any value is possible once `stop` is set.
+/// Newey-West variance of the sum of `scores`. If `stop` is set, the value has no meaning.
 fn long_run(scores: &[f64], stop: &AtomicBool) -> f64 {
     let lagged = |lag: usize| -> f64 {
         scores.iter().zip(scores.iter().skip(lag)).map(|(a, b)| a * b).sum()

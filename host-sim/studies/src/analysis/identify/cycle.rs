@@ -1,9 +1,10 @@
 //! Finds the cycle of the encoder's error: the strongest period of the residual over the position.
 //!
 //! The residual is averaged in bins of the position. Then its spectrum over the position is computed. The error of an
-//! encoder is a line in this spectrum; friction, noise and quantisation are not. Each line is compared with the median
-//! of its neighbours, so that a coloured residual is not taken for a line. The shortest cycle is eight counts, and at
-//! least twice the longest way between two rows, because of aliasing. The longest cycle is a quarter of the travel.
+//! encoder is a line in this spectrum. Friction, noise and quantisation make no line. Each line is compared with the
+//! median of its neighbours, so that the broad spectrum of a coloured residual is not taken for a line. The shortest
+//! cycle is eight counts. It is also at least twice the longest distance between successive rows, because of aliasing.
+//! The longest cycle is a quarter of the travel.
 
 use super::fit::Fitted;
 use crate::numerics::fft::RealSpectrum;
@@ -16,17 +17,16 @@ const BINS_MAX: f64 = 65_536.0;
 /// Number of neighbours on each side for the comparison.
 const NEIGHBOURS: usize = 16;
 
-/// The strongest line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Line {
     pub cycles_per_m: f64,
     /// Number of examined cycles.
     pub looked_at: f64,
-    /// Power over that of the neighbours.
+    /// Power divided by the median power of the neighbours.
     pub strength: f64,
 }
 
-/// The strongest line of `errors`, row by row, or the known cycle; `None` if the range of positions is too small.
+/// The strongest line of `errors`, or the known cycle. `None` if the range of positions is too small.
 pub(super) fn strongest(
     records: &[Fitted<'_>],
     (errors, unit_m): (&[f64], f64),
@@ -52,7 +52,7 @@ pub(super) fn strongest(
         sums.iter().map(|(sum, rows)| if *rows > 0.0 { sum / rows } else { 0.0 }).collect();
     let spectrum = RealSpectrum::new(2 * bins);
     let length = spectrum.length();
-    // Number of places per line of the travel.
+    // Number of frequencies per cycle over the travel.
     let line = length / bins;
     let ways = records.iter().flat_map(|fitted| fitted.positions_m[fitted.first..].windows(2));
     let longest_m = ways.map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);

@@ -1,9 +1,9 @@
 //! Least squares over all parameters and all records at once.
 //!
-//! The parameters are m and b, and optionally k and c = k (x0 - reference), the gain, the latency, and the terms of
-//! [`super::terms`]. Position and speed of each record at its first fitted row follow. Residual and model are in
-//! metres. Without friction, lag and encoder error the derivatives are exact. Otherwise they are differences of the
-//! exact motion.
+//! The parameters are m, b, the gain, the latency and the terms of [`super::terms`]. With a spring, they also include k
+//! and c = k (x0 - reference). Then follow position and speed of each record at its first fitted row. Residual and
+//! model are in metres. Without friction, lag and encoder error the derivatives are exact. Otherwise they are
+//! differences of the exact motion.
 
 use std::{
     f64::consts::TAU,
@@ -28,28 +28,30 @@ use super::{
     weighting::Weighting,
 };
 
-/// Evaluations per parameter before the solver gives up; it needs about five in all.
+/// Evaluations per parameter before the solver gives up. It usually needs about five in all.
 const PATIENCE: usize = 50;
-/// Evaluations per parameter with terms. With terms, failed searches are frequent and each evaluation takes longer.
+/// Evaluations per parameter with terms. The limit is lower, because failed searches are frequent and each evaluation
+/// takes longer.
 const PATIENCE_OF_TERMS: usize = 8;
-/// Relative change of the squares or of the values at which the search with differences ends.
+/// The search with differences ends below this relative change of the sum of squares or of the values.
 const TOLERANCE: f64 = 1e-10;
 /// Replaces a model value that is not finite, so that the solver takes a shorter step.
 const FAR: f64 = 1e100;
 
 /// Change of a parameter for a derivative by differences, as a part of its resolution.
 const DIFFERENCE: f64 = 1e-6;
-/// The same factor if the model is computed over stretches.
+/// The same factor if the motion is computed in short stretches.
 const DIFFERENCE_CURVED: f64 = 1e-4;
-/// Number of times that derivatives are computed again over their standard errors.
+/// Number of times that derivatives are computed again as differences over the standard errors.
 const SECANTS: usize = 6;
-/// Relative change below which derivatives count as equal.
+/// Relative change below which two sets of derivatives count as equal.
 const SECANT_SAME: f64 = 0.02;
 
 /// Number of Gauss-Newton steps, and number of halvings of one step.
 const POLISHES: usize = 20;
 const HALVINGS: i32 = 6;
-/// Smallest useful reduction of the sum of squares, as a part of the mean square; the same beside a value that is held.
+/// Smallest useful reduction of the sum of squares, as a part of the mean square. The second value is for a fit with
+/// one fixed value.
 const POLISHED: f64 = 1e-2;
 const PROFILED: f64 = 0.1;
 
@@ -57,9 +59,9 @@ const PROFILED: f64 = 0.1;
 #[derive(Clone, Debug)]
 pub(super) struct Fitted<'a> {
     pub record: &'a Record,
-    /// Position at each row from the reference, with half a count added to the floor, m.
+    /// Position at each row from the reference, m. If the quantiser rounds down, half a count is added.
     pub positions_m: Vec<f64>,
-    /// First fitted row. Before it, commands from before the record still act.
+    /// First fitted row. At earlier rows, commands from before the record still act.
     pub first: usize,
     /// Mass that was added to the device, kg.
     pub added_kg: f64,
@@ -107,7 +109,7 @@ impl Problem<'_> {
         }
     }
 
-    /// The motion with dry friction and a slow amplifier.
+    /// The motion in [`super::motion`], with dry friction and a slow amplifier.
     pub(super) fn motion(&self, index: usize) -> Motion {
         let Reduced { w, d, gain, offset, x, v, latency } = self.reduced(index);
         let [friction_n, lag_s] = self.values.slow();
@@ -252,7 +254,6 @@ impl Problem<'_> {
         Some((moved.stacked()? - middle) / by)
     }
 
-    /// The derivative by one parameter.
     pub(super) fn by(&self, parameter: Parameter) -> Option<DVector<f64>> {
         let place = self.values.layout().place(parameter)?;
         self.difference(&self.stacked()?, place, self.differences()[place])
@@ -260,7 +261,7 @@ impl Problem<'_> {
 
     /// Continues to the minimum by Gauss-Newton steps. The derivatives are taken over the standard errors, because
     /// derivatives at one point fail where the model has kinks. Returns the derivatives at the minimum; `None` if no
-    /// minimum is reached. If it `is_done`, the minimum need not be shown.
+    /// minimum is reached. With `is_done`, the last derivatives are returned in this case.
     fn polish(&mut self, is_done: bool) -> Option<DMatrix<f64>> {
         let mut residual = self.residuals()?;
         let mut jacobian = self.by_differences()?;
@@ -297,7 +298,7 @@ impl Problem<'_> {
         is_done.then_some(jacobian)
     }
 
-    /// Derivatives over the standard errors that follow from these derivatives.
+    /// Repeats [`secants`](Self::secants) until the derivatives no longer change.
     fn settled(&self, mut jacobian: DMatrix<f64>, deviation_m: f64) -> DMatrix<f64> {
         for _ in 0..SECANTS {
             let Some(secants) = self.secants(&jacobian, deviation_m) else { break };
@@ -310,8 +311,8 @@ impl Problem<'_> {
         jacobian
     }
 
-    /// Derivatives over the standard errors of `jacobian`, along their principal axes. Stick and slip of friction give
-    /// the model kinks, several within an interval. So the derivative at one point does not represent the interval.
+    /// Differences over the standard errors of `jacobian`, along its principal axes. Stick and slip of friction give
+    /// the model several kinks within an interval. So the derivative at one point does not represent the interval.
     fn secants(&self, jacobian: &DMatrix<f64>, deviation_m: f64) -> Option<DMatrix<f64>> {
         let scales: Vec<f64> = jacobian.column_iter().map(|column| column.norm()).collect();
         let mut scaled = jacobian.clone();
@@ -351,8 +352,8 @@ impl Problem<'_> {
         found.iter().all(|value| value.is_finite()).then_some(found)
     }
 
-    /// The values with the smallest sum of squares beside one value that is held, and this sum. `square` is the mean
-    /// square of the residual.
+    /// Fits all other values while one value is fixed. Returns all values and their sum of squares. `square` is the
+    /// mean square of the residual.
     pub(super) fn beside(mut self, place: usize, value: f64, square: f64) -> Option<(Values, f64)> {
         self.values.slice_mut()[place] = value;
         self.values.is_allowed().then_some(())?;
@@ -461,7 +462,6 @@ pub(super) struct Solution {
     /// Weighted residual; then the derivatives.
     pub weighed_m: DVector<f64>,
     pub jacobian: DMatrix<f64>,
-    /// Number of evaluations of the model.
     pub evaluations: usize,
 }
 
@@ -495,14 +495,14 @@ pub(super) fn solve(problem: Problem<'_>) -> Result<Solution, String> {
     Ok(Solution { values: problem.values, residual_m, weighed_m, jacobian, evaluations })
 }
 
-/// Standard error of one value for an error of 1 at each row.
+/// Standard error of one value, if the error of each row is 1.
 pub(super) fn deviation(jacobian: &DMatrix<f64>, place: usize) -> f64 {
     let others = jacobian.clone().remove_column(place);
     let own = jacobian.column(place).into_owned();
     least_squares_step(&others, &own).map_or(0.0, |step| 1.0 / (own - others * step).norm())
 }
 
-/// The Gauss-Newton step, which must be subtracted.
+/// The Gauss-Newton step. Subtract it from the values.
 fn least_squares_step(jacobian: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
     let mut scaled = jacobian.clone();
     let scales: Vec<f64> =

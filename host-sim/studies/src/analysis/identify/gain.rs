@@ -8,7 +8,6 @@ use crate::{range::refused, scene::ranges};
 /// Standard gravity by definition, m/s^2.
 const GRAVITY_M_PER_S2: f64 = 9.806_65;
 
-/// Source of the force per volt.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Gain {
     /// A given value, N/V.
@@ -26,7 +25,6 @@ pub enum Gain {
     },
     /// From the voltage that holds a hanging weight.
     Weight {
-        /// Mass of the weight, kg.
         mass_kg: f64,
         /// Voltage that holds the weight still, V; its sign does not matter.
         voltage_v: f64,
@@ -39,7 +37,7 @@ pub enum Gain {
 }
 
 impl Gain {
-    /// Force per volt if it is known without a fit, N/V. For a log with a current: force per ampere, N/A. For a log
+    /// Force per volt, N/V, if it is known without a fit. For a log with the current: force per ampere, N/A. For a log
     /// with the force: 1.
     ///
     /// # Errors

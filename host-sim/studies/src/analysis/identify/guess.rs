@@ -3,8 +3,8 @@
 //! ```text
 //! x = x1 + (v1 + d x1) t - d I(x) - w I(I(x)) + g I(I(u)) + o t^2 / 2       I = integral from the first row
 //! ```
-//! Integrals smooth noise, so no filter and no differentiation is necessary. The same regression without a mass,
-//! `x = x1 - (w/d) I(x) + (g/d) I(u) + (o/d) t`, detects a device whose damping hides its mass.
+//! Integrals smooth noise, so no filter and no differentiation is necessary. The same regression without a mass, `x =
+//! x1 - (w/d) I(x) + (g/d) I(u) + (o/d) t`, detects a record in which damping hides the mass.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -26,7 +26,7 @@ struct Sums {
     u2: f64,
 }
 
-/// Reduced parameters of a record, with positions from a reference; `None` if the equations have no solution.
+/// Reduced parameters of a record, with positions from a reference. `None` if the equations have no solution.
 pub(super) fn guess(
     record: &Record,
     positions_m: &[f64],
@@ -39,8 +39,8 @@ pub(super) fn guess(
     Some(Reduced { w, d, gain, offset, x, v: slope - d * x, latency })
 }
 
-/// Part of the motion's variance that a device without a mass explains. `None` if the voltage does not drive this
-/// device forward.
+/// Part of the motion's variance that a device without a mass explains. `None` if the regression finds no motion in the
+/// direction of the voltage.
 pub(super) fn without_mass(
     record: &Record,
     positions_m: &[f64],
@@ -52,7 +52,7 @@ pub(super) fn without_mass(
     (drive > 0.0).then_some(explained)
 }
 
-/// Numbers of windows in a record: short windows for devices that oscillate or turn often, long windows against noise.
+/// Numbers of windows in a record. Short windows suit devices that oscillate or turn often. Long windows reduce noise.
 pub(super) const WINDOWS: [usize; 3] = [400, 100, 25];
 /// Fewest rows of a window.
 const WINDOW_ROWS: usize = 12;
@@ -61,8 +61,8 @@ const FEWEST_WINDOWS: usize = 8;
 /// Smallest motion of a quarter window, as a part of the motion in the fastest window.
 const IN_MOTION: f64 = 0.02;
 
-/// Weight over a window. The weight and its first two derivatives are 0 at both ends. The place in the window is -1 to
-/// 1. Returns its integral, its value, and its first and second derivative.
+/// Weight over a window. The weight and its first two derivatives are 0 at both ends. The position `s` in the window is
+/// from -1 to 1. Returns the weight's integral, its value, and its first and second derivative.
 fn weight(s: f64) -> [f64; 4] {
     let (s2, left) = (s * s, 1.0 - s * s);
     [
@@ -73,10 +73,10 @@ fn weight(s: f64) -> [f64; 4] {
     ]
 }
 
-/// Reduced parameters and friction per mass, for a device that friction may hold. The equation of motion times a weight
-/// is integrated by parts over windows in which the handle moves in one direction. So nothing is differentiated
-/// (Shinbrot, Trans. ASME 79 (1957) 579). `None` if there are too few windows, or if no force drives the device
-/// forward.
+/// Reduced parameters and friction per mass, for a device that may stick. The equation of motion times a weight is
+/// integrated by parts over windows in which the handle moves in one direction. So no measured value is differentiated
+/// (Shinbrot, Trans. ASME 79 (1957) 579). `None` if there are too few windows, or if no window shows motion in the
+/// direction of the force.
 pub(super) fn moving(
     (record, positions_m, first): (&Record, &[f64], usize),
     latency: f64,
@@ -155,8 +155,7 @@ fn begins(record: &Record, positions_m: &[f64], first: usize, rows: usize) -> Op
     Some([found[0], found[1] / (rows as f64 * record.step_s)])
 }
 
-/// Least squares without the directions whose singular values are at most `least`. `None` if a value is not finite,
-/// because then there is no decomposition.
+/// Least squares without the directions whose singular values are at most `least`. `None` if a value is not finite.
 pub(super) fn least_squares(
     table: DMatrix<f64>,
     wanted: &DVector<f64>,

@@ -1,6 +1,6 @@
-//! Joint error of the estimates, for devices that are drawn from an identification. An error of the positions changes
-//! mass, damping and latency together. If each were drawn alone, the result would be devices that do not fit the
-//! record.
+//! Joint error of the estimates, for devices that are drawn at random from an identification. An error of the positions
+//! changes mass, damping and latency together. Values that are drawn independently would give devices that do not fit
+//! the record.
 
 use std::f64::consts::{PI, TAU};
 
@@ -10,27 +10,26 @@ use super::{
 };
 use crate::scene::{Scene, Uncertainty};
 
-/// Number of a device's parameters, in the order of [`Uncertainty::NAMES`]; the latency is in seconds.
+/// Number of a device's parameters, in the order of [`Uncertainty::NAMES`]. The latency is in seconds.
 pub(super) const NUMBERS: usize = Uncertainty::NAMES.len();
 
 /// Standard deviations and correlations of the fitted parameters; 0 for the others.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Joint {
-    /// Standard deviations: the stated half-widths divided by their quantile.
+    /// Standard deviations: the half-widths divided by `confidence::quantile`.
     pub deviations: [f64; NUMBERS],
-    /// Correlations between two parameters.
     pub correlations: [[f64; NUMBERS]; NUMBERS],
 }
 
-/// Indices of the parameters that are proportional to the gain, and index of the gain itself.
+/// Indices of the parameters that are proportional to the gain.
 const BY_GAIN: [usize; 3] = [0, 1, 2];
 const GAIN: usize = 4;
 const LATENCY: usize = 5;
 
 impl Joint {
     /// The uncertainty of `base`, with new values for the fitted parameters. The latency is in samples of the scene
-    /// `made`. If a given gain converted a voltage to a force, mass, damping and stiffness also get the gain's
-    /// uncertainty of `base`.
+    /// `made`. If the gain is given and the command is a voltage, mass, damping and stiffness also get the gain's
+    /// uncertainty from `base`.
     pub fn uncertainty(
         &self,
         base: Option<&Uncertainty>,
@@ -97,11 +96,11 @@ impl Joint {
 /// Model of the position error, for residuals in counts: white noise and the quantiser's sawtooth.
 pub(super) struct ErrorModel {
     white: f64,
-    /// Powers of the sawtooth's harmonics.
+    /// Squared shares of the sawtooth's harmonics.
     harmonics: Vec<f64>,
 }
 
-/// An estimate's row of `(J' J)^-1 J'`, and its sum with the harmonics of each record.
+/// An estimate's row q of `(J' J)^-1 J'`, and `sum of q(n) exp(2 pi i h x(n))` for each record and harmonic.
 pub(super) struct Seen<'a> {
     column: &'a [f64],
     sums: Vec<[f64; 2]>,
@@ -141,7 +140,6 @@ impl ErrorModel {
         Seen { column, sums: all }
     }
 
-    /// Covariance of two estimates.
     pub fn covariance(&self, a: &Seen<'_>, b: &Seen<'_>) -> f64 {
         let white: f64 = a.column.iter().zip(b.column).map(|(a, b)| a * b).sum();
         let powers = a.sums.iter().zip(&b.sums).map(|(a, b)| a[0] * b[0] + a[1] * b[1]);
@@ -150,7 +148,6 @@ impl ErrorModel {
         self.white * white + sawtooth
     }
 
-    /// Correlations of the estimates.
     pub fn correlations(&self, seen: &[Seen<'_>]) -> Vec<Vec<f64>> {
         let own: Vec<f64> = seen.iter().map(|one| self.covariance(one, one).sqrt()).collect();
         let of = |a: usize, b: usize| {
@@ -166,8 +163,8 @@ mod tests {
     use super::*;
     use crate::scene::NamedScene;
 
-    /// A given gain is uncertain. Parameters that are proportional to the gain have the same relative error, in every
-    /// drawn device.
+    /// A given gain is uncertain. The proportional parameters of a drawn device have the same relative error as its
+    /// gain.
     #[test]
     fn what_scales_with_a_given_gain_errs_with_it() {
         let made = NamedScene::load("paper-1um").unwrap().scene;
@@ -198,7 +195,7 @@ mod tests {
                 assert!((is / was - 1.0).abs() < 1e-5, "{is} {was}");
             }
         }
-        // The uncertainty of parameters that are fitted again is replaced, whatever names the scene uses.
+        // Parameters that are fitted again get a new uncertainty, with linear or rotary names.
         let again = Uncertainty {
             correlations: vec![
                 ("inertia_kg_m2".into(), "latency".into(), 0.9),

@@ -35,7 +35,6 @@ struct Interval {
     value: f64,
     low: f64,
     high: f64,
-    /// Half-width for white noise.
     white_half_width: f64,
 }
 
@@ -74,7 +73,7 @@ struct PhaseJson {
     cycle_m: Interval,
 }
 
-/// The test that distinguished a term from 0.
+/// The test that showed that a term is not 0.
 #[derive(Serialize)]
 struct TestJson {
     term: &'static str,

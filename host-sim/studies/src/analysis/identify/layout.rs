@@ -1,4 +1,4 @@
-//! The parameters of a fit, and their places in its vector.
+//! The parameters of a fit, and their indices in the vector of values.
 
 use nalgebra::DVector;
 
@@ -16,7 +16,7 @@ pub(super) enum Parameter {
     Mass,
     Damping,
     Stiffness,
-    /// k (x0 - reference). The offset force if x0 is known or there is no spring.
+    /// k (x0 - reference). If x0 is known or there is no spring: the offset force.
     Constant,
     Gain,
     Latency,
@@ -24,8 +24,9 @@ pub(super) enum Parameter {
     Friction,
     /// Time constant of the amplifier, s.
     Lag,
-    /// Static friction beyond the Coulomb friction, N, and the speed over which it falls, m/s.
+    /// Static friction minus Coulomb friction, N.
     Rise,
+    /// Speed over which the friction falls from static to Coulomb friction, m/s.
     Fall,
     /// Encoder error once per cycle: sine and cosine at the reference, m.
     Sine,
@@ -69,7 +70,7 @@ impl Parameter {
     }
 }
 
-/// Which parameters are fitted, and the values of the others.
+/// Selection of the fitted parameters, and values of the other parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Layout {
     /// The device has a spring. Without a spring, k is 0.
@@ -89,11 +90,11 @@ pub(super) struct Layout {
     /// Reference of the positions, m.
     pub reference_m: f64,
     pub records: usize,
-    /// Bit set of the records in which friction holds the handle at the first row. Their first speed is 0.
+    /// Bit set of the records in which friction holds the handle at the first row. The first speed of these records is
+    /// 0.
     pub resting: u64,
 }
 
-/// Terms of a layout.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Included {
     pub friction: bool,
@@ -108,12 +109,12 @@ pub(super) struct Included {
 }
 
 impl Included {
-    /// Whether the model is the paper's: linear, with exact derivatives.
+    /// Whether the model is linear, as in the paper. Its derivatives are exact.
     pub(super) fn plain(self) -> bool {
         !(self.friction || self.lag || self.phase || self.cogging)
     }
 
-    /// Whether the motion between two events is no exact step.
+    /// Whether friction falls with the speed, or there is cogging. Then one step of the motion is not exact.
     pub(super) fn is_curved(self) -> bool {
         self.stribeck || self.cogging
     }
@@ -139,28 +140,27 @@ impl Layout {
         }
     }
 
-    /// The parameters that are fitted.
     pub(super) fn fitted(&self) -> impl Iterator<Item = Parameter> {
         PARAMETERS.into_iter().filter(|parameter| self.has(*parameter))
     }
 
-    /// Place of a parameter, if it is fitted.
+    /// Index of a parameter in the vector, if it is fitted.
     pub(super) fn place(&self, parameter: Parameter) -> Option<usize> {
         self.fitted().position(|fitted| fitted == parameter)
     }
 
-    /// Place of a record's first position.
+    /// Index of a record's first position.
     pub(super) fn position_place(&self, record: usize) -> usize {
         let before = (0..record).filter(|record| self.rests(*record)).count();
         self.fitted().count() + 2 * record - before
     }
 
-    /// Place of a record's first speed, if it is fitted.
+    /// Index of a record's first speed, if it is fitted.
     pub(super) fn speed_place(&self, record: usize) -> Option<usize> {
         (!self.rests(record)).then(|| self.position_place(record) + 1)
     }
 
-    /// Whether friction holds the handle at the first row. Without friction nothing holds it.
+    /// Whether friction holds the handle at the first row. False for a model without friction.
     fn rests(&self, record: usize) -> bool {
         self.terms.friction && record < 64 && self.resting >> record & 1 == 1
     }
@@ -182,8 +182,7 @@ impl Layout {
     }
 }
 
-/// The values of a layout's parameters. They are read and set by name. [`within`](Self::within) converts them to
-/// another layout.
+/// The values of a layout's parameters. [`within`](Self::within) converts them to another layout.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Values {
     layout: Layout,
@@ -208,7 +207,6 @@ impl Values {
         self.vector.as_mut_slice()
     }
 
-    /// Value of a parameter, if it is fitted.
     pub(super) fn fitted(&self, parameter: Parameter) -> Option<f64> {
         self.layout.place(parameter).map(|place| self.vector[place])
     }
@@ -231,7 +229,7 @@ impl Values {
         [self.vector[self.layout.position_place(record)], speed]
     }
 
-    /// Sets position and speed at a record's first fitted row; the speed only if it is fitted.
+    /// Sets position and speed at a record's first fitted row. The speed is only set if it is fitted.
     pub(super) fn set_start(&mut self, record: usize, [x, v]: [f64; 2]) {
         self.vector[self.layout.position_place(record)] = x;
         if let Some(place) = self.layout.speed_place(record) {
@@ -239,7 +237,7 @@ impl Values {
         }
     }
 
-    /// k, and the constant force: k (x0 - reference) plus the offset force.
+    /// k, N/m, and the constant force, N: k (x0 - reference) plus the offset force.
     pub(super) fn spring(&self) -> [f64; 2] {
         let stiffness = self.of(Stiffness);
         let known = self.layout.rest_m.map_or(0.0, |rest_m| stiffness * rest_m);
@@ -251,7 +249,7 @@ impl Values {
         [Friction, Lag].map(|parameter| self.of(parameter).max(0.0))
     }
 
-    /// Whether friction, lag and Stribeck curve have their signs.
+    /// Whether friction, lag and rise are at least 0, and the Stribeck speed is above 0.
     pub(super) fn is_allowed(&self) -> bool {
         let fall = self.fitted(Fall);
         [Friction, Lag, Rise].into_iter().all(|one| self.of(one) >= 0.0)
@@ -264,7 +262,8 @@ impl Values {
         for parameter in layout.fitted() {
             values.set(parameter, self.of(parameter));
         }
-        // c = k (x0 - reference) becomes an offset force if x0 is known, and vice versa.
+        // If x0 is known in only one of the two layouts, c = k (x0 - reference) becomes an offset force, or the
+        // reverse.
         let [stiffness, constant] = self.spring();
         values.set(Constant, constant - layout.rest_m.map_or(0.0, |rest_m| stiffness * rest_m));
         for record in 0..layout.records {

@@ -18,11 +18,10 @@ use crate::{
 /// The base scene with the identified device.
 #[derive(Clone, Debug)]
 pub struct Made {
-    /// The scene at the handle.
+    /// The scene in linear units at the handle.
     pub scene: Scene,
-    /// Notes for the reader.
     pub notes: Vec<String>,
-    /// The keys of a rotary device.
+    /// The tables of a rotary scene's file.
     rotary: Option<Table>,
 }
 
@@ -45,9 +44,8 @@ impl Made {
     }
 
     /// The checked scene, with the text of its file.
-    ///
     /// # Errors
-    /// The scene is not allowed; the error names `base_name` with the identified device.
+    /// A value of the scene is not allowed. The error names `base_name` and the identified device.
     pub fn named(&self, base_name: &str) -> Result<NamedScene, Error> {
         self.scene.check().map_err(|error| {
             Error::Input(format!("{base_name}: with the identified device {error}"))
@@ -67,7 +65,7 @@ impl Serialize for Made {
     }
 }
 
-/// The identified scene at the handle.
+/// The identified scene in linear units at the handle.
 fn scene(base: &Scene, found: &Identification, options: &Options) -> Scene {
     let mut scene = base.clone();
     scene.device.mass_kg = found.mass_kg.value;
@@ -80,8 +78,8 @@ fn scene(base: &Scene, found: &Identification, options: &Options) -> Scene {
     if found.drive == Drive::Voltage {
         scene.actuator.gain_n_per_v = found.gain_n_per_v.value;
     }
-    // A given latency belongs to the log (0 for a voltage measured at the motor). The latency of the loop is different.
-    // A shorter latency would allow walls that the device cannot render.
+    // A given latency belongs to the log. For example, it is 0 for a voltage measured at the motor. The latency of the
+    // loop is different. With a latency that is too short, the scene would allow walls that the device cannot render.
     if options.fit_latency {
         scene.actuator.latency = found.latency_s.value * scene.control.rate_hz;
     }

@@ -1,20 +1,21 @@
 //! Checks whether the residual agrees with the model.
 //!
 //! A residual from noise is white (Ljung and Box, `residual`). A residual from quantisation is not white, even if the
-//! model is right. Then it is compared with [`COPIES`] simulated copies. A copy is the modelled motion from a start
-//! within the count, with noise as estimated from the sawtooth, and the quantiser. The part that a fit would remove is
-//! subtracted. Three measures are compared: the mean square, the mean square of the means over [`BLOCKS`] stretches, and
-//! the mean square as the fit weighs it. In the first two a long rest hides the motion.
-//! The copies give the mean and the standard deviation of the logarithm of each measure. The residual is too large, or
-//! too coloured, if its own logarithm is more than [`BEYOND`] standard deviations above this mean. Its measure must
-//! also be more than [`WORTH`] times that of every copy.
+//! model is right. So it is compared with [`COPIES`] simulated residuals, the copies. For a copy, the modelled motion
+//! starts at a random point within a count. Noise is added, with a standard deviation that is estimated from the
+//! sawtooth. The sum is quantised. The part that a fit would remove is subtracted.
+//!
+//! Three measures are compared: the mean square, the mean square of the means over [`BLOCKS`] stretches, and the mean
+//! square with the weights of the fit. The third measure is necessary, because a long rest hides the motion in the
+//! first two. The copies give the mean and the standard deviation of the logarithm of each measure. The residual is too
+//! large, or too coloured, if two conditions hold. The logarithm of its measure is more than [`BEYOND`] standard
+//! deviations above the mean. Its measure is more than [`WORTH`] times the measure of every copy.
 
 use nalgebra::DVector;
 
 use super::residual::{Residual, Weighed};
 use crate::numerics::random;
 
-/// Number of simulated copies.
 const COPIES: u64 = 40;
 /// Number of stretches of a record for the means.
 const BLOCKS: usize = 200;
@@ -28,21 +29,21 @@ const WORTH: f64 = 1.15;
 pub(super) enum Misfit {
     /// RMS of the residual and of the model, counts.
     Larger(f64, f64),
-    /// RMS of the means over stretches, of the residual and of the model, counts.
+    /// RMS of the means over stretches, for the residual and for the model, counts.
     Coloured(f64, f64),
     /// The residual of the readings in motion is too large.
     InMotion,
 }
 
-/// Standard deviation of the noise that leaves this part of the sawtooth, counts.
+/// Standard deviation of the noise before the quantiser that explains the coherence, counts.
 fn noise_counts(residual: &Residual) -> f64 {
     let squared = residual.coherence.powi(2) - 2.0 * residual.coherence_squared_error;
     let coherence = squared.clamp(1e-6, 1.0).sqrt();
     (-coherence.ln() / 2.0).sqrt() / std::f64::consts::PI
 }
 
-/// The misfit of a residual from quantisation; `None` if it agrees with the model. `left` is the part of row errors
-/// that a fit does not remove, and `weights` are the fit's.
+/// The misfit of a residual from quantisation; `None` if it agrees with the model. `left` returns the part of row
+/// errors that a fit does not remove. `weights` are the weights of the fit.
 pub(super) fn misfit(
     weighed: &Weighed,
     weights: Option<&DVector<f64>>,

@@ -15,10 +15,10 @@ const LINE_SHARE: f64 = 0.3;
 /// Lowest frequency of a vibration, Hz.
 const VIBRATION_HZ: f64 = 5.0;
 
-/// Force of a cause by command, position from the reference, and speed.
+/// Force of a possible cause, from command, position from the reference, and speed.
 type Force = fn(f64, f64, f64) -> f64;
 
-/// Forces that are recognised and not fitted.
+/// Forces that are recognised but cannot be fitted.
 const FORCES: [(Force, &str); 3] = [
     (
         |command, _, _| command.powi(3),
@@ -63,7 +63,7 @@ pub(super) fn likely(search: &Search<'_>, model: &Model) -> String {
     named.join(", ")
 }
 
-/// The frequency with most of the residual's power, and its share; `None` if there is no such frequency.
+/// The frequency with the largest part of the residual's power, and this part. `None` if no frequency is a vibration.
 fn vibration(records: &[Fitted<'_>], model: &Model) -> Option<(f64, f64)> {
     let pieces = model.weighed.pieces();
     let (fitted, piece) = records.iter().zip(&pieces).max_by_key(|(fitted, _)| fitted.rows())?;
@@ -72,7 +72,8 @@ fn vibration(records: &[Fitted<'_>], model: &Model) -> Option<(f64, f64)> {
     let all: f64 = powers.iter().sum();
     let hz = |place: usize| place as f64 / (spectrum.length() as f64 * fitted.record.step_s);
     let place = (1..powers.len()).max_by(|a, b| powers[*a].total_cmp(&powers[*b]))?;
-    // A decaying vibration has a line as wide as its decay. So a tenth of its frequency on both sides is added.
+    // The line of a decaying vibration is as wide as its decay. So the power within a tenth of its frequency on both
+    // sides is added.
     let reach = (place / 10).max(2);
     let near = powers[place.saturating_sub(reach).max(1)..(place + reach).min(powers.len())].iter();
     let share = near.sum::<f64>() / all;

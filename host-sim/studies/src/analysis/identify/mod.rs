@@ -4,10 +4,10 @@
 //! Record(s) -> checks -> guess -> fit -> residual, confidence -> checks -> Identification
 //! m x'' + b x' + k (x - x0) = gain u        eq. (6); u held between rows, late by the latency
 //! ```
-//! Mass, damping, stiffness, rest position and the initial state of each record are fitted. The gain is also fitted if
-//! a second record has a known added mass, and the latency on request. The error of a floor quantiser has a mean of
-//! half a count, which is subtracted. The rest of this error is in the intervals (`residual`). A record without
-//! sufficient information is refused with the reason. `docs/identification.md` is the page for users.
+//! Mass, damping, stiffness, rest position and the initial state of each record are fitted. If a second record has a
+//! known added mass, the gain is fitted too. The latency is fitted on request. A quantiser that rounds down has a mean
+//! error of half a count, which is corrected. The intervals include the rest of its error (`residual`). A record
+//! without sufficient information is refused with the reason. `docs/identification.md` is the page for users.
 
 mod asked;
 mod checks;
@@ -59,32 +59,28 @@ use layout::{Included, Layout, Parameter, Values};
 use misfit::Misfit;
 use search::{Model, Search};
 
-/// Additional rows before the first fitted row if the latency is fitted, s.
+/// If the latency is fitted, the first fitted row is later by this time, s.
 const LATENCY_ROOM_S: f64 = 0.01;
-/// A residual above this multiple of the RMS is an outlier. Gaussian noise has one in 10^10 rows.
+/// A residual above this multiple of the RMS is an outlier. Gaussian noise exceeds it in one of 10^10 rows.
 const OUTLIER: f64 = 6.5;
 
 /// Known values and options of an identification.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Source of the force per volt.
     pub gain: Gain,
-    /// Time from a row to the effect of its voltage, s. A first value if the latency is fitted.
+    /// Time from a row to the effect of its voltage, s. If the latency is fitted, this is its first value.
     pub latency_s: f64,
-    /// Fit the latency too.
     pub fit_latency: bool,
-    /// The device has a spring.
     pub spring: bool,
     /// Size of a count, m; 0 for a sensor without counts.
     pub resolution_m: f64,
-    /// Rounding from position to count.
     pub rounding: Rounding,
     /// Largest magnitude of a command, V.
     pub limit_v: f64,
     /// Terms in addition to mass, damping and spring.
     pub terms: Terms,
-    /// Rest position of the spring without any other force, m, if known. If unknown, x0 is the rest position of the
-    /// handle, which includes the effect of a constant force.
+    /// Rest position of the spring without any other force, m, if known. If it is unknown, x0 includes the effect of a
+    /// constant force.
     pub rest_position_m: Option<f64>,
     /// Travel per cycle of the encoder's signals, m, if known.
     pub cycle_m: Option<f64>,
@@ -136,40 +132,33 @@ impl Fit {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Identification {
-    /// Kind of the command in the records.
     pub drive: Drive,
     pub mass_kg: Estimate,
     pub damping_n_s_per_m: Estimate,
-    /// k, N/m, and x0, m; `None` for a device without a spring.
+    /// Spring: k, N/m, and x0, m. `None` for a device without a spring.
     pub spring: Option<Spring>,
-    /// Force per unit of the command, N/V, N/A or 1; without an interval if it was known.
+    /// Force per unit of the command: N/V, N/A or 1. A known gain has no interval.
     pub gain_n_per_v: Estimate,
-    /// Latency, s; without an interval if it was known.
+    /// Latency, s. A known latency has no interval.
     pub latency_s: Estimate,
-    /// Terms in addition to mass, damping and spring.
     pub terms: Found,
     pub fits: Vec<Fit>,
-    /// Properties of the residual.
     pub residual: Residual,
     /// Largest ratio of a stated interval to the interval for white noise.
     pub widening: f64,
-    /// Joint error of the device's numbers.
     pub joint: Joint,
-    /// Number of evaluations of the model.
     pub evaluations: usize,
-    /// Warnings for the reader.
     pub warnings: Vec<String>,
 }
 
-/// Stiffness and rest position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spring {
     pub stiffness_n_per_m: Estimate,
     pub rest_position_m: Estimate,
 }
 
-/// Identifies the device of `records`. With [`Gain::AddedMass`] there are two records, the second with the added mass.
-/// Otherwise there is any number of records of one device, which are fitted together.
+/// Identifies the device of `records`. With [`Gain::AddedMass`] there are two records. The second record has the added
+/// mass. With another gain, any number of records of one device are fitted together.
 ///
 /// # Errors
 /// One line: why the records are not sufficient.
@@ -177,7 +166,7 @@ pub fn identify(records: &[Record], options: &Options) -> Result<Identification,
     identified(records, options, &AtomicBool::new(false))
 }
 
-/// Identifies the device. Ends soon, with any result, if `stop` is set.
+/// Identifies the device. If `stop` is set, the function ends soon, and its result has no meaning.
 fn identified(
     records: &[Record],
     options: &Options,
@@ -249,7 +238,7 @@ fn mean(record: &Record) -> f64 {
     record.position_m.iter().sum::<f64>() / record.len() as f64
 }
 
-/// First row at which only commands of the record act.
+/// First row at which no command from before the record acts.
 fn first_row(record: &Record, options: &Options) -> Result<usize, String> {
     let room_s = if options.fit_latency { options.latency_s + LATENCY_ROOM_S } else { 0.0 };
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
@@ -265,8 +254,7 @@ fn first_row(record: &Record, options: &Options) -> Result<usize, String> {
     Ok(first)
 }
 
-/// The reason why a record does not show the mass. `None` if a device without a mass does not explain the record
-/// either.
+/// The reason why a record does not show the mass. `None` if a device without a mass does not explain the record.
 fn without_mass(fitted: &[Fitted<'_>], options: &Options) -> Option<String> {
     fitted.iter().find_map(|Fitted { record, positions_m, first, .. }| {
         let latency = options.latency_s / record.step_s;
@@ -292,7 +280,8 @@ fn first_values(
             guesses.push(guess);
             continue;
         }
-        // If friction holds the handle for a while, integrals over this time are wrong.
+        // If friction holds the handle for a while, integrals over this time are wrong. So only windows in motion are
+        // used.
         let held = options.terms.may_have_friction();
         let mut windows = guess::WINDOWS.into_iter().filter(|_| held).filter_map(|windows| {
             guess::moving((record, positions_m, *first), latency, (options.spring, true), windows)
@@ -335,7 +324,7 @@ fn first_values(
     Ok(values)
 }
 
-/// Checks a model of the records, and makes the result.
+/// Checks a fitted model, and makes the result.
 fn conclude(
     search: &Search<'_>,
     model: &Model,
@@ -460,7 +449,7 @@ fn fastest(fitted: &[Fitted<'_>]) -> f64 {
     fitted.iter().map(of).fold(0.0, f64::max)
 }
 
-/// The angle modulo one turn, within half a turn of 0, rad.
+/// The angle in rad, from minus half a turn to half a turn.
 fn wrapped(angle: f64) -> f64 {
     angle - TAU * (angle / TAU).round()
 }

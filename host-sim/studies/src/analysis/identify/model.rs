@@ -3,11 +3,11 @@
 //! ```text
 //! x'' = -w x - d x' + g u + o       w = k / m, d = b / m, g = gain / m, o = k x0 / m
 //! ```
-//! x is measured from a reference position near the record. u is the voltage, delayed by the latency and constant
-//! between its changes. So a step of the state is exact ([`discretise`]). The derivatives by w and d have the same
+//! x is measured from a reference position near the record. u is the voltage, delayed by the latency. Between its
+//! changes it is constant, so a step of the state is exact ([`discretise`]). The derivatives by w and d have the same
 //! equation with inputs -x and -x'. They are additional states of the same exact step. g, o and the initial state enter
 //! linearly, so their derivatives are unit responses. The derivative by the latency is minus the speed of the response
-//! to u. The part that would come from a change of the first voltage is subtracted.
+//! to u. The first voltage acts at the first row for any latency, so its part of this speed is subtracted.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -29,7 +29,7 @@ pub(super) struct Reduced {
     pub x: f64,
     /// Speed at the first fitted row, m/s.
     pub v: f64,
-    /// Time from a row to the effect of its voltage, rows; may be below 0.
+    /// Time from a row to the effect of its voltage, rows. A search may make it negative.
     pub latency: f64,
 }
 
@@ -170,7 +170,7 @@ pub(super) struct Held<'a> {
     command: &'a [f64],
     /// Whole rows of latency.
     rows: i64,
-    /// Part of a row before the newer voltage acts, at least 0 and below 1.
+    /// Part of a row during which the older voltage still acts, at least 0 and below 1.
     pub fraction: f64,
 }
 
@@ -181,14 +181,14 @@ impl<'a> Held<'a> {
         Self { command: &record.command, rows, fraction: latency - latency.floor() }
     }
 
-    /// Voltage at the beginning of this row's step, and voltage after the fraction. Outside the record, the nearest
+    /// Voltages of this row's step, before and after [`fraction`](Self::fraction). Outside the record, the nearest
     /// voltage is used.
     pub(super) fn at(&self, row: usize) -> (f64, f64) {
         let value = |row: i64| {
             let last = self.command.len() - 1;
             self.command[usize::try_from(row).unwrap_or(0).min(last)]
         };
-        // A search may try any latency.
+        // A search may try any latency, so the sum may overflow.
         let row = (row.cast_signed() as i64).saturating_sub(self.rows);
         (value(row.saturating_sub(1)), value(row))
     }

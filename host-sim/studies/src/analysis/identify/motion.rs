@@ -1,17 +1,19 @@
-//! The response of a device with dry friction and a slow amplifier. It is exact between the instants at which the
-//! handle turns, stops or starts.
+//! The response of a device with dry friction and a slow amplifier. The solution is exact between events. An event is
+//! an instant at which the handle turns, stops or starts.
 //!
 //! ```text
 //! x'' = a - w x - d x' + o - s f     a' = p (g u - a)     s = sign(x'); without a lag a = g u
 //! at rest while |a - w x + o| <= f
 //! ```
-//! Two terms make the equation nonlinear: friction that falls with the speed, `f + rise exp(-(x' / fall)^2)`, and
-//! cogging. Their accelerations are taken as constant, at the middle, over stretches that are short against the Stribeck
-//! speed and the pitch. So the error is of second order in the stretch.
+//! Two terms make the equation nonlinear: cogging, and friction that falls with the speed, `f + rise exp(-(x' /
+//! fall)^2)`. The motion is then computed in stretches, which are short compared with the pitch and the Stribeck speed.
+//! Over a stretch, both accelerations are constant, with the value in its middle. The error is of second order in the
+//! length of the stretch.
+//!
 //! u is constant between its changes, so a stretch in one direction is one exact step. If the speed changes its sign
 //! within a step, bisection and Newton's method on the exact solution find the instant. If a handle at rest breaks
-//! away, the closed form of a gives the instant. So the response is a smooth function of the parameters between these
-//! events. Small differences give its derivatives ([`super::fit`]).
+//! away, the closed form of a gives the instant. So, between these events, the response is a smooth function of the
+//! parameters. Small differences give its derivatives ([`super::fit`]).
 
 use nalgebra::{SMatrix, SVector};
 
@@ -21,19 +23,20 @@ use crate::numerics::exact::discretise;
 /// Largest number of events within one step of the voltage. After this number, the rest of the step is computed without
 /// events.
 const EVENTS_MAX: usize = 8;
-/// Iterations to find the instant of an event.
+/// Largest number of iterations to find the instant of an event.
 const SEARCH: usize = 60;
 
-/// Number of sizes of a stretch: a step, its half, a quarter and so on.
+/// Number of lengths of a stretch: a step, half a step, a quarter and so on.
 const LEVELS: usize = 7;
-/// Largest change of the speed over a stretch, Stribeck speeds; largest motion, radians of the cogging.
+/// Largest change of the speed over a stretch, in Stribeck speeds. Also the largest motion over a stretch, in radians
+/// of the cogging.
 const STRETCH: f64 = 0.25;
 /// Above this multiple of the Stribeck speed, friction is Coulomb's.
 const SLOW: f64 = 3.5;
-/// Part of a step that is rounding.
+/// Shares of a step below this value are rounding errors.
 const SAME: f64 = 1e-9;
 
-/// The parameters of one record, per mass.
+/// The motion's parameters for one record, divided by the mass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Motion {
     /// Stiffness per mass, 1/s^2.
@@ -46,7 +49,7 @@ pub(super) struct Motion {
     pub offset: f64,
     /// Coulomb friction per mass, m/s^2.
     pub friction: f64,
-    /// Static friction beyond `friction`, per mass, m/s^2, and the speed over which it falls, m/s.
+    /// Static friction minus `friction`, per mass, m/s^2, and speed over which this difference falls, m/s.
     pub stribeck: Option<[f64; 2]>,
     /// Cogging per mass: sine and cosine at the reference, m/s^2, and radians per metre.
     pub cogging: Option<[f64; 3]>,
@@ -60,7 +63,7 @@ pub(super) struct Motion {
     pub latency: f64,
 }
 
-/// Position, speed, and acceleration by the amplifier.
+/// Position, m, speed, m/s, and acceleration by the amplifier, m/s^2.
 type State = SVector<f64, 3>;
 
 /// An exact step of `seconds`.
@@ -80,7 +83,7 @@ impl Step {
 #[derive(Clone, Copy, PartialEq)]
 enum Mode {
     Rest,
-    /// Sliding; 1 or -1 is the sign of the speed.
+    /// The handle slides. 1 or -1 is the sign of the speed.
     Slides(f64),
 }
 
@@ -102,7 +105,7 @@ impl Motion {
         Step { seconds, phi, drive, constant }
     }
 
-    /// A step, and its halves if a nonlinear force needs them.
+    /// A step. If a nonlinear force needs them, its half, quarter and so on follow.
     fn steps(&self, seconds: f64) -> Vec<Step> {
         let is_curved = self.stribeck.is_some() || self.cogging.is_some();
         let levels = if is_curved { LEVELS } else { 1 };
@@ -127,7 +130,7 @@ impl Motion {
         })
     }
 
-    /// Friction beyond Coulomb's at a speed, per mass.
+    /// Friction at a speed minus Coulomb friction, per mass.
     fn beyond(&self, v: f64) -> f64 {
         self.stribeck.map_or(0.0, |[rise, fall]| rise * (-(v / fall).powi(2)).exp())
     }
@@ -137,7 +140,7 @@ impl Motion {
         self.friction + self.beyond(0.0)
     }
 
-    /// Acceleration that is constant over a stretch in one direction.
+    /// Sum of the accelerations that are taken as constant over a stretch in one direction.
     fn constant(&self, state: &State, sign: f64, seconds: f64) -> f64 {
         let linear = self.offset - sign * self.friction;
         if self.stribeck.is_none() && self.cogging.is_none() {
@@ -150,7 +153,7 @@ impl Motion {
         linear + at(state[0] + half * v, v + half * (rate + at(state[0], v)))
     }
 
-    /// Number of halvings of a step after which its nonlinear forces are nearly constant.
+    /// Number of halvings of a step until the nonlinear forces are nearly constant over it.
     fn halvings(&self, state: &State, sign: f64, seconds: f64) -> usize {
         let rate = (self.net(state) - self.d * state[1] - sign * self.friction).abs();
         let v = state[1].abs();
@@ -193,7 +196,8 @@ impl Motion {
                         return (state, Mode::Rest);
                     };
                     state[2] = drive + (state[2] - drive) * (-self.pole() * after_s).exp();
-                    // The final drive gives the direction, because at the instant itself the net force is exactly f.
+                    // The acceleration at the end of the step gives the direction, because at the instant itself the
+                    // net force is exactly f.
                     let towards = if self.pole() > 0.0 { drive } else { state[2] };
                     let net = self.net(&state) - state[2] + towards;
                     mode = Mode::Slides(net.signum());
@@ -249,7 +253,7 @@ impl Motion {
         }
         let limit = friction.copysign(end + spring) - spring;
         let share = (limit - drive) / (state[2] - drive);
-        // Rounding with a stiff spring may bring the share to the other side of 0.
+        // With a stiff spring, rounding may make the share negative.
         Some((-share.max(0.0).ln() / pole).clamp(0.0, left_s))
     }
 

@@ -1,10 +1,13 @@
-//! Designs an excitation for an identification: pulses of a board that show mass, damping and spring, within the limits
-//! of travel, speed and duty.
+//! Designs an excitation for an identification. It consists of pulses of a board that show mass, damping and spring,
+//! within the limits of travel, speed and duty.
 //!
-//! The board's pulse train ([`pulse_train`]) moves the handle to the start, pushes it, and releases it, four times. The
-//! force is as large as allowed. Four limits apply. The simulated excursion of each pulse is within [`OF_TRAVEL`] of
-//! the way to either end. Its speed is within [`OF_SPEED`] of the speed limit. Its force is within [`OF_FULL`] of full
-//! scale. The mean square of all forces is within the motor's limit.
+//! The board's pulse train ([`pulse_train`]) does this four times: it moves the handle to the start, pushes it, and
+//! releases it. The force is as large as four limits allow:
+//!
+//! - The simulated excursion of each pulse is at most [`OF_TRAVEL`] of the distance to the nearer end.
+//! - Its speed is at most [`OF_SPEED`] of the speed limit.
+//! - Its force is at most [`OF_FULL`] of full scale.
+//! - The mean square of all forces is within the motor's limit.
 
 use serde::Serialize;
 use zwidth::experiment::pulse_train::{LENGTHS_S, PARTS, PULSES, REST_S};
@@ -14,13 +17,13 @@ use crate::{
     scene::Scene,
 };
 
-/// Largest excursion of a pulse, as a part of the way to the nearer end.
+/// Largest excursion of a pulse, as a part of the distance to the nearer end.
 const OF_TRAVEL: f64 = 0.6;
 /// Largest speed, as a part of the speed limit.
 const OF_SPEED: f64 = 0.5;
 /// Largest force, as a part of full scale.
 const OF_FULL: f64 = 0.5;
-/// Longest waiting time for the way back to the start, s.
+/// Longest waiting time for the return to the start, s.
 const BACK_S: f64 = 2.0;
 /// Smallest useful excursion of a train, counts.
 const FEWEST_COUNTS: f64 = 200.0;
@@ -50,9 +53,8 @@ pub struct Plan {
     pub start_m: f64,
     /// Force of the train, N.
     pub push_n: f64,
-    /// The pulses, in their order.
     pub pulses: [Pulse; PULSES],
-    /// Duration of the train with the ways back, s.
+    /// Duration of the train with the return moves, s.
     pub seconds: f64,
     /// RMS of the force over the train, N.
     pub rms_n: f64,
@@ -88,7 +90,8 @@ pub fn plan(scene: &Scene) -> Result<Plan, String> {
     let mut free = scene.clone();
     free.arm = None;
     free.wall_hit.push_by = crate::scene::PushBy::Motor;
-    // At the rest position of a spring, the pulse has room on both sides. Without a spring, the start is in the middle.
+    // At the rest position of a spring, the pulse has travel on both sides. Without a spring, the start is in the
+    // middle.
     let middle_m = f64::midpoint(low_m, high_m);
     let rest_m = scene.device.rest_position_m;
     let inside = (rest_m - middle_m).abs() < 0.25 * (high_m - low_m);

@@ -11,20 +11,18 @@ use crate::{
 /// The whole report; docs/files.md has the keys.
 #[derive(Clone, Debug, Serialize)]
 pub struct Planned {
-    /// Name of the scene.
     pub scene: String,
     /// Start of each pulse.
     pub start_m: f64,
     pub push_n: f64,
-    /// The pulses, in their order.
     pub pulses: Vec<Pulse>,
     /// RMS of the force over the train.
     pub force_rms_n: f64,
     /// Continuous force of the motor.
     pub continuous_force_n: f64,
-    /// Limits that are not in the scene, with guessed values in its units.
+    /// Guessed values of limits that the scene does not have, in its units.
     pub guessed: Vec<String>,
-    /// The lines for the console, in the scene's units. `cargo board run` accepts the same lines.
+    /// The lines for the console, in the scene's units. `cargo board run` accepts them too.
     pub console: Vec<String>,
 }
 
@@ -56,7 +54,7 @@ impl Planned {
     }
 }
 
-/// A number for the console. Linear numbers have `decimals` decimals, numbers about the axis have five digits.
+/// A number for the console. Linear numbers have `decimals` decimals. Rotary numbers have five digits.
 fn said(units: Units, key: &str, at_handle: f64, decimals: usize) -> String {
     match units.key(key) {
         None => format!("{at_handle:.decimals$}"),

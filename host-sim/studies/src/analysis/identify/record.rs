@@ -1,4 +1,4 @@
-//! A record: the commanded voltage, force or current, and the measured position, in equal steps of time.
+//! A record: command and measured position, in equal steps of time. The command is a voltage, a force or a current.
 
 use std::{fmt::Write as _, ops::RangeInclusive};
 
@@ -10,17 +10,17 @@ use crate::{
 
 /// Smallest number of rows in a record.
 pub const FEWEST_ROWS: usize = 100;
-/// Largest number of rows in a record: 100 s at 10 kHz, which take half a minute.
+/// Largest number of rows in a record: 100 s at 10 kHz. An identification then takes half a minute.
 pub const MOST_ROWS: usize = 1_000_000;
-/// Largest deviation of a time stamp from an even grid, in steps. Time stamps with few digits are within this limit.
+/// Largest deviation of a time stamp from an even grid, in steps. The limit allows time stamps with few digits.
 const JITTER_MAX: f64 = 0.1;
-/// Allowed steps of time between rows, s: up to 100 kHz, and slow enough for any hand-held device.
+/// Allowed time between rows, s: up to 100 kHz, and slow enough for any hand-held device.
 const STEP_S: RangeInclusive<f64> = 1e-5..=0.1;
 /// Hint for positions that are a thousand times too large.
 pub(super) const IN_MM: &str = "; position_m is in m: are these mm?";
 /// Largest travel of a handle, m. An angle has no limit.
 const TRAVEL_MAX_M: f64 = 5.0;
-/// Counts that a 16-bit counter loses or gains when it wraps.
+/// Number of counts by which the position changes when a 16-bit counter wraps.
 const WRAP: f64 = 65_536.0;
 /// Command and position on an even grid of time.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,29 +29,25 @@ pub struct Record {
     pub name: String,
     /// Time of the first row, s.
     pub start_s: f64,
-    /// Time between rows, s.
     pub step_s: f64,
-    /// Kind of the command.
     pub drive: Drive,
-    /// Command of each row, V, N or A; it is held until the next row.
+    /// Command of each row, V, N or A. It is constant until the next row.
     pub command: Vec<f64>,
     /// Position at each row from the sensor, m.
     pub position_m: Vec<f64>,
-    /// The voltage is a request that the amplifier may have clipped. Telemetry has the voltage that acted.
+    /// Whether the amplifier may have clipped the voltage. False for telemetry, which has the voltage that acted.
     pub may_clip: bool,
 }
 
-/// One row of a log.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Row {
-    /// Line of the file.
     pub line: usize,
     pub time_s: f64,
     pub command: f64,
     pub position_m: f64,
 }
 
-/// Part of a record, in the time of the record's own stamps.
+/// Part of a record, in the time of the file's own stamps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Span {
     /// First time, s; `None` for the beginning.
@@ -61,7 +57,6 @@ pub struct Span {
 }
 
 impl Span {
-    /// The rows in the span.
     pub(super) fn of<T>(
         &self,
         mut rows: Vec<T>,
@@ -86,8 +81,8 @@ impl Span {
 }
 
 impl Record {
-    /// Reads a log with columns for time, command and position, in any order; other columns are ignored. A resolution
-    /// of 0 is for a sensor without counts.
+    /// Reads a log with columns for time, command and position. The order of columns is free. Other columns are
+    /// ignored. A resolution of 0 is for a sensor without counts.
     ///
     /// # Errors
     /// One line: the error and its place.
@@ -122,7 +117,7 @@ impl Record {
         Ok(record)
     }
 
-    /// A record from rows with even time stamps. `place` is the word for a row's number in messages.
+    /// A record from rows with even time stamps. Messages call the number of a row `place`.
     pub(super) fn even(
         name: &str,
         rows: &[Row],
@@ -150,7 +145,7 @@ impl Record {
             ));
         }
         in_range(step_s)?;
-        // The median step; a gap does not change it.
+        // The median step, because a gap does not change it.
         let mut steps: Vec<f64> =
             rows.windows(2).map(|pair| pair[1].time_s - pair[0].time_s).collect();
         steps.sort_by(f64::total_cmp);
@@ -191,7 +186,7 @@ impl Record {
         })
     }
 
-    /// Refuses columns that no log file could give.
+    /// Refuses columns that do not come from a log.
     pub(super) fn check(&self) -> Result<(), String> {
         let is_finite = |column: &[f64]| column.iter().all(|value| value.is_finite());
         if self.command.len() != self.len() {
@@ -212,7 +207,6 @@ impl Record {
         text
     }
 
-    /// Name of the command's column.
     pub fn command_column(&self) -> &'static str {
         match self.drive {
             Drive::Voltage => "voltage_v",
@@ -221,7 +215,6 @@ impl Record {
         }
     }
 
-    /// Time of the row, s.
     pub fn time_s(&self, row: usize) -> f64 {
         self.start_s + row as f64 * self.step_s
     }
@@ -230,7 +223,6 @@ impl Record {
         self.position_m.len()
     }
 
-    /// Whether the record has no rows.
     pub fn is_empty(&self) -> bool {
         self.position_m.is_empty()
     }
@@ -251,7 +243,7 @@ fn in_range(step_s: f64) -> Result<(), String> {
     }
 }
 
-/// Line and size of a step of about 2^16 counts, if all other steps are small.
+/// The first step of about 2^16 counts with small steps before and after it: its line and its size.
 fn wrap(rows: &[Row], resolution_m: f64) -> Option<(usize, f64)> {
     let steps = rows.windows(2).map(|pair| {
         let moved_m = pair[1].position_m - pair[0].position_m;

@@ -4,13 +4,13 @@
 //! ```text
 //! e(x) = sum over h = 1, 2, ... of sin(2 pi h x) / (pi h)        x in counts, |e| <= 1/2, variance 1/12
 //! ```
-//! Gaussian noise of s counts before the quantiser reduces harmonic h to a share of `a^(h^2)`, with
-//! `a = exp(-2 pi^2 s^2)`. The rest of the error becomes white (Widrow and Kollar, "Quantization Noise", 2008, chapters
-//! 4 and 19). The share a is the coherence. It is measured as the residual's component along the first harmonic, block
-//! by block. Blocks are necessary: where the handle rests, the fit follows the sawtooth. This makes the model wrong
-//! where the handle moves, by a slowly varying part of a count. Even and odd rows of a block have the same sawtooth and
-//! independent noise. So the mean product of their amplitudes is a^2 without a bias. If the sawtooth remains, the
-//! residual is bound by quantisation: it is not white, even if the model is right.
+//! Gaussian noise of s counts before the quantiser reduces harmonic h by the factor `a^(h^2)`, with `a = exp(-2 pi^2
+//! s^2)`. The rest of the error becomes white (Widrow and Kollar, "Quantization Noise", 2008, chapters 4 and 19). The
+//! factor a is the coherence. It is the residual's component along the first harmonic, and is measured in blocks of
+//! rows. Blocks are necessary, because the fit follows the sawtooth where the handle rests. Then, where the handle
+//! moves, the model is wrong by a slowly varying part of a count. Even and odd rows of a block have the same sawtooth
+//! and independent noise. So the mean product of their amplitudes is a^2 without a bias. If a large part of the
+//! sawtooth remains, the residual is bound by quantisation. Then it is not white, even if the model is right.
 
 use std::f64::consts::{PI, TAU};
 
@@ -24,19 +24,19 @@ use crate::scene::Rounding;
 
 /// Number of lags of the Ljung-Box test.
 const LAGS: usize = 20;
-/// Significance level of the test: one of a thousand white residuals fails.
+/// Significance level of the test. One of a thousand white residuals fails.
 const WHITE_P: f64 = 1e-3;
 /// Smallest speed, counts per row. Slower rows give no information about the coherence.
 const MOVING: f64 = 0.05;
 /// Rows of a block. Within a block the model's own error is taken as constant.
 const BLOCK: usize = 128;
-/// Smallest number of moving blocks to measure the coherence. With fewer blocks the coherence is taken as 1.
+/// Smallest number of moving blocks to measure the coherence. With fewer blocks the coherence is set to 1.
 const FEWEST_BLOCKS: usize = 4;
-/// Smallest coherence of a residual that is bound by quantisation: noise below 0.28 counts RMS.
+/// Smallest coherence of a residual that is bound by quantisation. Then the noise is below 0.28 counts RMS.
 const BOUND: f64 = 0.2;
-/// Number of standard errors by which the squared coherence of such a residual must differ from 0.
+/// The squared coherence of such a residual must be this number of standard errors above 0.
 const CERTAIN: f64 = 4.0;
-/// Unit of residuals for a sensor without counts, as a part of the motion. It keeps numbers near 1.
+/// Unit of residuals for a sensor without counts, as a part of the motion. It keeps the values near 1.
 const UNIT_SHARE: f64 = 1e-6;
 /// Number of sawtooth harmonics.
 pub(super) const HARMONICS: u32 = 64;
@@ -49,17 +49,15 @@ pub(super) struct Piece<'a> {
     pub position: &'a [f64],
 }
 
-/// Properties of the residual.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
     pub rms_m: f64,
     /// RMS, counts; `None` for a sensor without counts.
     pub rms_counts: Option<f64>,
-    /// Noise before the quantiser that explains the RMS, counts.
+    /// RMS of the noise before the quantiser that explains the RMS of the residual, counts.
     pub noise_counts: Option<f64>,
     /// Remaining part of the sawtooth, from 0 (noise hides it) to 1 (no noise).
     pub coherence: f64,
-    /// Standard error of the squared coherence.
     pub coherence_squared_error: f64,
     /// p-value of the Ljung-Box test over 20 lags. A small value means that the residual is not white.
     pub whiteness_p: f64,
@@ -69,7 +67,7 @@ pub struct Residual {
     pub peak_per_rms: f64,
 }
 
-/// A fit's residual and modelled positions in units of a count, and the properties of the residual.
+/// Residual and modelled positions of a fit, in counts, and the properties of the residual.
 pub(super) struct Weighed {
     /// Residual and position of each record.
     counted: Vec<[Vec<f64>; 2]>,
@@ -143,7 +141,7 @@ impl Residual {
         }
     }
 
-    /// Whether the residual passes as white.
+    /// Whether the test finds no difference from a white residual.
     pub fn is_white(&self) -> bool {
         self.whiteness_p >= WHITE_P
     }
@@ -154,7 +152,7 @@ impl Residual {
         squared >= BOUND.powi(2).max(CERTAIN * self.coherence_squared_error)
     }
 
-    /// Squared share of harmonic h of the sawtooth, plus two standard errors of the squared coherence.
+    /// Squared share of harmonic h of the sawtooth. Two standard errors of the squared coherence are added before.
     pub(super) fn harmonic_squared(&self, h: u32) -> f64 {
         let squared = self.coherence.powi(2) + 2.0 * self.coherence_squared_error;
         squared.min(1.0).powi((h * h).cast_signed())

@@ -1,4 +1,4 @@
-//! The scene of an identified rotary device. It has its own keys, some with new values.
+//! The scene of an identified rotary device. It keeps its rotary keys. Some get new values.
 
 use toml::{Table, Value};
 
@@ -7,14 +7,14 @@ use crate::{
     scene::{NamedScene, Scene, Units},
 };
 
-/// Tables that an identification makes or replaces as a whole.
+/// Tables that an identification adds or replaces as a whole.
 const ELEMENTS: [&str; 7] =
     ["friction", "cogging", "integrator", "amplifier", "offset", "encoder_error", "uncertainty"];
-/// Digits of written numbers; every result has twelve.
+/// Digits of written numbers, enough for every result.
 const DIGITS: usize = 12;
 
-/// The tables of `base`'s file with the device, the gain, the latency and the elements of `scene`, and notes for the
-/// reader. `scene` has its values at the handle.
+/// The tables of `base`'s file, with device, gain, latency and elements of `scene`. `scene` has linear values at the
+/// handle. The texts are notes for the reader.
 ///
 /// # Errors
 /// [`Error::Internal`] only, because `base` was read before.
@@ -115,7 +115,7 @@ fn turn(rotary: &mut Table, units: Units, base: &Scene, scene: &Scene, notes: &m
     }
 }
 
-/// The table of an element in rad and N m.
+/// The table of an element, converted to rad and N m.
 fn told(units: Units, element: &Table) -> Value {
     let told = element.iter().map(|(key, value)| match (units.key(key), value.as_float()) {
         (Some((renamed, factor)), Some(value)) => {
@@ -126,7 +126,7 @@ fn told(units: Units, element: &Table) -> Value {
     Value::Table(told.collect())
 }
 
-/// Renames keys in lists, as in correlations.
+/// Renames keys inside lists, for example in correlations.
 fn renamed(value: &Value) -> Value {
     match value {
         Value::Array(all) => Value::Array(all.iter().map(renamed).collect()),

@@ -1,8 +1,8 @@
 //! Selects the terms of the model: forward selection with the test of [`super::terms`].
 //!
-//! Forward: of all terms that pass the test, the one that leaves the smallest residual is added, until no term passes.
-//! The encoder's error is tried after all other terms. Backward: a term that no longer passes beside the others is
-//! removed.
+//! Forward: among the terms that pass the test, the search adds the term that leaves the smallest residual. It repeats
+//! this until no term passes. The encoder's error is tried after all other terms. Backward: the search removes a term
+//! that no longer passes beside the others.
 
 use std::{cell::OnceCell, f64::consts::TAU};
 
@@ -28,28 +28,30 @@ use super::{
 const FRICTION_STARTS: [f64; 3] = [0.02, 0.08, 0.2];
 /// First values of the lag, rows.
 const LAG_STARTS: [f64; 2] = [0.5, 3.0];
-/// First values of the Stribeck speed, as parts of the largest speed over some rows, and of the rise of friction.
+/// First values of the Stribeck curve. First the Stribeck speed, as parts of the largest speed over [`FAST_ROWS`]. Then
+/// the rise, as a part of Coulomb friction.
 const FALLS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 const RISE: f64 = 0.2;
 const FAST_ROWS: usize = 8;
-/// Part of the sum of squares that a curve may leave. Curves follow whatever is missing, so one that explains a smaller
-/// part of it counts only if nothing is missing any more.
+/// Largest part of the sum of squares that a model with a curve may leave. A curve also follows other missing effects.
+/// A curve that leaves more counts only if the model then explains the residual.
 const CURVE_LEAVES: f64 = 0.25;
-/// Size of a force that is tried, as a part of the largest command.
+/// Amplitude of a force that is tried, as a part of the largest command.
 const SMALL_FORCE: f64 = 1e-4;
-/// Strides, rows, at which a force over the position is looked for.
+/// Strides at which the search looks for cogging, rows.
 const STRIDES_OF_COGS: [usize; 3] = [2, 8, 32];
-/// First move of a profile, half-widths, and number of doublings.
+/// First change of a parameter along the profile, half-widths.
 const PROFILE_FROM: f64 = 1.0;
+/// Largest number of times that this change is doubled.
 const PROFILE_STEPS: usize = 10;
-/// Number of starts that are followed.
+/// Number of starts from which a fit is made.
 const STARTS_TAKEN: usize = 3;
-/// Limit for the force of noise. If the stride doubles, the force of noise falls by 4, and a white force by the root of
-/// 2. The limit is between both.
+/// Limit for the ratio of forces if the stride doubles. A force from position noise falls to 1/4. A white force falls
+/// by the root of 2. The limit is between both.
 const STILL_NOISE: f64 = 0.5;
-/// Smallest number of longest strides in the shortest record.
+/// Rows of the shortest record, divided by the longest stride.
 const STRIDES: usize = 20;
-/// Factor of the shorter and the longer stride for a comparison.
+/// Factor of the shorter and the longer stride for the comparison of estimates.
 const ASIDE: usize = 4;
 /// Largest friction after a step of the search, as a part of the largest force.
 const FRICTION_MOST: f64 = 0.5;
@@ -120,15 +122,15 @@ impl Model {
     }
 }
 
-/// The terms that a record can show. The offset is a term only if the rest position is known or there is no spring.
-/// Otherwise the rest position includes the offset.
+/// The terms that a record can show. The offset is only a candidate if the rest position is known or there is no
+/// spring. Otherwise the rest position includes the offset.
 fn candidates(layout: &Layout) -> Vec<Term> {
     let offset = layout.rest_m.is_some() || !layout.spring;
     Term::ALL.into_iter().filter(|term| *term != Term::Offset || offset).collect()
 }
 
-/// The model of the records. The search begins with first values of the plain model. The terms are those that `options`
-/// request, or those that the records show.
+/// The model of the records. The search begins with first values of the plain model. It adds the terms that `options`
+/// request, or the terms that the records show.
 ///
 /// # Errors
 /// One line: no model describes the records, or the records cannot distinguish parameters.
@@ -164,7 +166,7 @@ pub(super) fn choose(
     search.widen(&mut model)?;
     search.hold_profile(&mut model);
     if let Weighting::Force { stride, .. } = search.weighting {
-        // If a force is not modelled, the estimates depend on the stride.
+        // If a force is missing in the model, the estimates depend on the stride.
         let strides = [(stride / ASIDE).max(1), stride * ASIDE];
         let others = strides.map(|stride| search.by_stride(&model, stride));
         others.iter().flatten().for_each(|other| model.estimates.hold(&other.estimates));
@@ -172,14 +174,15 @@ pub(super) fn choose(
     Ok((model, tests, search.weighting))
 }
 
-/// Fits of the same records with more or fewer terms.
+/// The records, options and weights that all fits of a search share.
 pub(super) struct Search<'a> {
     pub records: &'a [Fitted<'a>],
     pub options: &'a Options,
     pub weighting: Weighting,
 }
 
-/// Orders in which requested terms are added. A term that hides another may lead to a wrong fit if it is added first.
+/// Orders in which requested terms are added. A term that is added too early may hide another term, and make the fit
+/// wrong.
 const ORDERS: [[Term; 6]; 2] = [
     [Term::Offset, Term::Amplifier, Term::Friction, Term::Stribeck, Term::Cogging, Term::Phase],
     [Term::Friction, Term::Stribeck, Term::Amplifier, Term::Offset, Term::Cogging, Term::Phase],
@@ -192,7 +195,7 @@ impl Search<'_> {
         if let Some(model) = self.with_all(asked, values, plain) {
             return Ok(model);
         }
-        // The term without which the others leave the smallest residual.
+        // The term that is least necessary. Without it, the others leave the smallest residual.
         let without = |one: Term| {
             let others = self.with_all(|term| asked(term) && *term != one, values, plain)?;
             Some((one, others.squares()))
@@ -250,7 +253,7 @@ impl Search<'_> {
                 });
                 tried.min_by(|a, b| a.squares().total_cmp(&b.squares()))
             };
-            // Periodic terms are tried last, because missing parts of the motion also have lines over the position.
+            // Periodic terms are tried last, because other missing effects also have lines over the position.
             let Some(best) = passing(false).or_else(|| passing(true)) else { break };
             model = Ok(best);
         }
@@ -262,7 +265,8 @@ impl Search<'_> {
             let terms = gone.add(model.layout().terms, false);
             model = self.fit(Layout { terms, ..*model.layout() }, model.values(), 1.0)?;
         }
-        // Friction is in every device. A term that friction explains equally well is not reported.
+        // Friction is in every device. If friction explains the record as well as such a term, the term is not
+        // reported.
         let others = [Term::Amplifier, Term::Offset].into_iter();
         for term in others.filter(|_| !model.layout().terms.friction) {
             if !term.is_in(model.layout().terms) {
@@ -289,7 +293,7 @@ impl Search<'_> {
     }
 
     /// The best fit with one more term; `None` if no fit leaves a smaller residual. With `likely`, a term is only tried
-    /// if a linear step promises enough.
+    /// if a linear step promises a significant reduction.
     fn with(
         &self,
         term: Term,
@@ -300,7 +304,7 @@ impl Search<'_> {
         if self.records.iter().any(Fitted::is_stopped) {
             return None;
         }
-        // A curve that is not in the model leaves more than noise.
+        // If a curve is missing in the model, the residual contains more than noise.
         if likely && term.is_a_curve() && self.is_explained(before?) {
             return None;
         }
@@ -342,7 +346,7 @@ impl Search<'_> {
         if term == Term::Stribeck {
             starts = self.stribeck_starts(&start);
         }
-        // The nearest starts come first, because a far start may end in another minimum.
+        // Near starts come first, because a far start may end in another minimum.
         let mut starts: Vec<(f64, Values)> = starts
             .into_iter()
             .filter_map(|start| {
@@ -353,7 +357,7 @@ impl Search<'_> {
             .collect();
         starts.sort_by(|a, b| a.0.total_cmp(&b.0));
         starts.truncate(STARTS_TAKEN);
-        // A requested term with the value 0 leaves the same residual as no term, except for rounding.
+        // A requested term with the value 0 may increase the residual by a rounding error.
         let room = if likely { 1.0 } else { 1.0 + 1e-6 };
         let most = room * before.map_or(f64::INFINITY, Model::squares);
         let fits = starts.iter().filter_map(|(_, start)| self.fit(more, start, 1.0).ok());
@@ -393,14 +397,14 @@ impl Search<'_> {
         {
             model = twice;
         }
-        // If the error rose faster than the position, the reading would run backwards.
+        // With a steeper error, the reading would fall while the position rises.
         let [first, second, _, cycle] = model.estimates.phase?;
         let is_encoder = TAU * (first.value + 2.0 * second.value.abs()) < cycle.value;
         (is_encoder && model.squares() < before.squares()).then_some(model)
     }
 
-    /// The latency, rows, of a fit in which a delay replaces the amplifier's lag with an equal residual. `None` if the
-    /// record distinguishes both, or if the latency is fitted.
+    /// Whether a delay can replace the amplifier's lag with an equal residual. Returns the latency of this fit, rows.
+    /// `None` if the record distinguishes both, or if the latency is fitted.
     pub(super) fn delay_instead(&self, model: &Model) -> Option<f64> {
         let layout = *model.layout();
         let latency_s = layout.latency_s.filter(|_| layout.terms.lag)?;
@@ -438,7 +442,8 @@ impl Search<'_> {
         promised.is_finite().then_some(promised)
     }
 
-    /// Linear estimate of the reduction of the sum of squares by one more force, of command, position and speed.
+    /// Linear estimate of the reduction of the sum of squares by one more force. The force depends on command, position
+    /// and speed.
     pub(super) fn explains_force(
         &self,
         force: impl Fn(f64, f64, f64) -> f64,
@@ -474,7 +479,7 @@ impl Search<'_> {
         promised.is_finite().then_some(promised)
     }
 
-    /// The same fit, weighted by the force that is missing in the model.
+    /// The same fit, weighted by the force that the model does not have.
     fn by_force(&mut self, mut model: Model, values: &Values) -> Result<Model, String> {
         let most = self.records.iter().map(Fitted::rows).min().unwrap_or(0) / STRIDES;
         let is_auto = self.options.terms == Terms::Auto;
@@ -506,12 +511,12 @@ impl Search<'_> {
         Ok(model)
     }
 
-    /// The same fit, weighted by the force over `stride` rows.
+    /// The same fit, weighted by the missing force over `stride` rows.
     fn by_stride(&self, model: &Model, stride: usize) -> Result<Model, String> {
         let search = Search { weighting: self.force(model, stride), ..*self };
         let mut layout = *model.layout();
         if self.options.terms == Terms::Auto {
-            // A wandering residual has lines over the position that do not come from the encoder.
+            // A slowly varying residual has lines over the position that do not come from the encoder.
             let terms = Term::Phase.add(layout.terms, false);
             layout = Layout { terms, cycles_per_m: None, ..layout };
         }
@@ -562,7 +567,7 @@ impl Search<'_> {
             return Ok(());
         }
         let layout = *model.layout();
-        // A larger offset would move a handle that friction holds.
+        // A handle at rest in friction would start to move with a larger offset.
         let [friction_n, _] = model.values().slow();
         let most_n = if layout.terms.friction { friction_n } else { f64::INFINITY };
         let hidden = candidates(&layout).into_iter().filter_map(|term| {
@@ -581,9 +586,10 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Widens the intervals by the profile of the likelihood. With friction the model has kinks, and the parameters that
-    /// explain a record lie along a curve, which derivatives at one point do not show. So the parameter that is told
-    /// worst is moved, all others follow, and each interval holds what explains the record as well.
+    /// Widens the intervals by the profile of the likelihood. With friction the model has kinks. The parameters that
+    /// explain a record then lie along a curve. Derivatives at one point do not show this curve. So the parameter with
+    /// the largest uncertainty is changed in steps, and all others are fitted again. Each interval is widened to
+    /// contain all values that explain the record as well.
     fn hold_profile(&self, model: &mut Model) {
         if !model.layout().terms.friction {
             return;
@@ -609,7 +615,7 @@ impl Search<'_> {
                     break;
                 }
                 at = values;
-                // The interval ends between this step and the next.
+                // The limit is between this step and the next.
                 if more > 0.5 * room {
                     break;
                 }
@@ -627,8 +633,8 @@ impl Search<'_> {
         cycle::strongest(self.records, residual, self.options.cycle_m)
     }
 
-    /// The strongest line of the missing force over the position. The force is that of a few strides; a long stride
-    /// averages over short pitches, and noise hides the force of a short one.
+    /// The strongest line of the missing force over the position. Several strides are tried. A long stride averages
+    /// over short pitches. With a short stride, noise hides the force.
     fn of_motor(&self, model: &Model) -> Option<cycle::Line> {
         let pieces = model.weighed.pieces();
         let lines = STRIDES_OF_COGS.into_iter().filter_map(|stride| {
@@ -636,7 +642,7 @@ impl Search<'_> {
             let mut forces = vec![];
             for (record, piece) in pieces.iter().enumerate() {
                 let mut own = weighting.weighed(record, piece.residual.to_vec());
-                // The weight is a triangle around the row one stride earlier.
+                // The force is a mean with triangular weights around the row one stride earlier.
                 own.drain(..own.len().min(stride));
                 own.iter_mut().take(stride).for_each(|force| *force = 0.0);
                 own.resize(piece.residual.len(), 0.0);
@@ -661,7 +667,7 @@ impl Search<'_> {
         (model.squares() < before.squares()).then_some(model)
     }
 
-    /// Values with a Stribeck curve of several speeds.
+    /// First values with a Stribeck curve, for each speed of [`FALLS`].
     fn stribeck_starts(&self, start: &Values) -> Vec<Values> {
         let fastest =
             self.records.iter().flat_map(|Fitted { record, positions_m, first, .. }| {
@@ -682,7 +688,7 @@ impl Search<'_> {
     }
 
     /// A fit of `layout` from the values of any layout. If friction holds the handle at the first row, the first speed
-    /// is 0 and not a parameter.
+    /// is 0 and is not fitted.
     fn fit(&self, layout: Layout, from: &Values, cycles: f64) -> Result<Model, String> {
         let mut values = self.held(from.within(layout));
         loop {
@@ -694,7 +700,7 @@ impl Search<'_> {
         }
     }
 
-    /// The values without the speeds of records that begin at rest in friction.
+    /// The values without the first speeds of records in which friction holds the handle at the first row.
     fn held(&self, values: Values) -> Values {
         let problem = self.problem(values);
         let (layout, values) = (*problem.values.layout(), &problem.values);
@@ -702,7 +708,8 @@ impl Search<'_> {
         if held == layout { problem.values } else { values.within(held) }
     }
 
-    /// Bit set of the records that begin at rest in friction: the handle slides less than a count.
+    /// Bit set of the records in which friction holds the handle at the first row. There the handle slides less than a
+    /// count.
     fn resting(&self, problem: &Problem<'_>) -> u64 {
         let least_m = self.options.resolution_m.max(1e-9);
         let rests = |index: usize| {
@@ -741,7 +748,7 @@ impl Search<'_> {
         values.vector().iter().all(|value| value.is_finite()).then_some((values, gain))
     }
 
-    /// Values from the moving windows of the first record.
+    /// First values from the first record. Only windows in which the handle moves are used.
     fn in_motion(&self, start: &Values, windows: usize) -> Option<Values> {
         let Fitted { record, positions_m, first, added_kg, .. } = &self.records[0];
         let latency = start.of(Parameter::Latency) / record.step_s;
@@ -765,7 +772,7 @@ impl Search<'_> {
         (mass > 0.0).then_some(found)
     }
 
-    /// Limits friction and lag to useful values.
+    /// Limits friction and lag to realistic values.
     fn bounded(&self, mut values: Values) -> Values {
         let most_n = FRICTION_MOST * self.force_n(&values);
         let step_s = self.records[0].record.step_s;
@@ -786,7 +793,7 @@ impl Search<'_> {
     }
 }
 
-/// The parameter with the largest part in the direction that the record tells worst.
+/// The parameter with the largest component along the direction about which the record has the least information.
 fn weakest(jacobian: &DMatrix<f64>) -> Option<usize> {
     let mut scaled = jacobian.clone();
     for mut column in scaled.column_iter_mut() {
@@ -799,7 +806,7 @@ fn weakest(jacobian: &DMatrix<f64>) -> Option<usize> {
     Some(weak.transpose().iamax())
 }
 
-/// Smallest reduction of the sum of squares, in mean squares, that is significant for white noise.
+/// Smallest reduction of the sum of squares that is significant for white noise, divided by the mean square.
 fn enough() -> f64 {
     Normal::standard().inverse_cdf(FAMILY_P / Term::ALL.len() as f64).powi(2)
 }

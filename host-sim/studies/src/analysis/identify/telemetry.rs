@@ -1,4 +1,4 @@
-//! Makes a record from the firmware's telemetry: from a capture, or from the CSV that `telemetry` makes of a capture.
+//! Makes a record from the firmware's telemetry. The source is a capture or the CSV of `telemetry --csv`.
 
 use zwidth::{
     Output,
@@ -28,7 +28,7 @@ pub struct OutputScale {
     rate_hz: f64,
     resolution_m: f64,
     limit_v: f64,
-    /// Code of zero force, and codes per full scale. Without them the force itself is used.
+    /// Code of zero force, and codes per full scale. `None`: the force itself is used.
     codes: Option<(f64, f64)>,
 }
 
@@ -44,11 +44,11 @@ struct Sent {
 }
 
 impl OutputScale {
-    /// The conversion of a scene: sample rate, count, and volts of full scale. With an `[output]` table the hardware's
-    /// codes are used. Otherwise the force before its rounding to codes is used.
+    /// The conversion for a scene, from sample rate, count, and volts of full scale. With an `[output]` table it uses
+    /// the codes of the output. Otherwise it uses the force before its rounding to codes.
     ///
     /// # Errors
-    /// One line: the scene's output is impossible.
+    /// One line: an output of the scene is impossible.
     pub fn of_scene(scene: &Scene, resolution_m: f64) -> Result<Self, String> {
         let output = scene.design().output;
         let actuator =
@@ -60,7 +60,7 @@ impl OutputScale {
         Ok(Self { rate_hz, resolution_m, limit_v, codes })
     }
 
-    /// Whether the code agrees with the force within its rounding.
+    /// Whether code and force agree, except for the rounding of the code.
     fn fits(&self, sent: &Sent) -> bool {
         let asked = sent.force / f64::from(Force::FULL_SCALE.bits());
         self.codes
@@ -84,7 +84,7 @@ impl OutputScale {
 /// The record in a binary capture.
 ///
 /// # Errors
-/// One line: no frames, or frames that make no record.
+/// One line: no frames, or frames that do not give a record.
 pub fn from_capture(
     name: &str,
     bytes: &[u8],

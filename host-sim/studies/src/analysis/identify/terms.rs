@@ -1,4 +1,4 @@
-//! Terms in addition to mass, damping and spring. Each is only used if the record shows it.
+//! Terms in addition to mass, damping and spring. A term is only used if the record shows it.
 //!
 //! | term | model | scene |
 //! |------|-------|-------|
@@ -9,12 +9,12 @@
 //! | cogging | `sine sin(2 pi x / pitch) + cosine cos(2 pi x / pitch)`, a force | `[cogging]` |
 //! | phase | `first sin(p) + second sin(2 p)` on the reading, `p = 2 pi x / cycle + phase` | `[encoder_error]` |
 //!
-//! **Test.** A model with a term includes the model without it (value 0). So the question is whether the value differs
-//! from 0. The test is a Wald test: the value divided by its standard error. The standard error is that of the stated
-//! intervals ([`super::confidence`]), so it includes the residual's colour and the quantiser. For one parameter and
-//! many rows, this is the likelihood-ratio (F) test with the effective number of rows. The test is one-sided for
-//! friction and lag, which are not below 0. For the phase, sine and cosine are tested together: `exp(-z^2 / 2)` for
-//! each examined cycle. A term stays if its p-value is below [`FAMILY_P`] divided by the number of candidates
+//! **Test.** A model without a term is the model with the value 0. So the question is whether the value differs from 0.
+//! The test is a Wald test: the value divided by its standard error. The standard error is taken from the stated
+//! intervals ([`super::confidence`]). So it includes the residual's colour and the quantiser. For one parameter and
+//! many rows, this is the likelihood-ratio (F) test with the effective number of rows. Friction and lag cannot be
+//! negative, so their test is one-sided. For the phase, sine and cosine are tested together. The p-value is `exp(-z^2 /
+//! 2)` for each examined cycle. A term stays if its p-value is below [`FAMILY_P`] divided by the number of candidates
 //! (Bonferroni). [`super::search`] selects the terms.
 
 use statrs::distribution::{ContinuousCDF as _, Normal};
@@ -24,7 +24,8 @@ use super::{
     layout::{Included, Parameter},
 };
 
-/// Probability that the model gets any wrong term, for a residual as the intervals assume.
+/// Probability that the model gets at least one wrong term, if the residual has the properties that the intervals
+/// assume.
 pub const FAMILY_P: f64 = 0.002;
 
 /// A term in addition to mass, damping and spring.
@@ -32,7 +33,7 @@ pub const FAMILY_P: f64 = 0.002;
 pub enum Term {
     /// Coulomb friction of the device.
     Friction,
-    /// Friction that falls from static to Coulomb friction; only with friction.
+    /// Friction that falls from static to Coulomb friction. It needs [`Friction`](Self::Friction).
     Stribeck,
     /// First-order lag of the amplifier.
     Amplifier,
@@ -60,7 +61,7 @@ impl Term {
         }
     }
 
-    /// The parameter that is 0 without the term. For the encoder's error it is one of several.
+    /// The parameter that is 0 without the term. The encoder's error has several parameters, and this is one of them.
     pub(super) fn parameter(self) -> Parameter {
         match self {
             Self::Friction => Parameter::Friction,
@@ -72,12 +73,12 @@ impl Term {
         }
     }
 
-    /// Whether the term has a period over the position that must be found.
+    /// Whether the term is periodic in the position. Its period must be found.
     pub(super) fn is_periodic(self) -> bool {
         matches!(self, Self::Cogging | Self::Phase)
     }
 
-    /// Whether the term has parameters of shape beside its size.
+    /// Whether the term has parameters of shape in addition to its size.
     pub(super) fn is_a_curve(self) -> bool {
         matches!(self, Self::Stribeck | Self::Cogging)
     }
@@ -116,13 +117,11 @@ pub enum Terms {
     /// These terms, even if the record does not show them.
     These {
         friction: bool,
-        /// Static friction and Stribeck speed; needs `friction`.
+        /// Static friction and Stribeck speed. It needs `friction`.
         stribeck: bool,
-        /// First-order lag of the amplifier.
         amplifier: bool,
         offset: bool,
         cogging: bool,
-        /// Periodic error of the encoder.
         phase: bool,
     },
 }
@@ -138,7 +137,7 @@ impl Terms {
         phase: false,
     };
 
-    /// The terms that `has` names.
+    /// The terms for which `has` is true.
     pub fn these(has: impl Fn(Term) -> bool) -> Self {
         Self::These {
             friction: has(Term::Friction) || has(Term::Stribeck),
@@ -150,7 +149,6 @@ impl Terms {
         }
     }
 
-    /// Whether friction may be in the model.
     pub(super) fn may_have_friction(self) -> bool {
         self == Self::Auto || self.asks(Term::Friction)
     }
@@ -172,7 +170,7 @@ impl Terms {
 pub struct Phase {
     /// Amplitude once per cycle, m.
     pub first_m: Estimate,
-    /// Amplitude twice per cycle, m; 0 without an interval if the record does not show it.
+    /// Amplitude twice per cycle, m. If the record does not show it, 0 without an interval.
     pub second_m: Estimate,
     /// Phase at position 0, rad.
     pub phase_rad: Estimate,
@@ -209,19 +207,16 @@ pub struct Found {
     /// Constant force on the device, N.
     pub offset_n: Option<Estimate>,
     pub cogging: Option<Cogging>,
-    /// Error of the encoder.
     pub phase: Option<Phase>,
-    /// The tests of the terms in the model.
     pub tests: Vec<Tested>,
 }
 
-/// The test of one term.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tested {
     pub term: Term,
     /// Value divided by its standard error.
     pub z: f64,
-    /// Probability of such a value without the term, for all candidates together.
+    /// Probability of such a value if the true value is 0, for all candidates together.
     pub p: f64,
 }
 

@@ -36,7 +36,7 @@ impl Dice {
         low + (high - low) * self.part()
     }
 
-    /// A random number of either sign, with the same probability for each decade.
+    /// A random number of either sign. Each decade between `low` and `high` has the same probability.
     fn decades(&mut self, low: f64, high: f64) -> f64 {
         let size = low * (high / low).powf(self.part());
         if self.chance(0.5) { size } else { -size }
@@ -65,7 +65,7 @@ impl Dice {
     }
 }
 
-/// A device with Coulomb friction, perhaps varying with the position, and its drive.
+/// A device with its drive. Its Coulomb friction may vary with the position.
 struct Driven {
     mass_kg: f64,
     damping: f64,
@@ -75,12 +75,12 @@ struct Driven {
     gain: f64,
     resolution_m: f64,
     step_s: f64,
-    /// Speed of a speed loop, m/s, its gain, V s/m, and the share of its integral.
+    /// Speed loop of the drive: speed, m/s, gain, V s/m, and share of the integral.
     loop_of: Option<[f64; 3]>,
     push_v: f64,
     /// Length of a push, rows.
     push_rows: usize,
-    /// First and last row with a drive.
+    /// First and last row in which the drive acts.
     driven: (usize, usize),
 }
 
@@ -155,7 +155,7 @@ impl Driven {
     }
 }
 
-/// A record, perhaps of no possible device.
+/// A record. With `is_odd`, no device could make it.
 fn columns(dice: &mut Dice, resolution_m: f64, radius_m: f64, is_odd: bool) -> [Vec<f64>; 3] {
     let rows = if is_odd { dice.below(200) } else { dice.one(&[101, 200, 400, 800]) };
     let driven = Driven::of(dice, rows, resolution_m, radius_m);
@@ -203,7 +203,7 @@ fn columns(dice: &mut Dice, resolution_m: f64, radius_m: f64, is_odd: bool) -> [
     [times, volts, positions]
 }
 
-/// Frames as the board sends them, or impossible frames.
+/// Frames from a board, or impossible frames.
 fn of_telemetry(
     dice: &mut Dice,
     scale: &OutputScale,
@@ -309,7 +309,7 @@ fn gain(dice: &mut Dice) -> GainAsked {
     }
 }
 
-/// The result of a case, with all its reports.
+/// The result of a case. All its reports are made too.
 fn answer(case: u64) -> Result<Identification, Error> {
     let dice = &mut Dice::new(case);
     let base = NamedScene::load(dice.one(&BASES))?;
@@ -327,7 +327,7 @@ fn answer(case: u64) -> Result<Identification, Error> {
     let records: Result<Vec<_>, _> =
         (0..records).map(|_| record(dice, &base.scene, resolution_m)).collect();
     let mut records = records.map_err(Error::Input)?;
-    // Another random generator, so that the old cases stay the same.
+    // A second random generator, so that older cases do not change.
     let drive =
         Dice::new(!case).one(&[Drive::Voltage, Drive::Voltage, Drive::Force, Drive::Current]);
     records.iter_mut().for_each(|record| record.drive = drive);
@@ -355,8 +355,8 @@ fn any_record_with_any_options_is_answered_or_refused() {
     assert!(answered * 20 > cases);
 }
 
-/// A knob whose friction varies with its angle, in a speed loop. The fit of the encoder's error found that friction
-/// holds the knob at the first row. It continued with the values of a layout that had a speed there.
+/// A knob in a speed loop. Its friction varies with its angle. The fit of the encoder's error once found that friction
+/// holds the knob at the first row, but continued with a layout that has a first speed.
 #[test]
 fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
     const RADIUS_M: f64 = AXIS_M;
@@ -398,7 +398,8 @@ fn a_start_that_friction_holds_is_no_panic_beside_the_error_of_the_encoder() {
         resolution_m: COUNT_RAD * RADIUS_M,
         ..Options::of_scene(&scene, Gain::Given(GAIN_N_M_PER_V / RADIUS_M))
     };
-    // A friction with one cycle per turn is no encoder error. In one direction it is the same as cogging.
+    // A friction with one cycle per turn is no encoder error. If the motion has one direction, the effect is the same
+    // as cogging.
     let found = identify(&[record], &options).unwrap();
     let is_named = found.warnings.iter().any(|warning| warning.contains("not modelled"));
     let is_known = is_named || found.terms.cogging.is_some();
@@ -481,8 +482,8 @@ const AXIS_M: f64 = 0.02;
 const COUNT_RAD: f64 = std::f64::consts::TAU / 16_000.0;
 const GAIN_N_M_PER_V: f64 = 0.387;
 
-/// An axis with Coulomb friction in a proportional loop of its speed, filtered at 100 Hz; exact. The loop ends at
-/// `stop`. The parameters are inertia, kg m^2, damping, N m s/rad, and friction, N m.
+/// The exact motion of an axis with Coulomb friction. A proportional loop controls its speed, which is filtered at 100
+/// Hz. The loop ends at `stop`. The parameters are inertia, kg m^2, damping, N m s/rad, and friction, N m.
 fn axis([inertia, damping, friction]: [f64; 3], gain: f64, rows: usize, stop: usize) -> Record {
     fn advance([j, b, f]: [f64; 3], [x, v]: [f64; 2], torque: f64, left_s: f64) -> [f64; 2] {
         if v == 0.0 && torque.abs() <= f {
@@ -525,7 +526,8 @@ fn of_axis(record: &Record) -> Result<Identification, String> {
     identify(std::slice::from_ref(record), &options)
 }
 
-/// Checks that inertia, damping and friction of an axis are inside their intervals, and that no other term is found.
+/// Checks that inertia, damping and friction of an axis are inside their intervals. Checks also that the fit finds no
+/// other term.
 fn holds(record: &Record, truth: [f64; 3]) {
     let found = of_axis(record).unwrap();
     let terms = &found.terms;
@@ -556,7 +558,7 @@ fn no_error_of_the_encoder_is_found_that_its_rows_cannot_show() {
     holds(&axis(truth, 1.0, 1100, 1100), truth);
 }
 
-/// The loop makes friction look like inertia, with a difference of only 1 %.
+/// In this loop, friction has almost the effect of inertia. The difference is only 1 %.
 #[test]
 fn intervals_hold_a_friction_that_looks_like_inertia() {
     let truth = [0.0192, 0.005, 0.02];
@@ -595,8 +597,9 @@ fn the_term_that_a_record_does_not_show_is_the_one_that_is_named() {
     assert!(error.contains("offset"), "{error}");
 }
 
-/// A device without a spring in open loop, integrated in steps of 2 us: mass, damping, friction, rise of friction and
-/// speed of its fall, cogging's amplitude and pitch. Then the amplifier's third power, drag, and friction per metre.
+/// A device without a spring in open loop, integrated in steps of 2 us. The parameters are mass, damping, friction,
+/// rise of friction, speed of its fall, and amplitude and pitch of the cogging. Then follow the amplifier's third
+/// power, drag, and friction per metre.
 fn rough(
     [mass, damping, friction, rise, fall, cogging, pitch]: [f64; 7],
     [cubic, drag, per_m]: [f64; 3],

@@ -4,21 +4,20 @@
 //! same error. They count as one reading. So if the residual comes from the quantiser, the weight of a row is 1 divided
 //! by the number of rows with its reading.
 //!
-//! **Forces.** A force that is not in the model, for example friction that is not Coulomb's, is integrated twice by the
-//! mass. So the residual wanders and follows the command. In a closed loop the command also follows the residual. Then
-//! least squares is biased. So the residual is converted to the force that makes it. With the device's own step over
-//! `stride` rows, `z(n + stride) = P z(n)`,
+//! **Forces.** Some forces are not in the model, for example friction that is not Coulomb's. The mass integrates such a
+//! force twice. So the residual varies slowly and follows the command. In a closed loop the command also follows the
+//! residual. Then least squares is biased. So the residual is converted to the missing force. The device's own step
+//! over `stride` rows is `z(n + stride) = P z(n)`. With it,
 //! ```text
 //! e(n) - trace(P) e(n - stride) + det(P) e(n - 2 stride)
 //! ```
-//! is the missing force, weighted by a triangle of two strides. It does not depend on earlier forces. The weighted
+//! is the missing force over two strides, with triangular weights. It does not depend on earlier forces. The weighted
 //! residual is a prediction error with a disturbance model at the input. It is also valid in a closed loop (Ljung,
 //! System Identification, 2nd edition, sections 4.2 and 13.4). With a short stride, noise of the positions dominates.
-//! With a long stride, no motion remains. The stride is the geometric mean of both ends.
+//! With a long stride, no motion remains. The stride is the geometric mean of both limits.
 
 use super::motion::Motion;
 
-/// Weights of the rows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) enum Weighting {
     /// Equal weights.
@@ -26,7 +25,8 @@ pub(super) enum Weighting {
     White,
     /// Square roots of the weights, record by record.
     Readings(Vec<Vec<f64>>),
-    /// Conversion to the missing force: rows of a stride, and trace and determinant of the step over the stride.
+    /// Conversion to the missing force. `stride` is in rows. `trace` and `determinant` belong to the step over the
+    /// stride.
     Force { stride: usize, trace: f64, determinant: f64 },
 }
 
@@ -46,7 +46,8 @@ impl Weighting {
         Self::Force { stride, trace, determinant }
     }
 
-    /// Sum of squares of the first record's weighted errors, without the errors whose past is not known.
+    /// Sum of squares of the first record's weighted errors. Errors at the beginning are left out, because errors
+    /// before them are not known.
     pub fn squares(&self, errors: &[f64]) -> f64 {
         let known = if let Self::Force { stride, .. } = self { 2 * stride } else { 0 };
         self.weighed(0, errors.to_vec()).iter().skip(known).map(|error| error * error).sum()
@@ -56,7 +57,7 @@ impl Weighting {
         matches!(self, Self::Force { .. })
     }
 
-    /// Effective number of rows.
+    /// Effective number of rows. Equal readings in sequence count as one row.
     pub fn rows(&self, all: usize) -> f64 {
         match self {
             Self::Readings(weights) => weights.iter().flatten().map(|weight| weight * weight).sum(),
@@ -64,7 +65,8 @@ impl Weighting {
         }
     }
 
-    /// Weighted errors of a record. With forces, the first errors stay unchanged, because their past is not known.
+    /// Weighted errors of a record. With [`Force`](Self::Force), the first errors stay unchanged, because the errors
+    /// before them are not known.
     pub fn weighed(&self, record: usize, mut errors: Vec<f64>) -> Vec<f64> {
         match self {
             Self::White => errors,
@@ -86,8 +88,8 @@ impl Weighting {
         }
     }
 
-    /// Converts the effect of weighted errors to the effect of row errors. Forces stay unchanged, because each combines
-    /// several rows.
+    /// Converts the effect of weighted errors to the effect of row errors. With [`Force`](Self::Force) it stays
+    /// unchanged, because each weighted error combines several rows.
     pub fn of_rows(&self, weighed: &mut [f64]) {
         if let Self::Readings(weights) = self {
             weighed

@@ -1,9 +1,9 @@
 //! The states of a plant that act on the handle.
 //!
-//! If no spring holds a body, neither to the ground nor to the handle, nothing depends on its position. Its position is
-//! an eigenvalue of 1 at every K and B, and rounding would decide about stability. A body behind a joint without spring
-//! and damper does not act on the handle at all. Both are left out. If several bodies float together, only their
-//! positions relative to the first body are kept.
+//! A body floats if no spring holds it, neither to the ground nor to the handle. Then nothing depends on its position.
+//! Its position would be an eigenvalue of 1 at every K and B, and rounding would decide about stability. A body behind
+//! a joint without spring and damper does not act on the handle. Both are left out. If several bodies float together,
+//! only their positions relative to the first body are kept.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -12,7 +12,6 @@ use crate::scene::element::Chain;
 /// The states of a chain that are kept.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Acting {
-    /// Number of states of the chain.
     states: usize,
     /// Indices of the kept states. The handle's position and speed are the first two.
     kept: Vec<usize>,
@@ -21,7 +20,6 @@ pub(super) struct Acting {
 }
 
 impl Acting {
-    /// The acting states of a chain.
     pub(super) fn of(chain: &Chain) -> Self {
         let states = chain.states();
         let is_held = chain.arm.is_some_and(|arm| arm.stiffness_n_per_m > 0.0);
@@ -50,12 +48,11 @@ impl Acting {
         Self { states, kept, relative }
     }
 
-    /// Number of kept states.
     pub(super) fn states(&self) -> usize {
         self.kept.len()
     }
 
-    /// A step of the chain, `exp(A dt) - 1`, and its response to a force, in the kept states.
+    /// A step of the chain, `exp(A dt) - 1`, and its response to a force, both for the kept states.
     pub(super) fn reduce(
         &self,
         step: (DMatrix<f64>, DVector<f64>),
@@ -65,7 +62,7 @@ impl Acting {
             return (less, gamma);
         }
         if let Some([body, from]) = self.relative {
-            // The other columns stay the same, because nothing changes if both bodies move together.
+            // The other columns do not change, because a common motion of both bodies has no effect.
             let before = less.row(from).clone_owned();
             let mut row = less.row_mut(body);
             row -= before;

@@ -1,5 +1,5 @@
-//! Linear stability and passivity of the sampled loop: the limits of the ideal device without quantisation, saturation
-//! and the one-sided wall.
+//! Linear stability and passivity of the sampled loop. These are the limits of the ideal device, without quantisation,
+//! saturation and the one-sided wall.
 //!
 //! ```text
 //! every sample:           v = V(z) x                    estimator, z^-1 = one sample
@@ -17,8 +17,8 @@
 //! Passivity ([`passivity`]) is a stricter criterion (after Colgate and Schenkel): no motion may take energy out of the
 //! port. It ranks cutoffs in the opposite order.
 //!
-//! In all these parts, a plant with linear elements ([`Elements`]) may replace the single mass: the amplifier's lag, a
-//! second mode, an arm. Non-linear elements are not included.
+//! A plant with linear elements ([`Elements`]) may replace the single mass: the amplifier's lag, a second mode, or an
+//! arm. Non-linear elements are not included.
 //!
 //! Units are SI. Frequencies in reports are in hertz. `omega` is in radians per step of the respective z.
 
@@ -45,7 +45,7 @@ pub const PERIOD_MAX: u32 = 1_000;
 /// Highest order of an estimator.
 pub const ORDER_MAX: usize = 66;
 
-/// Largest number of iterations for eigenvalues; a few per eigenvalue are usual.
+/// Largest number of iterations for eigenvalues. Usually a few per eigenvalue are enough.
 const SCHUR_ITERATIONS: usize = 10_000;
 
 /// A mass on a spring and a damper: `m x'' = F - b x' - k x`.
@@ -79,13 +79,13 @@ pub struct Elements {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loop {
     pub device: Device,
-    /// Linear elements of the device.
     pub elements: Elements,
     /// Sample rate of position and velocity, above 0 Hz.
     pub rate_hz: f64,
     /// Samples per force output, 1 to [`PERIOD_MAX`].
     pub period: u32,
-    /// Time from a sample to the force computed from it, in samples: any real from 0 to [`LATENCY_MAX_SAMPLES`].
+    /// Time from a sample to the force computed from it, in samples. It may be any real number from 0 to
+    /// [`LATENCY_MAX_SAMPLES`].
     pub latency_samples: f64,
     /// Velocity estimator at the sample rate, m/s per m.
     pub estimator: TransferFunction,
@@ -148,13 +148,12 @@ impl Loop {
         Chain { mode, arm, amplifier, ..Chain::alone(device) }
     }
 
-    /// One sample, in seconds.
     #[must_use]
     pub fn sample_s(&self) -> f64 {
         1.0 / self.rate_hz
     }
 
-    /// Latency as whole output periods and remaining samples, 0 <= rest < period.
+    /// Latency as whole output periods, and the rest in samples, 0 <= rest < period.
     pub(crate) fn split_latency(&self) -> (usize, f64) {
         let period = f64::from(self.period);
         let whole = (self.latency_samples / period).floor();

@@ -5,8 +5,8 @@ use crate::scene::element::{Chain, STATES_MAX};
 use nalgebra::{Complex, DMatrix, Schur, linalg::balancing};
 
 /// `state(n+1) = (fixed + K stiff + B damped) state(n)` over one output period. The matrix is the product of the steps
-/// between all events within the period: samples, and the change of the command. The state contains the plant's state
-/// at the output instant, the estimator's memory, and the commands that are delayed by the latency.
+/// between all events within the period. The events are samples and the change of the command. The state contains the
+/// plant's state at the output instant, the estimator's memory, and the commands that are delayed by the latency.
 #[derive(Clone, Debug)]
 pub struct Monodromy {
     fixed: DMatrix<f64>,
@@ -15,7 +15,7 @@ pub struct Monodromy {
 }
 
 impl Monodromy {
-    /// Builds the matrices by stepping the loop with one unit of each state or of the command.
+    /// Builds the matrices. The loop is stepped with one unit of each state, or of the command.
     ///
     /// # Errors
     /// An error of [`Loop::check`].
@@ -23,8 +23,9 @@ impl Monodromy {
         of.check()?;
         let stepper = Stepper::new(of);
         let fixed = stepper.uncontrolled();
-        // The matrix is affine in K and B: the effect of one newton of command times the command's dependence on the
-        // state. A difference of two matrices would lose its digits beside the ones of the identity.
+        // The matrix is affine in K and B. The parts for K and B are the effect of one newton of command times the
+        // command's dependence on the state. A difference of two matrices would lose digits, because the identity is
+        // much larger.
         let newton = stepper.after_one_newton();
         let (mut stiff, mut damped) = (fixed.clone() * 0.0, fixed.clone() * 0.0);
         stiff.column_mut(0).copy_from_slice(&newton);
@@ -74,12 +75,12 @@ struct Stepper {
     order: usize,
     /// Number of delayed commands at an output instant, newest first.
     queue: usize,
-    /// The command changes within the period, not at its start.
+    /// Whether the command changes within the period, and not at its start.
     splits: bool,
     period: u32,
     /// Sample in which the command changes.
     change: u32,
-    /// States of the plant.
+    /// Number of states of the plant.
     plant: usize,
     whole: Step,
     /// The steps before and after the change.
@@ -170,7 +171,7 @@ impl Stepper {
         matrix
     }
 
-    /// The state after one period with one newton of command, from zero.
+    /// The state after one period with one newton of command. The first state is zero.
     fn after_one_newton(&self) -> Vec<f64> {
         let mut state = vec![0.0; self.states()];
         self.advance(&mut state, 1.0);

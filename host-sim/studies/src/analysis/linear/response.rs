@@ -1,11 +1,11 @@
 //! Frequency response of the open loop at the output instants.
 //!
-//! Hx(z) and Hv(z) lead from the force computed at an output instant to the position and the estimated velocity at the
-//! output instants. z is one output period. All equations use `delta = z - 1` and the exact `phi - 1`, because this
-//! keeps the digits at low frequency.
+//! Hx(z) and Hv(z) are the responses of position and estimated velocity to the force, all at the output instants. z is
+//! one output period. All equations use `delta = z - 1` and the exact `phi - 1`, because this keeps the digits at low
+//! frequency.
 //!
-//! Let `E = phi - 1` over one period. The force of the period is the previous command (b) until the rest of the
-//! latency, and the present command (a) after it:
+//! Let `E = phi - 1` over one period. The latency has q whole periods and a rest. Within a period, the previous command
+//! (b) acts during the rest. Then the present command (a) acts:
 //! ```text
 //! D = det(delta - E),  n = adj(delta - E) (gamma_a + gamma_b / z)
 //! Hx = z^-q n_x / D,   q whole periods of latency
@@ -14,8 +14,8 @@
 //! A plant with more states uses the same equations. There `n = (delta - E)^-1 (..)` comes from a matrix decomposition
 //! instead of adjugate and determinant.
 //!
-//! The input of the estimator is the samples `x_i z^n`, a sum of the aliases `exp(j (w + 2 pi l) / period)`. Its
-//! transfer function applies to each alias.
+//! The input of the estimator is the samples `x_i z^n`. They are a sum of the aliases `exp(j (w + 2 pi l) / period)`.
+//! The estimator's transfer function applies to each alias.
 
 use super::{LinearError, Loop, acting::Acting, transfer::TransferFunction};
 use crate::{
@@ -37,14 +37,14 @@ pub(super) struct Point {
 }
 
 impl Point {
-    /// The stiffness that puts a root at this frequency. It is complex except at a crossing.
+    /// The stiffness that gives a root at this frequency. It is complex except at a crossing.
     pub(super) fn stiffness(&self, damping: f64) -> Complex<f64> {
         -(self.inverse + self.velocity * damping)
     }
 }
 
-/// Response of the position at one sample within a period: to the state (x, v) at the start of the period, and to the
-/// two forces.
+/// Response of the position at one sample within a period. It has a part from the state (x, v) at the start of the
+/// period, and a part from each of the two forces.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     x: f64,
@@ -62,14 +62,14 @@ struct Alone {
     samples: Vec<Sample>,
 }
 
-/// A device with linear elements. Speeds and force are in m per period and m per period^2, so the elements of the
-/// matrix have similar sizes.
+/// A device with linear elements. Speeds are in m per period and the force in m per period^2, so that the elements of
+/// the matrix have similar sizes.
 #[derive(Clone, Debug)]
 struct Augmented {
     less: DMatrix<f64>,
     now: DVector<f64>,
     before: DVector<f64>,
-    /// Response of the position at each sample: to the state at the start of the period, and to the two forces.
+    /// Response of the position at each sample: to the state at the start of the period, and to each of the two forces.
     samples: Vec<(DVector<f64>, f64, f64)>,
     /// Frequencies of the poles and zeros, radians per output period, folded to 0..pi.
     marks: Vec<f64>,
@@ -81,11 +81,11 @@ enum Plant {
     Augmented(Augmented),
 }
 
-/// The positions at the samples of a period; the first of these positions; and the product of 1 / Hx with this first
+/// Three values: the positions at the samples of a period, the first of these positions, and 1 / Hx times this first
 /// position, without the whole periods of latency.
 type Positions = (Vec<Complex<f64>>, Complex<f64>, Complex<f64>);
 
-/// The open loop, ready for evaluation.
+/// The open loop, prepared for many frequencies.
 #[derive(Clone, Debug)]
 pub(super) struct Response {
     plant: Plant,
@@ -106,7 +106,7 @@ impl Alone {
         let (w2, d) = (of.device.stiffness_n_per_m / mass, of.device.damping_n_s_per_m / mass);
         let step = |samples: f64| oscillator_increment(w2, d, samples * of.sample_s());
         let period = f64::from(of.period);
-        // Response to the forces up to `at` samples into the period: to the present command, and to the previous one.
+        // Response `at` samples after the start of the period, to the present command and to the previous command.
         let forces = |at: f64| {
             if at <= rest {
                 ([0.0, 0.0], step(at).gamma)
@@ -190,7 +190,7 @@ impl Augmented {
                 + if row == column { delta } else { 0.0.into() }
         });
         let gamma = DVector::from_fn(states, |row, _| z_inverse * self.before[row] + self.now[row]);
-        // Exactly on a pole the response is infinite, and so are its parts.
+        // Exactly at a pole the response is infinite, and so are its parts.
         let state = matrix
             .lu()
             .solve(&gamma)
@@ -204,8 +204,8 @@ impl Augmented {
     }
 }
 
-/// Frequencies at which the response of a chain turns fast: its poles, and its zeros. The zeros are the poles of the
-/// chain with the device held.
+/// Frequencies at which the response of a chain changes fast: its poles and its zeros. The zeros are the poles of the
+/// chain while its device is held.
 fn marks(chain: &Chain, period_s: f64) -> Vec<f64> {
     let a = chain.matrix();
     let held = a.clone().remove_rows(0, 2).remove_columns(0, 2);
@@ -235,7 +235,7 @@ impl Response {
         Ok(Self { plant, late, estimator: of.estimator.clone() })
     }
 
-    /// Frequencies near which the response turns fast, radians per output period.
+    /// Frequencies near which the response changes fast, radians per output period.
     pub(super) fn marks(&self) -> &[f64] {
         match &self.plant {
             Plant::Alone(_) => &[],
@@ -250,7 +250,7 @@ impl Response {
 
     /// The response at z = (1 + outside) exp(j omega).
     pub(super) fn at_radius(&self, omega: f64, outside: f64) -> Point {
-        // z = -1 is real. The rounding of PI would give a false response at the sampling zero there.
+        // z = -1 is real. With a rounded PI, the response there would have a false imaginary part.
         let sin = if omega == PI { 0.0 } else { libm::sin(omega) };
         let half = libm::sin(0.5 * omega);
         let delta = Complex::new(-2.0 * half * half, sin); // exp(j omega) - 1 without cancellation

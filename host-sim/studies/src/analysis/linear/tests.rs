@@ -94,7 +94,7 @@ fn single_rate_boundary_as_printed() {
 
 #[test]
 fn latency_as_printed() {
-    // 1 kHz, plain difference, whole samples of latency.
+    // Force at 1 kHz, plain difference, whole samples of latency.
     let table: [(f64, &[(f64, f64)]); 5] = [
         (
             0.0,

@@ -24,7 +24,7 @@ impl TransferFunction {
         Self { num: vec![rate_hz, -rate_hz], den: vec![1.0] }
     }
 
-    /// Finite difference followed by a Butterworth low-pass of second order, not pre-warped: the paper's estimator.
+    /// The paper's estimator: finite difference and a Butterworth low-pass of second order, not pre-warped.
     ///
     /// # Errors
     /// The core refuses the cutoff.
@@ -33,13 +33,13 @@ impl TransferFunction {
         Ok(Self::finite_difference(rate_hz).then(&low_pass.into()))
     }
 
-    /// A series of this transfer function and the next one.
+    /// This transfer function in series with `next`.
     #[must_use]
     pub fn then(&self, next: &Self) -> Self {
         Self { num: multiply(&self.num, &next.num), den: multiply(&self.den, &next.den) }
     }
 
-    /// Number of past samples on which the output depends (states of a realisation).
+    /// Number of past samples on which the output depends, which is the number of states.
     #[must_use]
     pub fn order(&self) -> usize {
         self.num.len().max(self.den.len()).max(1) - 1
@@ -93,8 +93,8 @@ impl From<LowPass> for TransferFunction {
     }
 }
 
-/// The estimator from position to velocity, m/s per m. `None` if it is not linear, or if it has other inputs than the
-/// position.
+/// The estimator from position to velocity, m/s per m. `None` if it is not linear, or if it has inputs in addition to
+/// the position.
 ///
 /// # Errors
 /// A parameter is out of range.
@@ -110,7 +110,7 @@ pub fn transfer_function(
 }
 
 /// Response of the estimator to the position alone. An observer has a known acceleration of 0. Adaptive windowing uses
-/// its longest window, time stamps have an edge in every sample. `None` for Levant's differentiator, which is not
+/// its longest window. Time stamps have an edge in every sample. `None` for Levant's differentiator, which is not
 /// linear anywhere.
 ///
 /// # Errors
@@ -140,7 +140,7 @@ fn response(equation: Equation, rate_hz: f64) -> Result<Option<TransferFunction>
         Equation::Kalman(KalmanDesign { alpha, beta, gamma }) => {
             difference.then(&kalman([alpha, beta, gamma]))
         }
-        // The same recursion, with the disturbance instead of the acceleration.
+        // The same recursion, but with the disturbance instead of the acceleration.
         Equation::Observer(design) | Equation::Fusion(design) => {
             difference.then(&kalman(design.gains))
         }
@@ -154,7 +154,7 @@ fn response(equation: Equation, rate_hz: f64) -> Result<Option<TransferFunction>
     }))
 }
 
-/// Transfer function from the difference to the velocity, for the core's recursion (see its module). With `q = z^-1`,
+/// Transfer function from the difference to the velocity, for the core's recursion. With `q = z^-1`,
 /// `v = (beta (1-q) + gamma q) / D` and `D = (1-q)^2 (1 - q + alpha q) + q (1-q) (beta + gamma/2) + gamma q^2`. With
 /// gamma = 0 the factor `1 - q` cancels.
 fn kalman([alpha, beta, gamma]: [f64; 3]) -> TransferFunction {
@@ -168,7 +168,7 @@ fn kalman([alpha, beta, gamma]: [f64; 3]) -> TransferFunction {
     TransferFunction { num, den }
 }
 
-/// Motion of the handle over `samples` samples, divided by their time.
+/// Motion of the handle over a window of `samples` samples, divided by its duration.
 fn ends(samples: u32, rate_hz: f64) -> TransferFunction {
     let mut num = vec![0.0; samples as usize + 1];
     num[0] = rate_hz / f64::from(samples);

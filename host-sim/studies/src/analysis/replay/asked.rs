@@ -1,4 +1,4 @@
-//! The options of a replay. Command line and Python share them.
+//! The options of a replay. Command line and Python share this code.
 
 use std::{path::Path, sync::atomic::AtomicBool};
 
@@ -13,7 +13,7 @@ use crate::{
     scene::Scene,
 };
 
-/// The named estimator at the cutoff of the scene's filter; without a name, the scene's filter. Other parameters have
+/// The named estimator at the cutoff of the scene's filter. Without a name: the scene's filter. Other parameters have
 /// their defaults. Messages call the name `option`.
 ///
 /// # Errors
@@ -47,7 +47,7 @@ pub fn velocity(
 /// Runs the estimator over the capture in a file.
 ///
 /// # Errors
-/// The tuning is out of range, the file cannot be read or has no stretch of samples, or `stop` was set.
+/// The tuning is out of range, the file cannot be read, it has no range of consecutive samples, or `stop` was set.
 pub fn replay(
     path: &Path,
     scene: &Scene,
@@ -84,22 +84,21 @@ pub fn lsb_m_per_s(scene: &Scene) -> f64 {
 /// The report of a replay; docs/telemetry.md has the keys.
 #[derive(Clone, Debug, Serialize)]
 pub struct Told {
-    /// Name of the estimator.
     pub estimator: &'static str,
     /// Nominal cutoff of the estimator, Hz.
     pub cutoff_hz: f64,
     pub samples: usize,
     /// Number of the first sample.
     pub first_sample: u64,
-    /// First sample from which both velocities are equal to the last bit, up to the end.
+    /// First sample from which both velocities are equal, bit for bit, up to the end.
     pub same_from_sample: Option<u64>,
     /// RMS of the difference from the board's velocity.
     pub difference_rms_m_per_s: f64,
     /// Delay relative to the board's velocity; `None` if nothing moved.
     pub later_s: Option<f64>,
-    /// RMS of the board's change from sample to sample.
+    /// RMS of the change of the board's velocity from sample to sample.
     pub board_change_rms_m_per_s: f64,
-    /// RMS of the estimator's change from sample to sample.
+    /// RMS of the change of the estimator's velocity from sample to sample.
     pub change_rms_m_per_s: f64,
 }
 

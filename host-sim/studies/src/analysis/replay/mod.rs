@@ -18,10 +18,10 @@ use super::recompute::{Recomputed, Row};
 pub use asked::{Told, lsb_m_per_s, replay, velocity};
 pub use rank::{Ranked, Ranking, rank};
 
-/// Longest delay between two estimators that the search covers, samples.
+/// Longest delay between two estimators that can be found, samples.
 const LAG: usize = 500;
-/// Samples at the beginning that are not compared, at most a tenth. The estimator begins from rest, but the board was
-/// moving.
+/// Samples at the beginning that are not compared, at most a tenth of all. The estimator begins at rest, but the
+/// board's estimator was moving.
 const SETTLE: usize = 1_000;
 /// Smallest number of samples for a comparison.
 const LEAST: usize = 100;
@@ -33,17 +33,17 @@ pub struct Replayed {
     pub first: u64,
     /// Position of each sample.
     pub positions: Vec<Position>,
-    /// Velocity of the board at each sample: from an output, or computed from keys and counts.
+    /// Velocity of the board at each sample. It comes from an output, or is computed from keys and counts.
     pub board: Vec<Velocity>,
     /// Velocity of the estimator at each sample.
     pub velocities: Vec<Velocity>,
 }
 
 impl Replayed {
-    /// Runs the estimator from rest over the longest stretch without a missing sample.
+    /// Runs the estimator from rest over the longest range without a missing sample.
     ///
     /// # Errors
-    /// The capture has no such stretch. The error is the number of samples between two samples in the capture.
+    /// The capture has no such range. The error is the number of samples between two samples of the capture.
     pub fn of(capture: &Recomputed, control: &LoopParameters) -> Result<Self, u64> {
         Self::of_rows(&capture.rows, control)
     }
@@ -82,7 +82,7 @@ impl Replayed {
         self.velocities.is_empty()
     }
 
-    /// First sample from which both velocities are equal to the last bit, up to the end.
+    /// First sample from which both velocities are equal, bit for bit, up to the end.
     pub fn same_from(&self) -> Option<u64> {
         let both = self.board.iter().zip(&self.velocities).rev();
         let same = both.take_while(|(board, here)| board == here).count() as u64;
@@ -94,14 +94,14 @@ impl Replayed {
         rms(self.pairs().map(|[board, here]| here - board))
     }
 
-    /// RMS of the change from sample to sample, LSB: of the board, and of the estimator.
+    /// RMS of the change from sample to sample, LSB: of the board's velocity, and of the estimator's velocity.
     pub fn roughness(&self) -> [f64; 2] {
         let pairs: Vec<[f64; 2]> = self.pairs().collect();
         [0, 1].map(|n| rms(pairs.windows(2).map(|two| two[1][n] - two[0][n])))
     }
 
-    /// Delay relative to the board, samples: the shift with the smallest difference, interpolated by a parabola. `None`
-    /// if nothing moved; any value once `stop` is set.
+    /// Delay relative to the board, samples. It is the shift with the smallest difference, interpolated by a parabola.
+    /// `None` if nothing moved. If `stop` is set, the value has no meaning.
     pub fn later(&self, stop: &AtomicBool) -> Option<f64> {
         let pairs: Vec<[f64; 2]> = self.pairs().collect();
         let moved = pairs.iter().any(|[board, here]| *board != 0.0 && *here != 0.0);
@@ -130,7 +130,7 @@ impl Replayed {
         both.map(|(board, here)| [board, here].map(|v| f64::from(v.bits())))
     }
 
-    /// A table in the integers of the control.
+    /// The velocities as CSV, in integers of the control loop.
     pub fn csv(&self) -> String {
         let mut text = String::from("sample,position_counts,board_velocity_lsb,velocity_lsb\n");
         let both = self.board.iter().zip(&self.velocities);
@@ -171,8 +171,7 @@ mod tests {
         Row { sample, position, velocity: None, force: None, told: Some(velocity) }
     }
 
-    /// Counts that a board with this cutoff would record of a handle that oscillates at 5 Hz, from the 1000th sample
-    /// on.
+    /// Counts that a board with this cutoff would record. The handle oscillates at 5 Hz from the 1000th sample on.
     fn recorded(cutoff_hz: f64, samples: u32) -> Vec<Row> {
         let control = control(cutoff_hz);
         let mut sampler = Sampler::new(0, CounterWidth::Bits32);

@@ -1,12 +1,13 @@
-//! Ranks the estimators on recorded counts, against the velocity of a low-pass that runs forwards and backwards.
+//! Ranks the estimators by their errors on recorded counts. The reference is the velocity of a low-pass that runs
+//! forwards and backwards.
 //!
-//! This velocity has no delay, but it needs the whole record, so no controller can have it. Beside each real count the
-//! simulator's count is made: the same low-passed motion, through an ideal encoder. Every estimator is tuned for the
-//! smallest error on the real counts, in the core's arithmetic. Its error on the simulated counts, with the same
-//! tuning, shows what an ideal encoder would have said.
+//! The reference has no delay, but it needs the whole record, so a controller cannot use it. The low-passed motion also
+//! goes through an ideal encoder, which gives simulated counts. Every estimator is tuned for the smallest error on the
+//! recorded counts, in the core's arithmetic. Its error on the simulated counts, with the same tuning, shows the effect
+//! of an ideal encoder.
 //!
-//! Everything is in counts and samples, so the rate of the record may be any. The tunings are those of a design of
-//! 10 kHz, scaled to the record's rate.
+//! All quantities are in counts and samples, so the record may have any rate. The tunings belong to a design of 10 kHz,
+//! and are scaled to the record's rate.
 
 use std::sync::atomic::AtomicBool;
 
@@ -27,33 +28,35 @@ use crate::{
     scene::Scene,
 };
 
-/// Rate of the design whose tunings are tried; every estimator has its defaults there.
+/// Rate of the design whose tunings are tried, Hz. Every estimator has its defaults at this rate.
 const RATE_HZ: f64 = 1e4;
-/// Places along an axis in one pass of the search, and passes. Each pass looks at a quarter of the one before.
+/// Number of points along an axis in one pass of the search.
 const PLACES: u32 = 9;
+/// Number of passes. Each pass searches a quarter of the range of the pass before.
 const PASSES: i32 = 3;
-/// Share of the time constants of the low-pass that is left out at both ends.
+/// Time that is left out at both ends, in time constants of the low-pass.
 const SETTLES: f64 = 2.0;
 
 /// An estimator on the counts of a record.
 #[derive(Clone, Debug, Serialize)]
 pub struct Ranked {
     pub estimator: &'static str,
-    /// -3 dB frequency of its best tuning, at the record's rate; `None` if it has nothing to tune.
+    /// -3 dB frequency of the best tuning, at the record's rate. `None` if the estimator has no tuning.
     pub bandwidth_hz: Option<f64>,
-    /// RMS of its error on the real counts, and on those of an ideal encoder.
+    /// RMS of the error on the recorded counts.
     pub error_m_per_s: f64,
+    /// RMS of the error on the counts of an ideal encoder.
     pub simulated_error_m_per_s: f64,
 }
 
-/// The estimators by their error, the smallest first.
+/// The ranked estimators, the smallest error first.
 #[derive(Clone, Debug, Serialize)]
 pub struct Ranking {
     pub samples: usize,
     pub rate_hz: f64,
     /// -3 dB frequency of the low-pass.
     pub reference_hz: f64,
-    /// RMS of count and low-passed position; 0.29 counts are those of an ideal encoder.
+    /// RMS of the difference between count and low-passed position. An ideal encoder has 0.29 counts.
     pub residual_counts: f64,
     /// RMS of the low-passed velocity.
     pub speed_rms_m_per_s: f64,
@@ -62,18 +65,18 @@ pub struct Ranking {
     pub spearman: f64,
 }
 
-/// Counts, true velocities in counts per sample, and the samples that are compared.
+/// Recorded and simulated counts, the reference velocities in counts per sample, and the samples that are compared.
 struct Bench<'a> {
     design: Design,
     counts: [Vec<i32>; 2],
     truth: Vec<f64>,
-    /// Largest acceleration of the true velocity, in the units of the design.
+    /// Largest acceleration of the reference velocity, in the units of the design.
     acceleration_m_per_s2: f64,
     inner: std::ops::Range<usize>,
     stop: &'a AtomicBool,
 }
 
-/// Ranks every estimator that needs the count only.
+/// Ranks every estimator that needs only the count.
 ///
 /// # Errors
 /// The record has no counts or is too short for the low-pass, or `stop` was set.
@@ -96,7 +99,7 @@ pub fn rank(
     let places: Vec<f64> =
         record.position_m.iter().map(|at| libm::round((at - first_m) / resolution_m)).collect();
     let smooth = both_ways(&places, reference_hz / rate_hz);
-    // An ideal encoder rounds down; the half count of offset is in no velocity.
+    // An ideal encoder rounds down. The offset of half a count does not change the velocity.
     let residual: Vec<f64> =
         places.iter().zip(&smooth).map(|(place, smooth)| place - smooth).collect();
     let settles = SETTLES * rate_hz / reference_hz;
@@ -150,7 +153,7 @@ pub fn rank(
 }
 
 impl Bench<'_> {
-    /// RMS of an estimator's error on real (0) or simulated (1) counts, counts per sample.
+    /// RMS of an estimator's error on recorded (0) or simulated (1) counts, counts per sample.
     fn error(&self, velocity: &VelocitySettings, of: usize) -> Result<f64, Error> {
         interrupt::unless(self.stop)?;
         let wall = WallSettings {
@@ -171,8 +174,9 @@ impl Bench<'_> {
         Ok(rms(off[self.inner.clone()].iter().copied()))
     }
 
-    /// The settings at a place on the axes. Levant's bandwidth is that at an error of one count, which is no measure where
-    /// the acceleration is many counts: its parameter goes from 1/30 to 30 times the largest acceleration.
+    /// The settings at a point on the axes. Levant's bandwidth is defined for an error of one count, which has no
+    /// meaning if the acceleration is many counts. So its parameter goes from 1/30 to 30 times the largest
+    /// acceleration.
     fn at(&self, axes: &Axes, place: [f64; 2]) -> VelocitySettings {
         let settings = axes.at(place);
         match settings {
@@ -183,7 +187,7 @@ impl Bench<'_> {
         }
     }
 
-    /// The tuning with the smallest error on the real counts, and this error.
+    /// The tuning with the smallest error on the recorded counts, and this error.
     fn best(
         &self,
         start: VelocitySettings,
@@ -219,7 +223,8 @@ impl Bench<'_> {
     }
 }
 
-/// A Butterworth low-pass of second order, forwards and then backwards. `of_rate` is the -3 dB frequency of one pass.
+/// A Butterworth low-pass of second order, run forwards and then backwards. `of_rate` is the -3 dB frequency of one
+/// pass, divided by the rate.
 fn both_ways(values: &[f64], of_rate: f64) -> Vec<f64> {
     let w = libm::tan(std::f64::consts::PI * of_rate);
     let norm = 1.0 / (1.0 + std::f64::consts::SQRT_2 * w + w * w);
@@ -295,10 +300,10 @@ mod tests {
         assert!(ranking.spearman > 0.9, "{}", ranking.spearman);
         let rows = &ranking.estimators;
         let of = |name: &str| rows.iter().find(|row| row.estimator == name).unwrap();
-        // Without a delay and with it: the order that the sweeps of the scenes have too.
+        // The sweeps of the scenes give the same orders.
         assert!(of("kalman-3").error_m_per_s < of("kalman-2").error_m_per_s);
         assert!(of("butterworth").error_m_per_s < of("difference").error_m_per_s);
-        // A difference is wrong by its two roundings, and by half a sample.
+        // The error of a difference comes from two roundings and a delay of half a sample.
         let known = (2.0f64 / 12.0).sqrt() * 1e-2;
         assert!((of("difference").error_m_per_s / known - 1.0).abs() < 0.3);
         for row in rows {
@@ -320,7 +325,7 @@ mod tests {
     fn a_low_pass_both_ways_has_no_delay() {
         let wave: Vec<f64> = (0..4000).map(|n| (f64::from(n) * 0.05).sin()).collect();
         let smooth = both_ways(&wave, 0.02);
-        // One pass has 1 / sqrt(1 + (tan / tan)^4), both its square.
+        // One pass has the gain 1 / sqrt(1 + (tan / tan)^4). Both passes have its square.
         let gain = 1.0 / (1.0 + (0.025f64.tan() / (std::f64::consts::PI * 0.02).tan()).powi(4));
         for n in 500..3500 {
             assert!((smooth[n] - gain * wave[n]).abs() < 1e-6, "{n}");

@@ -37,11 +37,9 @@ impl Measure {
 /// Keys of a scene and their new values.
 pub type Changes = Vec<(String, Value)>;
 
-/// The keys of the file.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Keys {
-    /// Measurement at each point.
     pub measure: Measure,
     /// Names of built-in scenes, and paths.
     pub scenes: Vec<String>,
@@ -57,7 +55,7 @@ pub struct Keys {
     #[serde(default, deserialize_with = "numbers")]
     dampings: Option<Vec<f64>>,
     repeat: Option<u32>,
-    /// `None` for as many points as take some seconds.
+    /// `None` for a default: as many points as take some seconds.
     pub points_per_unit: Option<u64>,
     #[serde(default)]
     product: Table,
@@ -65,20 +63,20 @@ pub struct Keys {
     list: Vec<Table>,
 }
 
-/// A study as requested. Checks that depend on its scenes are not yet made.
+/// The contents of a study's file. Checks that need its scenes are not yet made.
 #[derive(Clone, Debug)]
 pub struct StudyFile {
     /// Name in error messages.
     pub origin: String,
     pub text: String,
-    /// Folder of scenes with a relative path.
+    /// Folder for scenes with a relative path.
     pub folder: PathBuf,
     pub keys: Keys,
-    /// `[velocity]` of each estimator; empty for the scenes' own.
+    /// `[velocity]` of each estimator. Empty for the scenes' own estimators.
     pub estimators: Vec<Table>,
     /// Every key of `[product]` with its values.
     pub product: Vec<(String, Vec<Value>)>,
-    /// Every `[[list]]`. Without any list, one entry without changes.
+    /// Every `[[list]]`. Without a list, one entry without changes.
     pub list: Vec<Changes>,
 }
 
@@ -104,7 +102,7 @@ impl Keys {
     }
 }
 
-/// An array of numbers, or the text of a list.
+/// Reads numbers from an array or from the text of a list.
 fn numbers<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Vec<f64>>, D::Error> {
     let wanted = "expected numbers: [A, B] or \"FROM:STEP:TO\"";
     match Value::deserialize(from)? {
@@ -128,7 +126,7 @@ fn as_number(value: &Value) -> Option<f64> {
     }
 }
 
-/// Kind of a value to which a key may be changed.
+/// Kind of a value. `None` if a key cannot have such a value.
 fn kind(value: &Value) -> Option<&'static str> {
     match value {
         Value::Integer(_) | Value::Float(_) => Some("number"),
@@ -149,7 +147,8 @@ impl StudyFile {
         Self::parse(text, &path.display().to_string(), folder)
     }
 
-    /// Reads `text`. Errors call it `origin`. `folder` contains the scenes with a relative path.
+    /// Reads `text`. Errors call it `origin`. `folder` is the folder for scenes with a relative
+    /// path.
     ///
     /// # Errors
     /// An error of [`load`](Self::load).
@@ -182,7 +181,7 @@ const REPEAT_MAX: u32 = 1000;
 const PER_UNIT_MAX: u64 = 1_000_000;
 
 impl Keys {
-    /// Checks that need no scene.
+    /// Checks the keys without any scene.
     fn check(&self) -> Result<(), String> {
         if self.scenes.is_empty() {
             return Err("scenes is empty, allowed built-in names and scene files".into());
@@ -298,7 +297,7 @@ impl Keys {
     }
 }
 
-/// Refuses keys that belong elsewhere in the study.
+/// Refuses keys of a scene that have their own key in the study.
 fn may_change(table: &str, key: &str) -> Result<(), String> {
     let place = match key {
         "velocity.estimator" => "the key `estimators` of the study",

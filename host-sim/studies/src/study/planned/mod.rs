@@ -1,10 +1,10 @@
-//! A study of many points, in units of work. A point has a scene, an estimator, changed keys, a cutoff, a start and a
+//! A study with many points, in units of work. A point has a scene, an estimator, changed keys, a cutoff, a start and a
 //! wall.
 //!
 //! Points are numbered, so a study of a million points needs no memory for them. The order is: scenes, estimators,
-//! `[[list]]`, the keys of `[product]` in alphabetical order, cutoffs, starts, B, K. The last one changes fastest. A
-//! scene with one estimator is a [`Block`]. A unit is a row of points of one block. `docs/scenes.md` describes the
-//! file, and [`mod@unit`] the unit.
+//! `[[list]]`, the keys of `[product]` in alphabetical order, cutoffs, starts, B, K. K changes fastest. A scene with
+//! one estimator is a [`Block`]. A unit has consecutive points of one block. `docs/scenes.md` describes the file, and
+//! [`mod@unit`] the unit.
 
 mod file;
 pub mod trial;
@@ -25,23 +25,23 @@ use crate::{
     study::asked::{self, Names, Walls},
 };
 
-/// Version of the units' keys and of the contents of their files.
+/// Version of the units' keys and of their files.
 pub const SCHEMA: u32 = 1;
-/// SHA-256 of the sources of core and simulator, which determine the bits of a result.
+/// SHA-256 of the sources of core and simulator. The sources determine the bits of a result.
 pub const SOURCES: &str = env!("ZWIDTH_SOURCES");
 
 /// Largest number of points of a study.
 pub const POINTS_MAX: u64 = 1_000_000_000;
-/// Largest number of changed scenes, because each is checked before the first hit.
+/// Largest number of changed scenes. Each of them is checked before the first hit.
 pub const VARIANTS_MAX: u64 = 1_000_000;
 /// Largest number of units of a study.
 pub const UNITS_MAX: u64 = 100_000;
-/// Default number of samples in a unit: some seconds in lanes, less than a minute without lanes.
+/// Default number of samples in a unit. It takes some seconds in lanes, and less than a minute without lanes.
 const SAMPLES_PER_UNIT: f64 = 1e9;
-/// Estimated hits of a walk for this default. The paper's devices need 40 to 160.
+/// Estimated hits of a walk for this default. Walks of the paper's devices have 40 to 160 hits.
 const HITS_PER_WALK: f64 = 100.0;
 
-/// Names of options in a study's messages.
+/// Names of options in messages of a study.
 const NAMES: Names = Names {
     cutoff: "cutoffs_hz",
     stiffness: "stiffnesses",
@@ -52,42 +52,38 @@ const NAMES: Names = Names {
 /// A scene with one estimator, and their points.
 #[derive(Clone, Debug)]
 pub struct Block {
-    /// Name of the scene.
     pub name: String,
     /// The scene's file with the estimator, before any change.
     pub table: Table,
-    /// Text of the scene's felt curve, if it names one.
+    /// Text of the scene's felt curve, if the scene names one.
     pub curve: Option<String>,
     pub units: Units,
-    /// Name of the estimator.
     pub estimator: &'static str,
-    /// Nominal cutoffs, Hz; one `None` for an estimator without a cutoff.
+    /// Nominal cutoffs, Hz. One `None` for an estimator without a cutoff.
     pub cutoffs_hz: Vec<Option<f64>>,
     /// Number of the block's first point in the study.
     pub first_point: u64,
     /// Number of the block's first unit in the study.
     pub first_unit: u64,
     pub points: u64,
-    /// Points of each unit of the block except the last one.
+    /// Number of points in each unit of the block, except in the last unit.
     pub points_per_unit: u64,
 }
 
 #[derive(Clone, Debug)]
 pub struct Study {
-    /// The requested study.
+    /// The contents of the study's file.
     pub file: StudyFile,
-    /// The scenes with their estimators.
+    /// Each scene with each estimator.
     pub blocks: Vec<Block>,
     pub points: u64,
     pub units: u64,
-    /// The files of the scenes.
     pub files: Vec<PathBuf>,
 }
 
 /// One point: a scene, and its cutoff, wall and start.
 #[derive(Clone, Debug, Default)]
 pub struct Point {
-    /// Number in the study.
     pub number: u64,
     /// Index of the changed scene in its block.
     pub variant: u64,
@@ -177,7 +173,7 @@ impl Study {
         }
         (study.blocks, study.points, study.units, study.files) = (blocks, points, units, files);
         for block in &study.blocks {
-            // Reports the error that is first in order, not first in time.
+            // Reports the error that is first in order, and not first in time.
             let check = |variant| study.checked(block, variant).err();
             if let Some(error) = (0..variants).into_par_iter().find_map_first(check) {
                 return Err(error);
@@ -227,12 +223,11 @@ impl Study {
         Ok(scene)
     }
 
-    /// Name of a changed scene in errors.
+    /// Name of a changed scene in messages.
     pub fn described(&self, block: &Block, variant: u64) -> String {
         format!("{}: {}", self.file.origin, described(block, &self.file.changes(variant)))
     }
 
-    /// The block that contains the unit.
     pub fn block_of(&self, unit: u64) -> &Block {
         let after = self.blocks.partition_point(|block| block.first_unit <= unit);
         &self.blocks[after.saturating_sub(1)]
@@ -318,7 +313,7 @@ impl StudyFile {
         changes
     }
 
-    /// A scene with an estimator (an empty table: its own). Its points have no numbers yet.
+    /// A scene with an estimator. An empty table gives the scene's own estimator. Its points have no numbers yet.
     fn block(&self, scene: &NamedScene, estimator: &Table) -> Result<Block, Error> {
         let mut table = scene.table()?;
         if !estimator.is_empty() {

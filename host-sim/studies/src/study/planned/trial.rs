@@ -1,5 +1,5 @@
-//! Estimates the cost of a study from some runs of its points, spread evenly over all points. A run is points of one
-//! scene in parallel, as in a unit.
+//! Estimates the cost of a study from some runs of its points. The runs are spread evenly over all points. A run has
+//! points of one scene in parallel, as in a unit.
 
 use std::time::{Duration, Instant};
 
@@ -11,26 +11,24 @@ use crate::{
     table::{Cell, csv_line},
 };
 
-/// Number of parts of a trial. Each part has its own time. Their spread gives the uncertainty of the time.
+/// Number of parts of a trial. Each part has its own time. The spread of these times gives the uncertainty of the time.
 const BATCHES: usize = 4;
 /// Largest number of points of a run.
 const RUN_MAX: u64 = 64;
 /// Duration after which a trial ends.
 const LONG: Duration = Duration::from_secs(2);
 
-/// A figure for the whole study, estimated from the spread over the trial's points or parts.
+/// An estimated value of the whole study. The spread over the trial's points or parts gives its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// Expected value of the figure.
     pub value: f64,
-    /// Half of the 95 % interval; 0 if every point was made, or if all are equal.
+    /// Half-width of the 95 % interval. 0 if every point was made, or if all values are equal.
     pub uncertainty: f64,
 }
 
 /// Cost of the study on this machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trial {
-    /// Number of points in the trial.
     pub points: u64,
     pub hits: Estimate,
     /// Time on all threads, s.

@@ -1,5 +1,5 @@
-//! A unit of work: a scene, a list of points, the program's sources and the schema. Its key is the SHA-256 of these
-//! parts. Its result is one table. A unit that is made again, on any machine, gives the same bits.
+//! A unit of work: a scene, a list of points, the program's sources and the schema. The SHA-256 of these parts is its
+//! key. Its result is one table. If a unit is made again, on any machine, the result has the same bits.
 
 use rayon::prelude::*;
 use sha2::{Digest as _, Sha256};
@@ -26,13 +26,12 @@ const AT_ONCE: usize = 256;
 /// Result of some points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Made {
-    /// Rows of the points.
     pub table: Table,
     /// Number of requested hits.
     pub hits: u64,
 }
 
-/// SHA-256 of parts; each part is preceded by its length.
+/// SHA-256 of several parts. The length of each part comes before the part.
 #[derive(Clone, Debug, Default)]
 struct Hash(Sha256);
 
@@ -53,7 +52,8 @@ pub fn sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// A scene with its estimator: name, keys in alphabetical order, and the content of its felt curve instead of its path.
+/// A scene with its estimator: name, keys in alphabetical order, and felt curve. The content of the curve replaces its
+/// path.
 fn scene_part(hash: &mut Hash, block: &Block) {
     let mut table = block.table.clone();
     if let Some(Value::Table(hit)) = table.get_mut("wall_hit") {
@@ -109,7 +109,6 @@ impl Study {
         hash.hex()
     }
 
-    /// Key of a unit.
     pub fn unit_key(&self, unit: u64, numeric: Numeric) -> String {
         let mut hash = self.head_part(numeric);
         let block = self.block_of(unit);
@@ -135,7 +134,6 @@ impl Study {
         hash.hex()
     }
 
-    /// The points of a unit, in order.
     pub fn points_of(&self, unit: u64) -> impl Iterator<Item = Point> {
         let block = self.block_of(unit);
         let first = (unit - block.first_unit) * block.points_per_unit;
@@ -146,13 +144,12 @@ impl Study {
     /// Makes a unit, on all threads of the current pool.
     ///
     /// # Errors
-    /// The handle does not reach the wall, or leaves the core's range in a walk; `stop` was set.
+    /// The handle does not reach the wall, leaves the core's range in a walk, or `stop` was set.
     pub fn run(&self, unit: u64, how: How<'_>) -> Result<Made, Error> {
         let points: Vec<Point> = self.points_of(unit).collect();
         self.make(self.block_of(unit), &points, how)
     }
 
-    /// The columns of a block's rows.
     pub fn columns(&self, block: &Block) -> Vec<Column> {
         use Kind::{Number, Text, Whole};
         let fixed = |columns: &[(&str, Kind)]| -> Vec<Column> {
@@ -217,7 +214,7 @@ impl Study {
                 let name = self.described(block, points[0].variant);
                 Ok(Variant { study: self, block, scene, prepared, name, points })
             };
-            // Reports the error that is first in order, not first in time.
+            // Reports the error that is first in order, and not first in time.
             let variants: Vec<Result<Variant<'_>, Error>> =
                 variants.par_iter().map(prepare).collect();
             let variants = variants.into_iter().collect::<Result<Vec<_>, _>>()?;
@@ -245,7 +242,6 @@ struct Variant<'a> {
     block: &'a Block,
     scene: NamedScene,
     prepared: PreparedScene,
-    /// Name in error messages.
     name: String,
     points: &'a [Point],
 }
@@ -270,7 +266,7 @@ impl Variant<'_> {
         cells
     }
 
-    /// A number of the column in the units of the scene.
+    /// A number of this column in the units of the scene.
     fn told(&self, column: &str, value: f64) -> Cell {
         let factor = self.scene.scene.units.key(column).map_or(1.0, |(_, factor)| factor);
         Cell::Number(Units::told(value, factor))

@@ -1,10 +1,10 @@
-//! The walls at which a share of the draws is stable, and a test of these walls with fresh draws.
+//! The contour of the walls at which a share of the draws is stable, and a test of this contour with fresh draws.
 //!
-//! At each B of a map, the contour is the longest run of K at which at least the share is stable. It is interpolated
-//! linearly between cells. With few draws the share is rough, and the contour too. So the firmware's contour is fitted
-//! with fresh draws. Each draw has its own place on the contour, and tries it with all intervals shortened to 70 to 110
-//! % of their length. The length at which 95 % are stable is used. Then [`TRIED`] other draws measure the stable share
-//! along the result.
+//! At each B of a map, the contour is the longest interval of K in which at least the share is stable. It is
+//! interpolated linearly between cells. With few draws, share and contour are not exact. So the firmware's contour is
+//! fitted with fresh draws. Each draw has a random position on the contour. There it is tried with interval lengths
+//! from 70 to 110 %. The length at which 95 % of the draws are stable is used. Then [`TRIED`] other draws measure the
+//! stable share along the result.
 
 use rayon::prelude::*;
 use statrs::distribution::{Beta, ContinuousCDF as _};
@@ -23,19 +23,19 @@ use crate::{
 pub const SHARE: f64 = 0.95;
 /// Number of draws that test a contour.
 pub const TRIED: u32 = 2000;
-/// Number of draws that fit the length.
+/// Number of draws that fit the length of the intervals.
 const FITTED: u32 = 4000;
-/// Tried lengths, as a multiple of the map's.
+/// Tried lengths, as a multiple of the length in the map.
 const LENGTHS: [f64; 9] = [0.70, 0.75, 0.80, 0.85, 0.90, 0.95, 1.0, 1.05, 1.10];
-/// Accuracy of the fitted length.
+/// Accuracy of the fitted length, as a multiple of the length in the map.
 const LAST: f64 = 0.002;
-/// Seed of the places on the contour.
+/// Seed of the random positions on the contour.
 const PLACES: u64 = 0x5eed_0003;
-/// Probability that the interval of a share misses the true share.
+/// Probability that the interval of a share does not contain the true share.
 const MISS: f64 = 0.05;
 
 /// The intervals of K at which at least `share` of the draws is stable, by B. They begin at the first B with such a
-/// wall and end before the first gap.
+/// wall, and end before the first B without one.
 pub fn contour(map: &Map, share: f64) -> Vec<Interval> {
     let [cells, columns] = map.cells;
     let of_column = |column: u32| {
@@ -74,7 +74,7 @@ pub fn contour(map: &Map, share: f64) -> Vec<Interval> {
         }
         longest
     };
-    // A wall may need a minimum damping, so the first B may be skipped.
+    // A wall may need a minimum damping. So the first B may have no interval.
     (0..columns).map(of_column).skip_while(Option::is_none).map_while(|one| one).collect()
 }
 
@@ -82,14 +82,15 @@ fn length(interval: &Interval) -> f64 {
     interval.stiffness_high_n_per_m - interval.stiffness_low_n_per_m
 }
 
-/// A contour that was tested.
+/// A tested contour.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tried {
     pub intervals: Vec<Interval>,
-    /// Length of the intervals divided by that of the map's contour.
+    /// Length of the intervals, divided by their length in the map.
     pub length: f64,
-    /// Number of fresh draws in the test, and number of stable ones.
+    /// Number of fresh draws in the test.
     pub draws: u32,
+    /// Number of these draws that are stable.
     pub held: u32,
 }
 
@@ -108,7 +109,7 @@ impl Tried {
     }
 }
 
-/// The place of a draw on the contour: `[K low, K high]`, and B.
+/// The random position of a draw on the contour: `[K low, K high]`, and B.
 fn place(intervals: &[Interval], number: u64) -> Option<([f64; 2], f64)> {
     let along = random::uniform(PLACES, number) * (intervals.len() as f64 - 1.0);
     let before = whole(along);
@@ -127,7 +128,7 @@ fn tried(
     lengths: &[f64],
     numbers: std::ops::Range<u32>,
 ) -> Result<Vec<u32>, Error> {
-    // The draws are processed in parts, because each draw may be a separate device.
+    // The draws are processed in groups, because each draw may be a separate device and needs memory.
     const PART: usize = 500;
     let numbers: Vec<u64> = numbers.map(u64::from).collect();
     let mut counts = vec![0; lengths.len()];
@@ -153,8 +154,8 @@ fn tried(
     Ok(counts)
 }
 
-/// The contour along which [`SHARE`] of the draws is stable, fitted and tested with fresh draws; `None` if no wall is
-/// stable.
+/// The contour along which [`SHARE`] of the draws is stable. It is fitted and tested with fresh draws. `None` if no
+/// wall is stable.
 ///
 /// # Errors
 /// A setting is out of range, or the run was interrupted.
@@ -218,7 +219,7 @@ mod tests {
             ends.map(|i| [i.damping_n_s_per_m, i.stiffness_low_n_per_m, i.stiffness_high_n_per_m])
                 .collect::<Vec<_>>()
         };
-        // The line from 20 to 10 crosses 19 after a tenth of a cell. The line from 0 to 20 crosses 19 after 19 of 20
+        // The line from 20 to 10 reaches 19 after a tenth of a cell. The line from 0 to 20 reaches 19 after 19 of 20
         // parts.
         assert_eq!(of(0.95), [[5.0, 0.0, 360.0], [15.0, 145.0, 350.0], [25.0, 345.0, 550.0]]);
         assert_eq!(of(0.5)[0], [5.0, 0.0, 450.0]);

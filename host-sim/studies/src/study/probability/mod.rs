@@ -1,19 +1,19 @@
-//! Probability that a wall is stable: the share of starts, and of drawn devices, that are stable at this wall.
+//! Probability that a wall is stable, for many starts and random devices. A draw is a device with a start.
 //!
-//! A walk finds one boundary from one start. Near the boundary the verdict depends on the start, by a part of a count,
-//! and on device parameters that are not known exactly. So the same draws hit every cell of a grid of K and B
-//! ([`Map`]). The stable share is the wall's probability. Its integral over K and B is an area in which each wall
-//! counts with its probability. A draw's own area is that of its stable cells. The spread of areas and of the ideal
-//! cutoff is that of the draws.
+//! A walk finds one boundary from one start. Near the boundary the verdict depends on the start, by a part of a count.
+//! It also depends on device parameters that are not known exactly. So the same draws hit every cell of a grid of K and
+//! B ([`Map`]). The stable share of the draws is the wall's probability. Its integral over K and B is an area in which
+//! each wall has its probability as weight. The area of a draw is the area of its stable cells. The spread over the
+//! draws is the spread of areas and of the ideal cutoff.
 //!
-//! **Intervals of quantiles.** Drawn devices are independent. The starts of one device are spread evenly, which is no
-//! random sample. So quantiles over the starts of the scene's own device have no interval. For drawn devices, order
+//! **Intervals of quantiles.** Drawn devices are independent. The starts of one device are spread evenly, so they are
+//! no random sample. So quantiles over the starts of the scene's own device have no interval. For drawn devices, order
 //! statistics give the interval of a quantile ([`ranks`]). With fewer than [`DRAWS_MIN`] devices, the worst 5 % have no
-//! lower bound. The best cutoff in the worst draws is tested by bootstrap: devices are drawn again from the drawn
-//! devices. A cutoff that leads in too many of these cannot be distinguished from the best.
+//! lower bound. A bootstrap tests the best cutoff in the worst draws: devices are drawn again from the drawn devices.
+//! If another cutoff leads in too many of these samples, it cannot be distinguished from the best cutoff.
 //!
-//! The contour of 95 % ([`contour`]) shows what a firmware may render. It is fitted with fresh draws and tested with
-//! others.
+//! The contour of 95 % ([`contour`]) shows the walls that a firmware may render. It is fitted with fresh draws, and
+//! tested with further draws.
 
 pub mod contour;
 
@@ -36,11 +36,11 @@ use crate::{
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
-/// Number of cells between 0 and the extent of the walks, in each direction.
+/// Number of cells from 0 to the extent of the walks, in each direction.
 const CELLS: u32 = 40;
 /// First extent of the map, as a multiple of the walks' extent.
 const BEYOND: f64 = 1.1;
-/// Rows and columns that are added if walls at the edge are still stable.
+/// Number of rows and columns that are added if walls at the edge are still stable.
 const MORE: u32 = 8;
 /// Seeds of devices, of starts, and of the bootstrap.
 const DEVICES: u64 = 0x5eed_0001;
@@ -50,16 +50,17 @@ const AGAIN: u64 = 0x5eed_0003;
 pub const WORST: f64 = 0.05;
 /// Smallest number of devices with a lower bound for [`WORST`].
 pub const DRAWS_MIN: u32 = 72;
-/// Part outside an interval on each side. Also the smallest share of bootstrap samples in which a cutoff must lead.
+/// Probability outside an interval on each side. Also the smallest share of bootstrap samples in which a cutoff must
+/// lead.
 const MISS: f64 = 0.025;
 /// Number of bootstrap samples.
 const TIMES: u64 = 1000;
 
-/// Devices and starts that are drawn.
+/// The devices and starts of all draws.
 #[derive(Clone, Debug)]
 pub struct Draws {
     scene: Scene,
-    /// Number of devices; 0 for the scene's own.
+    /// Number of devices; 0 for the scene's own device.
     devices: u32,
     /// Number of starts of each device.
     starts: u32,
@@ -73,7 +74,7 @@ pub struct Drawn {
 }
 
 impl Draws {
-    /// Draws of `devices` devices (0 for the scene's own) with `starts` starts each.
+    /// Draws of `devices` devices, with `starts` starts each. With 0 devices, the scene's own device is used.
     ///
     /// # Errors
     /// Devices are requested, but the scene has no `[uncertainty]`.
@@ -118,7 +119,7 @@ impl Draws {
     }
 }
 
-/// Whether each wall of each scene is stable, on all threads.
+/// Whether each wall of each scene is stable, computed on all threads.
 pub(super) fn held(
     how: How<'_>,
     tasks: &[(&PreparedScene, Vec<WallHit>)],
@@ -135,14 +136,15 @@ pub(super) fn held(
         how.run(prepared, Depth::Verdict, hits, sink)?;
         Ok(held)
     };
-    // Reports the error that is first in order, not first in time.
+    // Reports the error that is first in order, and not first in time.
     let all: Vec<Result<Vec<bool>, Error>> =
         tasks.par_iter().with_max_len(1).map(of_scene).collect();
     interrupt::unless(how.stop)?;
     all.into_iter().collect()
 }
 
-/// For each wall `[K, B]`, which draws are stable: by wall, then by draw (devices, each with its starts).
+/// Which draws are stable at each wall `[K, B]`: by wall, then by draw. Draws are in the order of devices, each with
+/// its starts.
 ///
 /// # Errors
 /// A setting is out of range, or the run was interrupted.
@@ -195,13 +197,12 @@ pub struct Map {
     pub step: [f64; 2],
     /// Cells in K and in B.
     pub cells: [u32; 2],
-    /// Number of all draws.
     pub trials: u32,
     /// Number of devices, each with the same number of consecutive starts; 0 for starts of the scene's own device.
     pub devices: u32,
     /// For each draw, its stable area, N^2 s/m^2.
     pub areas: Vec<f64>,
-    /// The map is cut at a cap of `[walk]`.
+    /// Whether a cap of `[walk]` cuts the map.
     pub is_capped: bool,
     held: BTreeMap<(u32, u32), u32>,
 }
@@ -223,8 +224,8 @@ impl Map {
         f64::from(held) / f64::from(self.trials) * self.step[0] * self.step[1]
     }
 
-    /// Share of undecided cells among the cells in which more than one draw in twenty is stable. In an undecided cell
-    /// more than one draw in twenty is also unstable.
+    /// Share of undecided cells. In an undecided cell, more than one draw in twenty is stable and more than one in
+    /// twenty is unstable. The share is of all cells in which more than one draw in twenty is stable.
     pub fn undecided_share(&self) -> f64 {
         let few = WORST * f64::from(self.trials);
         let (hold, fail) =
@@ -239,13 +240,13 @@ impl Map {
         quantile(&self.areas, share)
     }
 
-    /// The 95 % interval of a quantile. With too few devices, an end is missing.
+    /// The 95 % interval of a quantile. With too few devices, one end or both are missing.
     pub fn interval(&self, share: f64) -> [Option<f64>; 2] {
         let ends = ranks(self.devices, share);
         ends.map(|end| end.map(|share| quantile(&self.areas, share)))
     }
 
-    /// The areas of one bootstrap sample of the devices. The sample is the same for each map.
+    /// The areas in one bootstrap sample of the devices. The sample is the same for each map.
     fn again(&self, time: u64) -> Vec<f64> {
         let devices = u64::from(self.devices);
         let starts = u64::from(self.trials) / devices;
@@ -257,11 +258,11 @@ impl Map {
     }
 }
 
-/// The 95 % interval of a quantile, as places in the sorted draws, for any distribution (Conover, *Practical
-/// Nonparametric Statistics*, 1999, section 3.2). `None` if no draw is a bound.
+/// The 95 % interval of a quantile, as positions in the sorted draws from 0 to 1. It is valid for any distribution
+/// (Conover, *Practical Nonparametric Statistics*, 1999, section 3.2). `None` if there is no bound.
 pub fn ranks(draws: u32, share: f64) -> [Option<f64>; 2] {
     let Ok(below) = Binomial::new(share, draws.into()) else { return [None; 2] };
-    // Rank r of 1 to n has the place (r - 1) / (n - 1).
+    // Rank r of 1 to n has the position (r - 1) / (n - 1).
     let at = |rank: u32| (f64::from(rank) - 1.0) / (f64::from(draws) - 1.0).max(1.0);
     let low = (1..=draws).rev().find(|rank| below.cdf(u64::from(rank - 1)) <= MISS);
     let high = (1..=draws).find(|rank| below.cdf(u64::from(rank - 1)) >= 1.0 - MISS);
@@ -279,7 +280,7 @@ fn quantile(values: &[f64], share: f64) -> f64 {
     sorted[below] + (sorted[above] - sorted[below]) * at.fract()
 }
 
-/// Maps at the cutoffs of a sweep. The walks of the sweep give the extent of the maps. `done` is called after each map.
+/// Maps at the cutoffs of a sweep. The walks of the sweep give the extent of the maps. Calls `done` after each map.
 ///
 /// # Errors
 /// A setting is out of range, or the run was interrupted.
@@ -309,7 +310,7 @@ fn map(
 ) -> Result<Map, Error> {
     let walk = &draws.scene.walk;
     let caps = [walk.stiffness_max_n_per_m, walk.damping_max_n_s_per_m];
-    // A boundary with one wall or none also gets a map.
+    // If a boundary has one wall or none, there is a map too.
     let least = [walk.stiffness_step_n_per_m, walk.damping_step_n_s_per_m];
     let step = [0, 1].map(|n| BEYOND * extent[n].max(least[n]).min(caps[n]) / f64::from(CELLS));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "of some cells")]
@@ -364,15 +365,15 @@ fn map(
 pub struct Verdicts {
     /// Number of draws for which each cutoff has the largest area.
     pub best: Vec<u32>,
-    /// Number of draws for which each cutoff is ideal: the lowest one within 2 % of the largest area.
+    /// Number of draws for which each cutoff is ideal, which is the lowest cutoff within 2 % of the largest area.
     pub ideal: Vec<u32>,
     /// The cutoff with the largest area in the worst 5 % of the draws; `None` if no wall is stable.
     pub leading: Option<usize>,
-    /// The cutoffs that the draws cannot distinguish from the leading one.
+    /// The cutoffs that the draws cannot distinguish from the leading cutoff.
     pub alike: Vec<usize>,
 }
 
-/// The verdicts from maps of the same draws. The cutoffs are ascending.
+/// The results of maps with the same draws. The cutoffs are in ascending order.
 pub fn verdicts(maps: &[Map]) -> Verdicts {
     let (mut best, mut ideal) = (vec![0; maps.len()], vec![0; maps.len()]);
     let draws = maps.first().map_or(0, |map| map.areas.len());

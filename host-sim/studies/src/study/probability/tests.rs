@@ -112,7 +112,7 @@ fn the_worst_draws_choose_the_recommendation() {
     assert!((quantile(&[0.0, 10.0], 0.05) - 0.5).abs() < 1e-12);
 }
 
-/// Areas with known quantiles: an interval contains the quantile as often as it states.
+/// For areas with known quantiles, an interval contains the quantile as often as it states.
 #[test]
 fn an_interval_of_a_quantile_holds_it() {
     for (draws, share) in [(72u32, WORST), (300, WORST), (40, 0.5), (100, 0.95)] {
@@ -130,7 +130,7 @@ fn an_interval_of_a_quantile_holds_it() {
 }
 
 /// Two cutoffs with the same distribution of areas are not distinguished. A cutoff that is a tenth better for each
-/// device is.
+/// device is distinguished.
 #[test]
 fn cutoffs_are_alike_if_the_worst_draws_cannot_tell_them_apart() {
     let map = |cutoff_hz: f64, area: fn(u64) -> f64| Map {
@@ -160,9 +160,9 @@ fn devices_need_a_table_to_be_drawn_by() {
     assert_eq!(Draws::new(&short(), 0, 2).unwrap().count(), 2);
 }
 
-/// Results of an independent program. Integrals of the share are for 1 um and 2000 Hz, and for 2 um with 1500 and 4000
-/// Hz. Ideal cutoffs are from a walk of each of 40 devices (mass to 5 %, damping to 15 %, latency to 10 %): 1200 Hz 22
-/// times, 1500 Hz 16 times, 1700 Hz twice.
+/// Results of an independent program. Integrals of the share are for 1 um at 2000 Hz, and for 2 um at 1500 and 4000 Hz.
+/// Ideal cutoffs are from a walk of each of 40 devices (mass to 5 %, damping to 15 %, latency to 10 %). They are 1200
+/// Hz 22 times, 1500 Hz 16 times, and 1700 Hz twice.
 #[test]
 #[ignore = "200 boundaries and three maps, half a minute"]
 fn areas_and_best_cutoffs_are_those_of_an_independent_program() {
@@ -191,7 +191,7 @@ fn areas_and_best_cutoffs_are_those_of_an_independent_program() {
     });
     let devices: Vec<PreparedScene> =
         (0..40).map(|n| PreparedScene::new(&scene.drawn(DEVICES, n).unwrap()).unwrap()).collect();
-    // Only these cutoffs are ideal for any device.
+    // For any device, only these cutoffs can be ideal.
     let filters = &filters(&scene.velocity, &[1000.0, 1200.0, 1500.0, 1700.0, 2000.0]);
     let plans: Vec<Plan<'_>> =
         devices.iter().map(|prepared| Plan { name: "drawn", prepared, filters }).collect();

@@ -1,9 +1,10 @@
-//! Default velocity estimates of other systems, untuned, in the core's arithmetic at the scene's rate.
+//! Default velocity estimators of other systems, without tuning, in the core's arithmetic at the scene's rate.
 //!
-//! Poles and zeros are those of the source in the z-plane. Each tracking loop has two rows: one reads the state before
-//! the step, the other uses the order of the source. A delay of one sample matters if other delays are small. The
-//! changes that these systems make to a count before the estimate are not included (ODrive floors its estimate and sets
-//! small speeds to zero). Their own rates, 1 to 30 kHz, are not included either.
+//! Poles and zeros in the z-plane are equal to those of the source. Each tracking loop has two rows. In one row the
+//! velocity is read before the step. The other row has the order of the source. A delay of one sample matters if other
+//! delays are small. Changes that these systems make to a count before the estimate are not included. For example,
+//! ODrive floors its estimate and sets small speeds to zero. The systems' own rates, 1 to 30 kHz, are not included
+//! either.
 
 mod table;
 
@@ -29,21 +30,20 @@ use crate::{
 
 pub use table::PeerArea;
 
-/// Default limits, as typed by a user.
+/// Default limits, in the form that a user types.
 pub const LIMITS: &str = "quiet,15e-6,1e-6,felt";
-/// Cutoffs of the scene's own estimator, Hz: one for a limit that is felt as a faint hum, and one for the paper's
-/// limit.
+/// Cutoffs of the scene's own estimator, Hz. One suits a limit at which a faint hum is felt. The other suits the
+/// paper's limit.
 const OWN_HZ: [f64; 2] = [500.0, 1500.0];
 
-/// A default of another system.
+/// A default velocity estimator of another system.
 #[derive(Clone, Copy, Debug)]
 pub struct Peer {
-    /// Name of its row in the table.
     pub name: &'static str,
     pub does: &'static str,
     /// Source that states this default.
     pub source: &'static str,
-    /// The default as settings of the core at a rate in Hz; `None` if unstable at this rate.
+    /// The estimator as settings of the core at a rate in Hz. `None` if it is unstable at this rate.
     settings: fn(f64) -> Option<VelocitySettings>,
 }
 
@@ -60,7 +60,7 @@ fn tracking(w: f64, lead: f64, rate_hz: f64) -> Option<VelocitySettings> {
     (w < rate_hz).then_some(VelocitySettings::TrackingLead { bandwidth_hz, lead })
 }
 
-/// A loop as in `tracking`, but the position is predicted before the comparison. It has two different poles.
+/// A loop as in `tracking`, but the position is predicted before the comparison. So its two poles differ.
 fn predicting(w: f64, rate_hz: f64) -> Option<VelocitySettings> {
     let g = w / rate_hz;
     let middle = 1.0 - g - g * g / 2.0;
@@ -171,7 +171,7 @@ pub const PEERS: [Peer; 13] = [
     },
 ];
 
-/// The scene with its own loop, and with the latency and the output of each board.
+/// The scene in its own loop, and in loops with the latency and the output of each board.
 ///
 /// # Errors
 /// The scene is not allowed with a board's output.
@@ -188,11 +188,10 @@ pub fn loops(scene: &NamedScene) -> Result<Vec<(String, Scene)>, Error> {
 /// One row of the table in one loop.
 #[derive(Clone, Debug)]
 pub struct Row {
-    /// Index of the loop.
     pub of_loop: usize,
     pub name: String,
     pub does: String,
-    /// Source of the default; empty for the scene's own estimator.
+    /// Source of the estimator. Empty for the scene's own estimator.
     pub source: &'static str,
     /// Boundaries for each limit, in the order of the question.
     pub boundaries: Vec<Boundaries>,
@@ -200,15 +199,13 @@ pub struct Row {
 
 #[derive(Clone, Debug)]
 pub struct PeerQuestion {
-    /// Names and scenes: the scene's own loop, and the loops with a board's output stage.
+    /// Names and scenes of the loops: the scene's own loop, and loops with a board's output stage.
     pub loops: Vec<(String, Scene)>,
-    /// The limits, by the RMS of the motion or by what a hand feels.
+    /// Limits for the RMS of the motion or for the sensation level.
     pub limits: Vec<Limit>,
     /// The scene's own estimator at several cutoffs.
     pub own: Vec<VelocitySettings>,
-    /// Grid and caps of the walks.
     pub walk: Walk,
-    /// Walks of each row.
     pub repeats: u32,
 }
 
@@ -233,7 +230,6 @@ impl PeerQuestion {
         Ok(Self { loops: loops(scene)?, limits, own, walk, repeats })
     }
 
-    /// Number of walks of the question.
     pub fn walks(&self) -> u64 {
         let rows = (PEERS.len() + self.own.len() + 1) * self.loops.len();
         (rows * self.limits.len()) as u64 * u64::from(self.repeats)
@@ -245,7 +241,6 @@ pub struct PeerStudy {
     pub question: PeerQuestion,
     /// For each loop: the peers, the scene's own estimator, and the true velocity.
     pub rows: Vec<Row>,
-    /// Notes for the reader.
     pub notes: Vec<String>,
 }
 
@@ -257,10 +252,10 @@ impl PeerStudy {
     }
 }
 
-/// Row name of the true velocity.
+/// Name of the row for the true velocity.
 pub const TOLD: &str = "true-velocity";
 
-/// Walks every default, the scene's own estimator and the true velocity in all loops. `done` is called after each walk.
+/// Walks every default, the scene's own estimator and the true velocity in all loops. Calls `done` after each walk.
 ///
 /// # Errors
 /// A setting is out of range, the handle does not reach the wall, or `stop` was set.
@@ -298,7 +293,7 @@ pub fn compare_peers(
             jobs.push((row(name, does, ""), scene.clone(), velocity));
         }
     }
-    // The last row of each loop also gets the true velocity.
+    // The job of the last row of each loop also walks the true velocity.
     let last = |at: usize| jobs.get(at + 1).is_none_or(|next| next.0.of_loop != jobs[at].0.of_loop);
     let ask = |at: usize| -> Result<Vec<LimitResult>, Error> {
         let (_, scene, velocity) = &jobs[at];

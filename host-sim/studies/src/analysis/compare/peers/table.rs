@@ -11,7 +11,7 @@ use crate::{
     table::{Cell, Kind, Table, Told},
 };
 
-/// The area of a row at a limit, by index.
+/// The area of a row at the limit with the index `limit`.
 #[derive(Clone, Copy, Debug)]
 pub struct PeerArea<'a> {
     study: &'a PeerStudy,
@@ -30,7 +30,7 @@ impl PeerArea<'_> {
         told.map(|told| self.boundaries().area() / told)
     }
 
-    /// Number and unit of the limit.
+    /// Value and unit of the limit.
     fn limit(&self) -> (f64, &'static str) {
         self.study.question.limits[self.limit].told()
     }

@@ -1,8 +1,8 @@
-//! Fidelity as a limit: the area of the walls that are stable *and* rendered as commanded.
+//! Fidelity as a limit: the area of the walls that are stable and are rendered as commanded.
 //!
-//! A wall is usable within a limit if the magnitude of its rendered impedance is correct within the limit, from 1 to 30
-//! Hz ([`Rendered`]). The usable area is the part of a boundary's area with usable walls. Its walks are those of the
-//! plain area, so it costs no further hit. Each estimator is tuned again for each limit, with the search of
+//! A wall is usable within a limit if the magnitude of its rendered impedance is correct within this limit, from 1 to
+//! 30 Hz ([`Rendered`]). The usable area is the part of a boundary's area with usable walls. It comes from the walks of
+//! the plain area, so it needs no further hit. Each estimator is tuned again for each limit, with the search of
 //! [`search`](super::search) and from the same starts.
 
 mod table;
@@ -29,14 +29,14 @@ use crate::{
     study::sweep::starts,
 };
 
-/// Number of parts of a K column at which the error is computed.
+/// Number of parts of a column of K at which the error is computed.
 const PARTS: u32 = 100;
 
 pub use table::{UsableArea, UsableStudy, parameters};
 
-/// Default limits, %, as typed by a user.
+/// Default limits, %, in the form that a user types.
 pub const PERCENTS: &str = "5,10,20";
-/// Default estimators: the usual ones of each kind, the slowest first.
+/// Default estimators: the usual estimators of each kind, the slowest first.
 const USUAL: [EstimatorName; 10] = [
     EstimatorName::Observer,
     EstimatorName::Butterworth,
@@ -50,13 +50,13 @@ const USUAL: [EstimatorName; 10] = [
     EstimatorName::FoawBest,
 ];
 
-/// The default estimators that the scene can feed.
+/// The default estimators whose inputs the scene has.
 pub fn usual(scene: &Scene) -> Vec<Entry> {
     let all = Entry::all(scene);
     USUAL.map(Entry::Tuned).into_iter().filter(|entry| all.contains(entry)).collect()
 }
 
-/// Limits in percent, ascending, each once. Messages call the list `name`.
+/// Limits in percent, ascending and without repetition. Messages call the list `name`.
 ///
 /// # Errors
 /// A limit is out of range.
@@ -75,18 +75,16 @@ pub struct UsableQuestion {
     pub entries: Vec<Entry>,
     /// Limits of the error, as a share. Infinity allows any error.
     pub limits: Vec<f64>,
-    /// Limits on the cost of each search.
     pub budget: Budget,
 }
 
 impl UsableQuestion {
-    /// A question for these estimators within these [`percents`], and with any error.
+    /// A question for these estimators. Its limits are these [`percents`], and a last limit that allows any error.
     pub fn of(entries: Vec<Entry>, percents: &[f64], budget: Budget) -> Self {
         let limits = percents.iter().map(|percent| percent / 100.0).chain([f64::INFINITY]);
         Self { entries, limits: limits.collect(), budget }
     }
 
-    /// Largest number of walks of the question.
     pub fn most_walks(&self) -> u64 {
         let search = u64::from(OF_TWO * self.budget.tunings * WALKS_OF_A_TRY);
         let each = self.limits.len() as u64 * (search + u64::from(self.budget.repeats));
@@ -101,7 +99,7 @@ pub struct Usable {
     /// Limit of the error, as a share.
     pub limit: f64,
     pub settings: VelocitySettings,
-    /// The search ended because no neighbour is better.
+    /// Whether the search ended because no neighbour is better.
     pub settled: bool,
     /// Boundaries of the stable walls, one for each start.
     pub boundaries: Boundaries,
@@ -109,11 +107,11 @@ pub struct Usable {
     pub areas: Vec<f64>,
     /// Largest usable K of all boundaries, N/m.
     pub stiffness_peak_n_per_m: f64,
-    /// Mean error over the stable walls of all boundaries, with equal weights.
+    /// Mean error over the stable walls of all boundaries. All walls have the same weight.
     pub error_mean: f64,
     /// Largest usable K at each B of the first boundary.
     pub outline: Vec<BoundaryPoint>,
-    /// Hits of the walks. Hits that were already made for earlier limits are not counted.
+    /// Hits of the walks. Hits for earlier limits are not counted again.
     pub hits: u64,
 }
 
@@ -123,7 +121,6 @@ impl Usable {
         self.repeats().mean
     }
 
-    /// Mean and spread of the areas.
     pub fn repeats(&self) -> crate::numerics::statistics::Repeats {
         crate::numerics::statistics::Repeats::of(self.areas.iter().copied())
     }
@@ -174,7 +171,7 @@ fn parts(boundary: &Boundary, rendered: &Rendered, limits: &[f64]) -> Parts {
     parts
 }
 
-/// Tunes every estimator for every limit. `done` is called with the number of walks made.
+/// Tunes every estimator for every limit. Calls `done` with the number of finished walks.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -215,7 +212,7 @@ fn of_entry(
             settings.par_iter().zip(made).map(|(one, made)| judged(one, made)).collect();
         Ok(judged.into_iter().collect::<Result<Vec<_>, Error>>()?.concat())
     };
-    // Every tuning that was tried for any limit.
+    // Every tuning that was tried for one of the limits.
     let looked: RefCell<Looked<Parts>> = RefCell::default();
     let start = settings_of(entry, scene);
     let has_lanes = walker.has_lanes(&start)?;
@@ -291,7 +288,7 @@ mod tests {
         assert!(parts.areas[1] < 0.9 * parts.areas[0] && parts.areas[2] < 0.8 * parts.areas[1]);
         assert_eq!((parts.areas[3], parts.peaks[3], parts.outlines[3].len()), (0.0, 0.0, 0));
         assert_eq!(parts.peaks[..2], [40_000.0; 2], "at small B any K is rendered");
-        // Computed directly: K / B at both edges of the usable sector, the same at every B.
+        // For comparison, K / B at both edges of the usable sector is computed directly. It is the same at every B.
         let within = |ratio: f64| rendered.error(ratio * 100.0, 100.0) <= 0.1;
         let ratios = (1..200_000).map(|n| 0.02 * f64::from(n));
         let share = |b: f64| {

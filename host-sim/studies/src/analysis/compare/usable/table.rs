@@ -5,7 +5,8 @@ use serde::{Serialize, Serializer};
 use super::{super::table::value_and_unit, Usable, UsableQuestion};
 use crate::table::{Cell, Kind, Table, Told};
 
-/// One estimator within one limit: its rank by the mean area, from 1, and the number of walks.
+/// One estimator within one limit. It has its rank by the mean area, from 1, and the number of
+/// walks.
 #[derive(Clone, Copy, Debug)]
 pub struct UsableArea<'a> {
     place: usize,
@@ -84,7 +85,6 @@ impl UsableStudy {
         self.question.limits.iter().flat_map(of_limit).collect()
     }
 
-    /// The areas as table rows.
     pub fn table(&self) -> Table {
         Table::of(&UsableArea::COLUMNS, &self.areas())
     }

@@ -3,8 +3,8 @@
 //! On the curve `K(w) = -(1/Hx + B Hv/Hx)` ([`super::response`]) a root lies on the unit circle. K must be real, so Im
 //! K = 0. At such a crossing, implicit differentiation gives `d ln|z| / dK = (d Im K / dw) / |dK / dw|^2`. If Im K
 //! rises with w, the pair of roots leaves the circle with rising K. If Im K falls, the pair enters. The crossings with
-//! K > 0 divide the K axis into intervals with a constant number of unstable roots. Eigenvalues give this number in the
-//! interval where the result is clearest. The crossings give the numbers in the other intervals.
+//! K > 0 divide the K axis into intervals. In each interval the number of unstable roots is constant. Eigenvalues give
+//! this number in the interval with the clearest result. The crossings give the numbers in the other intervals.
 //!
 //! The paper's gain margin, eq. (5), is the smallest of these crossings. It is the boundary only if the loop is stable
 //! as K tends to 0. Even then it gives no information about stable intervals above. [`StiffnessLimit`] reports both.
@@ -17,31 +17,33 @@ use super::{
 };
 use core::f64::consts::PI;
 
-/// Lowest frequency of the search, radians per output period. A crossing with K > 0 below this frequency would have a
-/// stiffness of about m (1e-8 rate)^2: 4e-9 N/m for the paper's device.
+/// Lowest frequency of the search, radians per output period. A crossing with K > 0 at a lower frequency would have a
+/// stiffness of about m (1e-8 rate)^2. For the paper's device this is 4e-9 N/m.
 const OMEGA_MIN: f64 = 1e-8;
 /// Search points per decade. Closer crossings are found as minima of |Im K| between points.
 const PER_DECADE: u32 = 32;
-/// Search points per turn of the latency's phase, and smallest number of points per half circle.
+/// Search points per turn of the latency's phase.
 const PER_TURN: f64 = 16.0;
+/// Smallest number of search points per half circle.
 const PER_HALF_CIRCLE: f64 = 128.0;
 /// Smallest distance of search points from a resonance, radians per output period.
 const MARK_MIN: f64 = 1e-10;
 /// Refinements of the search if the numbers of roots contradict each other.
 const REFINEMENTS: u32 = 2;
-/// K is a difference of terms. A crossing below this share of these terms is a rounding error of K = 0.
+/// K is a difference of terms. If K at a crossing is below this share of these terms, it is a rounding error of K = 0.
 const ZERO_STIFFNESS: f64 = 1e-12;
-/// A crossing below this share of the loop's own stiffnesses is a rounding error. Without any damping, every wall is
-/// unstable and the first crossings are rounding errors.
+/// If K at a crossing is below this share of the loop's own stiffnesses, it is a rounding error. Without any damping,
+/// every wall is unstable, and the first crossings are rounding errors.
 const ROUNDING: f64 = 1e-12;
-/// Crossings above this multiple of the loop's own stiffnesses (k, b/T, m/T^2, B/T) are left out. There all roots have
-/// left for good, and a root passes near z = -1 on its way to the sampling zero.
+/// Crossings above this multiple of the loop's own stiffnesses (k, b/T, m/T^2, B/T) are left out. There, all roots that
+/// leave have left, and a root near z = -1 approaches the sampling zero.
 const FAR_STIFFNESS: f64 = 1e3;
 /// Distance from the unit circle above which eigenvalues are more reliable than the count of crossings.
 const CLEAR_MARGIN: f64 = 1e-6;
 /// Largest number of states for eigenvalues. With more states (long latency) the winding number counts the roots.
 const EIGENVALUE_STATES: usize = 64;
-/// Distance of the winding number's path outside the circle, so that undamped poles on the circle are inside.
+/// The path of the winding number is outside the circle by this distance, so that undamped poles on the circle are
+/// inside.
 const OUTSIDE: f64 = 1e-9;
 
 /// A stiffness at which roots cross the unit circle.
@@ -60,14 +62,14 @@ pub struct Crossing {
 /// The stable stiffnesses at one virtual damping.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StiffnessLimit {
-    /// Upper end of the stable interval from K = 0, N/m: the loop is stable for every K between 0 and this value. 0 if
-    /// there is no such interval; infinite if no stiffness makes the loop unstable.
+    /// Upper end of the stable interval from K = 0, N/m. The loop is stable for every K between 0 and this value. 0 if
+    /// there is no such interval. Infinite if no stiffness makes the loop unstable.
     pub stiffness_max: f64,
-    /// The loop is unstable as K tends to 0, because virtual damping alone makes it unstable. Then a gain margin has no
-    /// meaning.
+    /// Whether the loop is unstable as K tends to 0. Then virtual damping alone makes it unstable, and a gain margin
+    /// has no meaning.
     pub unstable_at_zero: bool,
-    /// All K > 0 with roots on the circle, in ascending order: there the phase of the paper's eq. (5) is -180 degrees.
-    /// Stiffnesses a thousand times above the loop's own (k + b/T + m/T^2 + B/T) are left out, because nothing is
+    /// All K > 0 with roots on the circle, in ascending order. There the phase of the paper's eq. (5) is -180 degrees.
+    /// Stiffnesses above a thousand times the loop's own (k + b/T + m/T^2 + B/T) are left out, because no wall is
     /// stable there.
     pub phase_crossings: Vec<Crossing>,
     /// Further stable intervals (low, high) of K, N/m, above `stiffness_max`.
@@ -75,14 +77,14 @@ pub struct StiffnessLimit {
 }
 
 impl StiffnessLimit {
-    /// The gain margin of eq. (5) as tools compute it: the smallest crossing. `None` without a crossing; tools call
-    /// this case infinite.
+    /// The gain margin of eq. (5) as tools compute it, which is the smallest crossing. `None` without a crossing. Tools
+    /// call this case infinite.
     #[must_use]
     pub fn gain_margin(&self) -> Option<f64> {
         self.phase_crossings.first().map(|crossing| crossing.stiffness_n_per_m)
     }
 
-    /// Whether eq. (5) gives the correct answer: stable from 0 to the gain margin, and nowhere above.
+    /// Whether eq. (5) is correct: the loop is stable from 0 to the gain margin, and nowhere above it.
     #[must_use]
     pub fn gain_margin_holds(&self) -> bool {
         self.gain_margin() == Some(self.stiffness_max) && self.further_stable.is_empty()
@@ -157,7 +159,7 @@ impl Boundary {
         };
         let (mut unstable, mut margin) = (0, f64::INFINITY);
         for z in eigenvalues {
-            // |z|^2 - 1, written so that the digits near the circle are kept.
+            // |z|^2 - 1, in a form that keeps the digits near the circle.
             let beyond = (z.re - 1.0) * (z.re + 1.0) + z.im * z.im;
             unstable += u32::from(beyond > 0.0);
             margin = beyond.abs().min(margin);
@@ -165,7 +167,7 @@ impl Boundary {
         (unstable, margin)
     }
 
-    /// Number of unstable roots by the argument principle: turns of `1 + K Hx + B Hv` along the circle.
+    /// Number of unstable roots by the argument principle, from the turns of `1 + K Hx + B Hv` along the circle.
     fn winding(&self, points: &[Point], stiffness: f64, damping: f64) -> u32 {
         let value = |omega: f64| {
             let p = self.response.at_radius(omega, OUTSIDE);
@@ -211,12 +213,12 @@ impl Boundary {
                 (Some(low), Some(high)) => (low * high).sqrt(),
             })
             .collect();
-        // A winding number costs a sweep of frequencies, so only the two lowest intervals are counted.
+        // A winding number needs many frequencies, so only the two lowest intervals are counted.
         let few = if self.monodromy.is_some() { inside.len() } else { inside.len().min(2) };
         let counted: Vec<(u32, f64)> =
             inside[..few].iter().map(|k| self.count(points, *k, damping)).collect();
-        // The count is most reliable where the nearest root is farthest from the circle. The other counts follow from
-        // this one.
+        // The count is most reliable where the nearest root is farthest from the circle. The numbers in the other
+        // intervals follow from this count.
         let anchor =
             (0..few).rev().max_by(|a, b| counted[*a].1.total_cmp(&counted[*b].1)).unwrap_or(0);
         let change = |c: &Crossing| {
@@ -324,7 +326,7 @@ impl Intervals {
     }
 }
 
-/// Search points: logarithmic from both ends of (0, pi), and dense enough for the phase of the latency.
+/// Search points. They are logarithmic from both ends of (0, pi), and dense enough for the phase of the latency.
 fn grid(response: &Response, refinement: u32) -> Vec<Point> {
     let fine = f64::from(refinement);
     let ratio = libm::pow(10.0, 1.0 / (fine * f64::from(PER_DECADE)));
@@ -335,11 +337,11 @@ fn grid(response: &Response, refinement: u32) -> Vec<Point> {
         omegas.push(omega);
         omega = (omega * ratio).min(omega + step);
     }
-    // The sampling zero may be close to pi, so the points near pi mirror those near 0, down to 1e-6.
+    // The sampling zero may be close to pi. So the points near pi mirror the points near 0, down to 1e-6.
     let below: Vec<f64> = omegas.iter().rev().filter(|w| **w > 1e-6).map(|w| PI - w).collect();
     omegas.extend(below);
     omegas.push(PI);
-    // Near a resonance the response turns within the width of its damping, which may be very small.
+    // Near a resonance the response changes within the width of its damping, which may be very small.
     for mark in response.marks() {
         let mut distance = step;
         while distance > MARK_MIN {
@@ -361,8 +363,8 @@ fn dips(before: f64, here: f64, after: f64) -> bool {
     before > here && after > here
 }
 
-/// Root of a function that changes sign between two arguments: regula falsi with the Illinois modification, to the last
-/// digits.
+/// Root of a function that changes sign between two arguments. The method is regula falsi with the Illinois
+/// modification, to the last digits.
 fn root(of: &impl Fn(f64) -> f64, low: f64, high: f64, at_low: f64, at_high: f64) -> f64 {
     let (mut a, mut b, mut fa, mut fb) = (low, high, at_low, at_high);
     for iteration in 0..200 {
@@ -370,7 +372,7 @@ fn root(of: &impl Fn(f64) -> f64, low: f64, high: f64, at_low: f64, at_high: f64
             break;
         }
         let secant = (a * fb - b * fa) / (fb - fa);
-        // Every fourth step is a bisection, because a steep end can slow the secant down.
+        // Every fourth step is a bisection, because secant steps are slow if the function is steep at one end.
         let c = if iteration % 4 == 3 || !(secant > a.min(b) && secant < a.max(b)) {
             0.5 * (a + b)
         } else {

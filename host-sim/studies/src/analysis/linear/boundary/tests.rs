@@ -14,7 +14,7 @@ use crate::{
 
 const LOOPS: u32 = 400;
 
-/// Relative step to both sides of a crossing at which the number of unstable eigenvalues must have changed.
+/// Relative distance from a crossing, on both sides, at which the number of unstable eigenvalues is compared.
 const ASIDE: f64 = 1e-4;
 
 /// Tolerance for an eigenvalue on the circle. The largest eigenvalue of the matrix is about a hundred times larger.
@@ -98,7 +98,7 @@ impl Dice {
         Loop { elements, ..of }
     }
 
-    /// A damping between much too small and much too large.
+    /// A damping. The range goes from much too small to much too large.
     fn damping(&mut self, of: &Loop) -> f64 {
         let scale = of.device.mass_kg * of.rate_hz / f64::from(of.period);
         if self.below(5) == 0 { 0.0 } else { scale * self.logarithmic(1e-4, 3.0) }
@@ -222,8 +222,8 @@ fn a_body_that_no_spring_holds_does_not_make_the_loop_unstable() {
 
 #[test]
 fn what_nothing_damps_holds_no_wall() {
-    // Two bodies joined by a spring or a damper, without a connection to the ground. By rounding they could seem to be
-    // held by 1e-12 N/m.
+    // Two bodies are joined by a spring or a damper, without a connection to the ground. By rounding, a stiffness of
+    // 1e-12 N/m could seem to hold them.
     let device = Device { mass_kg: 1.3, damping_n_s_per_m: 0.0, stiffness_n_per_m: 0.0 };
     let joined = |stiffness_n_per_m, damping_n_s_per_m| {
         Some(Mode { mass_kg: 0.18, stiffness_n_per_m, damping_n_s_per_m })
@@ -246,7 +246,7 @@ fn what_nothing_damps_holds_no_wall() {
 
 #[test]
 fn half_the_rate_is_no_crossing_where_the_sampling_zero_lies() {
-    // The response of an undamped device is 0 at z = -1. By the rounding of pi, a root once seemed to enter there, at 4
+    // The response of an undamped device is 0 at z = -1. With a rounded pi, a root once seemed to enter there, at 4
     // m/T^2.
     let device = Device { mass_kg: 1.5725, damping_n_s_per_m: 0.0, stiffness_n_per_m: 177.4748 };
     let (mass_kg, damping_n_s_per_m) = (0.88, 0.0);
@@ -347,7 +347,7 @@ fn winding_number_counts_as_eigenvalues_do() {
 
 #[test]
 fn long_latency_follows_gils_rule() {
-    // K < b / (T/2 + latency) for low damping (Gil et al. 2009). Here it is within 2 % at 200 and 1000 samples.
+    // For low damping, K < b / (T/2 + latency) (Gil et al. 2009). Here the limit is within 2 % at 200 and 1000 samples.
     for latency_samples in [50.0, 200.5, 1000.0] {
         let device = Device { mass_kg: 10.0, damping_n_s_per_m: 1.0, stiffness_n_per_m: 0.0 };
         let estimator = TransferFunction::finite_difference(1e4);
@@ -460,8 +460,9 @@ fn crossings_and_winding_number_count_alike_for_long_latency() {
 
 #[test]
 fn stable_interval_is_followed_until_it_closes() {
-    // The filter is far slower than the device with its spring. With growing damping the loop first becomes unstable at
-    // K = 0. A stable interval remains above and shrinks to a point, where two crossings meet between search points.
+    // The filter is far slower than the device with its spring. With growing damping, the loop first becomes unstable
+    // at K = 0. A stable interval remains at higher K, and shrinks to a point. There two crossings meet between search
+    // points.
     let device = Device { mass_kg: 0.4, damping_n_s_per_m: 5.0, stiffness_n_per_m: 1e4 };
     let of = Loop::single_rate(device, 1e4, TransferFunction::paper(1e4, 20.0).unwrap());
     let boundary = Boundary::new(&of).unwrap();
@@ -482,7 +483,7 @@ fn stable_interval_is_followed_until_it_closes() {
     let (low, high) = interval(open).unwrap();
     println!("closes at B {open} with K {low} to {high}");
     assert!(boundary.at(open).unwrap().unstable_at_zero && low > 0.0);
-    // The width falls as the root of the distance in B, which is 1e-12 here.
+    // The width is proportional to the root of the distance in B, which is 1e-12 here.
     assert!((high - low) / low < 1e-4, "{low} {high}");
     let wider = interval(open - 0.1).unwrap();
     let k = 0.5 * (wider.0 + wider.1);

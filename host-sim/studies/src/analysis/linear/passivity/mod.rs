@@ -3,14 +3,14 @@
 //! ```text
 //! b > (T/2) max over 0 <= w <= pi of Re{(1 - z^-1) C(z)} / (1 - cos w),   z = exp(j w),   C = K + B V(z)
 //! ```
-//! The condition is necessary and sufficient without latency, if the force is held over the sample. J. E. Colgate, G.
-//! G. Schenkel, "Passivity of a class of sampled-data systems", J. Robotic Systems 14(1), 1997. The quotient is 0/0 at
-//! w = 0. The split `V(z) = V(1) + (1 - z^-1) W(z)` removes this for every estimator, because
-//! `(1 - z^-1)^2 = -2 (1 - cos w) z^-1`:
+//! If the force is held over the sample and there is no latency, the condition is necessary and sufficient. J. E.
+//! Colgate, G. G. Schenkel, "Passivity of a class of sampled-data systems", J. Robotic Systems 14(1), 1997. The
+//! quotient is 0/0 at w = 0. The split `V(z) = V(1) + (1 - z^-1) W(z)` removes this for every estimator, because `(1 -
+//! z^-1)^2 = -2 (1 - cos w) z^-1`:
 //! ```text
 //! b > T (K + B V(1)) / 2 + T max over w of -B Re{z^-1 W(z)}
 //! ```
-//! For the plain difference, W = 1/T and the maximum is |B|, which gives the known `b > K T/2 + |B|`.
+//! For the plain difference, W = 1/T and the maximum is |B|. This gives the known `b > K T/2 + |B|`.
 //!
 //! For a slower output and a latency, see [`Passivity`].
 
@@ -22,10 +22,10 @@ pub use running::Passivity;
 
 /// Search points per decade of frequency.
 const PER_DECADE: u32 = 64;
-/// Poles with a larger magnitude count as on the circle, because a double pole is computed to about 1e-8.
+/// Poles with a larger magnitude are treated as poles on the circle, because a double pole is only exact to about 1e-8.
 const STABLE_RADIUS: f64 = 1.0 - 1e-8;
 
-/// Condition of passivity on a device.
+/// Condition on a device for passivity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PassivityDemand {
     /// The device with this wall is passive exactly if its viscous damping is above this value, N s/m.

@@ -9,8 +9,8 @@ use super::{
     PER_DECADE, PassivityDemand, STABLE_RADIUS,
 };
 
-/// Lowest frequency, radians per sample. Below it, every estimator that the core accepts (poles above 1e-4) is at its
-/// limit for w = 0, which is a separate point.
+/// Lowest frequency, radians per sample. At lower frequencies, every estimator that the core accepts (poles above 1e-4)
+/// has its value at w = 0. w = 0 is a separate point.
 const OMEGA_MIN: f64 = 1e-7;
 /// Number of search points from 0 to pi.
 const LINEAR: u32 = 512;
@@ -127,7 +127,7 @@ fn swept(k: f64, b: f64, rate: f64, estimator: &TransferFunction) -> f64 {
 
 #[test]
 fn maximum_is_at_least_that_of_a_dense_sweep() {
-    // A narrow resonance falls between the points of any grid. The refinement finds its maximum.
+    // A narrow resonance lies between the points of any grid. The refinement finds its maximum.
     let (radius, angle) = (0.9995_f64, 0.7123_f64);
     let gain = 1e3 * (1.0 - radius);
     let resonant = TransferFunction {
@@ -194,7 +194,7 @@ fn extremes_give_numbers() {
 
 #[test]
 fn lower_cutoff_relaxes_passivity() {
-    // The order is opposite to that of the stability boundary.
+    // The order of the cutoffs is opposite to their order by the stability boundary.
     let at = |hz| damping(20_000.0, 20.0, 1e4, &TransferFunction::paper(1e4, hz).unwrap());
     let demands = [50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 4000.0].map(at);
     assert!(demands.is_sorted(), "{demands:?}");

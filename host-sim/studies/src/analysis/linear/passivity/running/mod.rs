@@ -1,25 +1,27 @@
 //! Passivity of a wall in the real loop: estimator at the sample rate, force at the output rate, with latency.
 //!
-//! The loop is periodic with the output period T, and the hand may be too. So the condition is on the port alone, for
-//! any motion, from a linear or a non-linear hand. A motion of frequency w contains the aliases `w_n = w + 2 pi n / T`
-//! with independent speeds v_n. The command depends on one weighted sum of these speeds, and the force is this command,
-//! held:
+//! The loop is periodic with the output period T. The hand may be periodic too. So the condition is on the port alone,
+//! for any motion by a linear or a non-linear hand. A motion of frequency w contains the aliases `w_n = w + 2 pi n / T`
+//! with independent speeds v_n. The command depends on one weighted sum of these speeds. The force is this command with
+//! its hold:
 //! ```text
 //! u = - sum over n of C(w_n) v_n / (j w_n),     F_n = u (1 - e^(-jwT)) e^(-j w_n t_d) / (j w_n T),   C = K + B V(e^(j w_n T_s))
 //! ```
-//! The power out of the wall is a Hermitian form of rank two in v, given by vectors p and q of these two sums. The
-//! damper b of the device takes `b |v|^2`. So no motion takes energy out of both exactly if b is at least the largest
-//! eigenvalue of the form, `1/2 (sqrt(|p|^2 |q|^2 - Im^2 <p, q>) - Re <p, q>)`, at every w:
+//! The power out of the wall is a Hermitian form of rank two in v. Vectors p and q of the two sums define it. The
+//! damper b of the device takes `b |v|^2`. No motion takes energy out of wall and damper exactly if b is at least the
+//! largest eigenvalue of the form, `1/2 (sqrt(|p|^2 |q|^2 - Im^2 <p, q>) - Re <p, q>)`, at every w:
 //! ```text
 //! c = -(1 - e^(-jwT)) / 2T  sum C e^(-j w_n t_d) / w_n^2,     r^2 = |1 - e^(-jwT)|^2 / 4T^2  sum |C|^2 / w_n^2  sum 1 / w_n^2
 //! b > max over w of  -Re c + sqrt(r^2 - (Im c)^2)
 //! ```
 //! The eigenvector of the largest eigenvalue is the worst motion. With a force for every sample and without latency, C
-//! is the same at all relevant aliases and r = |c|. Then the condition is that of Colgate and Schenkel. For a
-//! time-invariant hand the condition is weaker: its aliases respond independently, and r is only the sum of
-//! `|C| / w_n^2` (not larger, by Cauchy and Schwarz). For V = 0 and a latency of whole periods, the result is
-//! `K < b / (T/2 + t_d)`, the line of Gil, Sanchez, Hulin, Preusche and Hirzinger (JCISE 9(1) 011005, 2009).
-//! Sampled-data passivity of this kind: Fardad and Bamieh, IEEE TAC 54(10), 2009.
+//! is the same at all relevant aliases and r = |c|. Then the condition is the condition of Colgate and Schenkel. For a
+//! time-invariant hand the condition is weaker. The aliases of such a hand respond independently, so r is only the sum
+//! of `|C| / w_n^2`, which is not larger (Cauchy and Schwarz).
+//!
+//! For V = 0 and a latency of whole periods, the result is `K < b / (T/2 + t_d)`, the line of Gil, Sanchez, Hulin,
+//! Preusche and Hirzinger (JCISE 9(1) 011005, 2009). Fardad and Bamieh, IEEE TAC 54(10), 2009, treat passivity of
+//! sampled-data systems in this form.
 //!
 //! C is periodic with the sample rate. So the sum has `period` terms. Each term is a sum in closed form over the
 //! frequencies that the sampler cannot distinguish. With `t = w_n T_s` and a latency of d + f samples, 0 <= f < 1:
@@ -34,15 +36,17 @@ use nalgebra::Complex;
 use super::{PER_DECADE, PassivityDemand, STABLE_RADIUS};
 use crate::analysis::linear::{LinearError, Loop, boundary::minimum, transfer::TransferFunction};
 
-/// Lowest frequency, radians per output period. Towards 0 the rounding error grows as 1e-16 divided by the frequency.
+/// Lowest frequency, radians per output period. At lower frequencies the rounding error would be large: it is 1e-16
+/// divided by the frequency.
 const OMEGA_MIN: f64 = 1e-6;
-/// Search points from 0 to pi, and search points per turn of the latency's phase.
+/// Number of search points from 0 to pi.
 const LINEAR: f64 = 512.0;
+/// Number of search points per turn of the latency's phase.
 const PER_TURN: f64 = 32.0;
 /// Number of halvings in a search for a stiffness or a damping.
 const HALVINGS: u32 = 40;
 
-/// The wall of a loop, seen at its port.
+/// The wall of a loop at its port.
 #[derive(Clone, Debug)]
 pub struct Passivity {
     period: u32,
@@ -51,7 +55,7 @@ pub struct Passivity {
     rest: f64,
     sample_s: f64,
     estimator: TransferFunction,
-    /// The estimator has a pole on or outside the unit circle.
+    /// Whether the estimator has a pole on or outside the unit circle.
     unstable: bool,
     points: Vec<Point>,
 }
@@ -131,8 +135,8 @@ impl Passivity {
         Point { omega, aliases: aliases.collect() }
     }
 
-    /// Necessary device damping for a wall with stiffness K, N/m, and damping B, N s/m (any sign). Infinite if the
-    /// estimator has a pole on or outside the unit circle, because the condition does not hold then.
+    /// Necessary device damping for a wall with stiffness K, N/m, and damping B, N s/m (any sign). If the estimator has
+    /// a pole on or outside the unit circle, the condition does not hold, and the value is infinite.
     ///
     /// # Errors
     /// A number is not finite.
@@ -161,8 +165,8 @@ impl Passivity {
         Ok(PassivityDemand { damping_n_s_per_m: worst, frequency_hz: at / (2.0 * PI) * output_hz })
     }
 
-    /// Largest K, N/m, such that every wall from K = 0 to this K is passive on a device with this damping. `None` if K
-    /// = 0 is not passive.
+    /// Largest K, N/m, on a device with this damping. Every wall from K = 0 to this K is passive. `None` if K = 0 is
+    /// not passive.
     ///
     /// # Errors
     /// A number is not finite.
@@ -184,9 +188,9 @@ impl Passivity {
         last(high, |k| Ok(asks(k)? <= device_damping_n_s_per_m)).map(Some)
     }
 
-    /// Largest B, N s/m, at which K = 0 is passive on a device with this damping. Every smaller B is also passive. A
-    /// passive wall stays passive if K and B are multiplied by a factor below 1, because its disc lies in the disc of
-    /// the whole wall.
+    /// Largest B, N s/m, at which K = 0 is passive on a device with this damping. Every smaller B is also passive. If K
+    /// and B of a passive wall are multiplied by a factor below 1, the wall stays passive, because its disc lies in the
+    /// disc of the original wall.
     ///
     /// # Errors
     /// A number is not finite.
@@ -202,15 +206,15 @@ impl Point {
         let wall = |alias: &Alias| alias.velocity * b + k;
         let mut aliases = self.aliases.iter();
         let Some(first) = aliases.next() else { return 0.0 };
-        // The first alias dominates at low frequency. If all terms are turned to its phase, r - |c| is a sum without a
-        // difference of large numbers.
+        // The first alias dominates at low frequency. All terms are turned to its phase. Then r - |c| is a sum, and not
+        // a difference of large numbers.
         let main = first.part * wall(first);
         let size = main.norm();
         let turn = if size > 0.0 { main.conj() / size } else { Complex::new(1.0, 0.0) };
         let length = wall(first).norm();
         let (mut sum, mut along, mut across) = (main, size, 0.0);
         let (mut most, mut less) = (first.most * length, first.less * length);
-        // Spread of |C| over the aliases around the first one, with the weights of the sums.
+        // Spread of |C| over the aliases around the first alias, with the weights of the sums.
         let (mut weight, mut apart, mut squares) = (first.most, 0.0, 0.0);
         for alias in aliases {
             let wall = wall(alias);
@@ -227,7 +231,7 @@ impl Point {
             apart += alias.most * off;
             squares += alias.most * off * off;
         }
-        // r^2 - |c|^2 for a time-invariant hand. Then r^2 is increased by the Cauchy-Schwarz difference.
+        // r^2 - |c|^2 for a time-invariant hand. Then the Cauchy-Schwarz difference is added to r^2.
         let still = less * (most + along) - across * across;
         let free = (still + (weight * squares - apart * apart)).max(0.0);
         sum.re + (free + sum.re * sum.re).sqrt()
@@ -243,7 +247,7 @@ fn finite(stiffness: f64, damping: f64) -> Result<(), LinearError> {
     Ok(())
 }
 
-/// The largest value from 0 to `high` that passes. 0 passes, and `high` does not.
+/// The largest value from 0 to `high` for which `passes` is true. It is true for 0 and false for `high`.
 fn last(high: f64, passes: impl Fn(f64) -> Result<bool, LinearError>) -> Result<f64, LinearError> {
     let (mut good, mut bad) = (0.0, high);
     for _ in 0..HALVINGS {

@@ -76,7 +76,7 @@ fn the_sums_in_closed_form_are_those_over_the_aliases() {
     }
 }
 
-/// No passive load on the device may make a passive wall unstable. The test uses sprung masses and arms.
+/// No passive load on the device may make a passive wall unstable. The loads are sprung masses and arms.
 #[test]
 fn a_passive_wall_is_stable_whatever_hangs_on_it() {
     for (period, latency, cutoff_hz, b) in [
@@ -124,8 +124,9 @@ fn a_passive_wall_is_stable_whatever_hangs_on_it() {
     }
 }
 
-/// Limits from an independent program, in normalised differences: the paper's device and loop, an output every 10
-/// samples without latency, 1500 Hz. With a time-invariant hand the limits are 4340, 4407, 3421 and 1437 N/m.
+/// Limits from an independent program that uses normalised differences. They are for the paper's device and loop, with
+/// an output every 10 samples, no latency and 1500 Hz. With a time-invariant hand the limits are 4340, 4407, 3421 and
+/// 1437 N/m.
 #[test]
 fn the_ports_of_the_papers_loop_are_passive_up_to_the_known_stiffnesses() {
     let of = Passivity::new(&running(1e4, 10, 10.0, 1500.0)).unwrap();
@@ -136,22 +137,23 @@ fn the_ports_of_the_papers_loop_are_passive_up_to_the_known_stiffnesses() {
     }
 }
 
-/// Output periods of the record. The same number of periods before it lets the loop settle.
+/// Output periods of the record. Before the record, the loop settles for the same number of periods.
 const PERIODS: u32 = 4000;
 
-/// A motion as its speeds at the samples of an output period. In the next period the speeds are turned by `omega`.
+/// A motion, given by its speeds at the samples of an output period. In each next period the phase of the speeds
+/// changes by `omega`.
 struct Motion {
     omega: f64,
     speeds: Vec<Complex<f64>>,
 }
 
-/// The necessary damping, and the motion that takes most energy out of a wall and a damper. The result comes from the
-/// loop's own kernels over a period, without any sum over aliases.
+/// The necessary damping, and the motion that takes the largest energy out of a wall and a damper. The result comes
+/// from the loop's own kernels over a period, without a sum over aliases.
 fn worst(of: &Loop, k: f64, b: f64, omega: f64) -> (f64, Motion) {
     let period = of.period as usize;
     let sample_s = of.sample_s();
     let turn = |periods: f64| Complex::from_polar(1.0, -omega * periods);
-    // Part of the command that comes from a unit speed in the sample that many samples ago.
+    // Part of the command that comes from a unit speed, by the number of samples since this speed.
     let response = step_response(&of.estimator, 400 * period);
     let mut command: Vec<Complex<f64>> = vec![turn(1.0) / (turn(1.0) * -1.0 + 1.0) * k; period];
     for (ago, value) in (1..).zip(&response) {
@@ -176,8 +178,8 @@ fn worst(of: &Loop, k: f64, b: f64, omega: f64) -> (f64, Motion) {
     (eigen.eigenvalues[highest], Motion { omega, speeds })
 }
 
-/// Sums of the estimator's impulse response: part of V that comes from a unit step of the position that many samples
-/// ago.
+/// Sums of the estimator's impulse response. Each is the part of V from a unit step of the position, by the number of
+/// samples since the step.
 fn step_response(of: &TransferFunction, samples: usize) -> Vec<f64> {
     let mut loops = Difference::new(of);
     (0..samples).map(|_| loops.next(1.0)).collect()
@@ -206,7 +208,7 @@ impl Difference {
     }
 }
 
-/// Steps the loop with this motion. Returns the energy that leaves the wall and the damper, divided by the energy that
+/// Steps the loop with this motion. Returns a ratio: the energy that leaves wall and damper, divided by the energy that
 /// the damper takes. Both are sums over the second half of the periods.
 fn energy_out(of: &Loop, k: f64, b: f64, motion: &Motion) -> f64 {
     let (period, sample_s) = (of.period as usize, of.sample_s());
@@ -252,7 +254,7 @@ fn a_constructed_motion_takes_energy_out_just_outside_and_none_just_inside() {
         for (share, outside) in [(1.02, true), (0.98, false)] {
             let k = share * limit;
             let demand = passivity.demand(k, b).unwrap();
-            // The record has whole turns, so stored energy returns.
+            // The record has whole turns of the motion, so stored energy returns.
             let wanted = demand.frequency_hz * f64::from(period) / 1e4 * f64::from(PERIODS);
             let omega = 2.0 * PI * wanted.round().max(1.0) / f64::from(PERIODS);
             let (asks, motion) = worst(&of, k, b, omega);
