@@ -129,7 +129,8 @@ impl<P: Port> Console<P> {
                 match self.device.order(&stored) {
                     Ok(order) => self.order_settings(&stored, order, Awaited::Series),
                     Err(error) => {
-                        self.reply(Reply::Range(&error));
+                        // `error:` alone would answer a command.
+                        self.write(&format_args!("walk: {}", self.spoken().refusal(&error)));
                         self.end_series("a wall is out of range");
                     }
                 }

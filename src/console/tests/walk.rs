@@ -191,7 +191,7 @@ fn a_wall_or_hit_that_cannot_be_built_ends_it() {
     bench.console.stored.edit(|stored| stored.settings.wall.position_m = f64::NAN);
     bench.console.pass(true);
     let (lines, orders) = bench.take();
-    assert!(lines[0].starts_with("error: position_m is "), "{lines:?}");
+    assert!(lines[0].starts_with("walk: position_m is "), "{lines:?}");
     assert_eq!((&lines[1..], orders.len()), (&[aborted("a wall is out of range")][..], 0));
     let mut bench = begun();
     next(&mut bench);

@@ -56,7 +56,7 @@ pub(super) fn rows(found: &Identification, options: &Options, units: Units) -> V
         Drive::Current => rows.push(row("gain", "N/A", found.gain_n_per_v)),
         Drive::Force => {}
     }
-    if options.fit_latency {
+    if options.fit_latency || options.latency_s > 0.0 {
         rows.push(row("latency", "s", found.latency_s));
     }
     let terms = &found.terms;

@@ -182,6 +182,7 @@ pub fn flip(
         samples: WATCHED,
         half_if_right: false,
         reference: &stage.seen[start.index..],
+        period: 10,
         from_memory: true,
         allowed_s: PASS_S,
         from_fault: false,

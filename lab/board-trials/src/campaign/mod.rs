@@ -8,6 +8,7 @@
 //! | `rows` | all named faults, with the time limit of each |
 //! | `situation` | free motion, full force and contact, and the force in each without a fault |
 //! | `place`, `random` | places where a bit can flip; random flips |
+//! | `sample_bits` | each bit of what `sample` keeps, at several cutoffs, estimators and output periods |
 //! | `image_flips` | flips in the program in flash |
 //! | `verdict` | the result of a fault |
 //! | `run` | faults on several threads |
@@ -26,5 +27,6 @@ pub mod report;
 pub mod row;
 pub mod rows;
 pub mod run;
+pub mod sample_bits;
 pub mod situation;
 pub mod verdict;

@@ -53,6 +53,14 @@ impl Region {
         }
     }
 
+    /// The region of a static at this address.
+    pub fn at(elf: &Elf, address: u32) -> Self {
+        let holds =
+            |&&(_, from, size): &&(String, u32, u32)| (from..from + size).contains(&address);
+        let symbol = elf.symbols.iter().find(holds);
+        symbol.map_or(Self::Other, |(name, ..)| Self::of(name))
+    }
+
     /// The region of a static with this name.
     fn of(symbol: &str) -> Self {
         let has = |parts: &[&str]| parts.iter().any(|part| symbol.contains(part));
@@ -139,17 +147,11 @@ const NVIC_CLEARS: u32 = 0x80;
 impl Places {
     /// The places of a board whose program has read these words.
     pub fn new(elf: &Elf, world: &mut World<'_>, read: &[u32]) -> Self {
-        let region = |address: u32| {
-            let holds =
-                |&&(_, from, size): &&(String, u32, u32)| (from..from + size).contains(&address);
-            let symbol = elf.symbols.iter().find(holds);
-            symbol.map_or(Region::Other, |(name, ..)| Region::of(name))
-        };
         let stack_end = elf.address_of("_stack_start").unwrap_or(RAM_END);
         let statics = elf.address_of("__sheap").unwrap_or(stack_end);
         let words = read.iter().filter(|&&address| address < statics);
         let mut by_region: [Vec<u32>; REGIONS.len()] = Default::default();
-        words.for_each(|&address| by_region[region(address) as usize].push(address));
+        words.for_each(|&address| by_region[Region::at(elf, address) as usize].push(address));
         let before = world.snapshot();
         let mut bits_of = |(_, base, offsets): Block| {
             let mut bits = Vec::new();

@@ -8,7 +8,7 @@ use super::{
         CORE_REGISTERS, Places, REGIONS, Region, flip_core, flip_further, flip_register, flip_word,
         register_name,
     },
-    situation::{Situation, Stage},
+    situation::{Situation, Stage, Start},
     verdict::{Measure, Verdict},
 };
 use crate::random::Random;
@@ -36,6 +36,29 @@ pub struct Flip {
     pub verdict: Verdict,
 }
 
+/// Runs from a start to a random time in the next ten samples; if `working`, to one at which an instruction begins.
+/// Returns this time, and the time since the start, in cycles.
+///
+/// # Errors
+/// The program ended.
+pub fn run_to_flip(
+    world: &mut World<'_>,
+    start: &Start,
+    working: bool,
+    random: &mut Random,
+) -> Result<(u64, u64), Error> {
+    world.restore(&start.snapshot);
+    let begin = world.powered.mcu.now();
+    let sample = world.powered.board.cycles_per_sample();
+    let at = match working {
+        true => *random.one(&start.code),
+        false => begin + random.below(10 * sample),
+    };
+    world.run_to(at).map_err(|ended| Error::Internal(format!("before a fault: {ended:?}")))?;
+    let begun = world.powered.mcu.now();
+    Ok((begun, begun - begin))
+}
+
 /// Runs flip `number` of a seed. The number selects the region and the situation in turn; the rest is random.
 pub fn flip(
     world: &mut World<'_>,
@@ -49,18 +72,10 @@ pub fn flip(
     let situation = if contact { Situation::Contact } else { Situation::Free };
     let stage = &stages[situation as usize];
     let start = random.one(&stage.starts);
-    world.restore(&start.snapshot);
-    let begin = world.powered.mcu.now();
-    let sample = world.powered.board.cycles_per_sample();
     // Half of the flips come at any time, mostly while the core sleeps. The other half come while the core works, so
     // that they also reach state that is in use only then.
     let working = matches!(region, Region::Core | Region::Stack) || random.below(2) == 0;
-    let at = match working {
-        true => *random.one(&start.code),
-        false => begin + random.below(10 * sample),
-    };
-    world.run_to(at).map_err(|ended| Error::Internal(format!("before a fault: {ended:?}")))?;
-    let begun = world.powered.mcu.now();
+    let (begun, cycle) = run_to_flip(world, start, working, &mut random)?;
     let bit = random.small(32);
     let what = match region {
         Region::Core => {
@@ -90,12 +105,12 @@ pub fn flip(
             format!("{address:#x} bit {bit}")
         }
     };
-    let cycle = begun - begin;
     let measure = Measure {
         begun,
         samples: WATCHED,
         half_if_right: true,
         reference: &stage.seen[start.index..],
+        period: 10,
         from_memory: false,
         allowed_s: ALLOWED_S,
         from_fault: false,

@@ -21,6 +21,7 @@ use super::{
     row::{Row, slug},
     rows::rows,
     run::Ground,
+    sample_bits::{SampleBits, sample_bits},
     situation::Situation,
     verdict::{CLASSES, Class, Verdict},
 };
@@ -44,6 +45,12 @@ pub struct Campaign {
     /// So many single bits that flip at random in the program in flash, in contact, a board.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000_000))]
     image: u64,
+    /// Every N-th bit that `sample` keeps, at several cutoffs, estimators and output periods; 1: every bit, 0: none.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000))]
+    sample_bits: u64,
+    /// Only the setups with these words, as "period 1, cutoff 50" or "kalman".
+    #[arg(long, value_name = "WORDS", requires = "sample_bits", default_value = "")]
+    setup: String,
     /// Which ones; the same number gives the same ones.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
@@ -76,6 +83,7 @@ struct Json {
     random: Vec<RegionJson>,
     image: Vec<PartJson>,
     image_flips: Vec<ImageFlipJson>,
+    sample_bits: Vec<SampleBits>,
     on_in_fault: u64,
     wall_s: f64,
 }
@@ -148,10 +156,10 @@ struct ImageFlipJson {
 
 /// Count of each result.
 #[derive(Serialize)]
-struct Tally<K: Ord>(BTreeMap<K, u64>);
+pub struct Tally<K: Ord>(BTreeMap<K, u64>);
 
 impl<K: Ord> Tally<K> {
-    fn of(each: impl Iterator<Item = K>) -> Self {
+    pub(super) fn of(each: impl Iterator<Item = K>) -> Self {
         let mut counts = BTreeMap::new();
         each.for_each(|key| *counts.entry(key).or_default() += 1);
         Self(counts)
@@ -161,7 +169,7 @@ impl<K: Ord> Tally<K> {
         self.0.get(&key).copied().unwrap_or_default()
     }
 
-    fn all(&self) -> u64 {
+    pub(super) fn all(&self) -> u64 {
         self.0.values().sum()
     }
 
@@ -190,12 +198,26 @@ pub fn execute(options: &Campaign) -> Result<(), Error> {
         random: Vec::new(),
         image: Vec::new(),
         image_flips: Vec::new(),
+        sample_bits: Vec::new(),
         on_in_fault: 0,
         wall_s: 0.0,
     };
     let mut wrong = Vec::new();
     for (board, chosen) in boards.into_iter().zip(chosen) {
-        let session = Session::open(board, options.elf.as_ref(), scene(board, options)?)?;
+        if options.sample_bits > 0 {
+            let found =
+                sample_bits(board, &options.setup, (options.first, options.sample_bits), threads)?;
+            let named = found.iter().flat_map(|setup| {
+                setup.wrong.iter().map(|why| format!("{} {}, {why}", board.name, setup.setup))
+            });
+            wrong.extend(named);
+            json.sample_bits.extend(found);
+        }
+        if chosen.is_empty() && options.image == 0 && options.random == 0 {
+            continue;
+        }
+        let named = scene(board, options.current_sense)?;
+        let session = Session::open(board, options.elf.as_ref(), named)?;
         let ground = Ground::new(&session, &chosen)?;
         if !chosen.is_empty() {
             wrong.extend(json.add_rows(board, &chosen, ground.rows(&chosen, threads)?));
@@ -312,10 +334,10 @@ impl Json {
     }
 }
 
-/// The scene of the board's own device, with the amplifier's current signal if the option asks for it.
-fn scene(board: Board, options: &Campaign) -> Result<NamedScene, Error> {
+/// The scene of the board's own device, with the amplifier's current signal if `current_sense`.
+pub(super) fn scene(board: Board, current_sense: bool) -> Result<NamedScene, Error> {
     let mut named = NamedScene::load(board.name)?;
-    if options.current_sense {
+    if current_sense {
         let motor = named.scene.motor.unwrap_or_default();
         let (rest, full) = (Some(0.5), Some(0.8));
         named.scene.motor =
@@ -455,10 +477,16 @@ fn say(json: &Json) -> Result<(), Error> {
             off_s * 1e3,
         ))?;
     }
+    for SampleBits { board, setup, flips, counts, wrong } in &json.sample_bits {
+        let counts = CLASSES.map(|class| format!("{} {}", class.text(), counts.count(class)));
+        print_text(&format!("{board:14} {setup:28} {flips} flips: {}", counts.join(", ")))?;
+        wrong.iter().try_for_each(|why| print_text(&format!("    {why}")))?;
+    }
+    let sample: u64 = json.sample_bits.iter().map(|setup| setup.flips).sum();
     let image: u64 = json.image.iter().filter(|told| told.part.is_none()).map(|it| it.flips).sum();
     note(&format!(
         "{} faults, {:.0} s; on in a fault: {}",
-        json.rows.len() as u64 + image,
+        json.rows.len() as u64 + image + sample,
         json.wall_s,
         json.on_in_fault
     ));

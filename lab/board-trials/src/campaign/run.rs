@@ -48,7 +48,7 @@ impl<'a> Ground<'a> {
                     Situation::Full => (ROW_START + 1, FULL_SAMPLES),
                     _ => (STARTS, samples),
                 };
-                Ok(Stage::new(session, situation, starts, samples)?)
+                Ok(Stage::new(session, (situation, &[]), starts, samples)?)
             },
         )?;
         let stages: [Stage; SITUATIONS.len()] =
@@ -132,6 +132,7 @@ impl<'a> Ground<'a> {
             samples,
             half_if_right: false,
             reference: if row.from_off { &[] } else { &stage.seen[start.index..] },
+            period: 10,
             from_memory: false,
             allowed_s: row.limit_s,
             from_fault: true,

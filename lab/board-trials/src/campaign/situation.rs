@@ -60,8 +60,12 @@ pub(super) fn boot(session: &Session) -> Result<World<'_>, Failed> {
     Ok(world)
 }
 
-/// A board with its force on in this situation.
-pub fn ready(session: &Session, situation: Situation) -> Result<World<'_>, Failed> {
+/// A board with its force on in this situation, after these console lines.
+pub fn ready<'a>(
+    session: &'a Session,
+    situation: Situation,
+    typed: &[&str],
+) -> Result<World<'a>, Failed> {
     let mut world = boot(session)?;
     let zero_m = world.position_m();
     let wall = match situation {
@@ -69,7 +73,9 @@ pub fn ready(session: &Session, situation: Situation) -> Result<World<'_>, Faile
         Situation::Contact => "wall 0.005",
     };
     let push = format!("push {}", situation.push_n(world.full_scale_n()));
-    ask_each(&mut world, &["zero", "unlock envelope", wall, "k 10000", "b 30", &push, "arm"])?;
+    ask_each(&mut world, &["zero", "unlock envelope"])?;
+    ask_each(&mut world, typed)?;
+    ask_each(&mut world, &[wall, "k 10000", "b 30", &push, "arm"])?;
     world.run(ARM_SAMPLES)?;
     match situation {
         Situation::Free | Situation::Full => {
@@ -126,17 +132,17 @@ pub struct Stage {
 const BETWEEN: u64 = 41;
 
 impl Stage {
-    /// Runs a situation with `starts` starts, and `samples` samples after the last one.
+    /// Runs a situation after these console lines, with `starts` starts, and `samples` samples after the last one.
     ///
     /// # Errors
     /// The board does not reach this situation.
     pub fn new(
         session: &Session,
-        situation: Situation,
+        (situation, typed): (Situation, &[&str]),
         starts: usize,
         samples: u64,
     ) -> Result<Self, Failed> {
-        let mut world = ready(session, situation)?;
+        let mut world = ready(session, situation, typed)?;
         let begin = world.snapshot();
         world.powered.mcu.note_reads();
         world.restore(&begin);

@@ -101,6 +101,8 @@ pub struct Measure<'a> {
     pub half_if_right: bool,
     /// The motor's force without the fault.
     pub reference: &'a [Seen],
+    /// Output period, samples.
+    pub period: u64,
     /// Whether the fault code is read from the backup RAM, since the damaged program may not report it.
     pub from_memory: bool,
     /// Time limit until off, s. For a row it counts from the fault, since the force is wrong from then on. For a flip
@@ -120,8 +122,8 @@ const SAME: f64 = 0.01;
 const SMALL: f64 = 0.05;
 /// Longest time of a larger difference that still counts as bounded, s.
 pub(super) const SHORT_S: f64 = 2e-3;
-/// Age at which a force is old, samples: an output period, a sample, and the time of `render`.
-const OLD: u64 = 12;
+/// A force is old when it is older than the output period and this time, samples: one sample, and the time of `render`.
+const OLD: u64 = 2;
 /// Distance over which a released handle is followed, m.
 const LET_GO_M: f64 = 5e-3;
 /// Time of one sample, s.
@@ -234,7 +236,8 @@ impl Measure<'_> {
             let on = now.enabled || now.force != 0.0;
             let before_off = now.at <= end;
             let wrong = on && before_off && away > SMALL;
-            let old = on && now.at.saturating_sub(now.written_at) > OLD * cycles_per_sample;
+            let old = on
+                && now.at.saturating_sub(now.written_at) > (self.period + OLD) * cycles_per_sample;
             other |= on && before_off && away > SAME;
             larger += u32::from(wrong);
             stale += u32::from(old || wrong);
