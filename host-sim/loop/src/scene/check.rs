@@ -8,10 +8,11 @@ use super::{
 };
 use crate::range::{refused, within};
 
-/// Shortest window of a hit by hand, s. The spectrum of a shorter window cannot separate a hand's sway from faster
-/// motion.
+/// Shortest window of a hit with `protocol = "hand"`, s. The spectrum of a shorter window cannot separate a hand's sway
+/// from faster motion.
 const WINDOW_OF_HAND_S: f64 = 0.5;
-/// Lowest output rate of a hit by hand, Hz. Slower outputs have no frequencies above a hand's sway.
+/// Lowest output rate of a hit with `protocol = "hand"`, Hz. Slower outputs cannot show motion faster than a hand's
+/// sway.
 const OUTPUT_OF_HAND_HZ: f64 = 100.0;
 
 /// Allowed ranges of values that only the simulator uses.
@@ -42,9 +43,9 @@ pub mod ranges {
     pub const LATENCY: RangeInclusive<f64> = 0.0..=1000.0;
 }
 
-/// Shortest window with a sensation level, s: a shorter window has no bins at 2 Hz. Longest window, samples: the
-/// motion of a longer one takes too much memory in lanes.
+/// Shortest window with a sensation level, s. A shorter window has no frequency bin at 2 Hz.
 const FELT_WINDOW_S: f64 = 0.5;
+/// Longest window with a sensation level, samples. The motion of a longer window takes too much memory in lanes.
 const FELT_SAMPLES_MAX: u32 = 1 << 17;
 
 impl Scene {
@@ -67,11 +68,11 @@ impl Scene {
         self.check_loop().and_then(|()| self.check_sweep())
     }
 
-    /// Checks every value except the cutoffs of the sweep. A filter that replaces the scene's own may not have these
-    /// cutoffs.
+    /// Checks every value except the cutoffs of the sweep. A filter that replaces the scene's own filter may not allow
+    /// these cutoffs.
     ///
     /// # Errors
-    /// As [`check`](Self::check).
+    /// Those of [`check`](Self::check).
     pub fn check_loop(&self) -> Result<(), String> {
         let Self { device, actuator, wall, .. } = self;
         within("device.mass_kg", device.mass_kg, ranges::MASS_KG)?;
@@ -119,7 +120,7 @@ impl Scene {
         self.settings(filter, 0.0, 0.0).build(&self.design()).map_err(keyed).map(|_| ())
     }
 
-    /// Checks that the pushes of criterion and protocol are within the motor's force.
+    /// Checks that every push of the criterion and the protocol is within the motor's force.
     fn check_pushes(&self) -> Result<(), String> {
         let hit = &self.wall_hit;
         let (share, why) = match (hit.criterion, hit.protocol) {
@@ -178,7 +179,7 @@ impl Scene {
     }
 }
 
-/// The core's error with the scene's key instead of the core's name.
+/// The core's error, with the key of the scene in place of the core's name.
 fn in_scene(error: &SettingsError) -> String {
     let key = match error.parameter {
         "rate_hz" => "control.rate_hz",

@@ -1,4 +1,4 @@
-//! `[designs.NAME]`: named velocity filters. A person selects one on the board, or with `SCENE:NAME`.
+//! `[designs.NAME]`: named velocity filters. A user selects one on the board, or in a command with `SCENE:NAME`.
 
 use zwidth::{
     device::designs::{DESIGNS_MAX, NamedFilter, is_design_name},
@@ -61,7 +61,7 @@ impl Scene {
         }
     }
 
-    /// The designs as in a device record, in the order of their names.
+    /// The designs in the form of a device record, sorted by name.
     pub fn named_filters(&self) -> Vec<NamedFilter> {
         let named = |(name, design): (&String, &VelocityTable)| {
             Some(NamedFilter { name: Name::new(name)?, velocity: design.settings()? })
@@ -69,8 +69,8 @@ impl Scene {
         self.designs.iter().filter_map(named).collect()
     }
 
-    /// The scene with this design as its filter. Its sweep has only the design's cutoff, because the filter may not
-    /// have the other cutoffs.
+    /// The scene with this design as its filter. Its sweep has only the design's cutoff, because the design may not
+    /// allow the other cutoffs.
     ///
     /// # Errors
     /// There is no design of this name.
@@ -86,7 +86,7 @@ impl Scene {
 }
 
 impl NamedScene {
-    /// The scene with this design as its estimator. Its text has the design too.
+    /// The scene with this design as its filter. The scene's text is changed too.
     pub(super) fn with_design(self, name: &str) -> Result<Self, Error> {
         let scene = self.scene.with_design(name);
         let scene = scene.map_err(|error| Error::Input(format!("{}: {error}", self.name)))?;
@@ -123,7 +123,7 @@ mod tests {
             assert_eq!(one.name, format!("my-{}", filter.name.text()));
             assert_eq!(one.scene.velocity.settings(), Some(filter.velocity));
             assert_eq!(one.scene.designs, named.scene.designs);
-            // Its text gives the same scene.
+            // The changed text gives the same scene.
             assert_eq!(NamedScene::parse(one.name, one.text, "").unwrap().scene, one.scene);
         }
         let error = named.with_design("loud").unwrap_err().to_string();

@@ -15,10 +15,11 @@ const MODEL: &str = include_str!("../../../data/felt-model.csv");
 const COLUMNS: [(&str, RangeInclusive<f64>); 2] =
     [("frequency_hz", 1e-3..=1e6), ("threshold_rms_m", 1e-12..=1.0)];
 
-/// Frequencies and thresholds. The curve has straight lines between them in log-log, and is constant beyond its ends.
+/// The threshold at each frequency. Between two points the curve is a straight line in log-log. Beyond its ends it is
+/// constant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FeltCurve {
-    /// Frequency, Hz, and threshold, m RMS. Frequencies rise.
+    /// Frequency, Hz, and threshold, m RMS. Frequencies increase.
     points: Arc<[[f64; 2]]>,
     /// The file's text, or `None` for the built-in model.
     text: Option<Arc<str>>,
@@ -63,7 +64,7 @@ impl FeltCurve {
     }
 }
 
-/// The points of a curve, or a message with the wrong line.
+/// The points of a curve, or a message that names the wrong line.
 fn parse(text: &str) -> Result<Vec<[f64; 2]>, String> {
     let table = Table::new(text)?;
     let rows = table.numbers(&COLUMNS)?;
