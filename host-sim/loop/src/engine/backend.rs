@@ -1,4 +1,4 @@
-//! Selects the implementation of the controller that runs the hits, its vector instructions, and the scenes with
+//! Selects how hits are run: the implementation of the controller, its vector instructions, and the scenes that run in
 //! lanes.
 
 use super::{
@@ -18,12 +18,13 @@ use crate::{
     },
 };
 
-/// Implementation of the controller's arithmetic that runs the hits. Both give the same bits.
+/// Implementation of the controller's arithmetic. Both implementations give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Engine {
     /// The core itself runs one hit after another.
     Core,
-    /// The core's arithmetic written again for vector lanes. Scenes without lanes run the core itself.
+    /// The core's arithmetic, written again for vector lanes. A scene that cannot run in lanes is run by the core
+    /// itself.
     Lanes(Backend),
 }
 
@@ -53,13 +54,13 @@ impl Engine {
 /// Instructions of the lanes. All backends give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Backend {
-    /// 8 lanes to a vector.
+    /// 8 lanes in a vector.
     Avx512,
-    /// 4 lanes to a vector.
+    /// 4 lanes in a vector.
     Avx2,
-    /// 2 lanes to a vector.
+    /// 2 lanes in a vector.
     Neon,
-    /// Scalar numbers, one lane each, several side by side. Every machine has this backend.
+    /// Scalar numbers, several side by side, each in its own lane. Every machine has this backend.
     Plain,
 }
 
@@ -76,7 +77,7 @@ impl Backend {
         }
     }
 
-    /// Whether this machine has the instructions.
+    /// Whether this machine has the instructions of this backend.
     pub fn is_available(self) -> bool {
         match self {
             #[cfg(target_arch = "x86_64")]
@@ -107,12 +108,12 @@ impl Backend {
     }
 }
 
-/// Vectors side by side: the processor works on one vector while another waits for its last sample. Four vectors need
-/// more registers than there are, and make AVX-512 half as fast.
+/// Number of vectors side by side. The processor works on one vector while the other waits for its last sample. Four
+/// vectors need more registers than there are, and make AVX-512 half as fast.
 const VECTORS: usize = 2;
 
-/// Whether the hits of a scene run in lanes. The plant must be linear, the encoder without errors, and the estimator
-/// must have lanes in this arithmetic.
+/// Whether the hits of a scene run in lanes. The plant must be linear, the encoder must have no errors, and the
+/// estimator must have lanes in this arithmetic.
 pub fn lanes_for(prepared: &PreparedScene, numeric: Numeric) -> bool {
     form_for(prepared, numeric).is_some()
 }
@@ -178,8 +179,8 @@ fn each_numeric<'a, S: SimdOps, const R: usize>(
     each_plant(simd, task, &mut *controller, work)
 }
 
-/// Plants of four and six states run as plants of five and seven states. This halves the number of variants to
-/// compile, and costs little time.
+/// Plants of four and six states run as plants of five and seven states. So only half as many variants are compiled,
+/// and it costs little time.
 fn each_plant<'a, S: SimdOps, const R: usize>(
     simd: S,
     task: Task<'a>,

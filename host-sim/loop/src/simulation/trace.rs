@@ -1,4 +1,4 @@
-//! Every sample of one hit.
+//! Stores every sample of one hit.
 
 use crate::{
     error::Error,
@@ -34,7 +34,7 @@ pub struct Trace {
     full_scale_n: f64,
     surface: i32,
     port: PortWatch,
-    /// The samples, the first one at 0 s.
+    /// The samples. The first sample is at 0 s.
     pub rows: Vec<Row>,
 }
 
@@ -51,13 +51,13 @@ pub struct Row {
     pub output_n: f64,
     /// Sum of [`CONTACT`], [`RENDERED`] and [`SATURATED`].
     pub flags: u8,
-    /// Energy that the wall has taken in this contact, from its force and the counts, J. Negative if it has given
+    /// Energy that the wall has taken in this contact, J, from its force and the counts. Negative if the wall has given
     /// energy.
     pub port_energy_j: f64,
 }
 
 impl Trace {
-    /// Error message if a hit of this scene is too long to store every sample, else `None`.
+    /// Error message if a hit of this scene is too long to store every sample. Otherwise `None`.
     pub fn refused(prepared: &PreparedScene) -> Option<String> {
         let samples = samples(prepared);
         (samples > SAMPLES_MAX).then(|| {

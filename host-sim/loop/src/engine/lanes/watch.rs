@@ -1,4 +1,4 @@
-//! Measurements of the lanes beside the counts: motion, and outputs at the actuator's limit. Operations have the same
+//! Measures of the lanes beside the counts: motion, and outputs at the actuator's limit. The operations have the same
 //! order as in [`Watch`](crate::simulation::window::Watch).
 
 use super::{Aligned, Chunk, Row, each_field};
@@ -7,7 +7,7 @@ use crate::{
     simulation::window::Watch,
 };
 
-/// Sums over the window: the sums of [`Watch`], in the same order.
+/// Sums over the window: those of [`Watch`], in the same order.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Watched<S: SimdOps>([S::f64s; 6]);
@@ -45,10 +45,10 @@ impl<S: SimdOps> Watched<S> {
     }
 }
 
-/// The last positions of all lanes, m, as many as a window has.
+/// The last positions of all lanes, m. The number of positions is that of a window.
 pub struct Motion<S: SimdOps, const R: usize> {
     rows: Vec<Row<S, R>>,
-    /// Row of the oldest positions. The next positions go there.
+    /// Index of the oldest positions. The next positions replace them.
     next: usize,
 }
 
