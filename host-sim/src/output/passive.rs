@@ -28,7 +28,7 @@ pub struct PassiveArea {
     capped_walks: usize,
     /// Hits at the boundary without the controller.
     at_boundary_without: Hits,
-    /// Hits at the boundary with the controller; `None` if it is off.
+    /// Hits at the boundary with the controller. `None` if the controller is off.
     at_boundary_with: Option<Hits>,
 }
 
@@ -44,7 +44,7 @@ pub fn lengths_csv(study: &PassiveStudy) -> String {
     versioned(study.length_table()).csv()
 }
 
-/// The boundaries for the first limit, without and with the controller.
+/// The figure: boundaries for the first limit, without and with the controller.
 ///
 /// # Errors
 /// The figure cannot be drawn.

@@ -1,9 +1,9 @@
-//! The folder of a study: its description (`study.json`), one part for each unit, and the manifest with the complete
-//! parts (`manifest.jsonl`).
+//! The folder of a study. It has a description (`study.json`), one part for each unit, and a manifest that lists the
+//! complete parts (`manifest.jsonl`).
 //!
-//! A part is written completely (draft, flush, rename). Then a line is appended to the manifest and flushed. So a run
-//! may be killed at any time. A part without its line is made again, with the same bytes. An incomplete line is cut
-//! off.
+//! A part is written completely (draft, flush, rename). Then a line is appended to the manifest, and the manifest is
+//! flushed. So a run may be killed at any time. A part without a line in the manifest is made again, with the same
+//! bytes. An incomplete line is removed.
 
 use std::{
     collections::BTreeMap,
@@ -32,7 +32,7 @@ const HEAD: &str = "study.json";
 /// File with the list of complete parts.
 const MANIFEST: &str = "manifest.jsonl";
 
-/// Description of a study. For `--resume`, `key` and its contents must be the same.
+/// Description of a study. With `--resume`, `key` and its contents must be the same as before.
 #[derive(Debug, Serialize, Deserialize)]
 struct Head {
     schema_version: u32,
@@ -61,7 +61,7 @@ struct HeadBlock {
     estimator: String,
     first_unit: u64,
     points_per_unit: u64,
-    /// The scene with its estimator, before any change.
+    /// The scene with its estimator, before the study changes it.
     scene_text: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     felt_curve_text: Option<String>,
@@ -97,7 +97,7 @@ impl Head {
         }
     }
 
-    /// First difference from `other`, the study in a folder.
+    /// First difference from the study `other` of a folder, as text.
     fn difference(&self, other: &Self) -> Option<String> {
         let pairs = [
             ("schema_version", self.schema_version.to_string(), other.schema_version.to_string()),
@@ -130,7 +130,7 @@ fn short(hash: &str) -> String {
     hash.chars().take(12).collect()
 }
 
-/// A line of the manifest. Its part is complete.
+/// A line of the manifest. It says that its part is complete.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Entry {
     /// Number of the unit.
@@ -164,27 +164,27 @@ impl From<&Made> for Part {
     }
 }
 
-/// The folder of a study. Only one run at a time can open it.
+/// The folder of a study. Only one run can have it open at a time.
 #[derive(Debug)]
 pub struct Folder {
     path: PathBuf,
     /// Units with complete parts.
     done: BTreeMap<u64, Entry>,
     manifest: File,
-    /// Length of the manifest's complete lines, bytes.
+    /// Length of all complete lines of the manifest, bytes.
     whole: u64,
     inputs: Vec<PathBuf>,
     is_resumed: bool,
-    /// Keeps the lock on the study.
+    /// Holds the lock on the study.
     _head: File,
 }
 
 impl Folder {
-    /// Opens the folder at `path`: a new one, or with `resume` an existing one.
+    /// Opens the folder at `path`. A folder that already has the study is only opened with `resume`.
     ///
     /// # Errors
-    /// [`Error::Input`] if the folder holds a study and `resume` is not given, if it holds another study, if another
-    /// run has it open, or if it cannot be written. [`Error::File`] on a full disk.
+    /// [`Error::Input`] in these cases: the folder has a study and `resume` is not set; it has another study; another
+    /// run has it open; it cannot be written. [`Error::File`] on a full disk.
     pub fn open(
         path: &Path,
         study: &Study,
@@ -260,7 +260,7 @@ impl Folder {
     /// Writes the part of a unit, and adds its line to the manifest.
     ///
     /// # Errors
-    /// [`Error::File`], for example on a full disk. Earlier lines stay.
+    /// [`Error::File`], for example on a full disk. All earlier lines stay.
     pub fn add(&mut self, unit: u64, key: String, made: &Part) -> Result<(), Error> {
         let file = format!("part-{unit:08}.csv");
         let Part { csv, rows, hits } = made;
@@ -275,7 +275,7 @@ impl Folder {
         let line = entry.line()?;
         let appended = self.manifest.write_all(line.as_bytes());
         if let Err(error) = appended.and_then(|()| self.manifest.sync_data()) {
-            let _ = self.manifest.set_len(self.whole); // if this fails, the next run cuts it
+            let _ = self.manifest.set_len(self.whole); // if this fails, the next run removes the line
             return Err(Error::file(place)(error));
         }
         self.whole += line.len() as u64;
@@ -284,8 +284,8 @@ impl Folder {
         Ok(())
     }
 
-    /// Sorts the manifest by units. So a study has the same bytes, independent of the machine and of the order of its
-    /// units. Call it at the end.
+    /// Sorts the manifest by units. So the bytes of a study do not depend on the machine and on the order of its units.
+    /// Must be called at the end.
     ///
     /// # Errors
     /// [`Error::File`]. All lines stay.
@@ -311,7 +311,7 @@ impl Entry {
         Ok(line + "\n")
     }
 
-    /// Whether the entry's part exists with exactly these bytes.
+    /// Whether the part of this entry exists, with exactly these bytes.
     fn is_whole(&self, folder: &Path) -> bool {
         let part = folder.join(&self.file);
         let is_as_long = fs::metadata(&part).is_ok_and(|found| found.len() == self.bytes);
