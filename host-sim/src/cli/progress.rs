@@ -1,4 +1,4 @@
-//! Progress bars on stderr. They are shown only on a terminal.
+//! Progress bars on stderr. They appear only on a terminal.
 
 use indicatif::{ProgressBar, ProgressStyle};
 
