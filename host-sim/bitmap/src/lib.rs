@@ -1,5 +1,4 @@
-//! Paints the shapes of a figure as PNG. It is a separate crate, so that it is always optimised: a bitmap has millions
-//! of pixels.
+//! Paints the shapes of a figure as PNG. A separate crate is always optimised: a bitmap has millions of pixels.
 #![forbid(unsafe_code)]
 
 mod font;
@@ -172,8 +171,8 @@ fn grid_of(step: f32) -> i32 {
     step.round() as i32
 }
 
-/// Halves width and height. Each pixel of the result is the rounded mean of two times two pixels. The result has
-/// `columns` pixels per row.
+/// Halves width and height. A pixel is the rounded mean of two times two pixels. A row of the result has `columns`
+/// pixels.
 fn halved(fine: &[u8], columns: usize) -> Vec<u8> {
     let mut coarse = Vec::with_capacity(fine.len() / 4);
     for rows in fine.chunks_exact(12 * columns) {

@@ -8,12 +8,10 @@ pub const INTERRUPTED: u8 = 130;
 /// Reason why a command ended without a result.
 #[derive(Debug)]
 pub enum Error {
-    /// The input is not valid: exit code 2. The text is one line that names the place, the wrong value and the
-    /// allowed values.
+    /// Exit code 2: the input is not valid. The text is one line with the place, the wrong and the allowed values.
     Input(String),
     /// Exit code 1: a file could not be written, or only a part of it could be read.
     File {
-        /// The file or folder.
         path: PathBuf,
         /// The error of the operating system.
         source: io::Error,
@@ -55,7 +53,6 @@ impl Error {
         }
     }
 
-    /// The process' exit code.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Input(_) => 2,
@@ -89,8 +86,8 @@ const LONGEST: usize = 1000;
 /// Number of characters kept at the end of a shortened message. The allowed values are there.
 const TAIL: usize = 300;
 
-/// A text as one printable line of at most about a thousand characters. It escapes control characters, and leaves out
-/// the middle of a long text.
+/// A text as one printable line of at most about a thousand characters. Control characters are escaped, and the middle
+/// of a long text is left out.
 pub fn one_line(text: &str) -> String {
     let length = text.chars().count();
     if length <= LONGEST {

@@ -29,8 +29,7 @@ const PIECE: u64 = 1 << 20;
 /// Reads a whole file.
 ///
 /// # Errors
-/// [`Error::Input`] if the file cannot be read or is too large for its kind. [`Error::Interrupted`] if the read was
-/// interrupted.
+/// [`Error::Input`] if the file cannot be read or is too large for its kind. [`Error::Interrupted`] on interruption.
 pub fn read(path: &Path, kind: Kind) -> Result<Vec<u8>, Error> {
     let unreadable = |error| Error::Input(format!("{} cannot be read: {error}", path.display()));
     let limit = kind.limit_mib << 20;

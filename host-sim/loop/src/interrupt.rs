@@ -11,7 +11,6 @@ pub fn flag() -> &'static AtomicBool {
     &REQUESTED
 }
 
-/// Whether the command must end.
 pub fn is_requested() -> bool {
     REQUESTED.load(Ordering::Relaxed)
 }

@@ -1,5 +1,4 @@
-//! The sampled loop: the motion of a device under the control core of the firmware. It runs one wall hit, or many wall
-//! hits side by side.
+//! The sampled loop: a device's motion under the firmware's control core. It runs one wall hit, or many side by side.
 //!
 //! Each layer uses only the layers below it:
 //!

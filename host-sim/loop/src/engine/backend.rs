@@ -1,5 +1,4 @@
-//! Selects how hits are run: the implementation of the controller, its vector instructions, and the scenes that run in
-//! lanes.
+//! Selects the implementation of the controller, its vector instructions, and the scenes that run in lanes.
 
 use super::{
     estimator::Form,
@@ -23,8 +22,7 @@ use crate::{
 pub enum Engine {
     /// The core itself runs one hit after another.
     Core,
-    /// The core's arithmetic, written again for vector lanes. A scene that cannot run in lanes is run by the core
-    /// itself.
+    /// The core's arithmetic, written again for vector lanes. Scenes without lanes run in the core itself.
     Lanes(Backend),
 }
 
@@ -91,7 +89,6 @@ impl Backend {
         }
     }
 
-    /// The best backend of this machine.
     pub fn best() -> Self {
         let found = Self::ALL.into_iter().find(|backend| backend.is_available());
         found.unwrap_or(Self::Plain)
@@ -179,8 +176,7 @@ fn each_numeric<'a, S: SimdOps, const R: usize>(
     each_plant(simd, task, &mut *controller, work)
 }
 
-/// Plants of four and six states run as plants of five and seven states. So only half as many variants are compiled,
-/// and it costs little time.
+/// Plants of four and six states run as plants of five and seven states. So fewer variants are compiled.
 fn each_plant<'a, S: SimdOps, const R: usize>(
     simd: S,
     task: Task<'a>,

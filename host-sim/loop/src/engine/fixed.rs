@@ -1,8 +1,8 @@
 //! The fixed-point core in lanes: estimators ([`super::estimator`]), [`Wall::demand`](zwidth::Wall::demand),
 //! [`Demand::saturate`](zwidth::units::Demand::saturate) and [`Actuator::command`](zwidth::Actuator::command).
 //!
-//! In lanes only the force saturates. [`LaneController::is_lost`] detects a hit that comes near another limit. The core
-//! itself runs such a hit.
+//! In lanes only the force saturates. [`LaneController::is_lost`] detects a hit near another limit. The core runs this
+//! hit.
 
 use pulp::WithSimd;
 use zwidth::{LoopParameters, SettingsError, units::Force};
@@ -26,7 +26,6 @@ use crate::simulation::prepared::{PreparedScene, WallHit};
 /// Half an LSB of a product with 30 fractional bits.
 const HALF: u64 = 1 << 29;
 
-/// The core's loop in lanes.
 #[repr(align(64))]
 pub struct FixedLoop<S: SimdOps, F: VectorForm<S>, const R: usize> {
     simd: S,
@@ -63,7 +62,6 @@ pub fn fixed_loop<S: SimdOps, const R: usize>(
     }
 }
 
-/// Settings for the start of a hit.
 struct Begin<'a> {
     control: LoopParameters,
     beside: Beside<'a>,
@@ -84,7 +82,6 @@ fn begin<'a>(
     Ok(Begin { control, beside: Beside { late, readings } })
 }
 
-/// Push, stiffness and damping of each lane.
 #[derive(Clone, Copy)]
 struct Wall<S: SimdOps> {
     push: S::u64s,

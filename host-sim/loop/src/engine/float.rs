@@ -13,7 +13,6 @@ use crate::simulation::{
     twin::{FLUSH_BELOW, Rounding, Section},
 };
 
-/// The twin's loop in lanes.
 #[repr(align(64))]
 pub struct FloatLoop<S: SimdOps, const R: usize> {
     simd: S,
@@ -22,11 +21,10 @@ pub struct FloatLoop<S: SimdOps, const R: usize> {
     gains: [TwinGains<S>; R],
 }
 
-/// Gains of each lane: two weights of the last inputs in the numerator (2 and 1, 1 and 0, or none), `b0`, both `a`,
-/// stiffness, damping, push.
+/// Gains of each lane: two weights of the last inputs, `b0`, both `a`, stiffness, damping, push. The weights are 2 and
+/// 1, 1 and 0, or none.
 type TwinGains<S> = [<S as pulp::Simd>::f64s; 8];
 
-/// State of each lane after a sample.
 #[derive(Clone, Copy)]
 struct TwinState<S: SimdOps> {
     x: [S::f64s; 2],

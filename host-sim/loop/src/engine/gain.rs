@@ -21,7 +21,6 @@ impl<S: SimdOps> GainLanes<S> {
         Self { mantissa: zero, half: zero, right: zero, sign: zero, left: zero, bound: zero }
     }
 
-    /// Puts a gain into a lane.
     pub fn set(&mut self, lane: usize, gain: Gain) {
         let shift = gain.shift();
         let right = u64::from(shift.max(0).unsigned_abs());

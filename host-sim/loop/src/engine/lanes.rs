@@ -1,8 +1,7 @@
 //! Vectors of loops: the step of [`Simulation`](crate::simulation::Simulation), with one lane for each hit.
 //!
-//! All lanes of a batch share scene and time. Outputs are due in the same sample for all lanes, and commands take
-//! effect in the same sample. So a hit begins when an output is due. A command that a hit has not sent yet is 0 and
-//! changes nothing.
+//! All lanes of a batch share scene and time: outputs are due, and commands take effect, in the same samples. So a hit
+//! begins when an output is due. A command that a hit has not sent yet is 0 and changes nothing.
 
 #![expect(
     clippy::needless_range_loop,
@@ -28,11 +27,10 @@ const BLOCK_SAMPLES: u32 = 16;
 /// Largest number of samples that a controller takes in one call.
 pub const ROWS: usize = BLOCK + 1;
 
-/// A controller in lanes. Its functions are called once per block and are not generic over the plant. So each function
-/// is compiled once per backend.
+/// A controller in lanes. Its functions are called once per block. They are compiled once per backend, not per plant.
 pub trait LaneController<S: SimdOps, const R: usize> {
-    /// Puts the controller of a hit into a lane, at rest, with the settings of the scalar loop. Returns the position of
-    /// the wall's surface, counts.
+    /// Puts the controller of a hit into a lane, at rest, with the settings of the scalar loop. Returns its surface,
+    /// counts.
     ///
     /// # Errors
     /// A setting is out of range.
@@ -194,8 +192,7 @@ fn pushed<S: SimdOps, const P: usize>(
     pushed
 }
 
-/// One field of each of the R vectors. It is a macro, because a generic function would be compiled for each of the many
-/// kinds of lanes.
+/// One field of each of the R vectors. A generic function would be compiled for each kind of lanes, a macro is not.
 macro_rules! each_field {
     ($vectors:expr, $field:ident) => {{
         let mut values = [$vectors[0].$field; R];

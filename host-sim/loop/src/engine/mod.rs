@@ -1,5 +1,4 @@
-//! Many wall hits side by side, one hit in each lane of a vector. The results are those of the scalar loop, bit for
-//! bit.
+//! Many wall hits side by side, one in each lane of a vector, with the results of the scalar loop bit for bit.
 //!
 //! # What a lane is
 //! A lane holds one hit: plant, encoder, controller, commands that have not taken effect yet, and sums of the window.
@@ -23,13 +22,12 @@
 //! Between two events (an output, an arriving command) the plant does not depend on the controller. So a block of up to
 //! 16 samples is computed stage by stage: the plant moves, the positions become counts, the counts are filtered. A
 //! single sample waits about forty cycles for its results. A stage waits ten cycles, and a second vector uses this
-//! time. Controllers are behind a trait object, which is called once per block. So each controller is compiled once per
-//! backend, not once per plant.
+//! time. A trait object holds the controller. It is called once per block, so controllers are compiled once per
+//! backend.
 //!
 //! # What runs in lanes
 //! See [`lanes_for`]: linear plants (with amplifier, mode, arm), any latency, rounding, resolution and output
-//! quantisation, and the estimators of `estimator/mod.rs`. All other hits run in the scalar loop, with the same
-//! interface.
+//! quantisation, and the estimators of `estimator/mod.rs`. All other hits run in the scalar loop.
 //!
 //! A hit can come near the ends of the core's number ranges:
 //! - more than 2^14 counts in a sample;
@@ -43,8 +41,7 @@
 //! # When a hit ends
 //! A hit ends as in the scalar loop. For the RMS of counts, `unstable` is certain once the sum of squares about the
 //! mean exceeds the limit ([`Hit::certain_verdict`](zwidth::experiment::Hit::certain_verdict)). This is checked every
-//! 512 samples. Only with [`Depth::Whole`] the hit continues, for the RMS. Other criteria:
-//! [`crate::simulation::window`].
+//! 512 samples. Only with [`Depth::Whole`] the hit continues. Other criteria: [`crate::simulation::window`].
 
 mod backend;
 mod estimator;

@@ -37,7 +37,6 @@ const COUNT_MAX: f64 = (1 << 29) as f64;
 /// Sums of squares below this number are exact.
 const SQUARES_MAX: f64 = (1u64 << 53) as f64;
 
-/// A hit in a lane.
 #[derive(Clone, Debug)]
 struct Running<'a> {
     hit: WallHit,
@@ -48,7 +47,6 @@ struct Running<'a> {
     surface: i32,
     /// First count of the window.
     origin: i32,
-    /// Variance of the counts in the window.
     variance: RunningVariance,
     contact: bool,
 }

@@ -179,12 +179,10 @@ fn each<S: Simd>(mut a: S::u64s, b: S::u64s, f: impl Fn(u64, u64) -> u64) -> S::
     a
 }
 
-/// The lanes of a vector.
 pub fn lanes<V: pulp::bytemuck::Pod, T: pulp::bytemuck::Pod>(vector: &V) -> &[T] {
     cast_slice(from_ref(vector))
 }
 
-/// The lanes of a vector.
 pub fn lanes_mut<V: pulp::bytemuck::Pod, T: pulp::bytemuck::Pod>(vector: &mut V) -> &mut [T] {
     cast_slice_mut(from_mut(vector))
 }

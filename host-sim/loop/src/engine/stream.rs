@@ -1,5 +1,4 @@
-//! Runs numbered, independent hits on all threads, and returns their outcomes in order. Only one block of hits is in
-//! memory at a time.
+//! Runs numbered, independent hits on all threads, with outcomes in order. Only one block of hits is in memory.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -11,8 +10,7 @@ use crate::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
-/// Number of hits per block for each lane of each thread. At the end of a block, lanes wait for the last hit: 1 % of
-/// the time.
+/// Hits of a block for each lane of each thread. At its end, lanes wait for the last hit: 1 % of the time.
 const HITS_PER_LANE: u64 = 64;
 
 /// Runs the hits 0 .. `total` that `hit` describes, and passes each outcome to `sink`, in order. The outcomes depend

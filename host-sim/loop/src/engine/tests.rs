@@ -234,8 +234,7 @@ fn what_has_no_lanes_runs_all_the_same() {
     }
 }
 
-/// The scene with this estimator. It gets a suitable cutoff of the sweep, and an accelerometer if the estimator needs
-/// one.
+/// The scene with this estimator, a suitable cutoff of the sweep, and an accelerometer if the estimator needs one.
 fn with_estimator(mut scene: Scene, velocity: VelocitySettings) -> Scene {
     scene.sweep.cutoffs_hz = vec![0.1 * scene.control.rate_hz];
     if velocity.name().sense() == Some(Sense::Acceleration) {

@@ -20,7 +20,6 @@ pub enum Depth {
     Whole,
 }
 
-/// Outcome of a hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome {
     pub verdict: Verdict,
@@ -55,7 +54,6 @@ pub trait Work {
     fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>);
 }
 
-/// Scene, arithmetic and depth of the hits.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'a> {
     pub prepared: &'a PreparedScene,
@@ -63,7 +61,6 @@ pub struct Task<'a> {
     pub depth: Depth,
 }
 
-/// Runs all hits in the scalar loop.
 pub fn one_by_one(task: Task<'_>, work: &mut Pushes<'_>) -> Tally {
     let mut tally = Tally::default();
     while let Some((hit, prepared)) = work.next(0) {
@@ -74,8 +71,7 @@ pub fn one_by_one(task: Task<'_>, work: &mut Pushes<'_>) -> Tally {
     tally
 }
 
-/// Work with several pushes. A lane tests each wall at each push of the scene, one after another, until the wall fails
-/// at a push.
+/// Work with several pushes. A lane tests each wall at each push of the scene, until the wall fails at a push.
 pub struct Pushes<'a> {
     work: &'a mut dyn Work,
     pushes: &'a [PreparedScene],

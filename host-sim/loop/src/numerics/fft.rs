@@ -1,5 +1,4 @@
-//! Discrete Fourier transforms with the same bits on every machine. Transforms that use the vector instructions of a
-//! machine give other bits.
+//! Discrete Fourier transforms with the same bits on every machine. Vector instructions of a machine would change bits.
 //!
 //! Powers of two use Stockham's form in radix 4, with a last stage in radix 2 (C. Van Loan, *Computational Frameworks
 //! for the Fast Fourier Transform*, 1992, sections 1.7 and 4.4). Other lengths use a convolution with a chirp
@@ -36,8 +35,7 @@ pub fn forward(signal: &[Complex<f64>]) -> Vec<Complex<f64>> {
     values.iter().zip(&chirp).map(|(value, chirp)| value.conj() * scale * chirp).collect()
 }
 
-/// The spectrum of a real signal, padded with zeros to a power of two. It is fast because its tables are made only
-/// once.
+/// The spectrum of a real signal, padded with zeros to a power of two. Its tables are made only once, for speed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RealSpectrum {
     /// Tables for a complex signal of half the length. Each complex sample holds two real samples.

@@ -1,5 +1,4 @@
-//! Random numbers for a sample. Each number is a function of seed and sample number. So it does not depend on threads
-//! or on other draws.
+//! Random numbers for a sample: functions of seed and sample number, independent of threads and other draws.
 //!
 //! Source: the output function of SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators",
 //! OOPSLA 2014) on a counter; Box and Muller, Ann. Math. Stat. 29, 1958.

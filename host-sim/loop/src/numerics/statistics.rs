@@ -1,5 +1,4 @@
-//! Decides whether two results differ more than their repeats scatter: Welch's unequal variances t-test (Biometrika 34,
-//! 1947).
+//! Decides whether two results differ: Welch's unequal variances t-test (Biometrika 34, 1947).
 
 use statrs::distribution::{ContinuousCDF as _, StudentsT};
 

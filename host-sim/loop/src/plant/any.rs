@@ -16,7 +16,6 @@ use crate::{
     },
 };
 
-/// The plant of a scene.
 #[derive(Clone, Debug)]
 pub enum AnyPlant {
     /// A device alone, without an amplifier.

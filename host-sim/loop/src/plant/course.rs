@@ -35,12 +35,10 @@ pub struct Span {
     pub watched: bool,
     /// Command that acts at the beginning of the run, N.
     pub acting_n: f64,
-    /// Index in the run of the sample in which another command takes effect. It is beyond the run if there is no such
-    /// command.
+    /// Index of the sample in which another command takes effect. Beyond the run if there is no such command.
     pub arrival: usize,
     /// The other command, N. It takes effect in sample `arrival`.
     pub arriving_n: f64,
-    /// Quantiser of the encoder.
     pub encoder: Quantiser,
 }
 
@@ -64,7 +62,6 @@ impl Course {
     }
 }
 
-/// State of a run.
 struct Way<'a, 'b, P, const WATCHED: bool> {
     plant: &'a P,
     span: &'a Span,

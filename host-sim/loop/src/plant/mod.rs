@@ -1,5 +1,4 @@
-//! The device, advanced exactly: `m x'' + b x' + k (x - x0) = F`. Within a sample the force is constant, or changes
-//! once.
+//! The device, advanced exactly: `m x'' + b x' + k (x - x0) = F`. F is constant, or changes once in a sample.
 //!
 //! The state s is `(x - x0, x')`. After a time t under a constant force F, it is `phi(t) s + gamma(t) F`. A step takes
 //! the sample time T. If the force changes from F1 to F2 at `fraction` of the sample, the next state is
@@ -12,8 +11,7 @@
 //!
 //! A hand's constant force changes the state by the same amount in every sample.
 //!
-//! The only errors are rounding errors. If forces or lengths are scaled by a power of two, the results are scaled
-//! exactly.
+//! The only errors are rounding errors. Forces or lengths scaled by a power of two give exactly scaled results.
 
 mod any;
 mod course;
@@ -36,7 +34,6 @@ use crate::scene::element::STATES_MAX;
 /// A sample at which the encoder is read.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment {
-    /// Number of the sample.
     pub index: u64,
     /// Command at the sample's beginning, N.
     pub before_n: f64,
@@ -46,7 +43,6 @@ pub struct Moment {
 
 /// A device under the actuator's force, advanced one sample at a time.
 pub trait Plant: Clone {
-    /// State of the plant.
     type State: Copy + core::fmt::Debug;
 
     /// State of a handle at rest at `position_m`, before a force acts.
@@ -55,7 +51,7 @@ pub trait Plant: Clone {
     fn position_m(&self, state: &Self::State) -> f64;
     /// Speed of motor and encoder, m/s.
     fn speed_m_per_s(&self, state: &Self::State) -> f64;
-    /// Force of the actuator on the handle for the command `output_n`, N. Only an amplifier's lag makes them differ.
+    /// Force of the actuator for the command `output_n`, N. Force and command differ only by an amplifier's lag.
     #[inline]
     fn force_n(&self, _state: &Self::State, output_n: f64) -> f64 {
         output_n
@@ -95,7 +91,6 @@ pub trait Plant: Clone {
     fn unpack(any: &AnyState) -> Self::State;
 }
 
-/// A state of any plant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AnyState {
     /// States of the chain. Unused entries are 0.

@@ -1,16 +1,13 @@
-//! Quantisation of positions to counts. The lanes do the same calculation in `Chunk::count` of the engine. Tests
-//! compare both.
+//! Quantisation of positions to counts. The lanes do the same in `Chunk::count` of the engine. Tests compare both.
 
 use std::hint::cold_path;
 
 use crate::scene::{Encoder, Rounding};
 
-/// Converts a position to a count.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quantiser {
     /// Length of a count, m per count.
     pub resolution_m: f64,
-    /// Rounding of a position to a count.
     pub rounding: Rounding,
     /// Counts per metre, the reciprocal of the resolution.
     per_m: f64,
@@ -18,16 +15,13 @@ pub struct Quantiser {
     above: f64,
 }
 
-/// This constant is added to a number in the range of `i32`. The low 52 bits of the sum are then the number plus 2^31,
-/// in units of 2^-20.
+/// Added to a number in the range of `i32`. The low 52 bits of the sum are the number plus 2^31, in units of 2^-20.
 const ABOVE: f64 = 1.5 * (1u64 << 32) as f64;
 const FRACTION_BITS: u32 = 20;
-/// Distance in units of 2^-20. If the computed sum is at least this far from every whole number, its floor is the floor
-/// of the exact quotient.
+/// Distance, units of 2^-20. If a sum is this far from every whole number, its floor is that of the exact quotient.
 const CLOSE: u64 = 4;
 
 impl Quantiser {
-    /// The quantiser of a scene's encoder.
     pub fn of(encoder: &Encoder) -> Self {
         let (resolution_m, rounding) = (encoder.resolution_m, encoder.rounding);
         let above = ABOVE + if rounding == Rounding::Round { 0.5 } else { 0.0 };

@@ -20,7 +20,6 @@ pub struct Sensing {
 }
 
 impl Sensing {
-    /// The encoder errors of a scene.
     pub fn of(scene: &Scene) -> Self {
         Self { error: scene.encoder_error, noise: scene.encoder_noise, jitter: scene.jitter }
     }
@@ -29,8 +28,8 @@ impl Sensing {
         *self == Self::default()
     }
 
-    /// Position that the encoder reads, m, before quantisation: `position_m` with error and noise. `hit` and `sample`
-    /// select the noise.
+    /// Position that the encoder reads, m, with error and noise, before quantisation. `hit` and `sample` select the
+    /// noise.
     #[inline]
     pub fn shown_m(&self, position_m: f64, hit: u64, sample: u64) -> f64 {
         let mut shown_m = position_m;
@@ -44,7 +43,6 @@ impl Sensing {
     }
 }
 
-/// A plant with errors of its encoder's readings.
 #[derive(Clone, Debug)]
 pub struct Sensed<P> {
     plant: P,

@@ -135,16 +135,13 @@ pub struct ReturnTable {
 /// All values of a device that a board needs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OnBoard {
-    /// Limits of the supervisor.
     pub safety: SafetySettings,
     pub calibration: CalibrationSettings,
-    /// Limits of the motor.
     pub duty: DutySettings,
     /// Scale of the amplifier's current output.
     pub current: CurrentSettings,
     pub back: ReturnSettings,
     pub signs: Signs,
-    /// Guessed values of keys that the scene leaves out.
     pub guessed: Vec<Guess>,
 }
 
@@ -189,8 +186,7 @@ impl Keys {
 const PAPER_FULL_SCALE_N: f64 = 5.906;
 /// Part of the free handle's motion that the sign test must detect.
 const SIGN_PART: f64 = 0.22;
-/// Mass of the heaviest handle, in masses of the device. The factor covers a hand on the handle and the error of the
-/// guess.
+/// Mass of the heaviest handle, in masses of the device. It covers a hand on the handle and the error of the guess.
 const HEAVIEST: f64 = 20.0;
 /// Longest time constant (mass / damping) of the heaviest handle, s.
 const HEAVIEST_S: f64 = 0.1;
@@ -392,8 +388,8 @@ impl BoardTable {
             let most = Name::LEN;
             return Err(format!("board.name is `{}`, allowed 1 to {most} bytes", self.name));
         }
-        // Without names there is only the scene's own estimator. `prepare` checks it. A scene without a board may have
-        // any estimator.
+        // Without names there is only the scene's own estimator, which `prepare` checks. Without a board any is
+        // allowed.
         let estimators = match self.estimators.is_empty() {
             true => vec![scene.velocity.estimator()],
             false => scene.board_estimators()?,

@@ -8,26 +8,19 @@ use super::{
 };
 use crate::range::{refused, within};
 
-/// Shortest window of a hit with `protocol = "hand"`, s. The spectrum of a shorter window cannot separate a hand's sway
-/// from faster motion.
+/// Shortest window with `protocol = "hand"`, s. A shorter spectrum cannot separate a hand's sway from faster motion.
 const WINDOW_OF_HAND_S: f64 = 0.5;
-/// Lowest output rate of a hit with `protocol = "hand"`, Hz. Slower outputs cannot show motion faster than a hand's
-/// sway.
+/// Lowest output rate with `protocol = "hand"`, Hz. Slower outputs cannot show motion faster than a hand's sway.
 const OUTPUT_OF_HAND_HZ: f64 = 100.0;
 
 /// Allowed ranges of values that only the simulator uses.
 pub mod ranges {
     use std::ops::RangeInclusive;
 
-    /// Mass at the handle, kg.
     pub const MASS_KG: RangeInclusive<f64> = 1e-3..=100.0;
-    /// Viscous damping of the device, N s/m.
     pub const DAMPING_N_S_PER_M: RangeInclusive<f64> = 0.0..=1e6;
-    /// Stiffness of the device, N/m.
     pub const STIFFNESS_N_PER_M: RangeInclusive<f64> = 0.0..=1e9;
-    /// Positions on the device, m.
     pub const POSITION_M: RangeInclusive<f64> = -1e3..=1e3;
-    /// Force per volt, N/V.
     pub const GAIN_N_PER_V: RangeInclusive<f64> = 1e-6..=1e6;
     /// Largest command of an actuator, V.
     pub const LIMIT_V: RangeInclusive<f64> = 1e-3..=1e3;
@@ -35,7 +28,6 @@ pub mod ranges {
     pub const VALUES_MAX: usize = 10_000;
     /// Limit of the sensation level, dB.
     pub const FELT_DB: RangeInclusive<f64> = -60.0..=120.0;
-    /// Limit of the force's RMS, N.
     pub const FORCE_RMS_N: RangeInclusive<f64> = 1e-9..=1e6;
     /// Push of a hand, N.
     pub const HAND_N: RangeInclusive<f64> = -1e5..=1e5;
@@ -68,8 +60,7 @@ impl Scene {
         self.check_loop().and_then(|()| self.check_sweep())
     }
 
-    /// Checks every value except the cutoffs of the sweep. A filter that replaces the scene's own filter may not allow
-    /// these cutoffs.
+    /// Checks every value except the cutoffs of the sweep. A filter that replaces the scene's may not allow them.
     ///
     /// # Errors
     /// Those of [`check`](Self::check).

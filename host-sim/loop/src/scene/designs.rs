@@ -12,7 +12,6 @@ use super::{
 use crate::{error::Error, range::refused};
 
 impl VelocityTable {
-    /// Checks this design.
     fn check_design(&self, key: &str, scene: &Scene) -> Result<(), String> {
         let filter = self.settings().ok_or_else(|| format!("{key}.{CUTOFF} is missing"))?;
         let built = scene.settings(filter, 0.0, 0.0).build(&scene.design()).map(|_| ());
@@ -69,8 +68,8 @@ impl Scene {
         self.designs.iter().filter_map(named).collect()
     }
 
-    /// The scene with this design as its filter. Its sweep has only the design's cutoff, because the design may not
-    /// allow the other cutoffs.
+    /// The scene with this design as its filter. Its sweep only has the design's cutoff. The design may not allow
+    /// others.
     ///
     /// # Errors
     /// There is no design of this name.

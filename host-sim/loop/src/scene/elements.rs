@@ -25,7 +25,6 @@ pub enum Quantisation {
 }
 
 impl Scene {
-    /// Checks the optional elements.
     pub(super) fn check_elements(&self) -> Result<(), String> {
         let sample_s = 1.0 / self.control.rate_hz;
         self.amplifier.map_or(Ok(()), |amplifier| amplifier.check())?;

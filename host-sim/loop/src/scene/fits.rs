@@ -1,8 +1,5 @@
-//! Checks the tables for a board against the device. With wrong values the board cannot arm, or a fault always occurs,
-//! or a fault never occurs.
-//!
-//! The core checks each value alone. Only the scene has the device's mass and stops. `prepare` reports contradictions
-//! as errors.
+//! Checks the tables for a board against the device. With wrong values the board cannot arm, or a fault always or never
+//! occurs. The core checks each value alone; only the scene has mass and stops. `prepare` reports the errors.
 
 use zwidth::safety::SafetySettings;
 
@@ -49,8 +46,8 @@ impl Scene {
         )
     }
 
-    /// The free handle's motion in the sign test must reach the counts that the test must detect. Otherwise the board
-    /// never arms.
+    /// In the sign test the free handle must move by the counts that the test must detect. Otherwise the board never
+    /// arms.
     fn sign_test_fits(&self) -> Result<(), String> {
         let (safety, count_m) = (self.on_board().safety, self.encoder.resolution_m);
         let force = safety.sign_test_force;

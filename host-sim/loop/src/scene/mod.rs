@@ -1,8 +1,8 @@
 //! Scene files: one device, one controller, one study. The files are in TOML. The name of a key contains its unit.
 //!
-//! Unknown keys and values out of range are errors. Each physical element has a table. An absent element is not
-//! modelled and costs no time. A scene with `[rotary]` is written in rad and N m ([`rotary`]). In memory all values are
-//! in m and N at the handle.
+//! Unknown keys and values out of range are errors. Each physical element has a table; without it the element is not
+//! modelled. A scene with `[rotary]` is written in rad and N m ([`rotary`]). In memory all values are in m and N at the
+//! handle.
 
 use std::{
     collections::BTreeMap,
@@ -79,7 +79,6 @@ pub const STUDY: [&str; 2] = ["paper-1um", "paper-2um"];
 pub struct NamedScene {
     /// Built-in name, or the file's name without its extension.
     pub name: String,
-    /// The scene's text.
     pub text: String,
     /// Files from which the scene was read; empty for a built-in scene.
     pub files: Vec<PathBuf>,
@@ -158,8 +157,8 @@ pub struct Scene {
 }
 
 impl NamedScene {
-    /// The built-in scene of this name, or the scene file at this path. With `SCENE:NAME`, the scene's design NAME is
-    /// its filter.
+    /// The built-in scene of this name, or the scene file at this path. `SCENE:NAME` has the scene's design NAME as
+    /// filter.
     ///
     /// # Errors
     /// [`Error::Input`]: no such scene, not TOML, an unknown key, a value out of range, no such design.
@@ -445,9 +444,8 @@ impl Scene {
         }
     }
 
-    /// Upper bounds of K and B for quiet walls; other criteria have no bounds. At the largest K, a depth of one count
-    /// gives the push. At the largest B, one count per sample gives full force. A bound is never below the walk's
-    /// start.
+    /// Upper bounds of K and B for quiet walls, at least the walk's start; other criteria have none. At the largest K,
+    /// a depth of one count gives the push. At the largest B, one count per sample gives full force.
     fn caps(&self) -> [f64; 2] {
         if self.wall_hit.criterion != Criterion::Quiet {
             return [f64::INFINITY; 2];

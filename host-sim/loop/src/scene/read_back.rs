@@ -89,8 +89,7 @@ pub fn with_settings<'a>(device: Device<'a>, loaded: &Loaded) -> Device<'a> {
 }
 
 impl Scene {
-    /// This scene with all values of a device record. K and B of the wall are left out, because scenes do not have
-    /// them.
+    /// This scene with all values of a device record, except K and B of the wall, which scenes do not have.
     ///
     /// # Errors
     /// Record and scene contradict each other: key, value, allowed range.
@@ -200,7 +199,6 @@ impl Scene {
     }
 }
 
-/// A copy of a board's two settings sectors.
 struct Copied(Vec<u8>);
 
 /// Error of an access outside the two sectors.

@@ -50,15 +50,13 @@ pub fn board_facts(name: &str) -> Result<BoardFacts, Error> {
 pub struct Prepared {
     /// The device, without designs and envelope.
     pub device: Device<'static>,
-    /// Named filters of the device.
     pub designs: Vec<NamedFilter>,
     /// Guessed values of keys that the scene leaves out: `key value`, in the scene's units.
     pub guessed: Vec<String>,
 }
 
 impl NamedScene {
-    /// The same device with the board's output. If the scene's latency is shorter than the board's, the board's latency
-    /// replaces it.
+    /// The same device with the board's output, and at least the board's latency.
     #[must_use]
     pub fn on(&self, board: &BoardFacts) -> Self {
         let mut named = self.clone();

@@ -1,7 +1,6 @@
 //! `[rotary]`: a rotary device. It replaces `[device]`, `encoder.resolution_m` and `actuator.gain_n_per_v`.
 //!
-//! Let r be the radius at which the hand holds the handle, and N the motor turns per turn of the handle. Then the
-//! values at the handle are:
+//! With r the radius at which the hand holds the handle, and N motor turns per turn of the handle, at the handle:
 //! ```text
 //! m = (J_handle + N^2 J_motor) / r^2
 //! b = (c + N^2 k_t^2 / R) / r^2
@@ -14,8 +13,7 @@
 //! With a voltage amplifier the back-EMF, k_t N omega, reduces the force at speed. It acts as damping: the term k_t^2 /
 //! R of b. With a current amplifier this term is absent.
 //!
-//! The inductance of the winding is left out: L / R is about a tenth of a millisecond in motors of this size.
-//! `[amplifier]` can model it.
+//! Inductance is left out: L / R is about 0.1 ms in motors of this size. `[amplifier]` can model it.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

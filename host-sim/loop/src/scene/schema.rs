@@ -1,8 +1,7 @@
 //! The JSON schema of scene files, for editors and for the book.
 //!
-//! Keys and descriptions come from the types. Ranges come from the reader of scenes: a value that is too large gives an
-//! error message with the allowed range. A range that depends on another key is left out. It is in the key's
-//! description.
+//! Keys and descriptions come from the types. Ranges come from the scene reader's error messages for too large values.
+//! A range that depends on another key is only in the key's description.
 
 use std::sync::LazyLock;
 
@@ -120,8 +119,7 @@ fn turned(mut scene: Value) -> Value {
     scene
 }
 
-/// Renames or removes keys. `name` receives the table and the key, and returns the new key, or `None` to remove the
-/// key.
+/// Renames or removes keys. `name` gets table and key, and returns the new key, or `None` to remove the key.
 fn rename(scene: &mut Value, name: &dyn Fn(&str, &str) -> Option<String>) {
     rename_in(scene, "", name);
     for (table, schema) in scene["properties"].as_object_mut().into_iter().flatten() {

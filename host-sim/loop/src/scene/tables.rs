@@ -56,9 +56,8 @@ pub struct Actuator {
     pub period: u32,
     /// Samples from the encoder reading to the force on the handle; may be a fraction.
     pub latency: f64,
-    /// For an observer that uses the force. `true`: it gets a force when the force acts, to the nearest sample; the
-    /// latency is at most 64 samples. `false`: it gets a force when safety grants it, as on the boards. Absent:
-    /// `false`.
+    /// For an observer that uses the force. `true`: it gets a force when it acts, to the nearest sample; latency up to
+    /// 64 samples. `false`: when safety grants it, as on the boards. Absent: `false`.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub latency_known: bool,
 }
@@ -101,7 +100,7 @@ pub struct Wall {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WallHit {
-    /// Constant push into the wall. A push of the motor is within full scale; with `quiet`, 1.03 times the push is.
+    /// Constant push into the wall. If the motor pushes, at most full scale; with `quiet`, at most full scale / 1.03.
     pub push_n: f64,
     /// Who pushes the handle into the wall. Absent: `motor`.
     #[serde(default, skip_serializing_if = "PushBy::is_motor")]

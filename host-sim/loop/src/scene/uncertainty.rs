@@ -139,8 +139,8 @@ impl Scene {
         uncertainty.factor().map(|_| ())
     }
 
-    /// Device `n` drawn from the scene's `[uncertainty]`. Without `[uncertainty]`, the scene itself. The result depends
-    /// only on `seed` and `n`.
+    /// Device `n` drawn from `[uncertainty]`, or the scene itself without this table. It depends only on `seed` and
+    /// `n`.
     ///
     /// # Errors
     /// None of the draws is within the scene's ranges.

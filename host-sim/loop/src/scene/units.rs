@@ -1,8 +1,7 @@
 //! The units of a scene: m and N at the handle, or rad and N m about the handle's axis.
 //!
-//! In memory all values are in m and N at the handle. A rotary scene is converted once, when it is read:
-//! [`Units::to_handle`] uses the radius of its handle. Files, figures and texts are converted once, when they are
-//! written.
+//! In memory all values are in m and N at the handle. A rotary scene is converted once, when it is read
+//! ([`Units::to_handle`]). Files, figures and texts are converted once, when they are written.
 
 use crate::notation::rounded;
 
@@ -106,7 +105,6 @@ impl Units {
         }
     }
 
-    /// Whether these are the units of a rotary scene.
     pub fn is_rotary(self) -> bool {
         self != Self::Linear
     }
@@ -155,8 +153,8 @@ impl Units {
         if factor == 1.0 { value } else { rounded(value * factor, DIGITS_OUT) }
     }
 
-    /// A value at the handle as text for a board's console. `key` gives its quantity. The text has fifteen digits, as
-    /// many as the console reads.
+    /// A value at the handle as text for a board's console, with the console's fifteen digits. `key` gives its
+    /// quantity.
     pub fn command(self, key: &str, at_handle: f64) -> String {
         match self.key(key) {
             Some((_, factor)) => rounded(at_handle * factor, DIGITS_IN).to_string(),

@@ -1,5 +1,4 @@
-//! The velocity filter of a scene: reads `[velocity]` and `[designs.NAME]` into a row of the core's table of
-//! estimators.
+//! The velocity filter of a scene: `[velocity]` and `[designs.NAME]` for the core's table of estimators.
 //!
 //! Names and keys are those of the core's table. Only the cutoff, or another frequency of an estimator, always has the
 //! key `cutoff_hz`. If the scene has no cutoff, the command line or `[sweep]` gives it.
@@ -26,8 +25,7 @@ enum Member {
     Number(u32),
 }
 
-/// Families: estimators that share a name in scenes. Name of the estimator, the key that selects it, and the key's
-/// value.
+/// Families: estimators that share a name in scenes. Each estimator has a key and a value that select it.
 const FAMILIES: [(EstimatorName, &str, &str, Member); 8] = [
     (EstimatorName::Butterworth, "butterworth", "prewarp", Member::Flag(false)),
     (EstimatorName::ButterworthPrewarped, "butterworth", "prewarp", Member::Flag(true)),
@@ -126,7 +124,6 @@ impl VelocityTable {
         self
     }
 
-    /// Whether the estimator has a cutoff.
     pub fn has_cutoff(&self) -> bool {
         self.cutoff_place().is_some()
     }
@@ -156,7 +153,6 @@ impl VelocityTable {
         self.estimator.sense()
     }
 
-    /// The estimator of this filter.
     pub fn estimator(&self) -> EstimatorName {
         self.estimator
     }
@@ -298,7 +294,6 @@ impl<'de> Visitor<'de> for Table {
     }
 }
 
-/// The name of an estimator in scenes.
 struct Family(String);
 
 impl<'de> Deserialize<'de> for Family {
@@ -412,8 +407,8 @@ mod tests {
     use super::*;
     use crate::scene::NamedScene;
 
-    /// A written table is read as the same filter, for every estimator, with and without a cutoff. An absent cutoff is
-    /// written without a key.
+    /// A written table is read as the same filter, with and without a cutoff. An absent cutoff is written without a
+    /// key.
     #[test]
     fn a_table_is_read_as_it_was_written() {
         for name in EstimatorName::ALL {

@@ -1,8 +1,7 @@
 //! Computes the samples of a run together.
 //!
 //! Only the last sample of a [`Run`] may have an output. So each stage (plant, encoder, estimator) is computed over the
-//! whole run before the next stage. The stages do not wait for each other at every sample. Observers get a [`Block`] of
-//! many runs.
+//! whole run. Then no stage waits for another at every sample. Observers get a [`Block`] of many runs.
 
 use zwidth::velocity::Senses;
 
@@ -21,13 +20,12 @@ const ROOM: usize = SAMPLES + RUN;
 /// Results of several samples.
 #[derive(Clone, Debug)]
 pub struct Block {
-    /// Number of the block's first sample.
     index: u64,
     samples: usize,
     positions_m: [f64; ROOM],
     counts: [i32; ROOM],
-    /// Velocities of the controller, counts per sample, and forces at the samples' ends, N. They are only stored if
-    /// every sample is observed.
+    /// The controller's velocities, counts per sample; then the forces at the samples' ends, N. Only if samples are
+    /// observed.
     velocities: [f64; ROOM],
     outputs_n: [f64; ROOM],
     outputs: Vec<Output>,
@@ -37,7 +35,6 @@ pub struct Block {
 pub struct Output {
     /// Index of the output's sample in the block.
     pub place: usize,
-    /// Result of the controller.
     pub rendered: ControllerOutput,
 }
 
@@ -83,13 +80,11 @@ impl Block {
         self.index
     }
 
-    /// Readings of the encoder.
     #[inline]
     pub fn counts(&self) -> &[i32] {
         self.counts.get(..self.samples).unwrap_or_default()
     }
 
-    /// Positions of the handle, m.
     #[inline]
     pub fn positions_m(&self) -> &[f64] {
         self.positions_m.get(..self.samples).unwrap_or_default()
@@ -133,7 +128,6 @@ impl Block {
         self.outputs.clear();
     }
 
-    /// Whether there is space for another run.
     #[inline]
     pub(super) fn has_room(&self) -> bool {
         self.samples < SAMPLES

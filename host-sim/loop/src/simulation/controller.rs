@@ -48,8 +48,8 @@ impl<'a> Readings<'a> {
 
 /// A controller in the loop: gets counts, gives forces.
 pub trait Controller {
-    /// Takes the samples of a run. Only the last sample may have an output. Stores the velocities in `velocities`,
-    /// unless this is `None`.
+    /// Takes the samples of a run. Only the last sample may have an output. Stores the velocities if `velocities` is
+    /// given.
     fn samples(&mut self, readings: Readings<'_>, mut velocities: Option<&mut [f64; RUN]>) {
         for (place, (count, senses)) in readings.each().enumerate() {
             self.sample(count, senses);
@@ -195,7 +195,6 @@ impl Fixed {
         }
     }
 
-    /// Replaces the velocity of the last sample.
     #[inline]
     pub fn set_velocity(&mut self, velocity: Velocity) {
         self.motion.velocity = velocity;

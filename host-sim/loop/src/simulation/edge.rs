@@ -2,8 +2,7 @@
 //! speeds at both ends of a sample.
 
 /// The last crossing into the count of the sample's end: its time within the sample (0 to 1), and whether it was
-/// upwards. `None` if the handle has had this count during the whole sample. Positions are in counts, speeds in counts
-/// per sample.
+/// upwards. `None` without a crossing. Positions are in counts, speeds in counts per sample.
 pub fn last_edge([x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> Option<(f64, bool)> {
     let cell = x1.floor();
     // x(t) = x0 + t (v0 + t (b + t a)), its slope v0 + 2 b t + 3 a t^2
@@ -69,11 +68,9 @@ fn crossing(function: impl Fn(f64) -> f64, mut from: f64, mut until: f64) -> f64
     until
 }
 
-/// The same number as [`crossing`] from 0 to 1, in a third of the time. `None` if the result might differ.
-///
-/// [`crossing`] ends at a border of one of the [`PARTS`], with a sign change before it. The result is certain under one
-/// condition: at the next borders before and after the sign change, the function is larger than its rounding error
-/// `rounded`.
+/// The same number as [`crossing`] from 0 to 1, in a third of the time. `None` if the result might differ. It is
+/// certain if the function exceeds its rounding error `rounded` at the borders of [`PARTS`] on both sides of the sign
+/// change.
 fn crossing_of_sample(
     function: impl Fn(f64) -> f64,
     slope: impl Fn(f64) -> f64,

@@ -62,8 +62,7 @@ pub struct HitReport {
     pub saturated_fraction: f64,
     /// Samples in contact as a fraction of the window's samples.
     pub contact_fraction: f64,
-    /// Samples at which the count changed by more than the core's velocity can represent, as a fraction of all samples
-    /// of the hit.
+    /// Samples at which the count changed by more than the core's velocity can represent, as a fraction of all samples.
     pub velocity_clipped_fraction: f64,
     /// Energy that the wall's force exchanged over the motion of the counts. The push is not included.
     pub port: PortReport,
@@ -80,8 +79,7 @@ impl Deref for HitReport {
 
 impl HitReport {
     /// The report that decides the verdict, from the [`reports`](super::prepared::PreparedScene::reports) at several
-    /// pushes. It is the first report that is not stable. If all are stable, it is the report with the largest force
-    /// RMS.
+    /// pushes: the first that is not stable. If all are stable, it is the one with the largest force RMS.
     pub fn deciding(reports: &[(f64, Self)]) -> Option<Self> {
         let mut each = reports.iter().map(|(_, report)| *report);
         each.clone().find(|report| !report.is_stable()).or_else(|| {
@@ -107,7 +105,6 @@ pub(crate) fn louder<T>(kept: Option<T>, next: T, force_n: impl Fn(&T) -> Option
 /// Reason why a hit has no verdict.
 #[derive(Clone, Debug, PartialEq)]
 pub enum HitError {
-    /// A setting is out of range.
     Settings(SettingsError),
     /// At this sample the handle left the +-2^30 counts that the core accepts.
     OutOfRange(u64),

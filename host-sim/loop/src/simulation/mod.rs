@@ -34,7 +34,6 @@ use crate::{
 pub struct Parts<P> {
     /// The plant. Its step is split when a command takes effect.
     pub plant: P,
-    /// Converts a position to a count.
     pub encoder: Quantiser,
     /// Force at full command, N.
     pub full_scale_n: f64,
@@ -44,7 +43,6 @@ pub struct Parts<P> {
     pub period: u32,
 }
 
-/// One sample of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
     /// Number of the sample, from 0; its time is `index / rate`.
@@ -71,7 +69,6 @@ pub struct Simulation<C, S = Full, P: Plant = AnyPlant> {
     block: Box<Block>,
 }
 
-/// State of a run.
 #[derive(Clone, Copy, Debug)]
 struct Moving<C, S, X> {
     controller: C,
@@ -84,8 +81,7 @@ struct Moving<C, S, X> {
     on_the_way: Latency,
 }
 
-/// Indices of the commands that have not taken effect yet. A command is sent every `period` samples. It takes effect
-/// `latency` samples later.
+/// Indices of the commands that have not taken effect yet. A command is sent every `period` samples.
 #[derive(Clone, Copy, Debug)]
 struct Latency {
     write: usize,
@@ -104,8 +100,8 @@ impl Latency {
         self.write = following(self.write, forces_n);
     }
 
-    /// Samples from `index` until the next command takes effect, and this command. A command that is sent with sample
-    /// `index` is not included.
+    /// Samples from `index` until the next command takes effect, and this command. The command of sample `index` is not
+    /// known yet.
     #[inline]
     fn next(&self, forces_n: &[f64], index: u64, acting_n: f64) -> (usize, f64) {
         let samples = usize::try_from(self.effective - index).unwrap_or(usize::MAX);
@@ -137,8 +133,7 @@ impl<P> Parts<P> {
 
 impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
     /// Computes the next samples: at most `most`, and none after an output. Sample `n` is at `t = n T`, and includes
-    /// the motion until `(n + 1) T`. A sample has five steps, in the order of docs/theory.md. Returns the number of
-    /// samples.
+    /// the motion until `(n + 1) T`. Its five steps are those of docs/theory.md. Returns the number of samples.
     #[inline(always)]
     fn run<P: Plant<State = X>>(
         &mut self,
@@ -153,8 +148,7 @@ impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
         let samples = if due { self.until_due + 1 } else { most };
         self.until_due = if due { parts.period - 1 } else { self.until_due - samples };
         let (index, looks) = (self.index, self.sensing.looks());
-        // step 1: the encoder; steps 4 and 5: the plant until the last sample, with a command that takes effect before
-        // it
+        // step 1: the encoder; steps 4 and 5: the plant until the last sample, with a command that arrives before it
         run.samples = samples as usize;
         let (arrival, arriving_n) = self.on_the_way.next(forces_n, index, self.output_n);
         let span = Span {
@@ -287,7 +281,6 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         &self.parts.plant
     }
 
-    /// The plant's state.
     pub fn state(&self) -> &P::State {
         &self.moving.state
     }

@@ -9,8 +9,7 @@ use super::{Block, Output, Sample, controller::ControllerOutput, passive};
 #[derive(Clone, Debug)]
 pub struct PortWatch {
     port: PortEnergy,
-    /// For each force that does not act yet: the sample at which it acts, the wall force, and whether the handle is in
-    /// contact.
+    /// Each force that does not act yet: the sample at which it acts, the force, and whether the handle is in contact.
     pending: Vec<(u64, i64, bool)>,
     /// Whole samples from an output until its force acts.
     latency: u64,

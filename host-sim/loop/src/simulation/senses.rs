@@ -28,7 +28,6 @@ pub struct Handle {
 pub trait Sensing: Copy {
     /// Whether there is any input beside the count.
     fn looks(&self) -> bool;
-    /// The inputs at a sample.
     fn senses(&self) -> &Senses;
     /// Takes a force that the controller granted, fraction of full scale.
     fn granted(&mut self, force: f64);

@@ -20,7 +20,6 @@ pub const SATURATED: u8 = 4;
 /// Largest number of samples in a trace: 200 s at 10 kHz, about half a gigabyte with the CSV.
 const SAMPLES_MAX: u64 = 2_000_000;
 
-/// Number of samples of a hit.
 fn samples(prepared: &PreparedScene) -> u64 {
     u64::from(prepared.plan().settle) + u64::from(prepared.plan().window)
 }
@@ -28,7 +27,6 @@ fn samples(prepared: &PreparedScene) -> u64 {
 /// One hit, sample by sample.
 #[derive(Clone, Debug)]
 pub struct Trace {
-    /// Samples per second.
     pub rate_hz: f64,
     velocity_lsb_m_per_s: f64,
     full_scale_n: f64,
@@ -51,8 +49,7 @@ pub struct Row {
     pub output_n: f64,
     /// Sum of [`CONTACT`], [`RENDERED`] and [`SATURATED`].
     pub flags: u8,
-    /// Energy that the wall has taken in this contact, J, from its force and the counts. Negative if the wall has given
-    /// energy.
+    /// Energy that the wall has taken in this contact, J, from its force and the counts. Negative: it has given energy.
     pub port_energy_j: f64,
 }
 

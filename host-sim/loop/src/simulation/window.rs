@@ -46,7 +46,6 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Adds the position of one sample.
     #[inline]
     pub fn sample(&mut self, position_m: f64) {
         let away_m = position_m - self.origin_m;
@@ -76,7 +75,6 @@ impl Watch {
     }
 }
 
-/// Measures of a window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measures {
     /// Population RMS of the counts about their mean, m.
@@ -109,8 +107,7 @@ pub struct Judge {
     criterion: Criterion,
     rms_of: RmsOf,
     limit_m: f64,
-    /// Limit of a quiet wall for the RMS of the counts. `quiet_force` is the limit for the RMS of the force, a fraction
-    /// of full scale.
+    /// Limits of a quiet wall: RMS of the counts; then RMS of the force, as a fraction of full scale.
     quiet_counts: RmsLimit,
     quiet_force: f64,
     /// The motor's push, fraction of full scale.
@@ -308,8 +305,7 @@ impl Felt {
 }
 
 impl Band {
-    /// The band between two frequencies, Hz, for windows of `samples` samples. `weight` gives the weight at each
-    /// frequency.
+    /// The band between two frequencies, Hz, for windows of `samples` samples, with a weight for each frequency.
     pub fn new(
         samples: usize,
         rate_hz: f64,

@@ -125,8 +125,7 @@ mod tests {
     use super::*;
     use crate::{engine::simd_ops::lanes, scene::Accelerometer as Scene};
 
-    /// Compares every lane with a scalar sensor. The lanes start one after the other, at rest, and read the same
-    /// speeds.
+    /// Compares every lane with a scalar sensor. The lanes start one after the other, at rest, with the same speeds.
     fn hold<S: SimdOps>(simd: Option<S>, readings: &Readings, speeds_m_per_s: &[f64]) {
         let Some(simd) = simd else { return };
         let mut sensors = Accelerometer::none(simd);

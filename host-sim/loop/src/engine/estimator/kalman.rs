@@ -8,7 +8,6 @@ use super::{
 };
 use crate::engine::simd_ops::{SimdOps, lanes, lanes_mut};
 
-/// Gains of each lane.
 #[derive(Clone, Copy)]
 pub struct Gains<S: SimdOps> {
     filter: velocity::Kalman<LaneGain<S>>,
@@ -16,7 +15,6 @@ pub struct Gains<S: SimdOps> {
     without: S::u64s,
 }
 
-/// Estimates of each lane.
 #[derive(Clone, Copy)]
 pub struct Kalman<S: SimdOps> {
     state: KalmanState<Vector<S>>,

@@ -9,7 +9,6 @@ use super::{
 };
 use crate::engine::simd_ops::{SimdOps, lanes, lanes_mut};
 
-/// Parameters of each lane.
 #[derive(Clone, Copy)]
 pub struct Sizes<S: SimdOps> {
     alpha: S::u64s,
@@ -20,7 +19,6 @@ pub struct Sizes<S: SimdOps> {
     without: S::u64s,
 }
 
-/// Position and velocity of each lane.
 #[derive(Clone, Copy)]
 pub struct Levant<S: SimdOps, const IMPLICIT: bool> {
     ahead: S::u64s,
@@ -114,8 +112,7 @@ fn with_sign<S: SimdOps>(simd: S, size: S::u64s, negative: S::u64s) -> S::u64s {
 fn root<S: SimdOps>(simd: S, square: S::u64s) -> S::u64s {
     let of = |bits: u64| simd.splat_u64s(bits);
     let float = simd.to_float(square);
-    // n is half the number of leading zeros, at most 16. The exponent gives the number of leading zeros: 63 + 1023 -
-    // exponent
+    // n is half the number of leading zeros, at most 16. The number of leading zeros is 63 + 1023 - exponent.
     let exponent = simd.shift_right(cast(float), of(52));
     let n = simd.shift_right(simd.sub_u64s(of(63 + 1023), exponent), of(1));
     let n = simd.smaller(n, of(16));
@@ -135,7 +132,6 @@ fn root<S: SimdOps>(simd: S, square: S::u64s) -> S::u64s {
 mod tests {
     use super::root;
 
-    /// The root from the core's own function.
     fn cores(square: u64) -> u64 {
         let n = square.leading_zeros().min(62) / 2;
         let bits = (square << (2 * n)).isqrt();

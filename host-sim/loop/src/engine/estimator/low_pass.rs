@@ -5,15 +5,13 @@ use zwidth::velocity::{Biquad, Estimator, Shaping};
 use super::Recursive;
 use crate::engine::simd_ops::{SimdOps, lanes, lanes_mut};
 
-/// Mask of the fractional bits that the accumulator has more than the velocity. A coefficient has the same number of
-/// fractional bits.
+/// Mask of the fractional bits that the accumulator has more than the velocity. Coefficients have the same number.
 const RESIDUE: u64 = (1 << 30) - 1;
 /// Half an LSB of the output.
 const HALF: u64 = 1 << 29;
 /// Limit of the filter's sums: half of the largest velocity. Hits with larger sums are run by the core itself.
 const SUM_LIMIT: u64 = 1 << 60;
 
-/// Coefficients of each lane.
 #[derive(Clone, Copy)]
 pub struct Coefficients<S: SimdOps> {
     b: [S::u64s; 3],

@@ -1,5 +1,4 @@
-//! [`WindowDifference`] in lanes: the change of the count over a window, divided by its number of samples. It is only
-//! computed for outputs.
+//! [`WindowDifference`] in lanes: the change of the count over a window, divided by its samples; only for outputs.
 
 use pulp::bytemuck::cast_slice;
 use zwidth::velocity::{Estimator, WindowDifference};
@@ -85,8 +84,7 @@ fn moved_by(lanes: &[usize], counts: &mut [f64], places: &[f64], newest: usize) 
     }
 }
 
-/// The velocity in LSB, in the lower 32 bits. The product is below 2^55, because a count changes by less than 2^15
-/// per sample.
+/// The velocity in LSB, in the lower 32 bits. A count changes by less than 2^15 per sample: the product is below 2^55.
 #[inline(always)]
 fn mean<S: SimdOps>(simd: S, counts: S::f64s, [first, last]: [S::u64s; 2]) -> S::u64s {
     const BITS: u32 = WindowDifference::FACTOR_BITS;

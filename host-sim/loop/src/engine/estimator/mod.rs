@@ -104,9 +104,8 @@ pub trait VectorForm<S: SimdOps>: Sized {
     /// Takes the handle's speeds, m/s, at the next samples.
     #[inline(always)]
     fn look<const R: usize>(_: &mut [Self; R], _: S, _: &[Row<S, R>]) {}
-    /// Updates the estimators with samples. `moved` is the change of the count since the sample before. If an output is
-    /// `due`, `velocity` becomes the velocity at the last sample, LSB, in the lower 32 bits. Otherwise `velocity` is
-    /// undefined.
+    /// Updates the estimators. `moved` is the change of the count per sample. If an output is `due`, `velocity` becomes
+    /// the velocity at the last sample, LSB, in the lower 32 bits. Otherwise it is undefined.
     fn take<const R: usize>(
         forms: &mut [Self; R],
         simd: S,
@@ -127,7 +126,6 @@ pub trait Recursive<S: SimdOps>: Copy {
     type Gains: Copy;
 
     fn at_rest(simd: S) -> (Self, Self::Gains);
-    /// All words of the state.
     fn words(&mut self) -> impl Iterator<Item = &mut S::u64s>;
     /// Puts the coefficients of an estimator into a lane.
     fn tune(gains: &mut Self::Gains, lane: usize, estimator: &Estimator);

@@ -20,7 +20,6 @@ use crate::{
     scene::LATENCY_KNOWN_MAX,
 };
 
-/// Gains of each lane.
 #[derive(Clone, Copy)]
 pub struct Gains<S: SimdOps> {
     observer: velocity::Observer<LaneFactor<S>>,
@@ -29,7 +28,6 @@ pub struct Gains<S: SimdOps> {
     without: S::u64s,
 }
 
-/// Observer state of each lane.
 #[derive(Clone, Copy)]
 struct Observed<S: SimdOps> {
     state: ObserverState<Vector<S>>,
@@ -41,8 +39,7 @@ struct Observed<S: SimdOps> {
 pub struct Observer<S: SimdOps> {
     observed: Observed<S>,
     granted: S::u64s,
-    /// Ring of granted forces that the observer has not received yet, one per sample. It is only used if the observer
-    /// knows the latency.
+    /// Ring of granted forces that the observer has not received yet, one per sample; used if it knows the latency.
     ring: [S::u64s; LATENCY_KNOWN_MAX as usize],
     /// Number of used entries of the ring. 0: the observer gets a force at once.
     late: usize,
@@ -57,11 +54,9 @@ pub struct Fusion<S: SimdOps> {
     known: [S::u64s; ROWS],
 }
 
-/// Limit of `x - x^` and of the known acceleration: 2^12 counts. After a jump of 2^14 counts the error is still below
-/// 2^47, so it can be multiplied.
+/// Limit of `x - x^` and of the known acceleration: 2^12 counts. After a jump of 2^14 counts the error is below 2^47.
 const LIMIT: u64 = 1 << 44;
-/// Number of fractional bits that velocity and disturbance have more than the position. Both stay below 2^12 counts per
-/// sample.
+/// Fractional bits that velocity and disturbance have more than the position. Both are below 2^12 counts per sample.
 const MORE: [u32; 2] = [12, 16];
 
 impl<S: SimdOps> Observed<S> {

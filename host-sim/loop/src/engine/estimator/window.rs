@@ -1,7 +1,6 @@
 //! Estimators whose only state is the last differences. They are computed only when an output is due.
 //!
-//! Counts, weights and their products are whole numbers far below 2^53. So `f64` lanes represent them exactly, even
-//! with fused operations.
+//! Counts, weights and their products are whole numbers far below 2^53, so they are exact in `f64` lanes.
 
 use zwidth::{
     units::Velocity,
@@ -30,7 +29,6 @@ const ROOM: usize = 4 * LENGTH;
 pub trait Kind<S: SimdOps>: Sized {
     /// State without an estimator in any lane.
     fn none(simd: S) -> Self;
-    /// Puts an estimator into a lane.
     fn set(&mut self, simd: S, lane: usize, estimator: &Estimator);
     /// The velocity, a whole number of LSB. The newest difference is the last of `past`.
     fn velocity(&self, simd: S, past: &[S::f64s]) -> S::f64s;
@@ -97,8 +95,7 @@ impl Lengths {
     }
 }
 
-/// [`Fir`](zwidth::velocity::Fir) in lanes. Each lane has as many weights as the longest window; additional weights are
-/// 0.
+/// [`Fir`](zwidth::velocity::Fir) in lanes. The weights of shorter windows are filled up with zeros.
 pub struct Sum<S: SimdOps> {
     weights: Vec<S::f64s>,
     lengths: Lengths,
@@ -132,8 +129,7 @@ impl<S: SimdOps> Kind<S> for Sum<S> {
     }
 }
 
-/// [`Foaw`] in lanes. All lanes try the same window length at the same time, until each lane has found its longest
-/// window.
+/// [`Foaw`] in lanes. All lanes try a window length together, until each lane has found its longest window.
 pub struct Adaptive<S: SimdOps, const BEST: bool> {
     /// Noise bound of each lane.
     noise: S::f64s,
@@ -208,8 +204,8 @@ impl<S: SimdOps, const BEST: bool> Kind<S> for Adaptive<S, BEST> {
             high = simd.choose(falls, upper, high);
             high_over = simd.choose(falls, of(i), high_over);
         }
-        // rounds to nearest, halves away from zero; a quotient is a whole number, or at least 2^-13 below the next
-        // whole number
+        // rounds to nearest, halves away from zero; a quotient that is not whole is at least 2^-13 below the next whole
+        // number
         let scaled =
             simd.mul_f64s(simd.magnitude(number), of(f64::from(1u32 << Velocity::FRACTION_BITS)));
         let half = simd.floor(simd.mul_f64s(over, of(0.5)));

@@ -17,7 +17,6 @@ pub struct Vector<S: SimdOps> {
     pub bits: S::u64s,
 }
 
-/// A [`Gain`] for each lane of a vector.
 #[derive(Clone, Copy)]
 pub struct LaneGain<S: SimdOps> {
     mantissa: S::u64s,
@@ -78,8 +77,7 @@ impl<S: SimdOps> LaneFactor<S> {
     }
 }
 
-/// Numbers are shifted left by this many bits before a product. Then the bits of the 96-bit product below 2^32 only
-/// affect rounding.
+/// Bits that numbers are shifted left before a product. Then the product's bits below 2^32 only affect rounding.
 const LEFT: u32 = 15;
 /// Number of bits: numbers below 2^48 in magnitude may be multiplied.
 pub const FACTOR_BITS: u32 = 63 - LEFT;

@@ -16,7 +16,6 @@ pub struct Actuation<S: SimdOps, const R: usize> {
 }
 
 impl<S: SimdOps, const R: usize> Actuation<S, R> {
-    /// State before the first sample.
     pub fn new(simd: S, period: u32, latency: u32) -> Self {
         let room = (latency / period + 1) as usize;
         let commands_n = vec![Aligned([simd.splat_f64s(0.0); R]); room];

@@ -17,7 +17,6 @@ impl<S: SimdOps> Watched<S> {
         Self([simd.splat_f64s(0.0); 6])
     }
 
-    /// Sets the sums of one lane to zero.
     pub fn clear(&mut self, place: usize) {
         for sum in &mut self.0 {
             lanes_mut(sum)[place] = 0.0;
@@ -53,7 +52,6 @@ pub struct Motion<S: SimdOps, const R: usize> {
 }
 
 impl<S: SimdOps, const R: usize> Motion<S, R> {
-    /// State before the first sample.
     pub fn new(simd: S, window: u32) -> Self {
         let row = Aligned([simd.splat_f64s(0.0); R]);
         Self { rows: vec![row; window as usize], next: 0 }

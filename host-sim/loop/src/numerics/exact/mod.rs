@@ -17,8 +17,7 @@ use nalgebra::{SMatrix, SVector};
 /// Largest `|pole| dt` for which [`oscillator_step`] sums the power series. Up to this limit, cancellation between
 /// terms costs at most one digit. The closed forms would lose as many digits as `1 - phi11` does.
 const SERIES_LIMIT: f64 = 1.0;
-/// Terms of the series. If both poles are inside |z| <= 1, then |h_n| <= n + 1, and the remainder is below 22 / 22! =
-/// 2e-20.
+/// Terms of the series. With both poles inside |z| <= 1, |h_n| <= n + 1. The remainder is below 22 / 22! = 2e-20.
 const SERIES_TERMS: u32 = 21;
 /// Limit of slow pole times dt. Below the limit, gamma1 is a divided difference. The fast pole is then above 0.75, so
 /// the difference keeps its digits. From the limit on, gamma1 is `(1 - phi11) / w^2`, and `1 - phi11` is at least 0.06.
@@ -141,7 +140,6 @@ const TAYLOR_TERMS: u32 = 19;
 /// does not change this mean. So the results are scaled exactly if the unit of a state changes by a power of two.
 ///
 /// For one mass prefer [`oscillator_step`]. A, b and dt must be finite, and dt must not be negative.
-/// For one mass prefer [`oscillator_step`]. A, b and dt must be finite, dt not negative.
 #[must_use]
 pub fn discretise<const N: usize>(
     a: &SMatrix<f64, N, N>,

@@ -71,7 +71,6 @@ impl Integrator {
         }
     }
 
-    /// Order of the method.
     pub fn order(&self) -> u32 {
         match self {
             Self::SemiImplicitEuler { .. } => 1,

@@ -14,8 +14,7 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExactStep<const N: usize> {
     pub(crate) phi: [[f64; N]; N],
-    /// Effect of a force over the whole sample (`gamma`), until the split (`before`), and from the split on
-    /// (`after`).
+    /// Effect of a force: over the whole sample (`gamma`), until the split (`before`), from the split on (`after`).
     pub(crate) gamma: [f64; N],
     pub(crate) before: [f64; N],
     pub(crate) after: [f64; N],
@@ -59,8 +58,8 @@ impl ExactStep<2> {
 }
 
 impl<const N: usize> ExactStep<N> {
-    /// The step over `sample_s`. The split is at `fraction` (0 to below 1) of the sample. N must be the chain's number
-    /// of states.
+    /// The step over `sample_s`, split at `fraction` (0 to below 1) of the sample. N must be the chain's number of
+    /// states.
     ///
     /// # Panics
     /// If N is not the chain's number of states.

@@ -147,8 +147,8 @@ mod tests {
         Chain { mode: Some(mode), ..Chain::alone(device) }
     }
 
-    /// Two free bodies between elastic flanks oscillate with the period `2 (gap / v + pi sqrt(m / k))`. m is their
-    /// reduced mass.
+    /// Two free bodies, reduced mass m, oscillate between elastic flanks with the period `2 (gap / v + pi sqrt(m /
+    /// k))`.
     #[test]
     fn free_bodies_rattle_with_the_known_period() {
         let reduced = 1.0 / (1.0 / DEVICE.mass_kg + 1.0 / MODE.mass_kg);
@@ -290,8 +290,8 @@ mod tests {
     #[test]
     fn it_moves_as_its_equations_say() {
         let device = Device { stiffness_n_per_m: 300.0, damping_n_s_per_m: 5.0, ..DEVICE };
-        // The transmission relaxes within 13 samples, about the time in the gap. So the stretch at the next touch has
-        // an effect.
+        // The transmission relaxes within 13 samples, about the time in the gap. So some stretch is left at the next
+        // touch.
         let chain = with(Mode { damping_n_s_per_m: 50.0, ..MODE }, device);
         let forces_n = |n: u32| if (n / 25).is_multiple_of(2) { 3.0 } else { -2.5 };
         let known = by_small_steps(&chain, forces_n, 300);

@@ -1,10 +1,8 @@
-//! A plant that is integrated step by step: the linear chain with friction, cogging, travel limits and
-//! backlash.
+//! A plant that is integrated step by step: the chain with friction, cogging, travel limits and backlash.
 //!
-//! The plant is smooth between the instants at which its equation changes. Its [`Regime`] selects the equation. Guards
-//! are functions that become negative when the regime ends. If a guard becomes negative within a step, the step is
-//! shortened until the guard is zero to the last digits. Then the state is put exactly on the boundary, and the next
-//! step starts in the new regime.
+//! The plant is smooth between the instants at which its equation changes. Its [`Regime`] selects the equation. A guard
+//! is a function that becomes negative when the regime ends. Then the step is shortened until the guard is zero to the
+//! last digits. The state is put exactly on the boundary, and the next step starts in the new regime.
 //!
 //! So each method keeps its order. A sticking device has speed 0 and does not creep. No device passes a rigid stop. If
 //! a guard changes its sign twice within one step, nothing is detected. So a step must be short compared with the
@@ -171,7 +169,6 @@ impl<const N: usize> IntegratedStep<N> {
         }
     }
 
-    /// Whether the plant has no non-linear element.
     fn is_linear(&self) -> bool {
         self.friction.is_none()
             && self.cogging.is_none()
@@ -244,8 +241,8 @@ impl<const N: usize> IntegratedStep<N> {
         }
     }
 
-    /// Shortens a step to the first instant at which a guard is zero. Returns length, end state and event, or `None` if
-    /// no guard becomes negative.
+    /// Shortens a step to the first instant at which a guard is zero: length, end state, event. `None` without an
+    /// event.
     fn first_event(
         &self,
         field: &Smooth<'_, N>,
@@ -287,7 +284,7 @@ impl<const N: usize> IntegratedStep<N> {
             (value_of(&end, h), end)
         };
         let (mut high, mut at_high) = (step_s, (value, end));
-        // At the start of a new regime the guard may be zero. So a point inside the step is searched where the guard is
+        // In a new regime the guard may start at zero. So it searches a point inside the step where the guard is
         // positive.
         let (mut low, mut value_low) = (0.0, value_of(z, 0.0));
         let mut inside = step_s;

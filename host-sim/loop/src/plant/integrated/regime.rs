@@ -14,7 +14,6 @@ pub struct Regime {
     pub(super) play: Play,
 }
 
-/// Motion of the device.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) enum Motion {
     /// Free to move. Friction acts against this direction.
@@ -25,7 +24,6 @@ pub(super) enum Motion {
     Held,
 }
 
-/// State of the stops.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) enum Stop {
     /// The device is inside its travel.

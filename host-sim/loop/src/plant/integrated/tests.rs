@@ -96,8 +96,7 @@ fn a_spring_pulls_the_device_into_rest_where_friction_says() {
 
 #[test]
 fn stick_slip_breaks_away_at_the_static_force() {
-    // The force of an amplifier rises as 1 - exp(-p t). So the instant of breakaway and the motion after it have known
-    // formulas.
+    // The force of an amplifier rises as 1 - exp(-p t). So breakaway and the motion after it have known formulas.
     let bandwidth_hz = 1.0;
     let chain = Chain { amplifier: Some(Amplifier { bandwidth_hz }), ..Chain::alone(DEVICE) };
     for method in [RK4, DORMAND_PRINCE] {

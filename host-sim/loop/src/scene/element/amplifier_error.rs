@@ -3,8 +3,7 @@
 //! ```text
 //! F = command (1 + cubic (command / full)^2),   full: the force at full command
 //! ```
-//! The error acts before the pole of [`super::Amplifier`]. With a negative `cubic` the motor or the amplifier
-//! saturates.
+//! The error acts before the pole of [`super::Amplifier`]. A negative `cubic` is a motor or amplifier that saturates.
 //!
 //! The model is the first odd term of a power series: the static non-linearity of a Hammerstein model (Ljung, *System
 //! Identification*, 2nd ed., 1999, 5.1).

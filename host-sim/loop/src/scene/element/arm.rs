@@ -1,7 +1,6 @@
 //! Human arm: a mass with its own spring and damper. The spring and damper of the grip connect it to the handle.
 //!
-//! Let x be the position of the handle: of the device, or of the mass of [`super::Mode`] if there is one. Let a be the
-//! position of the arm:
+//! With the positions x of the handle (device, or mass of [`super::Mode`] if there is one) and a of the arm:
 //! ```text
 //! m a'' = -k (a - rest) - b a' - k_grip (a - x) - b_grip (a' - x')     and the opposite force of the grip on the
 //! handle
@@ -53,9 +52,8 @@ impl Arm {
         Ok(())
     }
 
-    /// Arms for studies of scenes without arms: a heavy arm with a soft grip, and a light arm with a firm grip. Their
-    /// values are of the size of published values, but we have not measured them. Each arm is at rest at the handle's
-    /// start position.
+    /// Arms for scenes without arms: a heavy arm with a soft grip, and a light arm with a firm grip. Their values have
+    /// the size of published values; we have not measured them. They are at rest at the handle's start position.
     pub const BUILT_IN: &[(&str, Self)] =
         &[("heavy", Self::model(1.1, 900.0, 15.0)), ("light", Self::model(0.5, 3000.0, 25.0))];
 

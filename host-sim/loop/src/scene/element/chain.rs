@@ -51,9 +51,7 @@ pub(crate) use of_states;
 pub struct Chain {
     /// The body with motor and encoder.
     pub device: Device,
-    /// A second mass behind the transmission.
     pub mode: Option<Mode>,
-    /// A person's arm on the handle.
     pub arm: Option<Arm>,
     pub amplifier: Option<Amplifier>,
     /// Constant force of a hand on the last body, N.

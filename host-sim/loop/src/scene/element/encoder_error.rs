@@ -1,5 +1,4 @@
-//! Encoder phase error: the error of interpolation between the lines of a scale. It has one part with one period per
-//! cycle, and one with two.
+//! Encoder phase error: the error of interpolation between the lines of a scale, once and twice per cycle.
 //!
 //! ```text
 //! reading = x + first sin(p) + second sin(2 p),   p = 2 pi x / cycle + phase
@@ -7,8 +6,7 @@
 //! An offset of the two signals gives an error once per cycle. An error twice per cycle has two possible causes:
 //! unequal amplitudes, or a phase other than 90 degrees between the signals. The result is then quantised.
 //!
-//! These are the first two terms of the error's Fourier series. For small errors, the arctangent of the two signals has
-//! no other terms of first order.
+//! These are the first two terms of the error's Fourier series. The arctangent has no other terms of first order.
 
 use core::f64::consts::TAU;
 

@@ -3,8 +3,7 @@
 //! ```text
 //! F = force
 //! ```
-//! On a device with a spring, the force has the same effect as a shift of the rest position by `force / stiffness`. It
-//! is part of the exact step.
+//! On a device with a spring it acts as a rest position moved by `force / stiffness`. It is part of the exact step.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -48,7 +48,6 @@ pub enum Travel {
     },
 }
 
-/// One end of the travel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
     Low,

@@ -31,7 +31,6 @@ use crate::{
 
 pub use super::hit::{HitError, HitReport, Numeric, WallHit};
 
-/// A scene prepared for wall hits.
 #[derive(Clone, Debug)]
 pub struct PreparedScene {
     scene: Scene,
@@ -43,7 +42,6 @@ pub struct PreparedScene {
     judge: Judge,
     /// The wall's passivity controller, if the scene has one.
     passivity: Option<Passivity>,
-    /// Whether the wall uses the true velocity.
     is_told: bool,
     /// The accelerometer's readings of a hit. They are computed when lanes first need them.
     readings: Arc<OnceLock<Option<Readings>>>,
@@ -152,7 +150,6 @@ impl PreparedScene {
         self.is_told
     }
 
-    /// The judge of this scene's windows.
     pub(crate) fn judge(&self) -> &Judge {
         &self.judge
     }

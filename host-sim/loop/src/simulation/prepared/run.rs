@@ -27,8 +27,7 @@ pub(super) type Observer<'a> = dyn FnMut(&Sample) + 'a;
 const EARLY_CHECK_SAMPLES: u32 = 256;
 
 impl PreparedScene {
-    /// Runs a whole hit. `observe` gets every sample. With several pushes, it gets only the samples of the scene's own
-    /// push.
+    /// Runs a whole hit. `observe` gets every sample; with several pushes, only those of the scene's own push.
     ///
     /// # Errors
     /// A setting is out of range, or the handle leaves the core's range.

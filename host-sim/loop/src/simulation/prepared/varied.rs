@@ -5,8 +5,7 @@
 //! | `taps` | 1 for the first half of [`TAP_S`]. Then a critically damped spring pulls the handle back to its start. Its force is at most 1, and 1 at the wall. A push from the start reaches the wall in 50 ms. | For each tap but the first: the second half of the time from contact to the end of the push. The worst tap decides. Motion and force are measured about the polynomial of degree 5 that fits them best. So slow creep of the wall does not count as bouncing. |
 //! | `hand` | `1 + 0.3 (sin + sin + sin) / 3` at 0.7, 1.9 and 4.3 Hz | The scene's window. The RMS of motion and force includes only frequencies above 20 Hz, from a spectrum with Hann's window. |
 //!
-//! The scene selects whether motor or hand pushes. Between two outputs the push is constant, and the force is evaluated
-//! as the output holds it.
+//! The scene selects whether motor or hand pushes. Push and force are held between two outputs.
 
 use std::f64::consts::TAU;
 
@@ -53,7 +52,6 @@ pub(super) fn tap_start_m(scene: &Scene, plant: &AnyPlant) -> f64 {
     (wall_m - (plant.position_m(&state) - wall_m).max(scene.encoder.resolution_m)).max(start_m)
 }
 
-/// A push over time.
 enum Push {
     Taps { back_m: f64, per_m: f64, per_m_per_s: f64 },
     Hand,
@@ -92,7 +90,6 @@ fn is_pressed(time_s: f64) -> bool {
     (time_s / TAP_S).fract() < 0.5
 }
 
-/// Samples of a window.
 #[derive(Clone, Debug, Default)]
 struct Seen {
     counts: Vec<i32>,

@@ -20,8 +20,7 @@ pub(super) struct Judged {
     scatter: RunningVariance,
 }
 
-/// Limit of counts. If all counts of a block are below it in magnitude, the sum of their squared differences fits into
-/// 64 bits.
+/// Limit of counts. Below it, the sum of the squared differences of a block's counts fits into 64 bits.
 const NEAR: u32 = 1 << 26;
 
 /// Number of samples of a block as `u32`.
@@ -105,7 +104,6 @@ pub(super) struct Shown {
     pub deepest_m: f64,
     /// Samples at which the count changed by more than the core's velocity can represent.
     pub clipped: u32,
-    /// Last count so far.
     pub last: i32,
 }
 

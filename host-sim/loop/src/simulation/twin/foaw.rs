@@ -4,8 +4,7 @@ use super::LENGTH;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Foaw {
-    /// Whether the line is the least-squares fit to all samples of the window. Otherwise it goes through the ends of
-    /// the window.
+    /// Whether the line is the least-squares fit to all samples of the window. Otherwise it goes through its two ends.
     pub best: bool,
     /// Longest window, samples.
     pub window: u32,

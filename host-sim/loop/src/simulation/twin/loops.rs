@@ -1,5 +1,4 @@
-//! Tracking loop and observer in `f64`, in their textbook form. The core has a low-pass with the same transfer
-//! function, or integers.
+//! Tracking loop and observer in `f64`, in textbook form. The core has a low-pass of the same response, or integers.
 //!
 //! The state is the position error `x - x^`, not x^. So the twin keeps all digits at any count.
 

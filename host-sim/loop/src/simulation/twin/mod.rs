@@ -37,7 +37,6 @@ pub enum Rounding {
     VelocityLsb,
 }
 
-/// The controller in `f64`.
 #[derive(Clone, Copy, Debug)]
 pub struct Twin {
     estimator: TwinEstimator,
