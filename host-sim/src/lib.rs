@@ -1,6 +1,5 @@
 //! Simulator of a one-degree-of-freedom haptic device with the control core of the firmware. It answers this question:
-//! which cutoff of the velocity filter gives a device the largest Z-width? The Z-width is the range of walls that stay
-//! stable.
+//! which filter cutoff gives a device the largest Z-width? The Z-width is the range of walls that stay stable.
 //!
 //! Each layer uses only the layers below it:
 //!

@@ -29,7 +29,6 @@ pub enum Shape {
     Circle(BackendCoord, u32, ShapeStyle),
     /// Filled area between these corners.
     Polygon(Vec<BackendCoord>, ShapeStyle),
-    /// A line of text.
     Text(Lettering, ShapeStyle),
 }
 

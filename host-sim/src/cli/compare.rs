@@ -63,7 +63,6 @@ pub struct CompareArgs {
     usable: UsableArgs,
 }
 
-/// All files of a result.
 const FILES: &[&str] = &[
     "compare.csv",
     "tuning.csv",

@@ -45,7 +45,7 @@ pub struct DesignArgs {
     /// Largest RMS of the force above 100 Hz, N, at the wall that the result names [default: no limit].
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     roughness: Option<f64>,
-    /// Smallest part of the area that must remain if frequency or damping is wrong by a factor of 1.2 [default: no
+    /// Smallest part of the area that must remain if frequency or damping is off by a factor of 1.2 [default: no
     /// limit].
     #[arg(long, value_name = "PART", allow_negative_numbers = true)]
     mistuned: Option<f64>,
@@ -83,7 +83,6 @@ pub struct DesignArgs {
     seed: u64,
 }
 
-/// All files of a result.
 const FILES: &[&str] = &["design.csv", "tried.csv", "conditions.csv", "best.toml", "front"];
 
 #[derive(Serialize)]

@@ -12,8 +12,8 @@ const STARTS: [u32; 2] = [16, 1];
 /// Options for the share of starts, and of devices, at which a wall is stable.
 #[derive(Clone, Debug, Args)]
 pub struct DrawArgs {
-    /// Probability of each wall: the share of starts, spread over one count, at which it is stable. With --uncertain,
-    /// the share of devices too.
+    /// Probability of each wall: the share of starts, spread over one count (with --uncertain also of devices), that
+    /// hold it.
     #[arg(long)]
     probability: bool,
     /// With --probability: draw this number of devices from the scene's [uncertainty].

@@ -1,5 +1,4 @@
-//! `linear`: the stability boundary by linear theory. Quantisation, saturation and the one-sided wall are left out, and
-//! the handle is free.
+//! `linear`: the stability boundary without quantisation, saturation and one-sided wall, with a free handle.
 
 use std::{fmt::Write as _, path::PathBuf};
 
@@ -68,7 +67,6 @@ struct Json<'a> {
     simulated: Vec<SimulatedRow>,
 }
 
-/// One point of the simulated boundary.
 #[derive(Serialize)]
 struct SimulatedRow {
     cutoff_hz: f64,
@@ -84,7 +82,6 @@ struct SimulatedRow {
     saturated_fraction: f64,
 }
 
-/// One point of the boundary.
 #[derive(Serialize)]
 struct Row {
     cutoff_hz: f64,
@@ -98,8 +95,7 @@ struct Row {
     gain_margin_holds: bool,
     /// Further intervals of K, above the first, in which the loop is stable: from and to of each.
     further_stable_n_per_m: Vec<(f64, f64)>,
-    /// Number of K > 0 at which roots cross the unit circle. The paper's method needs one crossing; if there are
-    /// several, it must select one.
+    /// Number of K > 0 at which roots cross the unit circle. If there are several, the paper's method must select one.
     phase_crossings: usize,
     /// Largest K for which all walls from 0 on are passive at the port of a damped mass. 0 if no wall is. Only with
     /// `--passivity`.

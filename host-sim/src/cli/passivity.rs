@@ -83,7 +83,6 @@ Columns of lengths.csv, one row for each limit, cutoff, controller and length of
   withheld_most_fraction    at the wall at which most is withheld
   sag                       mean penetration over push / K: above 1 the wall is softer than it was commanded";
 
-/// All files of a result.
 const FILES: &[&str] = &["passivity.csv", "lengths.csv", "passivity"];
 
 #[derive(Serialize)]

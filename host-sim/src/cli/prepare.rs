@@ -76,7 +76,7 @@ struct Json {
     heaviest_damping_n_s_per_m: f64,
     /// Largest energy that a contact gives with the passivity controller. `null` without the controller.
     passivity_reserve_j: Option<f64>,
-    /// Speed of the free handle under full force when a fault switches the force off. The next field is its travel.
+    /// Speed of the free handle, after full force, when a fault switches the force off. Its travel follows.
     fault_speed_m_per_s: f64,
     fault_travel_m: f64,
     /// Voltages at rest and at full command, as fractions of the analogue supply. `null` if the input is not used.

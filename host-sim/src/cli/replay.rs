@@ -27,14 +27,14 @@ pub struct ReplayArgs {
     /// Estimator [default: the scene's].
     #[arg(long, value_name = "NAME")]
     estimator: Option<String>,
-    /// Nominal cutoff, Hz [default: `velocity.cutoff_hz` of the scene, else 1500]. Other parameters are the scene's, or
-    /// their defaults.
+    /// Nominal cutoff, Hz [default: `velocity.cutoff_hz` of the scene, else 1500]. Other parameters: the scene's, or
+    /// defaults.
     #[arg(long, value_name = "HZ")]
     cutoff: Option<f64>,
     /// The scene of the board.
     #[arg(long, default_value = "nucleo-f446re")]
     scene: String,
-    /// Rank all estimators that need only the count, each tuned. Their error is against the velocity of the positions,
+    /// Rank all estimators that need only the count, each tuned. The reference is the velocity of the positions,
     /// low-passed at HZ forwards and backwards.
     #[arg(long, value_name = "HZ", allow_negative_numbers = true, conflicts_with_all = ["estimator", "cutoff", "plot"])]
     rank: Option<f64>,
@@ -52,7 +52,6 @@ pub struct ReplayArgs {
 /// Cutoff without `--cutoff` and `velocity.cutoff_hz`, Hz.
 const CUTOFF_HZ: f64 = 1500.0;
 
-/// Ranks the estimators on a log.
 fn ranked(args: &ReplayArgs, reference_hz: f64, common: &Common) -> Result<(), Error> {
     let named = NamedScene::load(&args.scene)?;
     let scene = &named.scene;

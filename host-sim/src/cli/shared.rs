@@ -54,8 +54,7 @@ pub struct AtCutoff {
 }
 
 impl AtCutoff {
-    /// The scene and a hit. The wall is `[K, B]` in the scene's units. Without it, the wall is the start of the scene's
-    /// walk.
+    /// The scene and a hit on the wall `[K, B]`, in the scene's units. `None`: the first wall of the scene's walk.
     pub fn load(&self, wall: Option<[f64; 2]>) -> Result<(NamedScene, WallHit), Error> {
         let scene = NamedScene::load(&self.scene)?;
         let units = scene.scene.units;

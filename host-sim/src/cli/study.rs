@@ -16,8 +16,7 @@ use crate::{
     study::planned::{Study, StudyFile, trial::Estimate},
 };
 
-/// Computes every point of a study, unit by unit, and writes a file for each unit. --resume continues after an
-/// interruption.
+/// Computes every point of a study and writes a file for each unit of work. --resume continues after an interruption.
 #[derive(Debug, Args)]
 pub struct StudyArgs {
     /// The study: a TOML file.

@@ -31,8 +31,7 @@ use lab_trade::{
     table::{self, GoodFor},
 };
 
-/// Measures speed against accuracy: of number formats and forms of the velocity filter, and of methods to advance the
-/// plant.
+/// Measures speed against accuracy: number formats and forms of the velocity filter, and methods to advance the plant.
 #[derive(Debug, Args)]
 pub struct TradeArgs {
     /// Built-in scene or scene file.
@@ -45,7 +44,6 @@ pub struct TradeArgs {
     repeat: u32,
 }
 
-/// All files of a result.
 const FILES: &[&str] = &["filters.csv", "plant.csv", "filters", "cutoffs", "plant", "summary.json"];
 
 #[derive(Serialize)]

@@ -16,7 +16,6 @@ use crate::{
 /// A comparison of two walks, with the names for its output.
 #[derive(Clone, Copy, Debug)]
 pub struct AgreeReport<'a> {
-    /// Name of the scene.
     pub scene: &'a str,
     pub units: Units,
     /// Name of the measured walk's file.

@@ -11,8 +11,8 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
-/// Start of the names of drafts and backups. The two constants below are their ends. A backup is kept until the result
-/// is complete.
+/// Start of the names of drafts and backups; the constants below are their ends. A backup stays until the result is
+/// complete.
 const PREFIX: &str = ".zwidth-";
 const DRAFT: &str = ".draft";
 const BACKUP: &str = ".backup";
@@ -42,8 +42,7 @@ impl Traces {
     }
 }
 
-/// Removes all drafts, and the folders made for unfinished results. Afterwards the process cannot write drafts or
-/// results, so it must end.
+/// Removes all drafts, and the folders made for unfinished results. Afterwards the process must end: it cannot write.
 pub fn abandon() {
     let traces = traces();
     for file in &traces.files {

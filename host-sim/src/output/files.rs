@@ -1,8 +1,7 @@
 //! Writes all results. Either all files of a command appear, or none. Each file is first written to a draft beside its
 //! final path, and flushed. Then all drafts are renamed.
 //!
-//! A path is made real first. It must not be an input of the command or another result. No other program may write it
-//! at the same time.
+//! A path is made real first. It must not be an input or another result, and no other program may write it meanwhile.
 
 use std::{
     fs::{self, File},
@@ -68,7 +67,6 @@ struct Output {
 #[derive(Debug)]
 struct Folder {
     shown: PathBuf,
-    /// Units of the folder's tables.
     units: Units,
     /// Names of all files that a result may have.
     possible: Vec<String>,
@@ -99,8 +97,8 @@ impl Outputs {
     /// Reserves a file. The file appears after [`commit`](Self::commit).
     ///
     /// # Errors
-    /// [`Error::Input`] if the file cannot be written or exists, if it is an input or another output, or if another
-    /// program writes it.
+    /// [`Error::Input`] if it cannot be written, exists, is an input or another output, or if another program writes
+    /// it.
     pub fn file(&mut self, path: &Path) -> Result<Place, Error> {
         let (place, draft) = self.reserve(path)?;
         self.refuse(path, &place, None)?;
@@ -124,8 +122,7 @@ impl Outputs {
         path.map(|path| self.file(path)).transpose()
     }
 
-    /// Reserves the file of a table, if its option is given. A command writes CSV text to it. The ending of its name
-    /// selects the format.
+    /// Reserves the file of a table, if its option is given. Commands write CSV to it. The ending selects the format.
     ///
     /// # Errors
     /// The errors of [`file`](Self::file) and of [`Format::of`].
@@ -158,8 +155,7 @@ impl Outputs {
     /// figure. Tables are converted to the given units.
     ///
     /// # Errors
-    /// The errors of [`file`](Self::file), and [`Error::Input`] if the folder already has one of these files and
-    /// `force` is not set.
+    /// The errors of [`file`](Self::file), and [`Error::Input`] if one of these files exists and `force` is not set.
     pub fn folder(
         &mut self,
         folder: &Path,

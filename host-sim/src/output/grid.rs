@@ -31,7 +31,6 @@ pub struct Counts {
 
 /// A grid to which walls are added one by one.
 pub struct Grid {
-    /// Counts of the walls so far.
     pub counts: Counts,
     columns: Columns,
     is_rotary: bool,
@@ -45,7 +44,6 @@ impl Grid {
         Self { counts: Counts::default(), columns, is_rotary: units.is_rotary() }
     }
 
-    /// Names of the columns.
     pub fn header(&self) -> &str {
         &self.columns.header
     }

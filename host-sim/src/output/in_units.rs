@@ -1,8 +1,5 @@
-//! Converts results to the units of their scene. Within the program all values are in m and N. The results of a rotary
-//! scene are in rad and N m.
-//!
-//! The names of columns and keys end in their unit, so one conversion is enough for all results. Results of a linear
-//! scene do not change.
+//! Converts results to the units of their scene: rad and N m for a rotary scene. Within the program all values are in m
+//! and N. Names of columns and keys end in their unit, so one conversion is enough for all results.
 
 use std::fmt::{self, Write as _};
 
@@ -22,14 +19,12 @@ const AREA: &str = "area_n2_s_per_m2";
 /// Columns of a table that is written row by row.
 #[derive(Clone, Debug)]
 pub struct Columns {
-    /// First line of the table.
     pub header: String,
     /// Factor for the numbers of each column. `None` if they do not change.
     factors: Vec<Option<f64>>,
 }
 
 impl Columns {
-    /// The columns of a table with this first line.
     pub fn new(units: Units, header: &str) -> Self {
         let column = |name: &str| match units.key(if AREAS.contains(&name) { AREA } else { name }) {
             Some((_, factor)) if AREAS.contains(&name) => (name.to_owned(), Some(factor)),
@@ -63,7 +58,6 @@ impl Columns {
     }
 }
 
-/// Converts a table to these units.
 pub fn csv(units: Units, table: String) -> String {
     if !units.is_rotary() {
         return table;

@@ -253,7 +253,6 @@ impl LeverStudy {
         Some(text)
     }
 
-    /// The sentence below the figure.
     pub const CAPTION: &str = "The area at the ideal cutoff where the same device acts sooner and more often, and what an \
                                amplifier and a transmission leave of it.";
 
@@ -283,8 +282,8 @@ impl LeverStudy {
         self.panels(scene, texts, push, series)
     }
 
-    /// Areas at the ideal cutoff over `x_of` of each loop on the line, with one panel for each limit. `x_of` returns
-    /// `None` for a loop that is not on this line.
+    /// Areas at the ideal cutoff over `x_of` of each loop, a panel for each limit. Loops with `None` are not on this
+    /// line.
     pub(super) fn line(
         &self,
         name: String,

@@ -48,7 +48,6 @@ pub struct LimitStudy {
     pub results: Vec<LimitResult>,
 }
 
-/// One limit in `summary.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct LimitSummary {
     push: &'static str,
@@ -146,7 +145,6 @@ impl LimitStudy {
         self.results.iter().map(summary).collect()
     }
 
-    /// The table for people.
     pub fn text(&self) -> String {
         let Question { walk, rms_of, repeats, .. } = &self.question;
         let mut text = format!(
@@ -189,13 +187,11 @@ impl LimitStudy {
         text
     }
 
-    /// The sentence below the figure.
     pub const CAPTION: &str = "The smallest cutoff whose mean area is at least 98 % of the largest, for each limit of the \
                                RMS, and for each multiple of what a hand feels (a model, unless wall_hit.felt_curve names \
                                a curve).";
 
-    /// The figure: ideal cutoff over the limit, with the scene's own hand. RMS limits and sensation levels have a panel
-    /// each.
+    /// The figure: ideal cutoff over the limit, with the scene's own hand. One panel for RMS limits, one for levels.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let kinds = [false, true].into_iter().filter(|felt| {
             self.results.iter().any(|result| matches!(result.limit, Limit::Felt(_)) == *felt)

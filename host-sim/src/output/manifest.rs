@@ -4,11 +4,9 @@ use serde::Serialize;
 
 use crate::{output::SCHEMA_VERSION, scene::NamedScene};
 
-/// Provenance of a result.
 #[derive(Clone, Debug, Serialize)]
 pub struct Manifest {
     schema_version: u32,
-    /// Version of the simulator.
     pub version: &'static str,
     /// Commit of the build, or `unknown`.
     pub git_commit: &'static str,
@@ -28,7 +26,6 @@ pub struct Manifest {
 }
 
 impl Manifest {
-    /// The manifest of a result of `command` on `scene`.
     pub fn new(command: String, scene: &NamedScene) -> Self {
         Self {
             scene: Some(scene.name.clone()),

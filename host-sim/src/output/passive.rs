@@ -14,7 +14,6 @@ use crate::{
     scene::NamedScene,
 };
 
-/// One row of the JSON.
 #[derive(Clone, Debug, Serialize)]
 pub struct PassiveArea {
     cutoff_hz: Option<f64>,
@@ -71,7 +70,6 @@ pub fn figure(study: &PassiveStudy, scene: &NamedScene) -> Result<Figure, Figure
     })
 }
 
-/// The table for people.
 pub fn text(study: &PassiveStudy) -> String {
     let mut text = format!(
         "with the controller a contact gives at most {:.3e} J; {} walks each, > cut at a cap\n  {}\n  hits at walls of \

@@ -82,7 +82,6 @@ struct ContourSummary {
 }
 
 impl ProbabilityStudy {
-    /// Caption below the picture of a study.
     pub const CAPTION: &str = "Walls at the cutoff that leads in the worst draws that 5, 50 and 95 % of the draws hold, and those of the \
                                firmware, fitted on fresh draws.";
 
@@ -224,7 +223,6 @@ impl ProbabilityStudy {
         zwidth(&ZwidthPlot { units, title, subtitle, legend, marked: "ideal", curves }).map(Some)
     }
 
-    /// The table for people.
     pub fn text(&self) -> String {
         let summary = self.summary();
         let mut text = format!(

@@ -117,11 +117,10 @@ impl RateStudy {
         text
     }
 
-    /// The sentence below the figure.
     pub const CAPTION: &str = "The area at the ideal cutoff where the same device looks and acts more or less often, the latency the same.";
 
-    /// The figure: area at the ideal cutoff over the output rate, with a line for each encoder rate and a panel for
-    /// each limit. The motor pushes.
+    /// The figure: area at the ideal cutoff over the output rate. A line is an encoder rate, a panel a limit. The motor
+    /// pushes.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let Some(&push) = self.0.question.pushes.first() else { return Ok(None) };
         let line = |(n, encoder): (usize, f64)| {

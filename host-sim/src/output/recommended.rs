@@ -38,8 +38,7 @@ struct Row {
     protocols: Vec<ProtocolRow>,
 }
 
-/// Largest K at which a wall with this B is quiet in another protocol. `null` if there is no such K, or no test was
-/// made.
+/// Largest K at which a wall with this B is quiet in another protocol. `null` if there is none, or without a test.
 #[derive(Clone, Debug, Serialize)]
 struct ProtocolRow {
     protocol: &'static str,
@@ -80,7 +79,6 @@ impl Answer {
     }
 }
 
-/// The reason for this cutoff.
 fn reason(units: Units, study: &QuietStudy, of: &Recommended) -> String {
     let mut text = format!(
         "the largest area of quiet walls, {}, of {} tried; those of the range have at least {} % of it",

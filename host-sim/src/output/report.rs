@@ -1,8 +1,8 @@
 //! The report of a sweep: one HTML file that needs no other file.
 //!
-//! Style sheet and figures are inline. There is no script and no external reference. The page fits on a phone, prints
-//! in black on white, and follows the light or dark setting of the reader. Figures stay on white, because their colours
-//! show the order of the cutoffs.
+//! Style sheet and figures are inline, without scripts or external references. The page fits on a phone, prints in
+//! black on white, and follows the reader's light or dark setting. Figures stay on white, because colours show the
+//! order of cutoffs.
 
 use std::fmt::Write as _;
 
@@ -43,9 +43,7 @@ pub struct Report {
     pub ideal_cutoff_range_hz: Option<[f64; 2]>,
     /// The recommended cutoff. If it is absent, the ideal cutoff is the answer.
     pub answer: Option<String>,
-    /// Figures, in the order of the page.
     pub figures: Vec<ReportFigure>,
-    /// Units of the tables.
     pub units: Units,
     /// One row per cutoff.
     pub areas: Vec<AreaPoint>,
@@ -53,7 +51,6 @@ pub struct Report {
     pub texts: Vec<(&'static str, String)>,
     /// Notes, one sentence each.
     pub notes: Vec<String>,
-    /// Text of the scene file, unchanged.
     pub scene: String,
     /// Origin of the report as names and values: version, toolchain, command.
     pub provenance: Vec<(String, String)>,

@@ -27,7 +27,6 @@ use crate::{
     },
 };
 
-/// File that describes the study.
 const HEAD: &str = "study.json";
 /// File with the list of complete parts.
 const MANIFEST: &str = "manifest.jsonl";
@@ -50,7 +49,6 @@ struct Head {
     columns: Vec<String>,
     /// One block for each pair of scene and estimator.
     blocks: Vec<HeadBlock>,
-    /// Text of the study's file, unchanged.
     study_text: String,
     key: String,
 }
@@ -136,13 +134,9 @@ pub struct Entry {
     /// Number of the unit.
     pub unit: u64,
     pub key: String,
-    /// File name of the unit's part.
     pub file: String,
-    /// Bytes of the part.
     pub bytes: u64,
-    /// SHA-256 of the part.
     pub sha256: String,
-    /// Rows of the part.
     pub rows: u64,
     /// Number of hits that were run for the part.
     pub hits: u64,
@@ -153,7 +147,6 @@ pub struct Entry {
 pub struct Part {
     pub csv: String,
     pub rows: u64,
-    /// Number of hits that were run for the part.
     pub hits: u64,
 }
 
@@ -252,7 +245,6 @@ impl Folder {
         Ok(Self { path, done, manifest, whole, inputs, is_resumed, _head: lock })
     }
 
-    /// Units with complete parts.
     pub fn done(&self) -> &BTreeMap<u64, Entry> {
         &self.done
     }
@@ -284,8 +276,7 @@ impl Folder {
         Ok(())
     }
 
-    /// Sorts the manifest by units. So the bytes of a study do not depend on the machine and on the order of its units.
-    /// Must be called at the end.
+    /// Sorts the manifest by units, so that its bytes do not depend on machine and order. Must be called at the end.
     ///
     /// # Errors
     /// [`Error::File`]. All lines stay.
@@ -304,7 +295,6 @@ impl Folder {
 }
 
 impl Entry {
-    /// The line of this entry in the manifest.
     fn line(&self) -> Result<String, Error> {
         let line = serde_json::to_string(self);
         let line = line.map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))?;

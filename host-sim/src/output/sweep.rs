@@ -70,7 +70,6 @@ const PROBABILITY: &str = "probability.csv";
 const CONTOURS: &str = "contours.csv";
 const ENVELOPE95: &str = "envelope95.csv";
 
-/// The result for one variant of a scene.
 #[derive(Clone, Debug)]
 pub struct VariantResult {
     pub name: String,
@@ -78,14 +77,11 @@ pub struct VariantResult {
     pub result: SweepResult,
 }
 
-/// A finished study of one scene.
 #[derive(Clone, Debug)]
 pub struct Study {
     pub scene: NamedScene,
     pub prepared: PreparedScene,
-    /// Arithmetic of the controller.
     pub numeric: Numeric,
-    /// Walks per cutoff.
     pub repeats: u32,
     pub result: SweepResult,
     /// For each cutoff, the walls that the firmware may render.
@@ -104,7 +100,6 @@ pub struct Study {
     pub limits_left_out: Option<String>,
     /// The recommended cutoff. `None` for the paper's own study.
     pub quiet: Option<QuietStudy>,
-    /// The command of this study.
     pub command: String,
 }
 
@@ -122,7 +117,6 @@ pub struct Summary {
     ideal_cutoff_range_basis: Option<&'static str>,
     cutoffs: Vec<CutoffSummary>,
     notes: Vec<String>,
-    /// Keys of the scene whose values are estimated.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     estimated: Vec<String>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -353,8 +347,7 @@ impl Study {
         })?)
     }
 
-    /// The caption of a figure by the scene's own criterion. If the recommendation has another criterion, the caption
-    /// says so.
+    /// The caption of a figure by the scene's own criterion. It says so if the recommendation has another one.
     fn by_its_own(&self, caption: &str) -> String {
         let Some(_) = self.recommended() else { return caption.into() };
         let criterion = self.scene.scene.wall_hit.criterion.name();

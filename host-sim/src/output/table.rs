@@ -22,12 +22,10 @@ mod parquet;
 pub enum Kind {
     /// Rows that have no order in time.
     Rows,
-    /// One instant per row. The time is in the column `time_s`. If there is none, it is `sample` divided by this rate,
-    /// Hz.
+    /// One instant per row: the column `time_s`, or else `sample` divided by this rate, Hz.
     Moments { rate_hz: f64 },
 }
 
-/// File format of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// Comma-separated values, as described in docs/files.md.
@@ -76,7 +74,6 @@ impl Format {
 /// Facts about a table beside its rows.
 #[derive(Clone, Debug)]
 pub struct About {
-    /// Meaning of the rows.
     pub kind: Kind,
     /// The manifest as JSON text.
     pub manifest: String,
@@ -99,15 +96,13 @@ pub fn bytes(format: Format, csv: &str, about: &About) -> Result<Vec<u8>, Error>
     bytes.map_err(|error| Error::Internal(format!("cannot write the table: {error}")))
 }
 
-/// The bytes of a table as CSV. [`Format::of`] returns an error for the other formats, so no other format is possible
-/// here.
+/// The bytes of a table as CSV. For other formats, [`Format::of`] has already returned an error.
 #[cfg(not(feature = "open-files"))]
 pub fn bytes(_: Format, csv: &str, _: &About) -> Result<Vec<u8>, Error> {
     Ok(csv.into())
 }
 
-/// Endings of column names that do not occur in scenes. For each ending: its unit, and whether the values are whole
-/// numbers.
+/// Endings of column names that scenes do not have: ending, unit, whether the values are whole numbers.
 const UNITS: [(&str, &str, bool); 5] = [
     ("_fraction", "1", false),
     ("_counts", "counts", true),

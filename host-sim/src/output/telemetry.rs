@@ -22,8 +22,8 @@ const FACTS: [(&str, Flags, bool); 6] = [
     ("fault", Flags::FAULT, true),
 ];
 
-/// Position, velocity, force and flags over time. With the board's scene they are in SI units, otherwise in the units
-/// of the control core.
+/// Position, velocity, force and flags over time: in SI units with the board's scene, else in units of the control
+/// core.
 pub fn telemetry_figure(
     capture: &Capture,
     name: &str,

@@ -23,8 +23,7 @@ const NUMBERS: [(&str, &str); 2] = [
     ("invalid digit found in string", "it has to be a whole number, without a unit"),
 ];
 
-/// Whether result and error are printed as JSON, and the name of the command. The name is `None` if the command does
-/// not exist.
+/// Whether result and error are printed as JSON, and the name of the command; `None` if the command does not exist.
 static JSON: OnceLock<(bool, Option<String>)> = OnceLock::new();
 /// Whether an error has been printed. Only the first error is printed.
 static SAID: AtomicBool = AtomicBool::new(false);
@@ -99,8 +98,7 @@ fn parse<T: Parser>() -> Result<T, u8> {
     })
 }
 
-/// Prints one line on stderr, and with `--json` an object on stdout. If neither can be printed, only the exit code
-/// shows the error.
+/// Prints one line on stderr, and with `--json` an object on stdout. If both fail, only the exit code shows the error.
 fn say_error(error: &Error) {
     if SAID.swap(true, Ordering::Relaxed) {
         return;
@@ -145,7 +143,6 @@ pub fn print_text(text: &str) -> Result<(), Error> {
     }
 }
 
-/// Prints a note on stderr.
 pub fn note(text: &str) {
     let _ = writeln!(io::stderr(), "{}", printable(text, true));
 }

@@ -24,8 +24,7 @@ const FOLLOWED: [(Format, Form); 8] = [
 
 /// Smallest error that is drawn, relative to the allowed error. Smaller errors are drawn at this value.
 const SHARE_FLOOR: f64 = 1e-4;
-/// Largest error that is drawn, relative to the allowed error. Larger errors are drawn on the frame, like unstable
-/// filters.
+/// Largest error that is drawn, relative to the allowed error. Larger errors are on the frame, like unstable filters.
 const SHARE_CEILING: f64 = 1e6;
 
 fn error_name(criterion: Criterion) -> &'static str {
@@ -62,7 +61,6 @@ fn mark(variant: Variant) -> Mark {
     }
 }
 
-/// Name of a variant in a legend.
 fn name(variant: Variant) -> String {
     match variant.format {
         Format::IdspDither | Format::IdspWide | Format::CmsisQ31 | Format::Cmsis32x64 => {

@@ -48,7 +48,6 @@ pub fn figure(study: &UsableStudy, scene: &NamedScene) -> Result<Figure, FigureE
     })
 }
 
-/// The tables for people.
 pub fn text(study: &UsableStudy) -> String {
     let mut text = format!(
         "usable area, 10^6 N^2 s/m^2: walls that are stable and rendered as commanded; {} walks each, > cut at a cap",

@@ -27,8 +27,7 @@ pub fn scene(from: &str, to: &str) -> TempDir {
     folder
 }
 
-/// Asserts exit code 2, one line on stderr, and no new file. Stdout must be empty, except with `--json`. Returns the
-/// line.
+/// Asserts exit code 2, one line on stderr, stdout only with `--json`, and no new file. Returns the line.
 #[track_caller]
 pub fn refused(folder: &Path, args: &[&str]) -> String {
     let before = listing(folder);

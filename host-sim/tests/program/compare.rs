@@ -69,8 +69,7 @@ fn the_result_is_complete_the_same_for_any_thread_count_and_names_winners() {
     assert!(area_winner["butterworth_rank"].as_u64().unwrap() <= 2);
     assert_eq!(area_winner["class"], "position_only");
     assert!(json["impedance_error_of_loop"].as_f64().unwrap() > 0.0);
-    // all tunings that the search tried: two walks for each, except for those that lost early, and whether the search
-    // converged
+    // all tunings that were tried, with two walks each except for those that lost early; whether the search converged
     let tuning = fs::read_to_string(folder.path().join("a/tuning.csv")).unwrap();
     let tried = |name: &str| tuning.lines().filter(|line| line.starts_with(name)).count();
     assert!((4..=6).contains(&tried("butterworth")) && tried("difference") == 0, "{tuning}");
@@ -129,8 +128,7 @@ fn force_is_compared_at_a_damping_that_the_boundary_reaches() {
     }
 }
 
-/// By default walls must be quiet, and walks have a special grid. The area by the scene's own criterion is the area of
-/// a walk with the same tuning.
+/// By default walls must be quiet, on a special grid. The area by the scene's own criterion is that of a walk.
 #[test]
 fn quiet_walls_rank_and_the_scene_s_criterion_stands_beside() {
     let folder = TempDir::new().unwrap();
@@ -274,7 +272,7 @@ fn bad_arguments_are_refused_with_what_is_allowed() {
     assert!(!folder.path().join("zwidth-out").exists());
 }
 
-/// Compares the published order of estimators with an untuned filter of 50 Hz. A tuned filter is as good: see
+/// The published order of estimators, against an untuned filter of 50 Hz. A tuned one is as good:
 /// docs/lab/comparison.md.
 #[test]
 #[ignore = "a search of eight estimators; CI runs it"]
@@ -393,7 +391,7 @@ fn peers_are_a_table_for_programs_and_one_for_people() {
     };
     let json: Value = serde_json::from_str(&run(&["--json", "--threads", "1"])).unwrap();
     let areas = json["areas"].as_array().unwrap();
-    // each for the scene's loop and for two boards: 13 defaults, the scene's own estimator at two cutoffs, the true
+    // three loops (the scene's, two boards), each with 13 defaults, the scene's estimator at two cutoffs, the true
     // velocity
     assert_eq!(areas.len(), 3 * 16);
     let csv = fs::read_to_string(folder.path().join("zwidth-out/coarse/peers/peers.csv")).unwrap();

@@ -28,7 +28,7 @@ fn command(folder: &Path, args: &[&str]) -> Command {
     shell(folder, "ulimit -v 2000000", args)
 }
 
-/// The command, after `first`, a line for the shell.
+/// The command, run by a shell after the line `first`.
 fn shell(folder: &Path, first: &str, args: &[&str]) -> Command {
     let mut command = Command::new("sh");
     command.args(["-c", &format!("{first}; exec \"$0\" \"$@\" --threads 2")]);

@@ -12,8 +12,7 @@ fn names(text: &str) -> BTreeSet<&str> {
     code.flat_map(|code| code.split(|c: char| !c.is_ascii_alphanumeric() && c != '_')).collect()
 }
 
-/// Asserts that a table of the page names exactly the columns of this file. The head of the table begins with ``column
-/// of `FILE` ``.
+/// Asserts that the table with the head ``column of `FILE` `` names exactly the columns of this file.
 pub fn has_columns_of(file: &str, csv: &str) {
     let head = format!("| column of `{file}` |");
     let table = PAGE.split_once(&head).unwrap_or_else(|| panic!("no table {head}")).1;

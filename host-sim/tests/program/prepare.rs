@@ -58,8 +58,7 @@ fn the_first_cutoff_is_the_boards_then_the_filters() {
     assert_ne!(of_first["recommended"], made["recommended"]);
 }
 
-/// `prepare` and `sweep` recommend the same cutoff. If the first cutoff is outside the recommended range, there is a
-/// note.
+/// `prepare` and `sweep` recommend the same cutoff. There is a note if the first cutoff is outside the range.
 #[test]
 fn it_says_which_cutoff_to_dial_in() {
     let folder = scene(&[]);
@@ -155,8 +154,7 @@ fn a_record_has_what_the_scene_says_and_the_envelope_of_all_that_it_lists() {
     }
 }
 
-/// The record has predicted walls for each design at each output period. They are the walls of the scene if this design
-/// is its estimator.
+/// The record has predicted walls for each design and output period: those of the scene with this design.
 #[test]
 fn a_design_has_rows_of_its_own_for_every_period() {
     let edits = [(

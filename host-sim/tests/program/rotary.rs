@@ -80,8 +80,7 @@ fn same_tables(rotary: &Path, by_hand: &Path) {
     }
 }
 
-/// Asserts that texts for people have the same words, and that their numbers are converted to rotary units and have few
-/// digits.
+/// Asserts that texts for people have the same words, and numbers in rotary units with few digits.
 #[track_caller]
 fn same_words(rotary: &str, by_hand: &str) {
     let mut due = HAND.text(by_hand);

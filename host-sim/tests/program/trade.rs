@@ -121,7 +121,7 @@ fn of(format: Format, form: Form) -> Variant {
 
 const CORE: Variant = Variant { format: Format::I32Feedback, form: Form::Direct1 };
 
-/// tests/host/filter.rs has the same facts about the core, measured in another way.
+/// The facts about the core are those of tests/host/filter.rs, measured in another way.
 #[test]
 fn the_core_is_as_its_own_tests_say() {
     let bench = bench();
@@ -197,8 +197,8 @@ fn a_filter_that_blows_up_has_infinite_errors() {
     assert!(all.iter().all(|value| *value > 1.0), "{all:?}");
 }
 
-/// Two filters with a known difference. At a high cutoff, the dropped residue changes the output by less than an LSB
-/// per sample.
+/// Two filters with a known difference: at a high cutoff, the residue changes the output by less than an LSB per
+/// sample.
 #[test]
 fn noise_is_a_fraction_of_an_lsb_where_it_must_be() {
     const LSB: f64 = 1.0 / 65_536.0;
@@ -214,8 +214,7 @@ fn noise_is_a_fraction_of_an_lsb_where_it_must_be() {
     assert!(noise(Format::F64, Form::Direct1).at_rest < f64::EPSILON);
 }
 
-/// The criteria of docs/lab/trade.md. Error: a tenth of the encoder's error, or one LSB. Area: 2 % more than its
-/// scatter.
+/// The criteria of docs/lab/trade.md: a tenth of the encoder's error or one LSB; for the area 2 % beyond its scatter.
 fn misses(criterion: Criterion, m: &Measured, exact: &Exact) -> bool {
     const LSB: f64 = 1.0 / 65_536.0;
     let within = |error: f64, encoder: f64| error <= 0.1 * encoder || error <= LSB;

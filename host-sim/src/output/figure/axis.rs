@@ -8,8 +8,7 @@ use plotters::coord::{
     types::RangedCoordf64,
 };
 
-/// Largest number of ticks. It limits the search for ticks: on a short axis far from 0, the next round number may be
-/// the same float.
+/// Largest number of ticks. On a short axis far from 0, the next round number may be the same float.
 const MOST_VALUES: u16 = 32;
 const MOST_DECIMALS: usize = 15;
 /// Largest shift of a tick by rounding, as a fraction of a step.

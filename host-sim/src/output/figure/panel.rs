@@ -170,7 +170,6 @@ pub(super) fn legend<'a>(
     Ok(())
 }
 
-/// Draws a filled rectangle on the page.
 pub(super) fn rect(
     page: &Page,
     x: Range<f64>,
@@ -181,7 +180,6 @@ pub(super) fn rect(
     Ok(page.draw(&Rectangle::new(corners, colour.filled()))?)
 }
 
-/// Draws a filled circle on the page.
 pub(super) fn dot(
     page: &Page,
     [x, y]: [f64; 2],

@@ -40,11 +40,9 @@ const LEGEND_PITCH: f64 = 18.0;
 /// Data of [`pulse_response`]. The time between rows is constant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResponsePlot {
-    /// First line above the plot.
     pub title: String,
     /// Second line: the parameters.
     pub subtitle: String,
-    /// Time of the first row, s.
     pub start_s: f64,
     /// Time between rows, s.
     pub step_s: f64,
@@ -59,7 +57,6 @@ pub struct ResponsePlot {
     pub model_m: Vec<f64>,
     /// Measured minus modelled position from row `first` on, m.
     pub residual_m: Vec<f64>,
-    /// Units of the figure.
     pub units: Units,
 }
 

@@ -42,7 +42,6 @@ pub struct TelemetryPoint {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct TelemetryPlot {
-    /// First line above the plot.
     pub title: String,
     /// Second line: text that identifies the capture.
     pub subtitle: String,
@@ -156,7 +155,6 @@ fn bar(
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReplayPlot {
-    /// First line above the plot.
     pub title: String,
     /// Second line: text that identifies the capture.
     pub subtitle: String,

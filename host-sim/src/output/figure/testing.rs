@@ -9,7 +9,6 @@ const PNG_SIGNATURE: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
 const LEAST_INK: f64 = 0.01;
 const MOST_INK: f64 = 0.6;
 
-/// A decoded bitmap.
 pub(super) struct Pixels {
     pub width: usize,
     pub rgb: Vec<u8>,

@@ -33,7 +33,7 @@ pub(super) fn write(
     Ok(())
 }
 
-/// A text and its size for a width of at most `limit`. The text is made smaller first. Then it is cut, with an
+/// A text and its size for a width of at most `limit`. The text is made smaller first; then it is cut, with an
 /// ellipsis.
 pub(super) fn fit(text: &str, size: f64, limit: f64) -> (String, f64) {
     let natural = width(text, size);

@@ -40,22 +40,17 @@ const MM_FROM_M: f64 = 2e-3;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct TracePlot {
-    /// First line above the plot.
     pub title: String,
     /// Second line: scene, resolution, and other facts that identify the run.
     pub subtitle: String,
-    /// Units of the axes.
     pub units: Units,
     pub rate_hz: f64,
     /// Position at every sample, from t = 0. The data may end before the window does.
     pub positions_m: Vec<f64>,
-    /// Position of the wall.
     pub wall_m: f64,
     /// Time from the start of the hit to the window.
     pub settle_s: f64,
-    /// Length of the window.
     pub window_s: f64,
-    /// RMS limit of a stable hit.
     pub rms_limit_m: f64,
     /// `stable`, `unstable` or `no contact`. It is printed unchanged.
     pub verdict: String,
@@ -68,8 +63,7 @@ pub struct TracePlot {
 /// A long trace is reduced. Each pixel column keeps its first, lowest, highest and last sample.
 ///
 /// # Errors
-/// [`FigureError`] if a number is NaN or infinite, the rate or the window is not greater than 0, or
-/// there are no samples.
+/// [`FigureError`] if a number is NaN or infinite, rate or window is not greater than 0, or there are no samples.
 pub fn hit_trace(plot: &TracePlot) -> Result<Figure, FigureError> {
     check(plot)?;
     Figure::new([&plot.title, &plot.subtitle], HEIGHT, &|page| draw(plot, page))

@@ -12,8 +12,7 @@ use super::{
 
 const TOP: f64 = 78.0;
 const LEFT: f64 = 58.0;
-/// Space between panels. Horizontally it has the labels of the right panel, vertically the labels and title below the
-/// upper panel.
+/// Space between panels: sideways for the labels of the right panel, downwards for labels and title of the upper one.
 const GAP: [f64; 2] = [50.0, 46.0];
 const PANEL_HEIGHT: f64 = 190.0;
 const BOTTOM: f64 = 52.0;
@@ -27,12 +26,10 @@ const GRID_WIDTH: f64 = 0.7;
 const MARK: f64 = 3.4;
 /// Space between the frame and the ends of an axis, as a fraction of its length.
 const PAD: f64 = 0.025;
-/// Largest number of ticks on an axis.
 const MOST_TICKS: i32 = 6;
 const LIMIT: RGBColor = TEXT;
 const LIMIT_WIDTH: f64 = 0.9;
 
-/// Shape of a mark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mark {
     Circle,
@@ -58,7 +55,6 @@ const COLOURS: [RGBColor; 8] = [
 /// A series: its name in the legend, and its points in each panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TradeSeries {
-    /// Name in the legend.
     pub name: String,
     /// Index in the palette.
     pub colour: usize,
@@ -91,11 +87,8 @@ impl TradePanel {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct TradePlot {
-    /// First line above the plot.
     pub title: String,
-    /// Second line above the plot.
     pub subtitle: String,
-    /// Title of the legend.
     pub legend: String,
     /// Title below each panel, with the unit.
     pub x_title: String,

@@ -47,13 +47,10 @@ const NOTE_DROP: f64 = 33.0;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct ZwidthPlot {
-    /// First line above the plot.
     pub title: String,
     /// Second line: scene, resolution, and other facts that identify the run.
     pub subtitle: String,
-    /// Units of the axes.
     pub units: Units,
-    /// Title of the legend.
     pub legend: String,
     /// Word that the legend adds to the ideal curve: `ideal`.
     pub marked: &'static str,

@@ -30,12 +30,11 @@ const MOST_ROWS: usize = 2;
 const LABEL_SPACE: f64 = 4.0;
 
 const TICK_WIDTH: f64 = 1.0;
-/// Colour of the line from a tick to its number in the second row. It is light, because the line is close to other
+/// Colour of the line from a tick to its number in the second row. It is light, because it passes close to other
 /// numbers.
 const LEADER: RGBColor = RGBColor(190, 190, 190);
 
-/// Space left and right of the outermost cutoffs, as a fraction of the whole axis. `LEAST_PAD` is its minimum, as a
-/// factor.
+/// Space left and right of the outermost cutoffs, as a fraction of the axis; `LEAST_PAD` is its minimum, as a factor.
 const PAD_SHARE: f64 = 0.04;
 const LEAST_PAD: f64 = 1.06;
 const LONE_PAD: f64 = 2.0;
@@ -86,8 +85,8 @@ impl Label {
     }
 }
 
-/// Assigns labels to rows without overlap, in this order: the ideal cutoff, the ends of the axis, the ends of the ideal
-/// range, the roundest numbers.
+/// Assigns labels to rows without overlap. Order: ideal cutoff, ends of the axis, ends of the ideal range, round
+/// numbers.
 pub(super) fn labels(plot: &AreaPlot) -> Vec<Label> {
     let ends = [plot.points.first(), plot.points.last()];
     let rank = |label: &Label| {

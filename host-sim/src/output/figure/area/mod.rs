@@ -58,11 +58,9 @@ const RANGE_MARGIN: f64 = 6.0;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct AreaPlot {
-    /// First line above the plot.
     pub title: String,
     /// Second line: scene, resolution, and other facts that identify the run.
     pub subtitle: String,
-    /// Units of the axis.
     pub units: Units,
     /// One point per cutoff, in ascending order of the cutoff.
     pub points: Vec<AreaPoint>,
