@@ -19,7 +19,6 @@ type PaintError<'a> = DrawingErrorKind<<BitMapBackend<'a> as DrawingBackend>::Er
 /// A shape in grid steps with its style.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
-    /// Line between two points.
     Line([BackendCoord; 2], ShapeStyle),
     /// Open line through several points.
     Path(Vec<BackendCoord>, ShapeStyle),
@@ -32,7 +31,6 @@ pub enum Shape {
     Text(Lettering, ShapeStyle),
 }
 
-/// A line of text.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lettering {
     pub text: String,

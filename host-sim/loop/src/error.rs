@@ -11,11 +11,7 @@ pub enum Error {
     /// Exit code 2: the input is not valid. The text is one line with the place, the wrong and the allowed values.
     Input(String),
     /// Exit code 1: a file could not be written, or only a part of it could be read.
-    File {
-        path: PathBuf,
-        /// The error of the operating system.
-        source: io::Error,
-    },
+    File { path: PathBuf, source: io::Error },
     /// An error of the program itself: exit code 1.
     Internal(String),
     /// Ctrl-C or a termination signal: exit code 130.
@@ -28,7 +24,6 @@ impl Error {
         Self::Input(text.to_string())
     }
 
-    /// Makes an [`Error::File`] at `path`.
     pub fn file(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
         let path = path.into();
         move |source| Self::File { path, source }

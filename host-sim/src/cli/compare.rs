@@ -195,7 +195,6 @@ fn command_line(args: &CompareArgs, common: &Common, scene: &NamedScene, place: 
         .by(common)
 }
 
-/// Parameters of an estimator as text for people.
 fn tuning(c: &Compared) -> String {
     let parameters = table::parameters(c).into_iter().flatten();
     let texts: Vec<String> = parameters

@@ -40,7 +40,7 @@ pub struct LimitArgs {
     /// With --limits: signal of the RMS.
     #[arg(long, value_parser = rms_ofs(), default_value = "motion", requires = "limits")]
     rms_of: RmsOf,
-    /// With --limits: steps of K and B of the walks, in the scene's units [default: a quarter of the scene's K, half of its B].
+    /// With --limits: steps of K and B, in the scene's units [default: a quarter of the scene's K, half of its B].
     #[arg(long, value_name = "K,B", value_parser = pair, requires = "limits")]
     steps: Option<Pair>,
     /// With --limits: first K and B of the walks, in the scene's units [default: one step].

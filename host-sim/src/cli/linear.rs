@@ -106,7 +106,6 @@ struct Row {
 /// Largest number of points of a boundary. They are kept in memory until the end.
 const POINTS_MAX: usize = 1_000_000;
 
-/// Results of one cutoff.
 struct Analysis {
     cutoff_hz: f64,
     rows: Vec<Row>,

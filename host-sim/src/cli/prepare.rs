@@ -148,7 +148,6 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// The recommendation of `sweep` for the scene.
 fn quiet_walls(scene: &NamedScene, common: &Common) -> Result<QuietStudy, Error> {
     let how = common.how();
     let cutoffs_hz = &scene.scene.sweep.cutoffs_hz;
@@ -447,7 +446,6 @@ fn cutoff(device: &Device<'_>) -> Option<f64> {
     device.settings.velocity.cutoff_hz()
 }
 
-/// Largest K of all boundaries.
 fn peak(found: &Found) -> f64 {
     let points = found.boundaries().flat_map(|boundary| boundary.points.to_vec());
     points.map(|point| point.stiffness_high_n_per_m).fold(0.0, f64::max)

@@ -2,7 +2,6 @@
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// A bar that counts walks.
 pub fn bar(walks: u64) -> ProgressBar {
     bar_of(walks, "walks")
 }

@@ -140,7 +140,6 @@ fn note_old_place(scene: &NamedScene) {
     }
 }
 
-/// Checks that all filters are in range.
 pub fn check_filters(scene: &NamedScene, filters: &[VelocitySettings]) -> Result<(), Error> {
     let wall = |&velocity: &VelocitySettings| WallHit {
         velocity,

@@ -33,7 +33,6 @@ pub struct PlanArgs {
     study: PathBuf,
 }
 
-/// Subject of the study.
 #[derive(Serialize)]
 struct Subject {
     study: String,

@@ -1,4 +1,4 @@
-//! Drafts: unfinished files beside their final path. Each draft has its own name, and is locked while its program runs.
+//! Drafts: unfinished files in the folder of their final path. A draft has its own name, and is locked by its program.
 //!
 //! The lock shows that a draft is in use. A second program that writes to the same path gets an error. A draft without
 //! a lock was left by a killed program. The next program that writes to this folder removes it.

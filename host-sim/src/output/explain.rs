@@ -129,7 +129,6 @@ impl ExplainReport<'_> {
         text
     }
 
-    /// The table of the HTML page.
     pub fn html(&self) -> String {
         let Spoken { k: (k_unit, k), v: (v_unit, v), area_unit, area } = self.spoken();
         let columns = [

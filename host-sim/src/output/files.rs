@@ -28,7 +28,6 @@ const PARQUET: &str = ".parquet";
 /// Name of the file that is written last. If it exists, the result is complete.
 pub const MANIFEST: &str = "manifest.json";
 
-/// The files that a command writes.
 #[derive(Debug)]
 pub struct Outputs {
     force: bool,
@@ -63,7 +62,6 @@ struct Output {
     table: Option<(Format, About, String)>,
 }
 
-/// A folder with a result of several files.
 #[derive(Debug)]
 struct Folder {
     shown: PathBuf,

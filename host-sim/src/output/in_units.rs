@@ -20,7 +20,7 @@ const AREA: &str = "area_n2_s_per_m2";
 #[derive(Clone, Debug)]
 pub struct Columns {
     pub header: String,
-    /// Factor for the numbers of each column. `None` if they do not change.
+    /// Factor for the numbers of each column. `None` if the numbers do not change.
     factors: Vec<Option<f64>>,
 }
 

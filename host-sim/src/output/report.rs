@@ -45,11 +45,9 @@ pub struct Report {
     pub answer: Option<String>,
     pub figures: Vec<ReportFigure>,
     pub units: Units,
-    /// One row per cutoff.
     pub areas: Vec<AreaPoint>,
     /// Further results: a heading, and lines of text. Empty texts are left out.
     pub texts: Vec<(&'static str, String)>,
-    /// Notes, one sentence each.
     pub notes: Vec<String>,
     pub scene: String,
     /// Origin of the report as names and values: version, toolchain, command.
@@ -64,7 +62,6 @@ pub struct ReportFigure {
     pub caption: String,
 }
 
-/// The report as one HTML file.
 #[must_use]
 pub fn html(report: &Report) -> String {
     let mut sections = vec![("Areas", areas(report))];

@@ -128,10 +128,9 @@ fn short(hash: &str) -> String {
     hash.chars().take(12).collect()
 }
 
-/// A line of the manifest. It says that its part is complete.
+/// A line of the manifest. There is one for each complete part.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Entry {
-    /// Number of the unit.
     pub unit: u64,
     pub key: String,
     pub file: String,
@@ -142,7 +141,6 @@ pub struct Entry {
     pub hits: u64,
 }
 
-/// Content of a unit's part.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Part {
     pub csv: String,
@@ -301,7 +299,7 @@ impl Entry {
         Ok(line + "\n")
     }
 
-    /// Whether the part of this entry exists, with exactly these bytes.
+    /// Whether the file of this entry exists and has the entry's length and hash.
     fn is_whole(&self, folder: &Path) -> bool {
         let part = folder.join(&self.file);
         let is_as_long = fs::metadata(&part).is_ok_and(|found| found.len() == self.bytes);

@@ -215,7 +215,6 @@ impl Study {
         sentences(&self.scene, quiet).into_iter().chain(own).collect()
     }
 
-    /// Draws and writes all files.
     pub fn write(&self, outputs: &mut Outputs, to: FolderPlace) -> Result<(), Error> {
         let manifest = Manifest::new(self.command.clone(), &self.scene);
         let mut figures = vec![];

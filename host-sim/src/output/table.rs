@@ -75,7 +75,6 @@ impl Format {
 #[derive(Clone, Debug)]
 pub struct About {
     pub kind: Kind,
-    /// The manifest as JSON text.
     pub manifest: String,
 }
 

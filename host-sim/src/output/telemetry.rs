@@ -96,7 +96,6 @@ pub fn replay_figure(
     Ok(figure::replay(&plot)?)
 }
 
-/// A record as a point of the figure.
 fn point(record: &Record, scene: Option<&Scene>) -> TelemetryPoint {
     let counts = f64::from(record.position.counts());
     let speed = f64::from(record.velocity.bits()) / 65_536.0;

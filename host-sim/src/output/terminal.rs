@@ -119,7 +119,6 @@ pub fn headed(body: impl Serialize) -> Result<String, Error> {
         .map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))
 }
 
-/// Prints the one JSON object of a command.
 pub fn print_json(body: impl Serialize) -> Result<(), Error> {
     print_text(&headed(body)?)
 }

@@ -7,7 +7,7 @@ use tempfile::TempDir;
 
 use crate::page;
 
-/// A scene with short walks. It is enough, because only the search is tested.
+/// A scene with short walks, because only the search is tested.
 fn scene(folder: &Path) {
     let text = include_str!("../../../scenes/paper-2um.toml");
     let text = text

@@ -127,7 +127,6 @@ fn form_for(prepared: &PreparedScene, numeric: Numeric) -> Option<Form> {
     (linear && stated && seen && plain).then_some(form)
 }
 
-/// Runs all hits of `work` in this thread.
 pub fn run(
     engine: Engine,
     prepared: &PreparedScene,

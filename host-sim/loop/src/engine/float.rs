@@ -128,7 +128,6 @@ fn quick<S: SimdOps, const R: usize>(
     is_above(simd, &smallest, FLUSH_BELOW)
 }
 
-/// Whether all lanes are at least `least`.
 #[inline(always)]
 fn is_above<S: SimdOps, const R: usize>(simd: S, values: &[S::f64s; R], least: f64) -> bool {
     let mut all = simd.splat_f64s(f64::INFINITY);

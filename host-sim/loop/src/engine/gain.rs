@@ -33,7 +33,6 @@ impl<S: SimdOps> GainLanes<S> {
         lanes_mut(&mut self.bound)[lane] = Gain::PRODUCT_LIMIT.unsigned_abs() >> left;
     }
 
-    /// [`Gain::apply`] of 32-bit numbers.
     #[inline(always)]
     pub fn apply(&self, simd: S, value: S::u64s) -> S::u64s {
         let product = simd.add_u64s(simd.product(self.mantissa, value), self.half);

@@ -161,7 +161,6 @@ pub trait SimdOps: Simd {
 /// All floats from this number on are whole numbers.
 const WHOLE: f64 = (1u64 << 52) as f64;
 
-/// The sign bit of a float.
 pub const SIGN: u64 = 1 << 63;
 
 #[inline(always)]

@@ -31,7 +31,6 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// An outcome with only a verdict.
     pub fn of(verdict: Verdict) -> Self {
         Self { verdict, rms_m: None, measures: None }
     }
@@ -82,7 +81,6 @@ pub struct Pushes<'a> {
 struct Begun {
     hit: WallHit,
     next: usize,
-    /// The worst outcome so far.
     worst: Option<Outcome>,
 }
 
@@ -105,7 +103,6 @@ impl<'a> Pushes<'a> {
         Some((begun.hit, self.pushes.get(begun.next)?))
     }
 
-    /// Takes the outcome of this lane's last hit.
     pub fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>) {
         let Some(place) = self.lanes.get_mut(lane) else { return };
         let Some(begun) = place else { return };
@@ -127,7 +124,6 @@ impl<'a> Pushes<'a> {
     }
 }
 
-/// Runs a hit in the scalar loop.
 pub fn scalar(task: Task<'_>, hit: &WallHit) -> Result<Outcome, HitError> {
     let Task { prepared, numeric, depth } = task;
     match depth {

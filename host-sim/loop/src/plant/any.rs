@@ -179,7 +179,6 @@ impl AnyPlant {
         Self::Other(Arc::new(plant))
     }
 
-    /// An integrated plant, linear or not.
     pub fn integrated(
         chain: &Chain,
         nonlinear: &Nonlinear,

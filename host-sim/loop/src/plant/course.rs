@@ -12,7 +12,6 @@ use super::{Moment, Plant, quantiser::Quantiser};
 #[derive(Debug)]
 pub struct Places<'a> {
     pub positions_m: &'a mut [f64; RUN],
-    /// Readings of the encoder.
     pub counts: &'a mut [i32; RUN],
 }
 
@@ -27,7 +26,6 @@ pub struct Course {
 /// Input of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Span {
-    /// Number of the run's first sample.
     pub index: u64,
     /// Number of samples, 1 to [`RUN`].
     pub samples: usize,

@@ -47,7 +47,6 @@ impl Sensing {
 pub struct Sensed<P> {
     plant: P,
     sensing: Sensing,
-    /// Rest position of the device, m.
     rest_m: f64,
     /// Weights of the position for each delay, for plants with an exact step.
     glimpses: Option<Arc<[Glimpse]>>,

@@ -325,7 +325,6 @@ impl Scene {
         })
     }
 
-    /// The linear part of the scene's plant.
     pub fn chain(&self) -> Chain {
         let Self { device, mode, arm, amplifier, .. } = *self;
         let offset_n = self.offset.map_or(0.0, |offset| offset.force_n);
@@ -337,7 +336,6 @@ impl Scene {
         if self.wall_hit.push_by == by { self.wall_hit.push_n } else { 0.0 }
     }
 
-    /// The non-linear elements of the scene's plant.
     pub fn nonlinear(&self) -> Nonlinear {
         let Self { friction, cogging, travel, .. } = *self;
         let backlash = self.backlash.filter(|backlash| backlash.gap_m > 0.0);

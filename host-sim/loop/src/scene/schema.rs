@@ -356,7 +356,6 @@ fn range_in(base: &Table, path: &str) -> Option<[f64; 2]> {
     )
 }
 
-/// Sets a key of an existing table.
 fn put(scene: &mut Table, path: &str, value: toml::Value) {
     let mut keys: Vec<&str> = path.split('.').collect();
     let last = keys.pop().unwrap_or_default();

@@ -167,7 +167,7 @@ impl Units {
         self.key(key).map_or(said, |(_, factor)| said / factor)
     }
 
-    /// Name of a unit in these units, and the factor of its numbers.
+    /// The unit in these units that stands for the linear `unit`, and the factor of its numbers.
     pub fn written(self, unit: &'static str) -> (&'static str, f64) {
         match written(|known| known == unit).filter(|_| self.is_rotary()) {
             Some((_, of, factor)) => (of.unit, factor * self.factor(of.power)),

@@ -332,7 +332,7 @@ impl JsonSchema for VelocityTable {
     }
 }
 
-/// The schema of the keys for an estimator's name in scenes.
+/// The JSON schema of the keys that belong to one estimator name.
 fn schema_of(family: &str) -> serde_json::Value {
     let mut properties = serde_json::Map::from_iter([(TAG.into(), json!({ "const": family }))]);
     let mut required = vec![TAG];

@@ -19,7 +19,6 @@ pub(crate) struct Sensor {
     /// Fraction of a change that passes the low-pass in one sample; 1 without a low-pass.
     pub follows: f64,
     filtered: f64,
-    /// Number of random numbers drawn so far.
     drawn: u64,
 }
 
@@ -66,7 +65,6 @@ impl Sensor {
         if self.noise > 0.0 { self.noise * self.normal() } else { 0.0 }
     }
 
-    /// A normally distributed number, mean 0, RMS 1.
     fn normal(&mut self) -> f64 {
         let n = self.drawn;
         self.drawn += 2;

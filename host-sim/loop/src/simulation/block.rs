@@ -133,7 +133,6 @@ impl Block {
         self.samples < SAMPLES
     }
 
-    /// Space for the next run.
     #[inline]
     pub(super) fn places(&mut self) -> Option<Places<'_>> {
         let (at, Self { positions_m, counts, .. }) = (self.samples, self);
@@ -173,7 +172,6 @@ impl Block {
         }
     }
 
-    /// Adds the output of the last sample.
     #[inline]
     pub(super) fn output(&mut self, rendered: ControllerOutput) {
         self.outputs.push(Output { place: self.samples - 1, rendered });

@@ -267,7 +267,6 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         &self.moving.controller
     }
 
-    /// Access to the controller, to change its push.
     pub(crate) fn controller_mut(&mut self) -> &mut C {
         &mut self.moving.controller
     }

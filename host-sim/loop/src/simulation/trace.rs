@@ -24,7 +24,6 @@ fn samples(prepared: &PreparedScene) -> u64 {
     u64::from(prepared.plan().settle) + u64::from(prepared.plan().window)
 }
 
-/// One hit, sample by sample.
 #[derive(Clone, Debug)]
 pub struct Trace {
     pub rate_hz: f64,

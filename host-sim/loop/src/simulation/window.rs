@@ -119,7 +119,6 @@ pub struct Judge {
     felt: Option<Arc<Felt>>,
     /// Whether the measures are needed for more than the verdict.
     measures: bool,
-    /// Whether the push changes during a hit.
     varies: bool,
 }
 

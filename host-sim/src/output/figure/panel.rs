@@ -95,7 +95,6 @@ pub(super) enum Grid {
     Horizontal,
 }
 
-/// Draws grid, ticks, labels and titles.
 pub(super) fn axes<X: Ranged<ValueType = f64> + ValueFormatter<f64>>(
     chart: &mut Chart<'_, X>,
     grid_lines: Grid,
@@ -129,12 +128,10 @@ pub(super) fn heading(page: &Page, title: &str, subtitle: &str) -> Result<(), Fi
     Ok(())
 }
 
-/// Converts a stroke width to the grid.
 pub(super) fn stroke(units: f64) -> u32 {
     grid(units).unsigned_abs()
 }
 
-/// Draws a line through points of the page.
 pub(super) fn line(
     page: &Page,
     points: &[[f64; 2]],

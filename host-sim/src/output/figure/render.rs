@@ -22,7 +22,6 @@ pub(super) fn svg_head((width, height): (u32, u32), title: &str) -> String {
     )
 }
 
-/// The shapes as SVG elements.
 pub(super) fn svg(shapes: &[Shape]) -> String {
     let mut out = String::new();
     for shape in shapes {

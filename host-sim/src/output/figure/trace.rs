@@ -158,7 +158,6 @@ pub(super) fn small_unit([low_m, high_m]: [f64; 2]) -> (&'static str, f64) {
     if low_m.abs().max(high_m.abs()) >= MM_FROM_M { ("mm", MM_PER_M) } else { ("µm", UM_PER_M) }
 }
 
-/// Draws a dashed line at one height.
 fn draw_level(page: &Page, chart: &Chart<'_, Ticks>, level: f64) -> Result<(), FigureError> {
     let (_, y) = chart.backend_coord(&(0.0, level));
     let ends = [(grid(ZOOM.left), y), (grid(ZOOM.right), y)];

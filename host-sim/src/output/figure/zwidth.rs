@@ -60,7 +60,6 @@ pub struct ZwidthPlot {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Curve {
-    /// Name in the legend.
     pub name: String,
     /// Text that a browser shows under the pointer.
     pub detail: String,

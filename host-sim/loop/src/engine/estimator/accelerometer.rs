@@ -13,7 +13,6 @@ use crate::{
     simulation::accelerometer::{Readings, Sensor},
 };
 
-/// An accelerometer on each lane's handle.
 pub struct Accelerometer<S: SimdOps> {
     pub scale: Scale<S>,
     pub sensed: Sensed<S>,

@@ -80,7 +80,6 @@ impl Form {
 pub struct Beside<'a> {
     /// Samples from the grant of a force until the estimator gets this force.
     pub late: usize,
-    /// The accelerometer, if the estimator uses one.
     pub readings: Option<&'a Readings>,
 }
 
@@ -90,7 +89,6 @@ pub trait VectorForm<S: SimdOps>: Sized {
 
     /// State before the first sample, and coefficients for unused lanes.
     fn at_rest(simd: S) -> (Self, Self::Gains);
-    /// Puts an estimator at rest into a lane.
     fn start(
         &mut self,
         simd: S,

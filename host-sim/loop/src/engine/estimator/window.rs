@@ -131,7 +131,6 @@ impl<S: SimdOps> Kind<S> for Sum<S> {
 
 /// [`Foaw`] in lanes. All lanes try a window length together, until each lane has found its longest window.
 pub struct Adaptive<S: SimdOps, const BEST: bool> {
-    /// Noise bound of each lane.
     noise: S::f64s,
     /// Longest window of each lane, samples.
     window: S::f64s,

@@ -20,7 +20,6 @@ pub struct ExactStep<const N: usize> {
     pub(crate) after: [f64; N],
     /// Change of the state in a sample by a hand's constant force.
     pub(crate) hand: [f64; N],
-    /// Rest positions of the bodies, m.
     pub(crate) rest_m: [f64; 3],
 }
 

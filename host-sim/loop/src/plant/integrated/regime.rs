@@ -63,7 +63,6 @@ pub(super) enum Event {
     LetsGo,
 }
 
-/// Largest number of guards of a regime.
 pub(super) const GUARDS: usize = 4;
 
 impl<const N: usize> IntegratedStep<N> {
@@ -151,7 +150,6 @@ impl<const N: usize> IntegratedStep<N> {
         guards
     }
 
-    /// Changes to the next regime after an event.
     pub(super) fn transit(&self, state: &mut HybridState<N>, event: Event, force_n: f64) {
         match event {
             Event::Rest => {

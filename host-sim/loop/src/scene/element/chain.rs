@@ -141,8 +141,8 @@ impl Chain {
         (a, b)
     }
 
-    /// Accelerations by the constant forces, by state: of the last body by the hand's force, of the device by its
-    /// offset. All other values are -0, so adding them changes no bit of a sum.
+    /// Acceleration of each state by the constant forces: the hand's force on the last body, the offset on the device.
+    /// All other values are -0, so adding them changes no bit of a sum.
     pub fn hand(&self) -> [f64; STATES_MAX] {
         let mut rates = [NOTHING; STATES_MAX];
         if self.hand_n != 0.0 {

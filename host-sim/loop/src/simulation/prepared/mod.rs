@@ -37,7 +37,6 @@ pub struct PreparedScene {
     design: Design,
     plan: HitPlan,
     parts: Parts<AnyPlant>,
-    /// Start position of a hit, m.
     start_m: f64,
     judge: Judge,
     /// The wall's passivity controller, if the scene has one.
@@ -266,7 +265,6 @@ impl PreparedScene {
         PortWatch::new(design, latency, surface, self.first_count(hit))
     }
 
-    /// Number of samples of a whole hit.
     fn samples(&self) -> u32 {
         self.plan.settle + self.plan.window
     }

@@ -2,7 +2,7 @@
 //!
 //! | protocol | push divided by the scene's push | window |
 //! |----------|----------------------------|--------|
-//! | `taps` | 1 for the first half of [`TAP_S`]. Then a critically damped spring pulls the handle back to its start. Its force is at most 1, and 1 at the wall. A push from the start reaches the wall in 50 ms. | For each tap but the first: the second half of the time from contact to the end of the push. The worst tap decides. Motion and force are measured about the polynomial of degree 5 that fits them best. So slow creep of the wall does not count as bouncing. |
+//! | `taps` | 1 for the first half of [`TAP_S`]. Then a critically damped spring pulls the handle back to its start. Its force is at most 1, and 1 at the wall. A push from the start reaches the wall in 50 ms. | For each tap but the first: the second half of the time from contact to the end of the push. The worst tap decides. Motion and force are measured relative to the best-fitting polynomial of degree 5. So slow creep of the wall does not count as bouncing. |
 //! | `hand` | `1 + 0.3 (sin + sin + sin) / 3` at 0.7, 1.9 and 4.3 Hz | The scene's window. The RMS of motion and force includes only frequencies above 20 Hz, from a spectrum with Hann's window. |
 //!
 //! The scene selects whether motor or hand pushes. Push and force are held between two outputs.

@@ -23,7 +23,6 @@ pub(super) struct Judged {
 /// Limit of counts. Below it, the sum of the squared differences of a block's counts fits into 64 bits.
 const NEAR: u32 = 1 << 26;
 
-/// Number of samples of a block as `u32`.
 #[inline]
 fn few(samples: usize) -> u32 {
     #[expect(clippy::cast_possible_truncation, reason = "a block is short")]

@@ -39,7 +39,6 @@ const PAD_SHARE: f64 = 0.04;
 const LEAST_PAD: f64 = 1.06;
 const LONE_PAD: f64 = 2.0;
 
-/// The range of the axis.
 pub(super) fn cutoff_range(points: &[AreaPoint]) -> Range<f64> {
     let cutoffs = || points.iter().map(|point| point.cutoff_hz);
     let low = cutoffs().fold(f64::INFINITY, f64::min);

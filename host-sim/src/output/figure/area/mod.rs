@@ -64,7 +64,6 @@ pub struct AreaPlot {
     pub units: Units,
     /// One point per cutoff, in ascending order of the cutoff.
     pub points: Vec<AreaPoint>,
-    /// Nominal cutoff that is marked.
     pub ideal_cutoff_hz: Option<f64>,
     /// First and last nominal cutoff of the shaded range.
     pub ideal_range_hz: Option<[f64; 2]>,
