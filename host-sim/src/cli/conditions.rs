@@ -58,7 +58,7 @@ pub struct Conditions {
     /// Signal of the RMS, instead of the scene's. The RMS of counts cannot resolve limits near one count.
     #[arg(long, value_parser = rms_ofs())]
     rms_of: Option<RmsOf>,
-    /// Criterion for a stable wall. `quiet` walks on a grid for such walls, and also gives the area by the scene's own
+    /// Criterion for a stable wall. `quiet` has its own grid of K and B, and also gives the area by the scene's own
     /// criterion [default: quiet; with --limit, the criterion of this limit].
     #[arg(long, value_parser = criteria())]
     criterion: Option<Criterion>,

@@ -74,7 +74,7 @@ pub struct SweepArgs {
     limits: LimitArgs,
     #[command(flatten)]
     draws: DrawArgs,
-    /// Use only the scene's own criterion, limit and push. Without it, one count is a further limit, by motor and by
+    /// Use only the scene's own criterion, limit and push. By default a limit of one count is added, by motor and by
     /// hand.
     #[arg(long, conflicts_with = "limits")]
     plain: bool,

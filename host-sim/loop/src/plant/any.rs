@@ -121,7 +121,7 @@ impl<P: Plant + Debug + Send + Sync> OtherPlant for P {
 }
 
 impl AnyPlant {
-    /// Change of the states in a sample by the hand's constant force. 0 if the step is not linear.
+    /// Change of the states in a sample by the hand's constant force. 0 for [`Self::Other`].
     pub(crate) fn hand(&self) -> [f64; 7] {
         match self {
             Self::Plain(step) => step.padded::<7>().hand,

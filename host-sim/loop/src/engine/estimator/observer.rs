@@ -39,7 +39,7 @@ struct Observed<S: SimdOps> {
 pub struct Observer<S: SimdOps> {
     observed: Observed<S>,
     granted: S::u64s,
-    /// Ring of granted forces that the observer has not received yet, one per sample; used if it knows the latency.
+    /// Granted forces that the observer has not received yet, one per sample. Only used with a known latency.
     ring: [S::u64s; LATENCY_KNOWN_MAX as usize],
     /// Number of used entries of the ring. 0: the observer gets a force at once.
     late: usize,

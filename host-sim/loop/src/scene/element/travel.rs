@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use super::Checker;
 use crate::scene::{Device, ranges};
 
-/// If the speed after a bounce is below this limit, the device stays at a rigid stop, m/s.
+/// Speed after a bounce, m/s, below which the device stays at a rigid stop.
 pub const REST_SPEED_M_PER_S: f64 = 1e-6;
 
 /// The limits of the device's travel.

@@ -210,7 +210,7 @@ impl PreparedScene {
         }
     }
 
-    /// The worse of two taps: an unstable tap. If both are stable, the tap with the larger RMS of the criterion.
+    /// The worse of two taps. An unstable tap is worse than a stable one; else the larger RMS of the criterion decides.
     fn worse(&self, kept: Option<HitReport>, next: HitReport) -> HitReport {
         let loud = |report: &HitReport| match self.scene.wall_hit.criterion {
             Criterion::Quiet => report.force_rms_n,

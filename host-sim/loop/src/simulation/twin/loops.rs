@@ -4,7 +4,7 @@
 
 use zwidth::velocity::{ObserverDesign, TrackingLoop};
 
-/// State below which it is set to zero, because subnormal numbers would make the loop slow.
+/// A state below this is set to zero, because subnormal numbers would make the loop slow.
 const FLUSH_BELOW: f64 = 1e-30;
 
 /// `x - x^`, v^ and d^, in counts and samples. The tracking loop has no d^.
