@@ -23,8 +23,8 @@ const SERIES_TERMS: u32 = 21;
 /// the difference keeps its digits. From the limit on, gamma1 is `(1 - phi11) / w^2`, and `1 - phi11` is at least 0.06.
 const SLOW_POLE_LIMIT: f64 = 0.25;
 
-/// Increment of one step: `phi - 1` and `gamma`. For a short step phi is near 1, and only the small difference `phi -
-/// 1` contains the dynamics. Frequency responses near zero frequency need all digits of this difference.
+/// Increment of one step: `phi - 1` and `gamma`. For a short step phi is near 1, and only the small difference contains
+/// the dynamics. Frequency responses near zero frequency need all digits of this difference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Increment {
     /// `phi - 1`, rows x and v.

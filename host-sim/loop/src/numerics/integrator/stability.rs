@@ -1,16 +1,17 @@
 //! Largest stable step of an integrator, from the fastest motion of a plant and the stability limit of the method.
 //!
 //! A chain without force is `M x'' + D x' + K x = 0`. The matrices are symmetric and have no negative eigenvalues. A
-//! motion `q exp(s t)` of the chain satisfies `m s^2 + d s + k = 0` with the numbers `m = q* M q`, `d = q* D q`, `k =
-//! q* K q`. Let `D1` and `K1` be the largest eigenvalues of `D` and `K` relative to `M`. Then
+//! motion `q exp(s t)` of the chain satisfies `m s^2 + d s + k = 0` with `m = q* M q`, `d = q* D q`, `k = q* K q`.
+//! Let `D1` and `K1` be the largest eigenvalues of `D` and `K` relative to `M`. Then
 //! ```text
 //! |s| <= max(D1, sqrt(K1))
 //! ```
 //! Stops, cogging and friction add to K and D, so they can only raise the bound. Sticking removes a body, so it can
 //! only lower the bound. So the bound at the steepest slope of all elements holds in every combination of contacts.
 //!
-//! Semi-implicit Euler is `v1 = v - h M^-1 (K x + D v)`, `x1 = x + h v1`. Its solutions are `q g^n` with `m (g - 1)^2 +
-//! h d (g - 1) + h^2 k g = 0`. Both g are inside the unit circle if `2 h d + h^2 k < 4 m`. So it is stable if
+//! Semi-implicit Euler is `v1 = v - h M^-1 (K x + D v)`, `x1 = x + h v1`. Its solutions are `q g^n` with
+//! `m (g - 1)^2 + h d (g - 1) + h^2 k g = 0`. Both g are inside the unit circle if `2 h d + h^2 k < 4 m`. So it is
+//! stable if
 //! ```text
 //! 4 M - 2 h D - h^2 K   is positive definite
 //! ```

@@ -147,8 +147,7 @@ mod tests {
         Chain { mode: Some(mode), ..Chain::alone(device) }
     }
 
-    /// Two free bodies, reduced mass m, oscillate between elastic flanks with the period `2 (gap / v + pi sqrt(m /
-    /// k))`.
+    /// Two free bodies between elastic flanks have the period `2 (gap / v + pi sqrt(m / k))`, m their reduced mass.
     #[test]
     fn free_bodies_rattle_with_the_known_period() {
         let reduced = 1.0 / (1.0 / DEVICE.mass_kg + 1.0 / MODE.mass_kg);
