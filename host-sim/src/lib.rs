@@ -1,6 +1,5 @@
-//! Simulator of a one-degree-of-freedom haptic device with the control core of the firmware. For many hits it can use
-//! a second implementation of the core, which gives the same bits. It answers this question: which velocity-filter
-//! cutoff gives a device the largest Z-width, the range of walls that stay stable?
+//! Simulator of a one-degree-of-freedom haptic device with the control core of the firmware. It answers this question:
+//! which filter cutoff gives a device the largest Z-width? The Z-width is the range of walls that stay stable.
 //!
 //! Each layer uses only the layers below it:
 //!
@@ -17,11 +16,11 @@
 //! | [`numerics`] | mathematics that is independent of the device |
 //! | [`input`], [`interrupt`], [`error`] | reading files, Ctrl-C, errors |
 //!
-//! A [`scene::Scene`] describes device and experiment. A [`simulation::prepared::PreparedScene`] prepares the scene
-//! and runs wall hits. Each hit is a [`simulation::Simulation`] with the core
-//! ([`Fixed`](simulation::controller::Fixed)) or with its `f64` twin ([`simulation::twin`]).
+//! A [`scene::Scene`] describes device and experiment. A [`simulation::prepared::PreparedScene`] prepares the scene and
+//! runs wall hits. Each hit is a [`simulation::Simulation`] with the core ([`Fixed`](simulation::controller::Fixed)) or
+//! with its `f64` twin ([`simulation::twin`]).
 //!
-//! [`study`] gives the hits of a walk to an [`engine::Engine`]: the core itself, or (by default) lanes. Lanes
+//! [`study`] passes the hits of a walk to an [`engine::Engine`]: the core itself, or lanes (the default). Lanes
 //! implement the core's arithmetic again, for speed. Tests check that both give the same bits.
 #![forbid(unsafe_code)]
 

@@ -1,4 +1,4 @@
-//! The simulator's command line, see [`host_sim::cli`].
+//! The simulator's command line. See [`host_sim::cli`].
 
 use std::process::ExitCode;
 

@@ -1,4 +1,4 @@
-//! The bundled font and the width of a text.
+//! The bundled font, and the width of a text in it.
 
 use std::sync::LazyLock;
 
@@ -20,7 +20,7 @@ pub(crate) fn advance(font: &FontRef<'_>, c: char) -> f64 {
     f64::from(font.h_advance_unscaled(font.glyph_id(c)) / units_per_em)
 }
 
-/// Width of a line of text, without kerning.
+/// Width of a line of text, without kerning, in the unit of `size`.
 pub fn width(text: &str, size: f64) -> f64 {
     font().map_or(0.0, |font| text.chars().map(|c| advance(font, c)).sum::<f64>() * size)
 }

@@ -1,5 +1,4 @@
-//! Paints the shapes of a figure as PNG. It is a separate crate so that it is always optimised: a bitmap has millions
-//! of pixels.
+//! Paints the shapes of a figure as PNG. A separate crate is always optimised: a bitmap has millions of pixels.
 #![forbid(unsafe_code)]
 
 mod font;
@@ -12,7 +11,7 @@ use plotters_backend::{BackendCoord, BackendStyle, DrawingErrorKind, rasterizer}
 
 pub use font::width;
 
-/// Grid steps per pixel in each direction. `halved` averages them, which gives the anti-aliasing.
+/// Grid steps per pixel in each direction. `halved` averages them for anti-aliasing.
 pub const STEPS_PER_PIXEL: u8 = 2;
 
 type PaintError<'a> = DrawingErrorKind<<BitMapBackend<'a> as DrawingBackend>::ErrorType>;
@@ -20,7 +19,6 @@ type PaintError<'a> = DrawingErrorKind<<BitMapBackend<'a> as DrawingBackend>::Er
 /// A shape in grid steps with its style.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
-    /// Line between two points.
     Line([BackendCoord; 2], ShapeStyle),
     /// Open line through several points.
     Path(Vec<BackendCoord>, ShapeStyle),
@@ -30,18 +28,16 @@ pub enum Shape {
     Circle(BackendCoord, u32, ShapeStyle),
     /// Filled area between these corners.
     Polygon(Vec<BackendCoord>, ShapeStyle),
-    /// A line of text.
     Text(Lettering, ShapeStyle),
 }
 
-/// A line of text.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lettering {
     pub text: String,
     pub at: BackendCoord,
     /// Font size: one em, in grid steps.
     pub em: f64,
-    /// Part of the text that lies at the point `at`: its name in SVG, and the share of the width before it.
+    /// Which point of the text is at `at`: its name in SVG, and the fraction of the width before it.
     pub anchor: (&'static str, f64),
     /// Distance from the point `at` down to the base line, em.
     pub drop: f64,
@@ -49,7 +45,7 @@ pub struct Lettering {
     pub turned: bool,
 }
 
-/// Reason why there is no bitmap. Shapes never cause it.
+/// Reason why there is no bitmap. The shapes are never the reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BitmapError {
     /// The bundled font cannot be read.
@@ -69,12 +65,12 @@ impl fmt::Display for BitmapError {
 
 impl std::error::Error for BitmapError {}
 
-/// The shapes as PNG, on a page of this number of grid steps.
+/// The shapes as PNG. The size of the page is in grid steps.
 ///
 /// # Errors
-/// [`BitmapError`]. Shapes never cause it.
+/// [`BitmapError`]. The shapes are never the reason.
 pub fn png(shapes: &[Shape], (width, height): (u32, u32)) -> Result<Vec<u8>, BitmapError> {
-    // The page is padded, so that a row or column that fills no whole pixel is kept.
+    // The page is enlarged to whole pixels, so that no row or column is lost.
     let pixels = [width, height].map(|side| side.div_ceil(STEPS_PER_PIXEL.into()));
     let [width, height] = pixels.map(|side| side * u32::from(STEPS_PER_PIXEL));
     let mut fine = vec![u8::MAX; 3 * width as usize * height as usize];
@@ -98,9 +94,9 @@ fn encode(rgb: &[u8], [width, height]: [u32; 2]) -> Result<Vec<u8>, png::Encodin
     Ok(bytes)
 }
 
-/// Paints a shape on plotters' bitmap. Lines with round joins, and text as in SVG, are painted here. plotters 0.3.7
-/// turns a zigzag into one polygon that crosses itself, which leaves holes and spikes. Its `ab_glyph` text drops the
-/// bearing of each glyph, and differs from its SVG text in size and base line.
+/// Paints a shape on the bitmap of plotters. Lines with round joins, and text as in SVG, are painted here. plotters
+/// 0.3.7 converts a zigzag to one polygon that crosses itself, which leaves holes and spikes. Its `ab_glyph` text
+/// leaves out the bearing of each glyph, and differs from its SVG text in size and base line.
 fn paint(bitmap: &mut BitMapBackend<'_>, shape: &Shape) -> Result<(), BitmapError> {
     let painted = match shape {
         Shape::Line([from, to], style) => rasterizer::draw_line(bitmap, *from, *to, style),
@@ -172,8 +168,8 @@ fn grid_of(step: f32) -> i32 {
     step.round() as i32
 }
 
-/// Halves width and height: each pixel is the rounded mean of two times two pixels. The result has `columns` pixels
-/// per row.
+/// Halves width and height. A pixel is the rounded mean of two times two pixels. A row of the result has `columns`
+/// pixels.
 fn halved(fine: &[u8], columns: usize) -> Vec<u8> {
     let mut coarse = Vec::with_capacity(fine.len() / 4);
     for rows in fine.chunks_exact(12 * columns) {
@@ -198,7 +194,7 @@ mod tests {
     #[test]
     fn a_mean_takes_every_sample_once() {
         let mut fine = vec![0; 3 * 4 * 2];
-        fine[..6].fill(200); // upper half of the left pixel of two pixels
+        fine[..6].fill(200); // upper half of the left one of two pixels
         assert_eq!(halved(&fine, 2), [100, 100, 100, 0, 0, 0]);
         // squares of n: 0 9 36 81, 1 16 49 100 and 4 25 64 121
         let fine: Vec<u8> = (0..12).map(|n| n * n).collect();

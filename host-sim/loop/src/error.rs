@@ -8,16 +8,10 @@ pub const INTERRUPTED: u8 = 130;
 /// Reason why a command ended without a result.
 #[derive(Debug)]
 pub enum Error {
-    /// The input is not valid: exit code 2. The text is one line that names the place, the wrong value and the
-    /// allowed values.
+    /// Exit code 2: the input is not valid. The text is one line with the place, the wrong and the allowed values.
     Input(String),
-    /// A file could not be written, or could only be read in part: exit code 1.
-    File {
-        /// The file or folder.
-        path: PathBuf,
-        /// The system's error.
-        source: io::Error,
-    },
+    /// Exit code 1: a file could not be written, or only a part of it could be read.
+    File { path: PathBuf, source: io::Error },
     /// An error of the program itself: exit code 1.
     Internal(String),
     /// Ctrl-C or a termination signal: exit code 130.
@@ -25,18 +19,17 @@ pub enum Error {
 }
 
 impl Error {
-    /// Makes an [`Error::Input`] from anything that prints.
+    /// Makes an [`Error::Input`] from a value that can be printed.
     pub fn input(text: impl fmt::Display) -> Self {
         Self::Input(text.to_string())
     }
 
-    /// Makes an [`Error::File`] at `path`.
     pub fn file(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
         let path = path.into();
         move |source| Self::File { path, source }
     }
 
-    /// The same error. If it is [`Error::Input`], `name` and a colon stand before its text.
+    /// The same error. The text of an [`Error::Input`] gets `name` and a colon before it.
     #[must_use]
     pub fn of(self, name: &str) -> Self {
         match self {
@@ -45,7 +38,7 @@ impl Error {
         }
     }
 
-    /// Kind of the error, for programs.
+    /// Kind of the error, as text for programs.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Input(_) => "input",
@@ -55,7 +48,6 @@ impl Error {
         }
     }
 
-    /// The process' exit code.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Input(_) => 2,
@@ -86,11 +78,11 @@ impl std::error::Error for Error {
 
 /// Largest number of characters in a message.
 const LONGEST: usize = 1000;
-/// Number of characters that a cut message keeps at its end, because the allowed values are there.
+/// Number of characters kept at the end of a shortened message. The allowed values are there.
 const TAIL: usize = 300;
 
-/// A text as one printable line of at most about a thousand characters. Control characters are escaped, and the
-/// middle of a long text is left out.
+/// A text as one printable line of at most about a thousand characters. Control characters are escaped, and the middle
+/// of a long text is left out.
 pub fn one_line(text: &str) -> String {
     let length = text.chars().count();
     if length <= LONGEST {
@@ -103,7 +95,7 @@ pub fn one_line(text: &str) -> String {
     printable(&text, false).into_owned()
 }
 
-/// A text without characters that control a terminal. Line ends stay if `lines` is set.
+/// A text without characters that control a terminal. With `lines`, line ends stay.
 pub fn printable(text: &str, lines: bool) -> Cow<'_, str> {
     let steers =
         |c: char| c.is_control() || matches!(c, '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}');

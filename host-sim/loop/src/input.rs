@@ -1,5 +1,5 @@
-//! Reads all files that a user names. Each kind has a largest size, and a read can be interrupted. An error names the
-//! limit.
+//! Reads all files that a user names. Each kind of file has a largest size. A read can be interrupted. The error for a
+//! file that is too large names the size limit.
 
 use std::{fs::File, io::Read as _, path::Path};
 
@@ -7,7 +7,7 @@ use crate::{error::Error, interrupt};
 
 pub mod table;
 
-/// Content of a file, and its largest size.
+/// A kind of file: its content, and its largest size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Kind {
     name: &'static str,
@@ -15,9 +15,9 @@ pub struct Kind {
 }
 
 pub const SCENE: Kind = Kind { name: "a scene", limit_mib: 1 };
-/// A curve of the least motion that a hand feels.
+/// A curve of the least motion that a hand feels, by frequency.
 pub const CURVE: Kind = Kind { name: "a curve", limit_mib: 1 };
-/// A log or a capture of telemetry: two hours of frames.
+/// A record: a log or a capture of telemetry. Two hours of frames are below the size limit.
 pub const RECORD: Kind = Kind { name: "a record", limit_mib: 256 };
 pub const STUDY: Kind = Kind { name: "a study", limit_mib: 1 };
 pub const DEVICE: Kind = Kind { name: "a device record", limit_mib: 1 };
@@ -29,8 +29,7 @@ const PIECE: u64 = 1 << 20;
 /// Reads a whole file.
 ///
 /// # Errors
-/// [`Error::Input`] if the file cannot be read or is too large for its kind. [`Error::Interrupted`] after an
-/// interruption.
+/// [`Error::Input`] if the file cannot be read or is too large for its kind. [`Error::Interrupted`] on interruption.
 pub fn read(path: &Path, kind: Kind) -> Result<Vec<u8>, Error> {
     let unreadable = |error| Error::Input(format!("{} cannot be read: {error}", path.display()));
     let limit = kind.limit_mib << 20;

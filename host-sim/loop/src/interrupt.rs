@@ -1,4 +1,4 @@
-//! The flag that asks a command to end. Long work checks the [`flag`] between two pieces and ends.
+//! The flag that asks a command to end. A long computation checks the [`flag`] between two pieces of its work.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -6,12 +6,11 @@ use crate::error::Error;
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 
-/// The flag; it is set to ask the command to end.
+/// The flag. It is set when the command must end.
 pub fn flag() -> &'static AtomicBool {
     &REQUESTED
 }
 
-/// Whether the command must end.
 pub fn is_requested() -> bool {
     REQUESTED.load(Ordering::Relaxed)
 }

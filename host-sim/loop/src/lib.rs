@@ -1,5 +1,4 @@
-//! The sampled loop: the motion of a device under the control core that the firmware runs. It runs one wall hit, or
-//! many side by side.
+//! The sampled loop: a device's motion under the firmware's control core. It runs one wall hit, or many side by side.
 //!
 //! Each layer uses only the layers below it:
 //!

@@ -1,4 +1,4 @@
-//! `agree`: compares a measured walk with the predicted one.
+//! `agree`: compares a measured walk with the predicted walk.
 
 use std::path::PathBuf;
 
@@ -13,19 +13,19 @@ use crate::{
     scene::NamedScene,
 };
 
-/// Puts a walk that a board measured beside the one that the scene predicts, says whether they agree, and which number of the
-/// scene would explain the difference best: mass, damping, stiffness, force per command, latency, amplifier, dry
-/// friction, or noise of the encoder, one at a time.
+/// Compares a walk measured on a board with the walk that the scene predicts. Says whether they agree, and which change
+/// of one number of the scene explains the difference best: mass, damping, stiffness, force per command, latency,
+/// amplifier, dry friction, or encoder noise.
 #[derive(Debug, Args)]
 pub struct AgreeArgs {
-    /// Built-in scene or scene file: the one that predicts.
+    /// Built-in scene or scene file that predicts the walk.
     scene: String,
-    /// The measured walk, as `cargo board walk --csv` writes it.
+    /// The measured walk, as written by `cargo board walk --csv`.
     measured: PathBuf,
-    /// Write both walks by B.
+    /// Write both walks, one row for each B.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// Draw both walks, and what explains the difference best; the ending, .svg or .png, says the format.
+    /// Draw both walks, and the best explanation of the difference. The ending, .svg or .png, selects the format.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
 }

@@ -1,4 +1,4 @@
-//! `compare`: every velocity estimator on the same boundary.
+//! `compare`: compares all velocity estimators.
 
 use clap::Args;
 use serde::Serialize;
@@ -35,25 +35,24 @@ use crate::{
     },
 };
 
-/// Compares velocity estimators, each tuned by the same search: Z-width, delay, noise, roughness,
-/// fidelity, cost.
+/// Compares velocity estimators, each tuned by the same search: Z-width, delay, noise, roughness, fidelity, cost.
 #[derive(Debug, Args)]
 pub struct CompareArgs {
-    /// Built-in scene or scene file; its own estimator does not matter.
+    /// Built-in scene or scene file. Its own estimator is not used.
     scene: String,
-    /// Estimators by their names in the table, A,B,C [default: all but second-order, smoothing, tracking-lead,
+    /// Estimators by their names in the table, A,B,C [default: all except second-order, smoothing, tracking-lead,
     /// window-difference, biquad and biquad-2].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     estimators: Vec<String>,
-    /// B at which K is read off and contacts are compared (impedance also at half and twice that), N s/m [default:
-    /// 100, or half of the largest B that finite difference and Butterworth reaches, if that is less].
+    /// B at which K and contacts are compared, N s/m. Impedance is also compared at half and twice this B [default:
+    /// 100, at most half of the largest B of finite difference and Butterworth].
     #[arg(long, value_name = "N_S_PER_M", allow_negative_numbers = true)]
     damping: Option<f64>,
-    /// Tunings that the search may try for an estimator with one parameter, two walks each; with two
-    /// parameters four times as many. It stops before where nothing near is better.
+    /// Number of tunings that the search may try for an estimator with one parameter, with two walks each. With two
+    /// parameters: four times as many. The search ends earlier if no tuning nearby is better.
     #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(3..=1000))]
     budget: u32,
-    /// Walks at the result of each search, their starts spread over one count.
+    /// Walks for the result of each search, with starts spread over one count.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeat: u32,
     #[command(flatten)]
@@ -64,7 +63,6 @@ pub struct CompareArgs {
     usable: UsableArgs,
 }
 
-/// Every file of a result.
 const FILES: &[&str] = &[
     "compare.csv",
     "tuning.csv",
@@ -85,7 +83,7 @@ struct Json<'a> {
     walls: [Wall; 3],
     /// Mean area with the true velocity.
     true_velocity_area_n2_s_per_m2: f64,
-    /// Error of the impedance from output hold and latency alone, with the true velocity.
+    /// Error of the impedance with the true velocity. Only output hold and latency cause it.
     impedance_error_of_loop: Option<f64>,
     estimators: Vec<JsonRow>,
     winners: &'a [Winner],
@@ -197,7 +195,6 @@ fn command_line(args: &CompareArgs, common: &Common, scene: &NamedScene, place: 
         .by(common)
 }
 
-/// Parameters of an estimator as text for people.
 fn tuning(c: &Compared) -> String {
     let parameters = table::parameters(c).into_iter().flatten();
     let texts: Vec<String> = parameters
@@ -210,7 +207,7 @@ fn tuning(c: &Compared) -> String {
     texts.join(", ")
 }
 
-/// The estimator with the largest mean area of a class.
+/// The estimator of a class with the largest mean area.
 fn best_of(compared: &[Compared], class: Class) -> Option<Entry> {
     let like = compared.iter().filter(|c| c.class() == class);
     like.max_by(|a, b| a.tuned.boundaries.area().total_cmp(&b.tuned.boundaries.area()))

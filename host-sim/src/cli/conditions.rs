@@ -1,5 +1,4 @@
-//! Options that replace conditions of a scene: limit, criterion, who pushes, the arm on the handle, time of the
-//! outputs.
+//! Options that replace conditions of a scene: limit, criterion, pusher, arm on the handle, times of the outputs.
 
 use clap::{Args, builder::ValueParser};
 
@@ -18,23 +17,24 @@ use crate::{
     },
 };
 
-/// When a wall counts as stable.
+/// How a wall is tried, and when it counts as stable.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Judged {
-    /// What the RMS is taken of, in the place of the scene's; counts resolve no limit near one of them.
+    /// Signal of the RMS, instead of the scene's. The RMS of counts cannot resolve limits near one count.
     #[arg(long, value_parser = rms_ofs())]
     rms_of: Option<RmsOf>,
-    /// When a wall counts as stable, in the place of the scene's.
+    /// Criterion for a stable wall, instead of the scene's.
     #[arg(long, value_parser = criteria())]
     criterion: Option<Criterion>,
-    /// How it is tried, in the place of the scene's: the paper's constant push; the last 2 s of a minute of it; taps, two a
-    /// second, the last half of each contact; a hand's push that sways by 30 %, motion and force above 20 Hz.
+    /// How a wall is tried, instead of the scene's way. `paper`: a constant push. `press`: the last 2 s of a push of a
+    /// minute. `taps`: two a second, the last half of each contact. `hand`: a push that sways by 30 %; motion and force
+    /// above 20 Hz count.
     #[arg(long, value_parser = named(&Protocol::ALL.map(|of| (of.name(), "", of))))]
     protocol: Option<Protocol>,
 }
 
 impl Judged {
-    /// Puts the options into the scene.
+    /// Sets the options in the scene.
     ///
     /// # Errors
     /// The options do not suit the scene.
@@ -49,29 +49,29 @@ impl Judged {
     }
 }
 
-/// In the place of what the scene says.
+/// Options that replace values of the scene.
 #[derive(Clone, Debug, Args)]
 pub struct Conditions {
-    /// Limit in the place of the scene's: an RMS in m, or `felt` for wall_hit.felt_limit_db.
+    /// Limit instead of the scene's: an RMS in m, or `felt` for wall_hit.felt_limit_db.
     #[arg(long, value_name = "LIMIT", value_parser = one, conflicts_with = "criterion")]
     limit: Option<Limits>,
-    /// What the RMS is taken of, in the place of the scene's; counts resolve no limit near one of them.
+    /// Signal of the RMS, instead of the scene's. The RMS of counts cannot resolve limits near one count.
     #[arg(long, value_parser = rms_ofs())]
     rms_of: Option<RmsOf>,
-    /// When a wall counts as stable. `quiet` walks on a grid that suits these walls, and the area by the scene's own
-    /// criterion stands beside [default: quiet, or the limit's].
+    /// Criterion for a stable wall. `quiet` has its own grid of K and B, and also gives the area by the scene's own
+    /// criterion [default: quiet; with --limit, the criterion of this limit].
     #[arg(long, value_parser = criteria())]
     criterion: Option<Criterion>,
-    /// Who pushes, in the place of the scene's.
+    /// Who pushes, instead of the scene's pusher.
     #[arg(long, value_parser = named(&PushBy::ALL.map(|of| (of.name(), "", of))))]
     push: Option<PushBy>,
-    /// The arm that holds the handle: a name of [arms.NAME] or of a built-in model (heavy, light).
+    /// The arm that holds the handle: a name in [arms.NAME], or a built-in model (heavy, light).
     #[arg(long, value_name = "NAME")]
     arm: Option<String>,
-    /// Samples from a reading to its force, in the place of actuator.latency.
+    /// Samples from a reading to its force, instead of actuator.latency.
     #[arg(long, value_name = "SAMPLES", allow_negative_numbers = true)]
     latency: Option<f64>,
-    /// Samples per output, in the place of actuator.period.
+    /// Samples per output, instead of actuator.period.
     #[arg(long, value_name = "SAMPLES")]
     period: Option<u32>,
 }
@@ -88,8 +88,8 @@ fn one(text: &str) -> Result<Limits, String> {
 }
 
 impl Conditions {
-    /// The conditions for ranking estimators or changes. The options must be [applied](Self::apply) to the scene
-    /// before.
+    /// The conditions for a ranking of estimators or changes. Before this call, the options must be
+    /// [applied](Self::apply) to the scene.
     ///
     /// # Errors
     /// The scene does not suit the criterion, or has no quiet wall.
@@ -112,7 +112,7 @@ impl Conditions {
         ranked(common.how(), &scene, by, rms_of).map_err(|error| error.of(&scene.name))
     }
 
-    /// Puts the options into the scene, except the criterion.
+    /// Sets all options except the criterion in the scene.
     ///
     /// # Errors
     /// There is no such arm, or the options do not suit the scene.
@@ -128,7 +128,7 @@ impl Conditions {
         scene.check().map_err(Error::Input)
     }
 
-    /// The options as on the command line.
+    /// The options as text of a command line.
     pub fn as_typed(&self) -> String {
         Typed(String::new())
             .maybe("limit", self.limit.as_ref())

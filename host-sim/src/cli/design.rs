@@ -1,4 +1,4 @@
-//! `design`: finds the best velocity filter, not only the best cutoff.
+//! `design`: finds the best velocity filter, and not only the best cutoff.
 
 use clap::Args;
 use serde::Serialize;
@@ -22,58 +22,60 @@ use crate::{
     study::{asked, recommended::ranked},
 };
 
-/// Designs a velocity filter for a device: poles, lead and second zero of one or two biquads behind the finite difference,
-/// in the core's fixed point, for the worst of several pushes, arms and limits.
+/// Designs a velocity filter for a device: one or two biquads after the finite difference, in the core's fixed point.
+/// Poles, lead and second zero are best for the worst of several pushes, arms and limits.
 ///
-/// A global search, then the best below several gain peaks walked anew. In the result an area is that of the worst
-/// condition: the one with the least area over that of a Butterworth low-pass at its best cutoff of [sweep] there. In a
-/// scene the result is estimator = "biquad", or "biquad-2".
+/// First there is a global search. Then the best filters below several gain peaks are walked again. An area in the
+/// result is that of the worst condition. The worst condition has the smallest ratio of the area to that of a
+/// Butterworth low-pass, which has its best cutoff of [sweep]. In a scene the result is estimator = "biquad", or
+/// "biquad-2".
 #[derive(Debug, Args)]
 pub struct DesignArgs {
-    /// Built-in scene or scene file; its own estimator does not matter.
+    /// Built-in scene or scene file. Its own estimator is not used.
     scene: String,
-    /// Largest gain of the velocity over the true one, dB [default: no limit].
+    /// Largest ratio of the estimated to the true velocity, dB [default: no limit].
     #[arg(long, value_name = "DB", allow_negative_numbers = true)]
     gain_peak_db: Option<f64>,
-    /// Largest delay of the velocity of a slow motion, s; 0: it is that of the sample [default: no limit].
+    /// Largest delay of the velocity for slow motion, s. 0: only the delay of the sample [default: no limit].
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     delay: Option<f64>,
-    /// Sections of second order: 1 is estimator = "biquad", 2 is "biquad-2", at twice the cycles.
+    /// Sections of second order. 1: estimator = "biquad". 2: "biquad-2", with twice the cycles.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
     sections: u8,
-    /// Roughest force above 100 Hz at the wall that the result names, N RMS [default: no limit].
+    /// Largest RMS of the force above 100 Hz, N, at the wall that the result names [default: no limit].
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     roughness: Option<f64>,
-    /// Least part of the area that is left with frequency or damping off by 1.2 [default: no limit].
+    /// Smallest part of the area that must remain if frequency or damping is off by a factor of 1.2 [default: no
+    /// limit].
     #[arg(long, value_name = "PART", allow_negative_numbers = true)]
     mistuned: Option<f64>,
-    /// Who pushes, in the place of the scene's; with several the worst counts: motor, hand.
+    /// Who pushes, instead of the scene's pusher: motor, hand. Of several, the worst is used.
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = push)]
     push: Option<Vec<PushBy>>,
-    /// Arms that hold the handle, the worst counts: names of [arms.NAME] or of built-in models (heavy, light), `none` for
-    /// the free handle, or `all` for it and all of them [default: the scene's].
+    /// Arms that hold the handle; the worst is used. Names in [arms.NAME] or of built-in models (heavy, light), `none`
+    /// for the free handle, or `all` for all of these [default: the scene's].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     arms: Option<Vec<String>>,
-    /// Limits, the worst counts: `quiet`, RMS limits in m, `felt` for wall_hit.felt_limit_db, `felt=DB` for another level
-    /// [default: quiet; with --rms-of or --unsaturated the scene's].
+    /// Limits; the worst is used. `quiet`, RMS limits in m, `felt` for wall_hit.felt_limit_db, `felt=DB` for another
+    /// level [default: quiet; with --rms-of or --unsaturated the scene's].
     #[arg(long, value_name = "LIST", value_parser = parse)]
     limits: Option<Limits>,
-    /// What the RMS is taken of, in the place of the scene's; counts resolve no limit near one of them.
+    /// Signal of the RMS, instead of the scene's. The RMS of counts cannot resolve limits near one count.
     #[arg(long, value_parser = rms_ofs())]
     rms_of: Option<RmsOf>,
-    /// A wall counts as stable only while no output of the window is at the actuator's limit.
+    /// A wall counts as stable only if no output of the window is at the actuator's limit.
     #[arg(long)]
     unsaturated: bool,
-    /// Steps of K and B of the walks, which are also the first ones, in the scene's units [default: what suits quiet walls;
-    /// where another limit is asked for the scene's].
+    /// Steps of K and B of the walks, in the scene's units. Walks start at one step [default: steps for quiet walls;
+    /// with another limit the scene's].
     #[arg(long, value_name = "K,B", value_parser = pair)]
     steps: Option<Pair>,
-    /// Filters that the search walks, two walks each in every condition [default: 6000 over their number,
-    /// from 1000 to 3000; for two sections the double].
+    /// Number of filters that the search tries, with two walks each in every condition [default: 6000 divided by the
+    /// number of conditions, within 1000 to 3000; twice that for two sections].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
     budget: Option<u32>,
-    /// Walks of a result in each condition, their starts spread over one count; with 1 all walks of search and result
-    /// have that one start, and the area is the luckiest of many.
+    /// Walks of a result in each condition, with starts spread over one count. With 1, all walks have the same start,
+    /// and the area is the luckiest of many.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeat: u32,
     /// Seed of the search.
@@ -81,7 +83,6 @@ pub struct DesignArgs {
     seed: u64,
 }
 
-/// Every file of a result.
 const FILES: &[&str] = &["design.csv", "tried.csv", "conditions.csv", "best.toml", "front"];
 
 #[derive(Serialize)]
@@ -162,7 +163,7 @@ pub fn run(args: &DesignArgs, common: &Common) -> Result<(), Error> {
 }
 
 impl DesignArgs {
-    /// The scene with the settings that are the same for all conditions.
+    /// The scene with the settings that all conditions share.
     fn base(&self, named: &NamedScene, common: &Common) -> Result<Scene, Error> {
         if self.limits.is_none() && self.rms_of.is_none() && !self.unsaturated {
             asked::prepare(named)?;
@@ -236,7 +237,7 @@ impl DesignArgs {
         Ok(conditions)
     }
 
-    /// The command as on the command line.
+    /// The command as text of a command line.
     fn typed(&self, scene: &str, budget: u32, common: &Common) -> String {
         let pushes: Option<Vec<&str>> =
             self.push.as_ref().map(|all| all.iter().map(|push| push.name()).collect());

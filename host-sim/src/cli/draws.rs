@@ -9,16 +9,17 @@ use crate::{error::Error, scene::NamedScene, study::probability::Draws};
 /// Default number of starts: of the scene's own device, and of each drawn device.
 const STARTS: [u32; 2] = [16, 1];
 
-/// The share of starts, and of devices, at which a wall holds.
+/// Options for the share of starts, and of devices, at which a wall is stable.
 #[derive(Clone, Debug, Args)]
 pub struct DrawArgs {
-    /// How sure each wall is: the share of starts, spread over a count, that hold it; with --uncertain also of devices.
+    /// Probability of each wall: the share of starts, spread over one count (with --uncertain also of devices), that
+    /// hold it.
     #[arg(long)]
     probability: bool,
-    /// With --probability: draw that many devices by [uncertainty] of the scene.
+    /// With --probability: draw this number of devices from the scene's [uncertainty].
     #[arg(long, value_name = "N", requires = "probability", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     uncertain: Option<u32>,
-    /// With --probability: starts of each device [default: 16, or 1 with --uncertain].
+    /// With --probability: number of starts for each device [default: 16; with --uncertain 1].
     #[arg(long, value_name = "N", requires = "probability", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     starts_each: Option<u32>,
 }
@@ -28,13 +29,13 @@ impl DrawArgs {
         self.starts_each.unwrap_or(STARTS[usize::from(self.uncertain.is_some())])
     }
 
-    /// The draws, or `None` without `--probability`.
+    /// The draws. `None` without `--probability`.
     pub fn of(&self, scene: &NamedScene) -> Result<Option<Draws>, Error> {
         let draws = || Draws::new(&scene.scene, self.uncertain.unwrap_or(0), self.starts());
         self.probability.then(draws).transpose().map_err(|error| error.of(&scene.name))
     }
 
-    /// The options as on the command line.
+    /// The options as text of a command line.
     pub fn as_typed(&self) -> String {
         if !self.probability {
             return String::new();

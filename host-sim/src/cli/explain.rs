@@ -24,20 +24,22 @@ use crate::{
     },
 };
 
-/// What limits this device's walls: one element changed at a time (encoder, latency, output, estimator, amplifier,
-/// motor, friction, cogging, backlash, accelerometer), each tuned anew; a ranked table with ranges.
+/// Finds what limits the walls of this device. Changes one element at a time (encoder, latency, output, estimator,
+/// amplifier, motor, friction, cogging, backlash, accelerometer), and tunes each change again. Gives a ranked table
+/// with ranges.
 #[derive(Debug, Args)]
 #[command(after_long_help = COLUMNS)]
 pub struct ExplainArgs {
     /// Built-in scene or scene file.
     scene: String,
-    /// B at which K is read off, N s/m [default: 100, or half of the largest B that the scene reaches, if that is less].
+    /// B at which K is compared, N s/m [default: 100, at most half of the largest B of the scene].
     #[arg(long, value_name = "N_S_PER_M", allow_negative_numbers = true)]
     damping: Option<f64>,
-    /// Tunings that the search may try for each change, two walks each; with two parameters four times as many.
+    /// Number of tunings that the search may try for each change, two walks each. With two parameters: four times as
+    /// many.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(3..=1000))]
     budget: u32,
-    /// Walks at the result of each search, their starts spread over one count.
+    /// Walks for the result of each search, with starts spread over one count.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(2..=1000))]
     repeat: u32,
     #[command(flatten)]
@@ -58,7 +60,6 @@ Columns:
   cost            what it takes, in words
 explain.csv has these and more (docs/files.md).";
 
-/// Every file of a result.
 const FILES: &[&str] = &["explain.csv", "boundary.csv", "explain", "report.html"];
 
 #[derive(Serialize)]

@@ -35,7 +35,7 @@ use crate::{
     },
 };
 
-/// Hits every wall of a grid of cutoffs, dampings and stiffnesses: a map of verdict and RMS.
+/// Hits every wall of a grid of cutoffs, dampings and stiffnesses. Gives a map of verdict and RMS.
 #[derive(Debug, Args)]
 pub struct GridArgs {
     #[command(flatten)]
@@ -47,13 +47,13 @@ pub struct GridArgs {
     stiffnesses: List,
     #[command(flatten)]
     start: Start,
-    /// Add how far the rendered impedance is from K + jwB: the largest error of its magnitude from 1 to 30 Hz, the handle
-    /// moved by a sine inside the wall; and how many stable walls are within 5, 10 and 20 %.
+    /// Add the error of the rendered impedance against K + jwB: the largest error of its magnitude from 1 to 30 Hz. A
+    /// sine moves the handle inside the wall. Add also the number of stable walls within 5, 10 and 20 %.
     #[arg(long, conflicts_with = "probability")]
     impedance: bool,
     #[command(flatten)]
     draws: DrawArgs,
-    /// Write one row per wall.
+    /// Write a table with one row per wall.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
 }
@@ -68,12 +68,12 @@ struct Json<'a> {
     /// Number of stable walls within 5, 10 and 20 %. Only with `--impedance`.
     #[serde(skip_serializing_if = "Option::is_none")]
     usable: Option<[u64; 3]>,
-    /// Protocol of the hits, if it is not the paper's.
+    /// Protocol of the hits. Left out for the paper's protocol.
     #[serde(skip_serializing_if = "Option::is_none")]
     protocol: Option<&'static str>,
 }
 
-/// Limits of the impedance's error. The walls below each limit are counted.
+/// Limits of the impedance error. For each limit, the walls below it are counted.
 const WITHIN: [f64; 3] = [0.05, 0.1, 0.2];
 
 pub fn run(args: &GridArgs, common: &Common) -> Result<(), Error> {
@@ -159,15 +159,15 @@ struct ProbableJson<'a> {
     numeric: &'static str,
     points: u64,
     draws: u32,
-    /// Number of walls that 95 %, 50 % and 5 % of the draws hold.
+    /// Number of walls that are stable in at least 95 %, 50 % and 5 % of the draws.
     held_by_95_percent: u64,
     held_by_50_percent: u64,
     held_by_5_percent: u64,
-    /// Mean share of the draws that hold a wall.
+    /// Share of the draws in which a wall is stable, as a mean over the walls.
     share: f64,
 }
 
-/// Largest number of verdicts in memory. They are kept until the end.
+/// Largest number of verdicts. They are kept in memory until the end.
 const VERDICTS_MAX: u64 = 100_000_000;
 
 fn probable<'a>(

@@ -19,23 +19,23 @@ use crate::{
     study::asked::prepare,
 };
 
-/// Hits one wall and says whether it is stable.
+/// Hits one wall, and says whether it is stable.
 #[derive(Debug, Args)]
 pub struct HitArgs {
     #[command(flatten)]
     at: AtCutoff,
     #[command(flatten)]
     judged: Judged,
-    /// Stiffness of the wall, N/m; of a rotary scene N m/rad.
+    /// Stiffness of the wall, N/m; for a rotary scene N m/rad.
     #[arg(long, value_name = "K", allow_negative_numbers = true)]
     stiffness: f64,
-    /// Damping of the wall, N s/m; of a rotary scene N m s/rad.
+    /// Damping of the wall, N s/m; for a rotary scene N m s/rad.
     #[arg(long, value_name = "B", allow_negative_numbers = true)]
     damping: f64,
     /// Write every sample as CSV.
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
-    /// Draw the true position over time; .svg or .png. The RMS is of the counts.
+    /// Draw the true position over time; .svg or .png. The RMS in it is that of the counts.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
 }
@@ -55,25 +55,25 @@ struct Json<'a> {
     contact_fraction: f64,
     velocity_clipped_fraction: f64,
     criterion: &'static str,
-    /// Protocol of the hit, if it is not the paper's.
+    /// Protocol of the hit. Left out for the paper's protocol.
     #[serde(skip_serializing_if = "Option::is_none")]
     protocol: Option<&'static str>,
     rms_of: &'static str,
     rms_motion_m: f64,
     window_at_limit_fraction: f64,
-    /// `null` if the window has no sensation level.
+    /// Sensation level of the motion, dB. `null` if the window cannot have one.
     sensation_db: Option<f64>,
     force_rms_n: f64,
-    /// `null` if the wall has no force.
+    /// Penetration ratio of the window. `null` if the wall gave no force.
     penetration_ratio: Option<f64>,
-    /// One entry for each push of the wall's test.
+    /// One entry for each push that the test of the wall needs.
     pushes: Vec<Push>,
-    /// Energy taken in the last contact, from the wall's force and the counts.
+    /// Energy that the wall has taken in the last contact, J, from its force and the counts.
     port_taken_j: f64,
-    /// Largest net energy given in any contact.
+    /// Largest net energy that the wall has given in any contact, J.
     port_given_j: f64,
-    /// Share of the outputs in contact that the passivity controller changed, and share of the force that it
-    /// withheld.
+    /// Outputs in contact that the passivity controller changed, as a fraction. Below it, the fraction of the force
+    /// that it withheld.
     #[serde(skip_serializing_if = "Option::is_none")]
     port_limited_fraction: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -25,22 +25,22 @@ pub(super) use crate::study::limits_asked::LimitAsked as Asked;
 const LEVELS_DB: [f64; 4] = [0.0, 10.0, 20.0, 30.0];
 const NAMES: Names = Names { limits: "--limits", steps: "--steps, --starts" };
 
-/// Limits side by side.
+/// Options for several limits side by side.
 #[derive(Clone, Debug, Args)]
 pub struct LimitArgs {
-    /// Areas and ideal cutoff for each limit, by motor and by hand, and with the true velocity in place of an estimate: RMS
-    /// limits in m at the handle, `felt` for sensation levels of 0, 10, 20 and 30 dB over wall_hit.felt_limit_db, and `felt=DB` for one
-    /// level over the threshold, which is the threshold curve moved by as much.
+    /// Areas and ideal cutoff for each limit, by motor, by hand, and with the true velocity. A limit is an RMS in m at
+    /// the handle, `felt` for sensation levels of 0, 10, 20 and 30 dB over wall_hit.felt_limit_db, or `felt=DB` for one
+    /// level over the threshold curve.
     #[arg(long, value_name = "LIST", value_parser = parse)]
     limits: Option<Limits>,
-    /// With --limits: also in these arms, and the worst of all: names of [arms.NAME] or of built-in models (heavy, light),
-    /// or `all` [default: the scene's].
+    /// With --limits: also use these arms, and give the worst of all. Names in [arms.NAME] or of built-in models
+    /// (heavy, light), or `all` [default: the scene's].
     #[arg(long, value_name = "NAMES", requires = "limits", value_delimiter = ',')]
     arms: Option<Vec<String>>,
-    /// With --limits: what the RMS is taken of.
+    /// With --limits: signal of the RMS.
     #[arg(long, value_parser = rms_ofs(), default_value = "motion", requires = "limits")]
     rms_of: RmsOf,
-    /// With --limits: steps of K and B of the walks, in the scene's units [default: a quarter of the scene's K, half of its B].
+    /// With --limits: steps of K and B, in the scene's units [default: a quarter of the scene's K, half of its B].
     #[arg(long, value_name = "K,B", value_parser = pair, requires = "limits")]
     steps: Option<Pair>,
     /// With --limits: first K and B of the walks, in the scene's units [default: one step].
@@ -59,7 +59,7 @@ pub(super) fn rms_ofs() -> ValueParser {
 #[derive(Clone, Debug)]
 pub(super) struct Limits(pub Vec<Asked>);
 
-/// The limits as on the command line.
+/// The limits as text of a command line.
 impl fmt::Display for Limits {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&listed(&self.0).unwrap_or_default())
@@ -70,7 +70,7 @@ impl fmt::Display for Limits {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pair(pub [f64; 2]);
 
-/// The pair as on the command line.
+/// The pair as text of a command line.
 impl fmt::Display for Pair {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self([k, b]) = self;
@@ -79,7 +79,7 @@ impl fmt::Display for Pair {
 }
 
 impl Pair {
-    /// The pair in N/m and N s/m. The user typed it in the scene's units.
+    /// The pair in N/m and N s/m, converted from the scene's units.
     pub fn at_handle(self, scene: &Scene) -> [f64; 2] {
         let (Self([k, b]), units) = (self, scene.units);
         [units.stiffness_n_per_m(k), units.damping_n_s_per_m(b)]
@@ -99,7 +99,7 @@ pub(super) fn pair(text: &str) -> Result<Pair, String> {
 }
 
 impl LimitArgs {
-    /// The question of these options for a scene, or `None` without `--limits`.
+    /// The question that these options ask about a scene. `None` without `--limits`.
     fn question(
         &self,
         scene: &Scene,
@@ -141,8 +141,8 @@ impl LimitArgs {
         }))
     }
 
-    /// What a sweep asks beside its own walks. Without `--limits` the limit is one count, and motor and hand push
-    /// in one walk each, with the scene's steps. With `plain` and without `--limits`: `None`.
+    /// The question that a sweep asks beside its own walks. Without `--limits`, the limit is one count; motor and hand
+    /// push in one walk each, with the scene's steps. With `plain` and without `--limits` it is `None`.
     pub fn or_default(
         &self,
         scene: &Scene,
@@ -164,7 +164,7 @@ impl LimitArgs {
         }))
     }
 
-    /// The limits of `--levers`: the user's limits, or else quiet walls and the scene's limit.
+    /// The limits of `--levers`: those of the user. If the user gave none: quiet walls and the scene's limit.
     pub fn of_levers(&self, scene: &Scene) -> Result<Vec<Limit>, Error> {
         let asked = self.question(scene, &[], 1)?.map(|question| question.limits);
         let quiet = Asked::Quiet.of(scene);
@@ -176,7 +176,7 @@ impl LimitArgs {
         self.limits.is_some()
     }
 
-    /// The options as on the command line.
+    /// The options as text of a command line.
     pub fn as_typed(&self) -> String {
         let counts = (self.rms_of == RmsOf::Counts).then_some("counts");
         Typed(String::new())

@@ -34,16 +34,15 @@ use crate::{
 pub struct LinearArgs {
     #[command(flatten)]
     at: AtCutoffs,
-    /// The loop as it runs, with the scene's output period and latency. Without it a force with
-    /// every sample and at once, as in the paper's equations (3) to (5). The scene's linear
-    /// elements are part of both.
+    /// Use the scene's output period and latency. Without it, there is a force with every sample and without latency,
+    /// as in the paper's equations (3) to (5). The scene's linear elements are part of both.
     #[arg(long)]
     multirate: bool,
-    /// Add the largest K at which no motion of the handle takes energy out of wall and device damping, of the same loop:
-    /// passive whatever holds it, also what changes with time.
+    /// Add the largest K of passive walls in the same loop: no motion of the handle takes energy out of wall and device
+    /// damping. It holds for anything on the handle, also if it changes with time.
     #[arg(long)]
     passivity: bool,
-    /// Add the simulated boundary, and say what its points above the linear envelope are.
+    /// Add the simulated boundary, and explain its points above the linear envelope.
     #[arg(long, requires = "multirate")]
     simulated: bool,
     /// Write the boundary as CSV.
@@ -58,63 +57,59 @@ pub struct LinearArgs {
 struct Json<'a> {
     scene: &'a str,
     multirate: bool,
-    /// Tables of the scene that the linear analysis leaves out.
+    /// Tables of the scene that linear analysis leaves out.
     left_out: &'a [&'static str],
     /// Parts of the scene that the passivity condition leaves out. Only with `--passivity`.
     #[serde(skip_serializing_if = "Option::is_none")]
     passivity_left_out: Option<&'a [&'static str]>,
     rows: Vec<&'a Row>,
-    /// The simulated boundary, if the user asked for it.
+    /// The simulated boundary. Empty if the user has not asked for it.
     simulated: Vec<SimulatedRow>,
 }
 
-/// One point of the simulated boundary.
 #[derive(Serialize)]
 struct SimulatedRow {
     cutoff_hz: f64,
     damping_n_s_per_m: f64,
     stiffness_n_per_m: f64,
-    /// Largest K of the linear envelope at this B; `null` in JSON if no K is unstable.
+    /// Largest K of the linear envelope at this B. `null` in JSON if every K is stable.
     linear_n_per_m: f64,
-    /// Intervals of K above the envelope that are linearly stable.
+    /// Intervals of K above the envelope in which the linear loop is stable.
     further_stable_n_per_m: Vec<(f64, f64)>,
-    /// Whether the linear loop is unstable at this wall. Then the motion is a limit cycle.
+    /// Whether the linear loop is unstable at this wall. If it is, the motion is a limit cycle.
     linearly_unstable: bool,
     rms_m: f64,
     saturated_fraction: f64,
 }
 
-/// One point of the boundary.
 #[derive(Serialize)]
 struct Row {
     cutoff_hz: f64,
     true_cutoff_hz: f64,
     damping_n_s_per_m: f64,
-    /// The loop is stable for every K from 0 to this value; `null` in JSON if no K is unstable.
+    /// The loop is stable for every K from 0 to this value. `null` in JSON if every K is stable.
     stiffness_max_n_per_m: f64,
     /// Whether the loop is unstable even at K = 0.
     unstable_at_zero: bool,
-    /// Whether the paper's gain-margin method gives the same.
+    /// Whether the paper's gain-margin method gives the same result.
     gain_margin_holds: bool,
-    /// Intervals of K above the first one that are stable, each from and to.
+    /// Further intervals of K, above the first, in which the loop is stable: from and to of each.
     further_stable_n_per_m: Vec<(f64, f64)>,
-    /// Number of K > 0 at which roots cross the unit circle. With several crossings the paper's method must select
-    /// one.
+    /// Number of K > 0 at which roots cross the unit circle. If there are several, the paper's method must select one.
     phase_crossings: usize,
-    /// Largest K up to which every wall on a damped mass is passive at its port; 0 if no wall is. Only with
+    /// Largest K for which all walls from 0 on are passive at the port of a damped mass. 0 if no wall is. Only with
     /// `--passivity`.
     #[serde(skip_serializing_if = "Option::is_none")]
     stiffness_passive_n_per_m: Option<f64>,
 }
 
-/// Largest number of points of a boundary. All points are kept in memory until the end.
+/// Largest number of points of a boundary. They are kept in memory until the end.
 const POINTS_MAX: usize = 1_000_000;
 
-/// Results of one cutoff.
 struct Analysis {
     cutoff_hz: f64,
     rows: Vec<Row>,
-    /// Empty if the user did not ask for it.
+    /// Empty if the user has not asked for it.
     passive_region: Vec<BoundaryPoint>,
     simulated: Vec<Explained>,
 }
@@ -166,7 +161,7 @@ pub fn run(args: &LinearArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// Parts of a scene that the passivity condition, which is for a damped mass, leaves out.
+/// Parts of a scene that the passivity condition leaves out. The condition is for a damped mass.
 fn passivity_left_out(scene: &scene::Scene, multirate: bool) -> Vec<&'static str> {
     let linear = [
         ("actuator.period", !multirate && scene.actuator.period > 1),
@@ -192,7 +187,7 @@ fn simulated_rows(analysis: &Analysis) -> impl Iterator<Item = SimulatedRow> {
     })
 }
 
-/// A sentence for each cutoff that explains the points of the simulated boundary.
+/// A sentence for each cutoff. It explains the points of the simulated boundary.
 fn explanation(analyses: &[Analysis], scene: &scene::Scene) -> String {
     let rms_limit_m = scene.wall_hit.rms_limit_m;
     let mut text = String::new();
@@ -214,7 +209,7 @@ fn explanation(analyses: &[Analysis], scene: &scene::Scene) -> String {
             largest_um(&below)
         );
         if !above.is_empty() {
-            // At rest between two counts the RMS is below half a count.
+            // If the handle is at rest between two counts, the RMS is below half a count.
             let at_rest = smallest_um < 0.5e6 * scene.encoder.resolution_m;
             let what = match (at_rest, scene.nonlinear_elements().is_empty()) {
                 (false, true) => "limit cycles, since the handle cannot come to rest there",
@@ -355,7 +350,7 @@ fn draw(
     })?)
 }
 
-/// Note if the paper's gain-margin method fails at this point, or is ambiguous.
+/// A note if the paper's gain-margin method fails at this point, or is ambiguous.
 fn gain_margin(row: &Row) -> Option<String> {
     let several = match row.phase_crossings {
         0 | 1 => String::new(),

@@ -43,10 +43,9 @@ use crate::{
     study::{How, list},
 };
 
-/// Which velocity-filter cutoff gives a haptic device the largest Z-width, the range of virtual
-/// walls that stay stable? SCENE is a built-in name (paper-1um, paper-2um, nucleo-f446re,
-/// discovery-f407, epfl-paddle, rice-paddle, hapkit, smartknob) or a TOML file; SCENE:DESIGN is the scene
-/// with its [designs.DESIGN] as estimator.
+/// Which cutoff of the velocity filter gives a haptic device the largest Z-width? The Z-width is the range of virtual
+/// walls that stay stable. SCENE is a built-in name (paper-1um, paper-2um, nucleo-f446re, discovery-f407, epfl-paddle,
+/// rice-paddle, hapkit, smartknob) or a TOML file. SCENE:DESIGN is the scene with its [designs.DESIGN] as estimator.
 #[derive(Debug, Parser)]
 #[command(name = "host-sim", bin_name = "cargo sim", version, max_term_width = 100)]
 struct Cli {
@@ -83,39 +82,39 @@ enum Command {
 /// Options of every command.
 #[derive(Debug, Args)]
 struct Common {
-    /// Print one JSON object on stdout and nothing else, an error too.
+    /// Print only one JSON object on stdout, also for an error.
     #[arg(long, global = true)]
     json: bool,
-    /// Worker threads; the results do not depend on it. Default: all cores.
+    /// Number of worker threads. The results do not depend on it. Default: all cores.
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
     /// Arithmetic of the controller.
     #[arg(long, global = true, value_parser = named(&NUMERICS), default_value = "fixed")]
     numeric: Numeric,
-    /// What runs the hits; the results do not depend on it.
+    /// Implementation that runs the hits. The results do not depend on it.
     #[arg(long, global = true, value_parser = named(&[CORE, ("lanes", LANES, Engine::lanes())]), default_value = "lanes")]
     engine: Engine,
-    /// Folder for the results; with several scenes, one folder per scene in it
-    /// [default: zwidth-out/SCENE]. For `identify` and `read` the scene file that is written, for `prepare` the record. The other commands
-    /// name their files one by one.
+    /// Folder for the results. With several scenes, it has one folder per scene [default: zwidth-out/SCENE]. For
+    /// `identify` and `read` it is the scene file that is written, for `prepare` the record. Other commands have an
+    /// option for each file.
     #[arg(long, global = true, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Replace results that are there already.
+    /// Replace existing results.
     #[arg(long, global = true)]
     force: bool,
-    /// Each table of a result folder as Parquet as well; a file of its own has the format that its ending says, .csv or
+    /// Write each table of a result folder as Parquet too. The format of a single file follows from its ending, .csv or
     /// .parquet (feature open-files: `cargo sim-files`).
     #[arg(long, global = true)]
     parquet: bool,
 }
 
 impl Common {
-    /// Settings for running hits.
+    /// Settings for a run of hits.
     fn how(&self) -> How<'static> {
         How { engine: self.engine, numeric: self.numeric, stop: interrupt::flag() }
     }
 
-    /// The output files of a command. Files in `inputs` are never replaced.
+    /// The output files of a command. They never replace files in `inputs`.
     fn outputs(&self, inputs: &[PathBuf]) -> Result<Outputs, Error> {
         let outputs = Outputs::new(self.force, inputs);
         if self.parquet { outputs.with_parquet() } else { Ok(outputs) }
@@ -139,7 +138,7 @@ const NUMERICS: [(&str, &str, Numeric); 3] = [
     ),
 ];
 
-/// Parser for values by their names. Each has a help text, which may be empty.
+/// Parser that finds values by name. Each value has a help text, which may be empty.
 fn named<T: Copy + Send + Sync + 'static>(all: &[(&'static str, &'static str, T)]) -> ValueParser {
     let all = all.to_vec();
     let names = all.iter().map(|&(name, help, _)| match help {
@@ -154,13 +153,13 @@ fn named<T: Copy + Send + Sync + 'static>(all: &[(&'static str, &'static str, T)
 }
 
 impl Command {
-    /// Whether the result folder of this command contains tables.
+    /// Whether the result folder of this command has tables.
     fn fills_a_folder_with_tables(&self) -> bool {
         use Command::{Compare, Design, Explain, Passivity, Sweep, Trade};
         matches!(self, Sweep(_) | Compare(_) | Design(_) | Explain(_) | Passivity(_) | Trade(_))
     }
 
-    /// Name of a command without a result folder, and the options that name its files.
+    /// For a command without a result folder: its name, and the options that name its files.
     fn named_outputs(&self) -> Option<[&'static str; 2]> {
         Some(match self {
             Self::Hit(_) => ["hit", "--trace and --plot"],

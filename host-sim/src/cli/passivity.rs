@@ -1,4 +1,4 @@
-//! `passivity`: benefit and cost of a wall's passivity controller.
+//! `passivity`: benefit and cost of the wall's passivity controller.
 
 use clap::Args;
 use serde::Serialize;
@@ -27,30 +27,30 @@ use crate::{
     },
 };
 
-/// A wall with a time-domain passivity controller beside the plain one: areas by limit and cutoff, and what hits at the
-/// boundary's walls show: energy that a contact gives, force that is withheld, RMS, roughness.
+/// Compares a wall with a time-domain passivity controller to the plain wall. Gives areas by limit and cutoff, and the
+/// results of hits on the boundary's walls: energy given in a contact, withheld force, RMS, roughness.
 #[derive(Debug, Args)]
 #[command(after_long_help = COLUMNS)]
 pub struct PassivityArgs {
-    /// Built-in scene or scene file; with or without [passivity].
+    /// Built-in scene or scene file, with or without [passivity].
     scene: String,
-    /// Nominal cutoffs in Hz, A,B,C or FROM:STEP:TO [default: 500 and 1500; none for an estimator without one].
+    /// Nominal cutoffs in Hz, A,B,C or FROM:STEP:TO [default: 500 and 1500; not for an estimator without a cutoff].
     #[arg(long, value_name = "LIST", value_parser = list::parse)]
     cutoffs: Option<List>,
     /// Limits of the RMS of the motion in m, and `felt` for wall_hit.felt_limit_db.
     #[arg(long, value_name = "LIST", value_parser = parse, default_value = LIMITS)]
     limits: Limits,
-    /// The most that the handle accelerates, m/s^2 [default: the scene's, else twice full scale over its mass].
+    /// Largest acceleration of the handle, m/s^2 [default: the scene's, else twice full scale divided by the mass].
     #[arg(long, value_name = "M_PER_S2", allow_negative_numbers = true)]
     acceleration: Option<f64>,
-    /// Steps of K and B of the walks, which are also the first ones, in the scene's units [default: the scene's walk].
+    /// Steps of K and B of the walks, in the scene's units. Walks start at one step [default: the scene's walk].
     #[arg(long, value_name = "K,B", value_parser = pair)]
     steps: Option<Pair>,
-    /// Lengths of the hits at the boundary's walls, s before their window: what a hum is fed grows with them [default:
-    /// the scene's and 30].
+    /// Times before the window for hits on the boundary's walls, s. The longer the time, the more energy a hum gets
+    /// [default: the scene's and 30].
     #[arg(long, value_name = "LIST", value_parser = list::parse)]
     settle: Option<List>,
-    /// Walks each, their starts spread over one count.
+    /// Number of walks, with starts spread over one count.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeat: u32,
 }
@@ -83,7 +83,6 @@ Columns of lengths.csv, one row for each limit, cutoff, controller and length of
   withheld_most_fraction    at the wall at which most is withheld
   sag                       mean penetration over push / K: above 1 the wall is softer than it was commanded";
 
-/// Every file of a result.
 const FILES: &[&str] = &["passivity.csv", "lengths.csv", "passivity"];
 
 #[derive(Serialize)]

@@ -22,15 +22,15 @@ const NAMES: Names = Names { limits: "--limits", steps: "--steps" };
 /// Options of `--peers`.
 #[derive(Debug, Args)]
 pub struct PeerArgs {
-    /// The defaults of other systems, untuned, beside the scene's own estimator (at 500 and 1500 Hz) and the true velocity:
-    /// areas by limit, in the scene's own loop and with the latency of both boards.
+    /// Compare the default estimators of other systems, without tuning, with the scene's own estimator (at 500 and 1500
+    /// Hz) and the true velocity. Gives areas by limit, in the scene's own loop and with the latency of both boards.
     #[arg(long, conflicts_with_all = ["estimators", "damping", "budget", "limit", "rms_of", "criterion", "push", "arm", "latency", "period"])]
     pub peers: bool,
     /// With --peers: `quiet`, limits of the RMS of the motion in m, and `felt` for wall_hit.felt_limit_db.
     #[arg(long, value_name = "LIST", value_parser = parse, default_value = LIMITS, requires = "peers")]
     limits: Limits,
-    /// With --peers: steps of K and B, which are also the first ones, in the scene's units [default: a quarter of the scene's K,
-    /// half of its B].
+    /// With --peers: steps of K and B, in the scene's units. Walks start at one step [default: a quarter of the scene's
+    /// K, half of its B].
     #[arg(long, value_name = "K,B", value_parser = pair, requires = "peers")]
     steps: Option<Pair>,
 }

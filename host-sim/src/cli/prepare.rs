@@ -1,4 +1,4 @@
-//! `prepare`: makes the device record of a scene for a board's firmware.
+//! `prepare`: makes the device record of a scene, for a board's firmware.
 
 use std::path::{Path, PathBuf};
 
@@ -30,26 +30,26 @@ use crate::{
     },
 };
 
-/// Makes the device record of a scene: what turns a board's image into the firmware of this device.
+/// Makes the device record of a scene. With this record, the image of a board becomes the firmware of the device.
 ///
-/// Checks everything that the board would, computes the envelope of walls that are predicted to be stable, and says what the
-/// board will be. The record is a file of its own: built in by ZWIDTH_DEVICE=FILE cargo flash, programmed alone, or taken
-/// by cargo board .. --device FILE.
+/// Makes all checks of the board, computes the envelope of walls that are predicted to be stable, and prints the
+/// board's settings. The record is a separate file. It is built in by ZWIDTH_DEVICE=FILE cargo flash, programmed alone,
+/// or used by cargo board .. --device FILE.
 #[derive(Debug, Args)]
 pub struct PrepareArgs {
-    /// Built-in scene or scene file; its name becomes the device's.
+    /// Built-in scene or scene file. Its name becomes the name of the device.
     #[arg(required_unless_present = "starter")]
     scene: Option<String>,
     /// The board [default: the scene's board.name].
     #[arg(long, value_name = "NAME", required_unless_present = "scene")]
     board: Option<String>,
-    /// A first record for a device that nobody has measured: no wall, low limits of speed and heat. With a SCENE, its
-    /// counts and force are taken; without, those of the board's own scene.
+    /// A first record for a device that nobody has measured: no wall, low limits of speed and heat. Counts and force
+    /// are those of SCENE, or, without SCENE, of the board's own scene.
     #[arg(long)]
     starter: bool,
 }
 
-/// Time until the force is off after a fault that the board detects by itself, s (docs/safety.md).
+/// Time from a fault to force off, s, if the board detects the fault by itself (docs/safety.md).
 const OFF_S: f64 = 3e-3;
 
 /// The settings that the board will have.
@@ -74,27 +74,27 @@ struct Json {
     sign_test_counts: u32,
     heaviest_mass_kg: f64,
     heaviest_damping_n_s_per_m: f64,
-    /// Largest energy that a contact gives with the passivity controller; null without the controller.
+    /// Largest energy that a contact gives with the passivity controller. `null` without the controller.
     passivity_reserve_j: Option<f64>,
-    /// Speed and travel of the free handle under full force until a fault switches the force off.
+    /// Speed of the free handle, after full force, when a fault switches the force off. Its travel follows.
     fault_speed_m_per_s: f64,
     fault_travel_m: f64,
-    /// At rest and at full command, as parts of the analogue supply; null if the input is not used.
+    /// Voltages at rest and at full command, as fractions of the analogue supply. `null` if the input is not used.
     current_sense: Option<[f64; 2]>,
     estimator: &'static str,
     cutoff_hz: Option<f64>,
     envelope: Vec<PartJson>,
-    /// The recommendation of `sweep`; absent for a starter.
+    /// The recommendation of `sweep`. Absent for a starter.
     #[serde(flatten)]
     recommended: Option<Answer>,
     guessed: Vec<String>,
-    /// Keys of the scene whose values were not measured.
+    /// Keys of the scene whose values are estimated.
     estimated: Vec<String>,
 }
 
 #[derive(Serialize)]
 struct PartJson {
-    /// `null` for the scene's estimator at the scene's cutoffs.
+    /// Name of the design. `null` for the scene's estimator at the scene's cutoffs.
     design: Option<String>,
     estimator: &'static str,
     period_samples: u32,
@@ -120,7 +120,7 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
     let place = outputs.file(&file)?;
     let asked = first_settings(&scene.scene, None)?;
     let parts = if args.starter { vec![] } else { Part::all(&scene.scene, &asked)? };
-    fitting(&scene, &board, asked, !args.starter)?; // before any walk, which takes long
+    fitting(&scene, &board, asked, !args.starter)?; // before the walks, which take long
     let quiet = (!args.starter).then(|| quiet_walls(&scene, common)).transpose()?;
     let (first, parts) = match quiet.as_ref().and_then(QuietStudy::cutoff_hz) {
         Some(hz) if !says_first(&scene.scene) => {
@@ -148,7 +148,6 @@ pub fn run(args: &PrepareArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// The recommendation of `sweep` for the scene.
 fn quiet_walls(scene: &NamedScene, common: &Common) -> Result<QuietStudy, Error> {
     let how = common.how();
     let cutoffs_hz = &scene.scene.sweep.cutoffs_hz;
@@ -165,14 +164,14 @@ fn beside(scene: &NamedScene) -> PathBuf {
     folder.join(format!("{}.device", scene.name))
 }
 
-/// Largest speed with a starter's record, m/s.
+/// Largest speed in a starter's record, m/s.
 const STARTER_SPEED_M_PER_S: f64 = 0.1;
-/// Assumed continuous force of the motor, part of full scale.
+/// Assumed continuous force of the motor, as a fraction of full scale.
 const STARTER_CONTINUOUS: f64 = 0.1;
-/// Force of the starter's sign test, part of full scale.
+/// Force of the starter's sign test, as a fraction of full scale.
 const STARTER_SIGN_TEST: f64 = 0.02;
 
-/// A safe scene for a device that was not measured.
+/// A safe scene for a device that nobody has measured.
 fn starter(mut named: NamedScene, is_boards: bool, board: &BoardFacts) -> NamedScene {
     named = named.on(board);
     if is_boards {
@@ -185,7 +184,7 @@ fn starter(mut named: NamedScene, is_boards: bool, board: &BoardFacts) -> NamedS
     safety.ramp_in_s = Some(1.0);
     safety.sign_test_force = Some(STARTER_SIGN_TEST);
     safety.sign_test_counts = None;
-    // For the heaviest handle, a push may move the count by almost nothing. Every device passes this check.
+    // A push on the heaviest handle may move the count by almost nothing. Every device passes this check.
     safety.heaviest_mass_kg = Some(*SafetySettings::HEAVIEST_MASS_KG.end());
     safety.heaviest_damping_n_s_per_m = Some(*SafetySettings::HEAVIEST_DAMPING_N_S_PER_M.end());
     scene.safety = Some(safety);
@@ -199,7 +198,7 @@ fn starter(mut named: NamedScene, is_boards: bool, board: &BoardFacts) -> NamedS
     named
 }
 
-/// The board's settings as text for people and for programs.
+/// The board's settings in the form for people and for programs.
 struct Said<'a> {
     named: &'a NamedScene,
     scene: &'a Scene,
@@ -207,7 +206,7 @@ struct Said<'a> {
     prepared: &'a Prepared,
     device: Device<'a>,
     found: &'a [Found],
-    /// The recommendation of `sweep`; `None` for a starter.
+    /// The recommendation of `sweep`. `None` for a starter.
     quiet: Option<QuietStudy>,
 }
 
@@ -218,14 +217,14 @@ impl Said<'_> {
         self.scene.sign_test_m(safety.sign_test_force) / design.resolution_m
     }
 
-    /// Speed, m/s, and travel, m, of the free handle from rest under full force until a fault switches the force off:
-    /// F t / m and F t^2 / (2 m). Damping, which would reduce both, is left out.
+    /// Speed, m/s, and travel, m, that the free handle reaches from rest under full force until a fault switches the
+    /// force off: F t / m and F t^2 / (2 m). Damping is left out; it would reduce both.
     fn fault(&self) -> [f64; 2] {
         let speed = self.device.design.full_scale_n * OFF_S / self.scene.device.mass_kg;
         [speed, 0.5 * speed * OFF_S]
     }
 
-    /// Voltage of the amplifier's current output at rest and at full command, as parts of the supply.
+    /// Voltages of the amplifier's current output at rest and at full command, as fractions of the supply.
     fn current_sense(&self) -> Option<[f64; 2]> {
         let CurrentSettings { rest, full } = self.device.current;
         (self.device.current != CurrentSettings::UNUSED).then_some([rest, full])
@@ -400,7 +399,7 @@ impl Said<'_> {
                 mm(wall_m)
             ));
         }
-        // Only a starter, whose device is unknown, can expect fewer counts here.
+        // Only a starter can expect fewer counts here, because its device is unknown.
         let needed = f64::from(safety.sign_test_counts);
         if expected < needed {
             lines.push(
@@ -412,7 +411,7 @@ impl Said<'_> {
         lines.join("\n")
     }
 
-    /// The condition for a stable wall in the sweeps of the envelope.
+    /// The criterion for a stable wall in the sweeps of the envelope.
     fn judged_by(&self) -> String {
         let wall_hit = &self.scene.wall_hit;
         let limit = match wall_hit.criterion {
@@ -432,7 +431,7 @@ impl Said<'_> {
         format!("{limit}; the {} pushes ([wall_hit])", wall_hit.push_by.name())
     }
 
-    /// Lines with the guessed and the estimated values, in the scene's own keys and units.
+    /// Lines with the guessed and the estimated values, in the keys and units of the scene's file.
     fn left_out(&self) -> String {
         let guessed = match self.prepared.guessed.as_slice() {
             [] => String::new(),
@@ -447,7 +446,6 @@ fn cutoff(device: &Device<'_>) -> Option<f64> {
     device.settings.velocity.cutoff_hz()
 }
 
-/// Largest K of all boundaries of the walks.
 fn peak(found: &Found) -> f64 {
     let points = found.boundaries().flat_map(|boundary| boundary.points.to_vec());
     points.map(|point| point.stiffness_high_n_per_m).fold(0.0, f64::max)

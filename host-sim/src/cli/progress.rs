@@ -1,8 +1,7 @@
-//! Progress bars on stderr. They are shown only on a terminal.
+//! Progress bars on stderr. They appear only on a terminal.
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// A bar that counts walks.
 pub fn bar(walks: u64) -> ProgressBar {
     bar_of(walks, "walks")
 }

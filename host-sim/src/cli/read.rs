@@ -16,14 +16,13 @@ use crate::{
     },
 };
 
-/// Reads a device record, and settings that a board has saved, back: prints them as the tables of a scene, and with --out
-/// writes a scene of them. Everything is in m and N at the handle, of a rotary device too.
+/// Prints a device record, with the settings that a board has saved, as tables of a scene. --out writes a scene. All
+/// values are in m and N at the handle, also for a rotary device.
 #[derive(Debug, Args)]
 pub struct ReadArgs {
-    /// The device record: what `cargo sim prepare` wrote, or a copy of flash sector 3, from address 0x0800C000 on.
+    /// The device record: a file from `cargo sim prepare`, or a copy of flash sector 3, from address 0x0800C000 on.
     record: PathBuf,
-    /// A copy of flash sectors 1 and 2, 32 KiB from address 0x08004000 on: the settings saved there take the place of the
-    /// record's.
+    /// A copy of flash sectors 1 and 2, 32 KiB from address 0x08004000 on. Its settings replace those of the record.
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
     /// The scene that gives what no record has: mass, damping, stiffness, elements [default: the board's own].
@@ -31,7 +30,7 @@ pub struct ReadArgs {
     base: Option<String>,
 }
 
-/// Tables of a scene that a record contains.
+/// Tables of a scene whose values are in a record.
 const TABLES: [&str; 14] = [
     "encoder",
     "actuator",
@@ -56,9 +55,9 @@ struct Json {
     record_hash: String,
     scene_hash: String,
     envelope_hash: String,
-    /// Radius of a rotary device's handle, m; `null` for a linear device.
+    /// Radius of a rotary device's handle, m. `null` for a linear device.
     radius_m: Option<f64>,
-    /// The settings found in the copy of the sectors; `null` without a copy.
+    /// Which settings the copy of the sectors has. `null` without a copy.
     settings: Option<String>,
     boundaries: usize,
     rows: usize,

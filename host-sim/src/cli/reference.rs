@@ -1,4 +1,4 @@
-//! `reference`: lists of the firmware's own tables, as Markdown for the book.
+//! `reference`: prints the firmware's tables as Markdown for the book.
 
 use clap::{Args, Command, ValueEnum};
 use zwidth::{console, ends, safety::Fault, velocity::EstimatorName};
@@ -9,7 +9,7 @@ use crate::{
     scene::{NamedScene, schema},
 };
 
-/// Prints a list of the firmware's own tables as Markdown, as the book shows it.
+/// Prints a table of the firmware as Markdown, in the form of the book.
 #[derive(Debug, Args)]
 pub struct ReferenceArgs {
     list: List,
@@ -19,13 +19,13 @@ pub struct ReferenceArgs {
 enum List {
     /// Commands of `cargo sim` with their options.
     Commands,
-    /// How each command of the console is typed.
+    /// Syntax of each console command.
     Console,
-    /// Velocity estimators: number, name, parameters with units, defaults and ranges, and what they need.
+    /// Velocity estimators: number, name, parameters with units, defaults and ranges, and needed inputs.
     Estimators,
     /// Codes and names of the faults.
     Faults,
-    /// Keys of scene files: meaning, unit, and what is allowed.
+    /// Keys of scene files: meaning, unit, and allowed values.
     Scene,
 }
 

@@ -1,4 +1,4 @@
-//! `replay`: runs another estimator over a board's capture, or ranks all of them on a log.
+//! `replay`: runs another estimator over a board's capture, or ranks all estimators on a log.
 
 use std::{fmt::Write as _, path::PathBuf};
 
@@ -19,32 +19,32 @@ use crate::{
     scene::NamedScene,
 };
 
-/// Runs an estimator over the counts of all samples of a capture, beside the board's own.
+/// Runs an estimator over the counts of all samples of a capture, and compares it with the board's estimator.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
-    /// File with the bytes of RTT up channel 1 as they came; with --rank a log as of `identify`.
+    /// File with the unchanged bytes of RTT up channel 1; with --rank, a log for `identify`.
     capture: PathBuf,
-    /// Estimator; the scene's if not given.
+    /// Estimator [default: the scene's].
     #[arg(long, value_name = "NAME")]
     estimator: Option<String>,
-    /// Nominal cutoff, Hz [default: `velocity.cutoff_hz` of the scene, else 1500]; what else tunes it is the scene's, or the
-    /// default.
+    /// Nominal cutoff, Hz [default: `velocity.cutoff_hz` of the scene, else 1500]. Other parameters: the scene's, or
+    /// defaults.
     #[arg(long, value_name = "HZ")]
     cutoff: Option<f64>,
-    /// The scene that the board is built for.
+    /// The scene of the board.
     #[arg(long, default_value = "nucleo-f446re")]
     scene: String,
-    /// Rank the estimators that need the count only, each tuned, by their error against the positions low-passed at HZ forwards
-    /// and backwards.
+    /// Rank all estimators that need only the count, each tuned. The reference is the velocity of the positions,
+    /// low-passed at HZ forwards and backwards.
     #[arg(long, value_name = "HZ", allow_negative_numbers = true, conflicts_with_all = ["estimator", "cutoff", "plot"])]
     rank: Option<f64>,
     /// With --rank: size of a count, m or rad [default: the scene's].
     #[arg(long, value_name = "M", allow_negative_numbers = true, requires = "rank")]
     resolution: Option<f64>,
-    /// Write sample, count and both velocities, in the integers of the control; with --rank, the ranks.
+    /// Write sample, count and both velocities, in integers of the control core; with --rank, write the ranks.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// Draw position and both velocities over time; the ending, .svg or .png, says the format.
+    /// Draw position and both velocities over time. The ending, .svg or .png, selects the format.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
 }
@@ -52,7 +52,6 @@ pub struct ReplayArgs {
 /// Cutoff without `--cutoff` and `velocity.cutoff_hz`, Hz.
 const CUTOFF_HZ: f64 = 1500.0;
 
-/// Ranks the estimators on a log.
 fn ranked(args: &ReplayArgs, reference_hz: f64, common: &Common) -> Result<(), Error> {
     let named = NamedScene::load(&args.scene)?;
     let scene = &named.scene;

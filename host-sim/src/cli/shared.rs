@@ -1,4 +1,4 @@
-//! Arguments of several commands, and their checks.
+//! Arguments that several commands share, and their checks.
 
 use std::{fmt::Display, path::PathBuf};
 
@@ -25,12 +25,12 @@ use crate::{
 /// Where a hit or a walk starts.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Start {
-    /// Start this many counts beyond the scene's start; the repeats of a sweep use 0, 1/4, 1/2, 3/4.
+    /// Start this number of counts after the scene's start. The repeats of a sweep use 0, 1/4, 1/2, 3/4.
     #[arg(long, value_name = "COUNTS", default_value_t = 0.0, allow_negative_numbers = true)]
     pub start_offset: f64,
 }
 
-/// Names of the options that describe a wall. Commands with lists use other names.
+/// Names of the options that describe one wall. Commands with lists have other names.
 const NAMES: Names = Names {
     cutoff: "--cutoff",
     stiffness: "--stiffness",
@@ -45,8 +45,8 @@ const LISTS: Names =
 pub struct AtCutoff {
     /// Built-in scene or scene file.
     scene: String,
-    /// Nominal cutoff of the velocity filter, Hz [default: `velocity.cutoff_hz` of the scene]; estimators without one take
-    /// none.
+    /// Nominal cutoff of the velocity filter, Hz [default: `velocity.cutoff_hz` of the scene]. Not for estimators
+    /// without a cutoff.
     #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     cutoff: Option<f64>,
     #[command(flatten)]
@@ -54,7 +54,7 @@ pub struct AtCutoff {
 }
 
 impl AtCutoff {
-    /// The scene and a hit. The wall is `[K, B]` in the scene's units, or else the start of the scene's walk.
+    /// The scene and a hit on the wall `[K, B]`, in the scene's units. `None`: the first wall of the scene's walk.
     pub fn load(&self, wall: Option<[f64; 2]>) -> Result<(NamedScene, WallHit), Error> {
         let scene = NamedScene::load(&self.scene)?;
         let units = scene.scene.units;
@@ -67,13 +67,13 @@ impl AtCutoff {
     }
 }
 
-/// Subject of a hit or a walk. Its fields come first in the JSON object.
+/// Subject of a hit or a walk: the first fields of the JSON object.
 #[derive(Serialize)]
 pub struct Subject<'a> {
     scene: &'a str,
     numeric: &'static str,
     estimator: &'static str,
-    /// `null` if the estimator has no cutoff.
+    /// Cutoff, Hz. `null` if the estimator has none.
     cutoff_hz: Option<f64>,
     true_cutoff_hz: Option<f64>,
 }
@@ -95,17 +95,17 @@ impl<'a> Subject<'a> {
 pub struct AtCutoffs {
     /// Built-in scene or scene file.
     scene: String,
-    /// Nominal cutoffs, Hz: A,B,C or FROM:STEP:TO [default: `velocity.cutoff_hz` of the scene]; estimators without a cutoff
-    /// take none.
+    /// Nominal cutoffs, Hz: A,B,C or FROM:STEP:TO [default: `velocity.cutoff_hz` of the scene]. Not for estimators
+    /// without a cutoff.
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     cutoffs: Option<List>,
-    /// Dampings B of the wall, N s/m (of a rotary scene N m s/rad): A,B,C or FROM:STEP:TO.
+    /// Dampings B of the wall, N s/m (for a rotary scene N m s/rad): A,B,C or FROM:STEP:TO.
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     dampings: List,
 }
 
 impl AtCutoffs {
-    /// Loads the scene, and checks all values of all lists before the first is used.
+    /// Loads the scene. Checks all values of all lists before the first value is used.
     pub fn load(
         &self,
         stiffnesses: &[f64],
@@ -130,7 +130,7 @@ impl AtCutoffs {
     }
 }
 
-/// Prints a note if the cutoff came from the only value of `[sweep]`. The note names the proper key.
+/// Prints a note if the cutoff is the only value of `[sweep]`. The note names the right key.
 fn note_old_place(scene: &NamedScene) {
     if let Some(cutoff_hz) = only_of_sweep(&scene.scene).and_then(|filter| filter.cutoff_hz()) {
         eprintln!(
@@ -140,7 +140,6 @@ fn note_old_place(scene: &NamedScene) {
     }
 }
 
-/// Checks that all filters are in range.
 pub fn check_filters(scene: &NamedScene, filters: &[VelocitySettings]) -> Result<(), Error> {
     let wall = |&velocity: &VelocitySettings| WallHit {
         velocity,
@@ -151,7 +150,7 @@ pub fn check_filters(scene: &NamedScene, filters: &[VelocitySettings]) -> Result
     filters.iter().try_for_each(|filter| asked::check_wall(scene, &wall(filter), LISTS))
 }
 
-/// The folder of a result, before its files are moved there.
+/// The folder of a result. Its files are not moved there yet.
 pub struct Filled {
     outputs: Outputs,
     to: FolderPlace,
@@ -168,7 +167,7 @@ impl Common {
         Ok(Filled { outputs, to, path })
     }
 
-    /// Checks that the arithmetic is the board's.
+    /// Checks that the arithmetic is that of the board.
     pub fn only_fixed(&self, command: &str) -> Result<(), Error> {
         match self.numeric {
             Numeric::Fixed => Ok(()),
@@ -196,7 +195,7 @@ impl Filled {
     }
 }
 
-/// A command as on the command line, for the manifest.
+/// A command as text of a command line, for the manifest.
 pub struct Typed(pub String);
 
 impl Typed {
@@ -219,7 +218,7 @@ impl Typed {
         if is_set { Self(format!("{} --{option}", self.0)) } else { self }
     }
 
-    /// Adds options that are already text.
+    /// Adds options that are text already.
     pub fn and(self, typed: &str) -> Self {
         Self(self.0 + typed)
     }
@@ -230,7 +229,7 @@ impl Typed {
     }
 }
 
-/// Values of an option as a list, or `None` without values.
+/// Values of an option as a list. `None` without values.
 pub fn listed<T: Display>(values: &[T]) -> Option<String> {
     let texts: Vec<String> = values.iter().map(T::to_string).collect();
     (!texts.is_empty()).then(|| texts.join(","))

@@ -16,24 +16,23 @@ use crate::{
     study::planned::{Study, StudyFile, trial::Estimate},
 };
 
-/// Makes every point of a study, unit by unit, with a file for each; --resume goes on after an interruption.
+/// Computes every point of a study and writes a file for each unit of work. --resume continues after an interruption.
 #[derive(Debug, Args)]
 pub struct StudyArgs {
     /// The study: a TOML file.
     study: PathBuf,
-    /// Go on with the folder: make what is missing.
+    /// Continue with this folder: compute the missing units.
     #[arg(long)]
     resume: bool,
 }
 
-/// Says what a study would take, by a trial of some of its points; writes nothing.
+/// Estimates what a study would take, from a trial of some of its points. Writes nothing.
 #[derive(Debug, Args)]
 pub struct PlanArgs {
     /// The study: a TOML file.
     study: PathBuf,
 }
 
-/// Subject of the study.
 #[derive(Serialize)]
 struct Subject {
     study: String,
@@ -47,7 +46,7 @@ struct Subject {
 struct Json<'a> {
     #[serde(flatten)]
     subject: Subject,
-    /// Units that this run made. The others existed before.
+    /// Number of units that this run has computed. The others existed before.
     units_made: u64,
     rows: u64,
     hits: u64,
@@ -61,7 +60,7 @@ struct PlanJson {
     subject: Subject,
     scenes: u64,
     points_per_unit: u64,
-    /// Points that the trial measured.
+    /// Number of points in the trial.
     trial_points: u64,
     threads: usize,
     hits: f64,

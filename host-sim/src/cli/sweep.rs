@@ -1,4 +1,4 @@
-//! `sweep`: the study over cutoffs.
+//! `sweep`: compares cutoffs.
 
 use std::{collections::BTreeSet, fmt::Write as _, path::PathBuf};
 
@@ -43,7 +43,7 @@ use crate::{
     },
 };
 
-/// Compares cutoffs: Z-width, its area with its spread, the ideal cutoff and its range.
+/// Compares cutoffs: Z-width, its area and the scatter of the area, the ideal cutoff and its range.
 #[derive(Debug, Args)]
 pub struct SweepArgs {
     /// Built-in scenes or scene files [default: both paper scenes].
@@ -51,37 +51,37 @@ pub struct SweepArgs {
     /// Nominal cutoffs, Hz: A,B,C or FROM:STEP:TO [default: the scene's].
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_hyphen_values = true)]
     cutoffs: Option<List>,
-    /// Walks per cutoff, their starts spread over one count.
+    /// Walks per cutoff, with starts spread over one count.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeat: u32,
-    /// Show how the ideal cutoff moves with RMS limit, push-only, latency, output rate and impact speed.
+    /// Show how the ideal cutoff changes with RMS limit, push-only, latency, output rate and impact speed.
     #[arg(long)]
     sensitivity: bool,
-    /// What limits the walls first: the same device in other loops, by limit and cutoff: acting as soon as each board,
-    /// with an output every 10, 5, 2 or 1 samples, through an amplifier of 1 kHz, with a handle on a transmission of
-    /// 150 Hz, or with the true velocity. Limits: those of --limits, else quiet walls and the
-    /// scene's limit.
+    /// Find what limits the walls first, by limit and cutoff. The same device runs in other loops: with the latency of
+    /// each board and an output every 10, 5, 2 or 1 samples, with an amplifier of 1 kHz, with a handle on a
+    /// transmission of 150 Hz, or with the true velocity. Limits: those of --limits, else quiet walls and the scene's
+    /// limit.
     #[arg(long, conflicts_with = "plain")]
     levers: bool,
-    /// The same device with these rates of the encoder, Hz, each with each output rate that divides it; the latency keeps its
-    /// time. Limits: as with --levers. With --output-rates alone the scene's own rate.
+    /// Run the same device with these encoder rates, Hz, each with every output rate that divides it. The latency stays
+    /// the same time. Limits: as with --levers [default with --output-rates: the scene's own rate].
     #[arg(long, value_name = "LIST", value_parser = list::parse, conflicts_with = "plain", allow_hyphen_values = true)]
     encoder_rates: Option<List>,
-    /// The same with these rates of the output, Hz; with --encoder-rates alone the scene's own.
+    /// Run the same device with these output rates, Hz [default with --encoder-rates: the scene's own rate].
     #[arg(long, value_name = "LIST", value_parser = list::parse, conflicts_with = "plain", allow_hyphen_values = true)]
     output_rates: Option<List>,
     #[command(flatten)]
     limits: LimitArgs,
     #[command(flatten)]
     draws: DrawArgs,
-    /// Nothing but the scene's own criterion, limit and push; else a limit of one count, by motor and by hand, stands beside
-    /// it.
+    /// Use only the scene's own criterion, limit and push. By default a limit of one count is added, by motor and by
+    /// hand.
     #[arg(long, conflicts_with = "limits")]
     plain: bool,
 }
 
 impl SweepArgs {
-    /// The rates of the user's options, or `None` without these options.
+    /// The rates of the user's options. `None` without these options.
     fn rates(&self) -> Option<Rates> {
         let asked = self.encoder_rates.is_some() || self.output_rates.is_some();
         let of = |list: &Option<List>| list.as_ref().map(|list| list.0.clone()).unwrap_or_default();
@@ -97,7 +97,7 @@ struct Json {
     scenes: Vec<InUnits<Summary>>,
 }
 
-/// One scene with everything that is needed before the walks.
+/// One scene, with everything that its walks need.
 struct Job {
     scene: NamedScene,
     prepared: PreparedScene,
@@ -148,7 +148,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
             results.map(|results| LimitStudy { question, results })
         });
         let (limits, limits_left_out) = match limits.transpose() {
-            // a scene whose hand does not reach the wall keeps its own sweep
+            // if the hand of a scene does not reach the wall, only the scene's own sweep is run
             Err(Error::Input(why)) if !args.limits.are_asked() => (None, Some(why)),
             limits => (limits.map_err(|error| error.of(&scene.name))?, None),
         };
@@ -195,7 +195,7 @@ pub fn run(args: &SweepArgs, common: &Common) -> Result<(), Error> {
     print_result(common.json, Json { scenes: summaries }, || tables.join("\n"))
 }
 
-/// The maps of all cutoffs, and the firmware's contour at the cutoff with the best area in the worst draws.
+/// The maps of all cutoffs. Also the firmware's contour, at the cutoff with the largest area in the worst draws.
 fn probability(
     how: How<'_>,
     draws: &Draws,
@@ -210,10 +210,10 @@ fn probability(
     Ok(ProbabilityStudy { maps, verdicts, tried })
 }
 
-/// Largest number of walks in a sweep. All points of all boundaries stay in memory: about 100 MB for this number.
+/// Largest number of walks in a sweep. All points of all boundaries are kept in memory: about 100 MB for this number.
 const WALKS_MAX: usize = 100_000;
 
-/// Makes all checks that can fail, before the first walk.
+/// Makes all checks that can fail before the first walk.
 fn prepare(args: &SweepArgs, common: &Common) -> Result<(Outputs, Vec<Job>), Error> {
     let names: Vec<String> = if args.scenes.is_empty() {
         STUDY.map(str::to_owned).to_vec()
@@ -316,7 +316,7 @@ const HEAD: &str = concat!(
     "         Hz        Hz   N^2 s/m^2                               N/m     N s/m\n",
 );
 
-/// The range, then one line per cutoff.
+/// The table for people: the range, then one line per cutoff.
 fn table(study: &Study, folder: &str) -> String {
     let units = study.scene.scene.units;
     let [area, stiffness, damping] = ["N^2 s/m^2", "N/m", "N s/m"].map(|unit| units.written(unit));

@@ -1,4 +1,4 @@
-//! `telemetry`: decodes a board's binary stream.
+//! `telemetry`: decodes the binary telemetry of a board.
 
 use std::{fmt::Write as _, path::PathBuf};
 
@@ -18,21 +18,21 @@ use crate::{
     scene::{NamedScene, Units},
 };
 
-/// Decodes a capture of a board's binary telemetry (RTT up channel 1), and checks every sample by the core.
+/// Decodes a capture of a board's binary telemetry (RTT up channel 1), and checks every sample with the core.
 #[derive(Debug, Args)]
 pub struct TelemetryArgs {
-    /// File with the bytes as they came.
+    /// File with the unchanged bytes of the capture.
     capture: PathBuf,
-    /// Write every frame as CSV, in the integers of the control.
+    /// Write every frame as CSV, in integers of the control core.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// Write every sample as CSV: position, velocity computed by the core, force.
+    /// Write every sample as CSV: position, velocity from the core, force.
     #[arg(long, value_name = "FILE")]
     samples: Option<PathBuf>,
-    /// Draw position, velocity, force and flags over time; the ending, .svg or .png, says the format.
+    /// Draw position, velocity, force and flags over time. The ending, .svg or .png, selects the format.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// The scene that the board is built for: the figure is in SI units then.
+    /// The scene of the board. With it, the figure is in SI units.
     #[arg(long, requires = "plot")]
     scene: Option<String>,
 }

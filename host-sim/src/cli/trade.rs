@@ -31,7 +31,7 @@ use lab_trade::{
     table::{self, GoodFor},
 };
 
-/// Measures speed against accuracy: number formats and forms of the velocity filter, and ways to advance the plant.
+/// Measures speed against accuracy: number formats and forms of the velocity filter, and methods to advance the plant.
 #[derive(Debug, Args)]
 pub struct TradeArgs {
     /// Built-in scene or scene file.
@@ -39,12 +39,11 @@ pub struct TradeArgs {
     /// Nominal cutoffs of the filters, Hz, A,B,C or FROM:STEP:TO [default: 0.1 Hz to 0.45 of the rate].
     #[arg(long, value_name = "LIST", value_parser = list::parse, allow_negative_numbers = true)]
     cutoffs: Option<list::List>,
-    /// Walks for each filter and cutoff, their starts spread over one count.
+    /// Walks for each filter and cutoff, with starts spread over one count.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeat: u32,
 }
 
-/// Every file of a result.
 const FILES: &[&str] = &["filters.csv", "plant.csv", "filters", "cutoffs", "plant", "summary.json"];
 
 #[derive(Serialize)]
@@ -127,7 +126,7 @@ pub fn run(args: &TradeArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// The user's cutoffs, checked, sorted and without repeats.
+/// The user's cutoffs: checked, sorted, each once.
 fn cutoffs(args: &TradeArgs, scene: &NamedScene) -> Result<Vec<f64>, Error> {
     let rate_hz = scene.scene.control.rate_hz;
     let Some(list::List(asked)) = &args.cutoffs else {
@@ -190,7 +189,7 @@ fn json<'a>(
     }
 }
 
-/// One line per variant: cost, usable cutoffs, and errors outside of them. At most 120 columns.
+/// One line per variant: cost, usable cutoffs, and errors at the other cutoffs. A line has at most 120 columns.
 fn filter_text(filters: &Filters, good: &[GoodFor], bench: &Bench) -> String {
     let mut text = String::from(
         "velocity filter              cycles host ns  would do, Hz         misses just beyond",
@@ -251,7 +250,7 @@ fn plant_text(plants: &Plants) -> String {
                 format!("{}/{}", m.verdicts_wrong, plants.verdicts),
                 number(100.0 * m.area_change, 3)
             ),
-            // the reason may be long; plant.csv has it
+            // the reason may be long; it is in plant.csv
             Err(_) => write!(text, "refused, see plant.csv"),
         };
     }

@@ -1,4 +1,4 @@
-//! `compare --usable`: walls that are stable and whose rendered impedance is accurate.
+//! `compare --usable`: walls that are stable and have an accurate impedance.
 
 use clap::Args;
 use serde::Serialize;
@@ -25,9 +25,10 @@ use crate::{
 /// Options of `--usable`.
 #[derive(Debug, Args)]
 pub struct UsableArgs {
-    /// Usable areas instead: walls that are stable and whose rendered impedance is off by no more than each of these, % of
-    /// the magnitude of K + jwB, the largest error from 1 to 30 Hz, and any error beside them. Each estimator is tuned for each
-    /// limit. The handle is moved by a sine, so no arm matters to the error; walls are stable in the scene's or --arm.
+    /// Compare usable areas instead: stable walls whose rendered impedance is accurate. The values are limits of the
+    /// largest error from 1 to 30 Hz, in % of the magnitude of K + jwB; any error is added. Each estimator is tuned for
+    /// each limit. A sine moves the handle, so an arm does not change the error. Walls must be stable with the arm of
+    /// the scene or of --arm.
     #[arg(long, value_name = "LIST", value_parser = list::parse, num_args = 0..=1, default_missing_value = PERCENTS, conflicts_with_all = ["damping", "peers"])]
     pub usable: Option<List>,
 }

@@ -1,4 +1,4 @@
-//! `walk`: follows one boundary.
+//! `walk`: follows one stability boundary.
 
 use std::path::PathBuf;
 
@@ -22,7 +22,7 @@ use crate::{
     },
 };
 
-/// Follows the boundary of the stable walls at one cutoff, without repeats.
+/// Follows the boundary of stable walls at one cutoff, without repeats.
 #[derive(Debug, Args)]
 pub struct WalkArgs {
     #[command(flatten)]
@@ -43,7 +43,7 @@ struct Json<'a> {
     damping_max_n_s_per_m: f64,
     hits: u64,
     ended_by: &'static str,
-    /// Protocol of the hits, if it is not the paper's.
+    /// Protocol of the hits. Left out for the paper's protocol.
     #[serde(skip_serializing_if = "Option::is_none")]
     protocol: Option<&'static str>,
 }

@@ -1,4 +1,4 @@
-//! Output of `agree`: both walks by B, whether they agree, and the best explanation of a difference.
+//! Output of `agree`: both walks by B, whether they agree, and the best explanation of the difference.
 
 use std::fmt::Write as _;
 
@@ -13,10 +13,9 @@ use crate::{
     study::boundary::BoundaryPoint,
 };
 
-/// A comparison with the names for its output.
+/// A comparison of two walks, with the names for its output.
 #[derive(Clone, Copy, Debug)]
 pub struct AgreeReport<'a> {
-    /// Name of the scene.
     pub scene: &'a str,
     pub units: Units,
     /// Name of the measured walk's file.
@@ -80,12 +79,12 @@ impl AgreeReport<'_> {
         text
     }
 
-    /// The table for the option `--csv`.
+    /// The table of the option `--csv`.
     pub fn csv(&self) -> String {
         versioned(self.found.table()).csv()
     }
 
-    /// Both boundaries, and the boundary of the best explanation.
+    /// The figure: both boundaries, and the boundary of the best explanation.
     ///
     /// # Errors
     /// The figure cannot be drawn.

@@ -24,7 +24,7 @@ use crate::{
     study::boundary::Boundaries,
 };
 
-/// Coefficients of a section in the core. Its DC gain is one, its denominator `1 + a1 z^-1 + a2 z^-2`.
+/// Coefficients of a section in the core. Its DC gain is 1, and its denominator is `1 + a1 z^-1 + a2 z^-2`.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct SectionRow {
     b: [f64; 3],
@@ -43,18 +43,18 @@ pub struct FilterRow {
     area_n2_s_per_m2: f64,
     area_low_n2_s_per_m2: f64,
     area_high_n2_s_per_m2: f64,
-    /// Mean area divided by the area of a Butterworth low-pass at its best cutoff in this condition.
+    /// Mean area divided by the area of a Butterworth low-pass in the same condition, at its best cutoff.
     times_butterworth: f64,
     worst_condition: String,
     gain_peak_db: f64,
-    /// Delay of the velocity in slow motions. Negative if the velocity leads.
+    /// Delay of the velocity for slow motion, s. Negative if the velocity leads.
     delay_s: f64,
     roughness_n: Option<f64>,
     mistuned_share: f64,
     capped_walks: usize,
     #[serde(flatten)]
     first: SectionRow,
-    /// Both sections of a filter with two sections.
+    /// Both sections, if the filter has two.
     #[serde(skip_serializing_if = "Option::is_none")]
     sections: Option<Vec<SectionRow>>,
     /// The table `[velocity]` of a scene.
@@ -62,13 +62,13 @@ pub struct FilterRow {
     sweep: SweepKeys,
 }
 
-/// The area of a filter, or of Butterworth, in one condition.
+/// The area of a filter, or of the Butterworth low-pass, in one condition.
 #[derive(Clone, Debug, Serialize)]
 pub struct ConditionRow {
     condition: String,
-    /// Rank of the filter, from 1; `null` for Butterworth.
+    /// Rank of the filter, from 1. `null` for the Butterworth low-pass.
     filter: Option<usize>,
-    /// Cutoff of Butterworth, Hz.
+    /// Cutoff of the Butterworth low-pass, Hz.
     cutoff_hz: Option<f64>,
     area_n2_s_per_m2: f64,
     area_low_n2_s_per_m2: f64,
@@ -85,7 +85,7 @@ fn as_run(biquad: &Biquad) -> SectionRow {
     SectionRow { b: [b0, b1, b2], a: [a1, a2] }
 }
 
-/// The numbers of a shape: of its first section, and of its second section if there is one.
+/// The numbers of a shape, one list for each section. The second list is empty if there is one section.
 fn shape_cells(shape: &Shape) -> [Cells; 2] {
     let &Shape { frequency_hz, damping, lead_s, zero, second } = shape;
     let first: [(&str, f64); 4] =
@@ -109,7 +109,7 @@ fn section_cells(names: [&'static str; 5], SectionRow { b, a }: &SectionRow) -> 
     names.into_iter().zip(numbers.map(Cell::Number)).collect()
 }
 
-/// Name of the best filter in its scene.
+/// Name of the best filter in the scene that is written.
 const BEST: &str = "best";
 
 /// The scene with the best filter, as the text of a file.
@@ -121,7 +121,7 @@ pub fn best_scene(scene: &Scene, study: &Designs) -> Result<String, String> {
     let settings = best.shape.settings();
     let mut scene = with_filter(scene, &settings);
     scene.sweep.cutoffs_hz = vec![best.shape.frequency_hz];
-    // An existing design with the same filter keeps its name.
+    // If a design of the scene has the same filter, this design keeps its name.
     scene.designs.remove(BEST);
     let known = scene.designs.values().any(|design| design.settings() == Some(settings));
     if !known && scene.designs.len() < DESIGNS_MAX {
@@ -158,12 +158,12 @@ impl Designs {
         }
     }
 
-    /// Every filter, best first.
+    /// All filters, the best first.
     pub fn rows(&self) -> Vec<FilterRow> {
         self.0.filters.iter().map(|filter| self.row(filter)).collect()
     }
 
-    /// Butterworth and every filter in every condition.
+    /// The Butterworth low-pass and all filters in every condition.
     pub fn condition_rows(&self) -> Vec<ConditionRow> {
         let of = |n: usize, filter: Option<usize>, boundaries: &Boundaries| {
             let reference = &self.0.references[n];
@@ -258,7 +258,7 @@ impl Designs {
         )
     }
 
-    /// Notes that a reader needs to understand the numbers.
+    /// Notes that a reader needs in order to understand the numbers.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = vec![];
         let capped: usize =
@@ -354,7 +354,7 @@ impl Designs {
         text
     }
 
-    /// Area over gain peak, over roughness, and over the loss of a mistuned filter.
+    /// Three plots of the area: over the gain peak, over the roughness, and over the loss of a mistuned filter.
     ///
     /// # Errors
     /// The figure cannot be drawn.

@@ -1,7 +1,7 @@
-//! Drafts: unfinished files beside their final place. Each has its own name and is locked while its program runs.
+//! Drafts: unfinished files in the folder of their final path. A draft has its own name, and is locked by its program.
 //!
-//! The lock shows whether a draft is in use. A second program that wants the same place gets an error. A draft
-//! without a lock was left by a killed program. The next program that writes there removes it.
+//! The lock shows that a draft is in use. A second program that writes to the same path gets an error. A draft without
+//! a lock was left by a killed program. The next program that writes to this folder removes it.
 
 use std::{
     ffi::{OsStr, OsString},
@@ -11,20 +11,20 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
-/// Parts of the names of drafts and backups: first this, last one of the two below. A backup is kept until the result
-/// is complete.
+/// Start of the names of drafts and backups; the constants below are their ends. A backup stays until the result is
+/// complete.
 const PREFIX: &str = ".zwidth-";
 const DRAFT: &str = ".draft";
 const BACKUP: &str = ".backup";
 
-/// Number of tries to make a draft, because other programs may remove it in between.
+/// Number of attempts to make a draft. Another program may remove the draft before it is locked.
 const ATTEMPTS: usize = 100;
 
-/// Files and folders that this process would leave if it ended now.
+/// Files and folders that would be left if this process ended now.
 #[derive(Default)]
 pub(super) struct Traces {
     files: Vec<PathBuf>,
-    /// Folders that this process made, the outermost first.
+    /// Folders that this process has made, the outermost first.
     folders: Vec<PathBuf>,
 }
 
@@ -42,8 +42,7 @@ impl Traces {
     }
 }
 
-/// Removes all drafts, and the folders made for results that do not exist. Afterwards the process can make neither
-/// drafts nor results: it must end.
+/// Removes all drafts, and the folders made for unfinished results. Afterwards the process must end: it cannot write.
 pub fn abandon() {
     let traces = traces();
     for file in &traces.files {
@@ -77,7 +76,7 @@ pub(super) fn remove_folders(folders: &[PathBuf]) {
     }
 }
 
-/// Path beside `place` for a draft or a backup.
+/// Path for a draft or a backup, in the folder of `place`.
 fn beside(place: &Path, ending: &str) -> PathBuf {
     let mut name = OsString::from(PREFIX);
     name.push(place.file_name().unwrap_or_default());
@@ -89,7 +88,7 @@ fn backup_of(place: &Path) -> PathBuf {
     beside(place, BACKUP)
 }
 
-/// A draft with its locked file.
+/// A draft, with its file locked.
 #[derive(Debug)]
 pub(super) struct Draft {
     pub(super) path: PathBuf,
@@ -97,7 +96,7 @@ pub(super) struct Draft {
 }
 
 impl Draft {
-    /// A new, empty draft of `place`, or `None` if another program has one.
+    /// A new, empty draft for the path `place`. `None` if another program has one.
     pub(super) fn new(place: &Path) -> io::Result<Option<Self>> {
         let path = beside(place, DRAFT);
         for _ in 0..ATTEMPTS {
@@ -108,7 +107,7 @@ impl Draft {
                         traces.files.push(path.clone());
                         return Ok(Some(Self { path, file }));
                     }
-                    // Another program removed the draft as a left-over before it was locked.
+                    // Another program removed the draft as a left-over, before this program locked it.
                 }
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
                     drop(traces);
@@ -143,7 +142,7 @@ impl io::Write for Draft {
     }
 }
 
-/// Tries to lock the file. On a file system without locks it always succeeds.
+/// Tries to lock the file. On a file system without locks it always returns `true`.
 fn is_locked_by_us(file: &File) -> io::Result<bool> {
     match file.try_lock() {
         Ok(()) => Ok(true),
@@ -153,7 +152,7 @@ fn is_locked_by_us(file: &File) -> io::Result<bool> {
     }
 }
 
-/// Removes a draft or backup whose program has ended. Returns `false` if it is in use.
+/// Removes a draft or a backup if its program has ended. Returns `false` if it is still in use.
 fn remove_left_over(path: &Path) -> io::Result<bool> {
     let is_plain = fs::symlink_metadata(path).is_ok_and(|found| found.is_file());
     let file = match File::open(path) {
@@ -172,7 +171,7 @@ pub(super) fn remove_left_overs(folder: &Path) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     for entry in entries.flatten() {
         if is_ours(&entry.file_name()) {
-            let _ = remove_left_over(&entry.path()); // an error shows later, when the place is used
+            let _ = remove_left_over(&entry.path()); // a remaining file causes an error later, when its path is used
         }
     }
 }
@@ -183,7 +182,7 @@ fn is_ours(name: &OsStr) -> bool {
     name.starts_with(PREFIX.as_bytes()) && (ours(DRAFT) || ours(BACKUP))
 }
 
-/// Whether `path` leads to `file`.
+/// Whether `path` is the path of `file`.
 fn is_at(file: &File, path: &Path) -> bool {
     match (file.metadata(), fs::symlink_metadata(path)) {
         (Ok(file), Ok(found)) => is_same(&file, &found),
@@ -191,30 +190,30 @@ fn is_at(file: &File, path: &Path) -> bool {
     }
 }
 
-/// Whether both are the metadata of one file, under any names.
+/// Whether both are metadata of the same file. Its paths may differ.
 #[cfg(unix)]
 pub(super) fn is_same(one: &fs::Metadata, other: &fs::Metadata) -> bool {
     use std::os::unix::fs::MetadataExt as _;
     (one.dev(), one.ino()) == (other.dev(), other.ino())
 }
 
-/// Other systems have no such numbers; names are compared there.
+/// Other systems have no such numbers. There the paths are compared.
 #[cfg(not(unix))]
 pub(super) fn is_same(_: &fs::Metadata, _: &fs::Metadata) -> bool {
     false
 }
 
-/// Restores the old files, unless all new files reached their places.
+/// Restores the older files if not all new files could be moved to their paths.
 #[derive(Default)]
 pub(super) struct Undo {
-    /// Older files and their backups, locked against removal as left-overs.
+    /// Older files and their backups. The backups are locked, so that other programs do not remove them as left-overs.
     kept: Vec<(PathBuf, PathBuf, File)>,
-    /// New files that are in their places.
+    /// New files at their final paths.
     placed: Vec<PathBuf>,
 }
 
 impl Undo {
-    /// Keeps an older file under a backup name.
+    /// Keeps an older file as a backup.
     pub(super) fn keep(&mut self, place: &Path) -> io::Result<()> {
         if self.kept.iter().any(|(kept, ..)| kept == place) {
             return Ok(());
@@ -227,7 +226,7 @@ impl Undo {
         Ok(())
     }
 
-    /// Moves a draft into its place.
+    /// Moves a draft to its final path.
     pub(super) fn place(&mut self, draft: &Path, place: &Path) -> io::Result<()> {
         let is_new = fs::symlink_metadata(place).is_err();
         if !is_new {
@@ -240,7 +239,7 @@ impl Undo {
         Ok(())
     }
 
-    /// Keeps the new files and removes the backups.
+    /// Keeps the new files, and removes the backups.
     pub(super) fn release(&mut self) {
         self.placed.clear();
         for (_, backup, _) in self.kept.drain(..) {

@@ -1,4 +1,4 @@
-//! Adds the list of estimated values, which were not measured, to the output of commands.
+//! Adds the list of estimated values to the output of commands. Estimated values were neither measured nor published.
 
 use serde::Serialize;
 
@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{error::Error, scene::Scene};
 
-/// The result of a scene in its units, with the keys of estimated values, if any.
+/// The result of a scene in its units, with the keys of its estimated values.
 #[derive(Serialize)]
 struct Marked<T: Serialize> {
     #[serde(flatten)]
@@ -17,12 +17,12 @@ struct Marked<T: Serialize> {
     estimated: Vec<String>,
 }
 
-/// A result of this scene, for `--json` and for files.
+/// A result of this scene as JSON, for `--json` and for files.
 pub fn marked<T: Serialize>(scene: &Scene, body: T) -> impl Serialize {
     Marked { body: InUnits(scene.units, body), estimated: scene.estimated_keys() }
 }
 
-/// Prints the result of a command: with `--json` one object, else the text with a note below.
+/// Prints the result of a command. With `--json` this is one object, otherwise the text with a note below it.
 pub fn print_of(
     json: bool,
     scene: &Scene,
@@ -35,7 +35,7 @@ pub fn print_of(
     })
 }
 
-/// The same for a text that a board's console takes. The note is a comment before the text.
+/// [`print_of`] for a text that is sent to a board's console. The note is a comment before the text.
 pub fn print_console_of(
     json: bool,
     scene: &Scene,

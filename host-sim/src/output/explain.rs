@@ -1,4 +1,4 @@
-//! Output of `explain`: a ranked table for programs, a table for people, the boundaries as a figure.
+//! Output of `explain`: a ranked table for programs, a table for people, a figure of the boundaries.
 
 use std::fmt::Write as _;
 
@@ -15,15 +15,15 @@ use crate::{
 };
 use sim_studies::table::Cell;
 
-/// A noise of any magnitude as text.
+/// A noise as text, for any order of magnitude.
 fn noise(value: f64) -> String {
     if (0.01..1e4).contains(&value) { digits(value) } else { format!("{value:.2e}") }
 }
 
-/// Number of changes whose boundaries are drawn.
+/// Number of changes whose boundaries are in the figure.
 const DRAWN: usize = 4;
 
-/// Factor of the area with its range. `?` marks a factor that the starts cannot distinguish from 1.
+/// Factor of the area, with its range. `?`: the start positions cannot distinguish the factor from 1.
 fn times(row: &Row<'_>) -> String {
     let Some(times) = row.times() else { return String::new() };
     let [mean, low, high] = times.map(digits);
@@ -31,7 +31,7 @@ fn times(row: &Row<'_>) -> String {
     format!("{mean}{mark} ({low} to {high})")
 }
 
-/// Area multiplied by `times`. `>` marks an area that is cut at a cap.
+/// Area times `times`. `>`: the area is limited by a cap of the walk.
 fn area(row: &Row<'_>, times: f64) -> String {
     let cut = if row.one.boundaries.capped() > 0 { ">" } else { "" };
     format!("{cut}{}", digits(row.one.area()[0] * times))
@@ -42,8 +42,7 @@ fn share(row: &Row<'_>) -> String {
     row.share_of_core().map_or("?".into(), |share| format!("{:.2}", 100.0 * share))
 }
 
-/// Cells for people: rank, change, factor of the area, area, area by the scene's own criterion, peak K, K at B,
-/// noise, share of the core, cost. Areas, stiffnesses and velocities are multiplied by the given factors.
+/// Cells for people. Areas, stiffnesses and velocities are multiplied by the given factors.
 fn cells(row: &Row<'_>, [area, k, v]: [f64; 3]) -> [String; 10] {
     [
         if row.rank == 0 { String::new() } else { row.rank.to_string() },
@@ -59,16 +58,16 @@ fn cells(row: &Row<'_>, [area, k, v]: [f64; 3]) -> [String; 10] {
     ]
 }
 
-/// An explanation with the names for its output.
+/// An explanation, with the names for its output.
 pub struct ExplainReport<'a> {
     pub scene: &'a str,
-    /// Name of the search's criterion.
+    /// Name of the criterion of the search.
     pub criterion: &'static str,
     pub units: Units,
     pub found: &'a Explanation,
 }
 
-/// Units of the tables for people, and the factors of the numbers.
+/// Units in the tables for people, with the factors of the numbers.
 struct Spoken {
     k: (&'static str, f64),
     v: (&'static str, f64),
@@ -87,7 +86,7 @@ impl ExplainReport<'_> {
         let (unit, factor) = self.units.written("N² s/m²");
         let Explanation { base, changes, .. } = self.found;
         let areas = [base].into_iter().chain(changes).map(|one| one.area()[0] * factor);
-        // power of the scene's own area, or else of the first area above 0
+        // power of the scene's own area; if that is 0, of the first area above 0
         let power = areas.into_iter().find(|area| *area > 0.0).map_or(0.0, thousands);
         let area_unit = if power == 0.0 { unit.into() } else { format!("10^{power} {unit}") };
         Spoken { k, v, area_unit, area: factor / 10f64.powf(power) }
@@ -130,7 +129,6 @@ impl ExplainReport<'_> {
         text
     }
 
-    /// The table of the HTML page.
     pub fn html(&self) -> String {
         let Spoken { k: (k_unit, k), v: (v_unit, v), area_unit, area } = self.spoken();
         let columns = [
@@ -152,7 +150,7 @@ impl ExplainReport<'_> {
         report::table(&columns, rows)
     }
 
-    /// The boundaries of the scene and of the best changes.
+    /// The figure: boundaries of the scene and of the best changes.
     ///
     /// # Errors
     /// The figure cannot be drawn.

@@ -1,6 +1,7 @@
-//! Writes all results. Either all files of a command appear, or none. Each file is first written to a draft beside
-//! its place and flushed; then all drafts are renamed. A place is a real path. It is not an input of the command and
-//! not another result, and no other program writes it at the same time.
+//! Writes all results. Either all files of a command appear, or none. Each file is first written to a draft beside its
+//! final path, and flushed. Then all drafts are renamed.
+//!
+//! A path is made real first. It must not be an input or another result, and no other program may write it meanwhile.
 
 use std::{
     fs::{self, File},
@@ -27,18 +28,17 @@ const PARQUET: &str = ".parquet";
 /// Name of the file that is written last. If it exists, the result is complete.
 pub const MANIFEST: &str = "manifest.json";
 
-/// The files that a command writes.
 #[derive(Debug)]
 pub struct Outputs {
     force: bool,
     inputs: Vec<PathBuf>,
     files: Vec<Output>,
     folders: Vec<Folder>,
-    /// Folders that were searched for left-overs.
+    /// Folders that were searched for drafts of killed programs.
     cleaned: Vec<PathBuf>,
-    /// Folders that did not exist before, the outermost first.
+    /// Folders that this command has made, the outermost first.
     created: Vec<PathBuf>,
-    /// Whether tables of a folder are also written as Parquet.
+    /// Whether the tables in a folder are also written as Parquet.
     parquet: bool,
 }
 
@@ -52,32 +52,30 @@ pub struct FolderPlace(usize);
 
 #[derive(Debug)]
 struct Output {
-    /// The user's name for the file.
+    /// The path as the user gave it.
     shown: PathBuf,
     /// Final path of the file.
     place: PathBuf,
     draft: io::BufWriter<Draft>,
     is_written: bool,
-    /// CSV text that is converted to another format when it is complete.
+    /// CSV text, with the format to which it is converted when it is complete.
     table: Option<(Format, About, String)>,
 }
 
-/// A folder with a result of several files.
 #[derive(Debug)]
 struct Folder {
     shown: PathBuf,
-    /// Units of the folder's tables.
     units: Units,
-    /// All files that a result may have.
+    /// Names of all files that a result may have.
     possible: Vec<String>,
     manifest: Place,
-    /// Text of the manifest, and the tables that also contain it.
+    /// Text of the manifest. The tables in `tables` also contain it.
     told: String,
     tables: Vec<Place>,
 }
 
 impl Outputs {
-    /// Starts without files. Existing files are replaced only with `force`, the command's `inputs` never.
+    /// No files yet. Existing files are only replaced with `force`. The command's `inputs` are never replaced.
     pub fn new(force: bool, inputs: &[PathBuf]) -> Self {
         let (files, folders, cleaned, created) = (vec![], vec![], vec![], vec![]);
         let (inputs, parquet) = (inputs.to_vec(), false);
@@ -94,11 +92,11 @@ impl Outputs {
         Ok(self)
     }
 
-    /// Reserves a file. The file appears only with [`commit`](Self::commit).
+    /// Reserves a file. The file appears after [`commit`](Self::commit).
     ///
     /// # Errors
-    /// [`Error::Input`] if the file cannot be written there, exists, is an input or another output, or if another
-    /// program writes it.
+    /// [`Error::Input`] if it cannot be written, exists, is an input or another output, or if another program writes
+    /// it.
     pub fn file(&mut self, path: &Path) -> Result<Place, Error> {
         let (place, draft) = self.reserve(path)?;
         self.refuse(path, &place, None)?;
@@ -117,13 +115,12 @@ impl Outputs {
         Place(self.files.len() - 1)
     }
 
-    /// Reserves the file of an option, if the option is given.
+    /// Reserves the file of an option, if this option is given.
     pub fn option(&mut self, path: Option<&PathBuf>) -> Result<Option<Place>, Error> {
         path.map(|path| self.file(path)).transpose()
     }
 
-    /// Reserves the file of a table, if the option is given. The text written to it is CSV; the name's ending selects
-    /// the format.
+    /// Reserves the file of a table, if its option is given. Commands write CSV to it. The ending selects the format.
     ///
     /// # Errors
     /// The errors of [`file`](Self::file) and of [`Format::of`].
@@ -143,20 +140,20 @@ impl Outputs {
         Ok(Some(place))
     }
 
-    /// Reserves the file of a figure, if the option is given.
+    /// Reserves the file of a figure, if its option is given.
     ///
     /// # Errors
-    /// The errors of [`file`](Self::file), and an ending other than `.svg` and `.png`.
+    /// The errors of [`file`](Self::file), and [`Error::Input`] for an ending other than `.svg` and `.png`.
     pub fn figure(&mut self, path: Option<&PathBuf>) -> Result<Option<Place>, Error> {
         path.map_or(Ok(()), |path| is_svg(path).map(|_| ()))?;
         self.option(path)
     }
 
-    /// Reserves a folder for a result with the manifest and any of the files `possible`. A name without an ending is
-    /// a figure. The tables are converted to the given units.
+    /// Reserves a folder for a result: the manifest, and any of the files `possible`. A name without an ending is a
+    /// figure. Tables are converted to the given units.
     ///
     /// # Errors
-    /// The errors of [`file`](Self::file), and a folder that holds one of these files, without `force`.
+    /// The errors of [`file`](Self::file), and [`Error::Input`] if one of these files exists and `force` is not set.
     pub fn folder(
         &mut self,
         folder: &Path,
@@ -205,7 +202,7 @@ impl Outputs {
         }
     }
 
-    /// Writes a table to the file of an option, if the option is given, in these units.
+    /// Writes a table in these units to the file of an option, if this option is given.
     pub fn tell(
         &mut self,
         place: Option<Place>,
@@ -216,7 +213,7 @@ impl Outputs {
         self.write(place, in_units::csv(units, csv()).as_bytes())
     }
 
-    /// Draws a figure into the file of an option, if the option is given. The file's name selects the format.
+    /// Draws a figure into the file of an option, if this option is given. The file's name selects the format.
     pub fn draw<E: Into<Error>>(
         &mut self,
         place: Option<Place>,
@@ -265,7 +262,7 @@ impl Outputs {
         }
     }
 
-    /// Adds a figure to a result folder, as `STEM.svg` and as `STEM.png`.
+    /// Adds a figure to a result folder, as `STEM.svg` and `STEM.png`.
     pub fn add_figure(
         &mut self,
         to: FolderPlace,
@@ -276,7 +273,7 @@ impl Outputs {
         self.put(to, &format!("{stem}.png"), &figure.png()?)
     }
 
-    /// Makes a draft of `path`. Returns the draft and the real path.
+    /// Makes a draft for `path`. Returns the real path and the draft.
     fn reserve(&mut self, path: &Path) -> Result<(PathBuf, Draft), Error> {
         let folder = folder_of(path);
         let unwritable = |error: io::Error| {
@@ -309,11 +306,11 @@ impl Outputs {
         Error::Input(format!("{path} and {other} are the same file, and would be written twice"))
     }
 
-    /// Checks that a place may be written. `of` is folder and name of a file in a result folder.
+    /// Checks that a path may be written. For a file in a result folder, `of` is its folder and its name.
     fn refuse(&self, path: &Path, place: &Path, of: Option<(&Path, &str)>) -> Result<(), Error> {
         let shown = path.display();
         let Ok(found) = fs::symlink_metadata(place) else {
-            return Ok(()); // no file there; other errors appear when it is written
+            return Ok(()); // no file has this path; other errors appear when it is written
         };
         for input in &self.inputs {
             let same = fs::canonicalize(input).is_ok_and(|input| input == place)
@@ -342,12 +339,12 @@ impl Outputs {
         }
     }
 
-    /// Moves all written files to their places, or none. In a result folder the older manifest is removed first, with
-    /// the older files that the new result lacks. The new manifest comes last. So a folder with a manifest always
-    /// holds one complete result.
+    /// Moves all written files to their paths, or none. In a result folder, the older manifest is removed first, with
+    /// the older files that the new result does not have. The new manifest is moved last. So a folder with a manifest
+    /// always has one complete result.
     ///
     /// # Errors
-    /// [`Error::File`] on a full disk, or if a folder changed meanwhile; [`Error::Input`] as for
+    /// [`Error::File`] on a full disk, or if a folder has changed meanwhile. [`Error::Input`] in the cases of
     /// [`file`](Self::file). After an error all files are as before.
     pub fn commit(mut self) -> Result<(), Error> {
         for folder in &self.folders {
@@ -366,7 +363,7 @@ impl Outputs {
             let flushed = flushed.and_then(|()| output.draft.get_ref().file.sync_all());
             flushed.map_err(Error::file(&output.shown))?;
         }
-        // A signal ends the process before this line or after the last file, but not in between.
+        // A signal can end the process before this line or after the last file, but not in between.
         let guard = draft::traces();
         let moved = self.move_all();
         drop(guard);
@@ -422,7 +419,7 @@ impl Drop for Outputs {
     }
 }
 
-/// The path with links and `.` in its folder resolved. A link at its end is not followed.
+/// The path with all links and `.` in its folder resolved. A link at its end is kept.
 fn real(path: &Path) -> Result<PathBuf, Error> {
     let folder = folder_of(path);
     let folder = fs::canonicalize(folder).map_err(|error| {
@@ -438,7 +435,7 @@ pub(super) fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// Makes renames permanent even after a power failure, if the system supports it.
+/// Makes renames permanent, even after a power failure, if the system supports it.
 pub(super) fn sync_folder(folder: &Path) {
     if let Ok(folder) = File::open(folder) {
         let _ = folder.sync_all(); // some file systems do not support it
@@ -454,7 +451,7 @@ fn is_svg(path: &Path) -> Result<bool, Error> {
     }
 }
 
-/// JSON as written to files.
+/// JSON in the form of files.
 pub fn json(value: &impl serde::Serialize) -> Result<String, Error> {
     let text = serde_json::to_string_pretty(value);
     text.map(|text| text + "\n")

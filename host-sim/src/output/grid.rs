@@ -1,4 +1,4 @@
-//! The table of a grid: one row for each wall.
+//! The table of a grid, with one row for each wall.
 
 use std::fmt::Write as _;
 
@@ -23,29 +23,27 @@ const OUT_OF_RANGE: &str = "out_of_range";
 pub struct Counts {
     pub stable: u64,
     pub unstable: u64,
-    /// Walls that the handle did not reach.
+    /// Walls that the handle has not reached.
     pub no_contact: u64,
-    /// Hits in which the handle left the core's range.
+    /// Hits in which the handle has left the core's range.
     pub out_of_range: u64,
 }
 
-/// A grid whose walls are added one by one.
+/// A grid to which walls are added one by one.
 pub struct Grid {
-    /// Counts of the walls so far.
     pub counts: Counts,
     columns: Columns,
     is_rotary: bool,
 }
 
 impl Grid {
-    /// A grid in these units, with or without the error of the impedance.
+    /// A grid in these units. `impedance` adds columns for the error of the impedance.
     pub fn new(units: Units, impedance: bool) -> Self {
         let header = if impedance { HEADER_WITH_IMPEDANCE } else { HEADER };
         let columns = Columns::new(units, header);
         Self { counts: Counts::default(), columns, is_rotary: units.is_rotary() }
     }
 
-    /// Names of the columns.
     pub fn header(&self) -> &str {
         &self.columns.header
     }
@@ -53,7 +51,7 @@ impl Grid {
     /// The row of a wall, and whether the wall is stable.
     ///
     /// # Errors
-    /// The hit failed.
+    /// The hit has failed.
     pub fn row(
         &mut self,
         wall: &WallHit,

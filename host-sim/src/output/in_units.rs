@@ -1,8 +1,5 @@
-//! Converts results to the units of their scene. Inside, all values are in m and N; a rotary scene's results are in
-//! rad and N m.
-//!
-//! The names of columns and keys end with their unit, so one conversion works for all results. Results of a linear
-//! scene do not change.
+//! Converts results to the units of their scene: rad and N m for a rotary scene. Within the program all values are in m
+//! and N. Names of columns and keys end in their unit, so one conversion is enough for all results.
 
 use std::fmt::{self, Write as _};
 
@@ -19,17 +16,15 @@ use crate::scene::Units;
 pub(super) const AREAS: [&str; 3] = ["area", "area_low", "area_high"];
 const AREA: &str = "area_n2_s_per_m2";
 
-/// The columns of a table that is written row by row.
+/// Columns of a table that is written row by row.
 #[derive(Clone, Debug)]
 pub struct Columns {
-    /// First line of the table.
     pub header: String,
-    /// Factor of each column's numbers; `None` if they do not change.
+    /// Factor for the numbers of each column. `None` if the numbers do not change.
     factors: Vec<Option<f64>>,
 }
 
 impl Columns {
-    /// The columns of a table with this first line.
     pub fn new(units: Units, header: &str) -> Self {
         let column = |name: &str| match units.key(if AREAS.contains(&name) { AREA } else { name }) {
             Some((_, factor)) if AREAS.contains(&name) => (name.to_owned(), Some(factor)),
@@ -41,7 +36,7 @@ impl Columns {
         Self { header: names.join(",") + end, factors }
     }
 
-    /// Converts a row, with or without line end.
+    /// Converts a row, with or without a line end.
     pub fn row(&self, row: &str) -> String {
         let mut quoted = false;
         let ends = |c| {
@@ -63,7 +58,6 @@ impl Columns {
     }
 }
 
-/// Converts a table to these units.
 pub fn csv(units: Units, table: String) -> String {
     if !units.is_rotary() {
         return table;
@@ -106,7 +100,7 @@ enum Ordered {
 struct Pairs(Vec<(String, Ordered)>);
 
 impl Ordered {
-    /// Converts keys and numbers to these units. `factor` belongs to the key of this value.
+    /// Converts keys and numbers to these units. `factor` is the factor for the key of this value.
     fn told(self, units: Units, factor: Option<f64>) -> Self {
         match (self, factor) {
             (Self::Number(number), Some(factor)) => {
@@ -119,7 +113,7 @@ impl Ordered {
             (Self::Table(Pairs(pairs)), factor) => {
                 let told = |(key, value): (String, Self)| match units.key(&key) {
                     Some((renamed, factor)) => (renamed, value.told(units, Some(factor))),
-                    // The ends of an interval have the unit of the key above them.
+                    // The ends of an interval have the unit of the key that contains them.
                     None => (key, value.told(units, factor)),
                 };
                 Self::Table(Pairs(pairs.into_iter().map(told).collect()))

@@ -25,11 +25,11 @@ use crate::{
 #[derive(Clone, Debug)]
 pub struct LeverStudy {
     pub question: LeverQuestion,
-    /// Results by loop, limit and push.
+    /// Results for each loop, limit and push.
     pub results: Vec<LeverResult>,
 }
 
-/// One loop under one limit and push, in `summary.json`.
+/// One loop with one limit and push, in `summary.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct LeverSummary {
     #[serde(rename = "loop")]
@@ -63,7 +63,7 @@ fn stiffness(n_per_m: f64) -> String {
     )
 }
 
-/// Cells with the times at which a loop acts: output period and latency.
+/// Cells with the output period and the latency of a loop.
 pub(super) fn actuator_cells(scene: &Scene) -> [(&'static str, Cell); 2] {
     [
         ("output_period_samples", Cell::Whole(scene.actuator.period.into())),
@@ -80,7 +80,7 @@ impl LeverStudy {
         &self.question.levers[result.lever]
     }
 
-    /// The result for this limit and push in loop number `lever`.
+    /// The result of loop number `lever` for this limit and push.
     fn of(&self, lever: usize, limit: Limit, push: PushBy) -> Option<&LeverResult> {
         let same = |r: &&LeverResult| r.lever == lever && r.limit == limit && r.push == push;
         self.results.iter().find(same)
@@ -147,7 +147,7 @@ impl LeverStudy {
         self.results.iter().map(summary).collect()
     }
 
-    /// The tables for people, one for each limit and push, and a sentence on the first limit of the scene's walls.
+    /// The tables for people, one for each limit and push. A sentence on the first limit of the scene's walls follows.
     pub fn text(&self) -> String {
         let mut text = String::from(
             "when the loop acts: area at the ideal cutoff, 10^6 N^2 s/m^2, with the ideal range in Hz; > cut at a cap",
@@ -202,7 +202,7 @@ impl LeverStudy {
         }
     }
 
-    /// What limits the scene's walls first, as a sentence.
+    /// A sentence that says what limits the scene's walls first.
     pub fn sentence(&self, limit: Limit, push: PushBy) -> Option<String> {
         let own = self.of(0, limit, push)?;
         let scene = &self.question.levers[0].scene;
@@ -253,11 +253,10 @@ impl LeverStudy {
         Some(text)
     }
 
-    /// The sentence below the figure.
     pub const CAPTION: &str = "The area at the ideal cutoff where the same device acts sooner and more often, and what an \
                                amplifier and a transmission leave of it.";
 
-    /// Area at the ideal cutoff over the output period, one panel for each limit, pushed by the motor.
+    /// The figure: area at the ideal cutoff over the output period, with one panel for each limit. The motor pushes.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let Some(&push) = self.question.pushes.first() else { return Ok(None) };
         let mut loops: Vec<&str> = vec![];
@@ -267,7 +266,7 @@ impl LeverStudy {
             }
         }
         let mut series = vec![];
-        // both boards give nearly the same: show the scene's own loop and the first board
+        // both boards give nearly the same result, so only the scene's own loop and the first board are shown
         for (place, of_loop) in loops.into_iter().take(2).enumerate() {
             for (n, between) in Between::ALL.into_iter().enumerate() {
                 let x_of = |lever: &Lever| {
@@ -283,8 +282,8 @@ impl LeverStudy {
         self.panels(scene, texts, push, series)
     }
 
-    /// Areas at the ideal cutoff over `x_of` of each loop on this line. `x_of` returns `None` for other loops. One
-    /// panel for each limit.
+    /// Areas at the ideal cutoff over `x_of` of each loop, a panel for each limit. Loops with `None` are not on this
+    /// line.
     pub(super) fn line(
         &self,
         name: String,
@@ -305,7 +304,7 @@ impl LeverStudy {
         TradeSeries { name, colour, mark, points }
     }
 
-    /// Lines in one panel for each limit, with this title, legend and axis. `None` if there are no points.
+    /// The lines in one panel for each limit, with this title, legend and axis. `None` if there are no points.
     pub(super) fn panels(
         &self,
         scene: &str,

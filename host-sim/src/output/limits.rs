@@ -23,7 +23,7 @@ use crate::{
 
 /// Unit of areas in the tables, N^2 s/m^2.
 const MILLION: f64 = 1e6;
-/// Cells with limit, estimator and cutoff of a row. Without a cutoff the row is for the true velocity.
+/// Cells with the limit, estimator and cutoff of a row. A row without a cutoff is for the true velocity.
 pub(super) fn limit_cells(limit: Limit, cutoff_hz: Option<f64>) -> [(&'static str, Cell); 4] {
     let (value, unit) = limit.told();
     let estimator = if cutoff_hz.is_some() { "scene" } else { "true-velocity" };
@@ -35,7 +35,7 @@ pub(super) fn limit_cells(limit: Limit, cutoff_hz: Option<f64>) -> [(&'static st
     ]
 }
 
-/// Cells with the number of walks and their grid.
+/// Cells with the number of walks and the grid of the walks.
 pub(super) fn walk_cells(walks: u64, walk: &Walk) -> impl Iterator<Item = (&'static str, Cell)> {
     let grid = GRID.into_iter().zip(grid(walk).map(Cell::Number));
     [("walks", Cell::Whole(walks))].into_iter().chain(grid)
@@ -44,11 +44,10 @@ pub(super) fn walk_cells(walks: u64, walk: &Walk) -> impl Iterator<Item = (&'sta
 #[derive(Clone, Debug)]
 pub struct LimitStudy {
     pub question: Question,
-    /// One result for each limit and situation.
+    /// One result for each limit and each situation.
     pub results: Vec<LimitResult>,
 }
 
-/// One limit in `summary.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct LimitSummary {
     push: &'static str,
@@ -146,7 +145,6 @@ impl LimitStudy {
         self.results.iter().map(summary).collect()
     }
 
-    /// The table for people.
     pub fn text(&self) -> String {
         let Question { walk, rms_of, repeats, .. } = &self.question;
         let mut text = format!(
@@ -189,13 +187,11 @@ impl LimitStudy {
         text
     }
 
-    /// The sentence below the figure.
     pub const CAPTION: &str = "The smallest cutoff whose mean area is at least 98 % of the largest, for each limit of the \
                                RMS, and for each multiple of what a hand feels (a model, unless wall_hit.felt_curve names \
                                a curve).";
 
-    /// The ideal cutoff over the limit: one panel for RMS limits, one for sensation levels, with the scene's own
-    /// hand.
+    /// The figure: ideal cutoff over the limit, with the scene's own hand. One panel for RMS limits, one for levels.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let kinds = [false, true].into_iter().filter(|felt| {
             self.results.iter().any(|result| matches!(result.limit, Limit::Felt(_)) == *felt)

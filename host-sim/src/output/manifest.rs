@@ -1,34 +1,31 @@
-//! All facts that are needed to reproduce a result.
+//! The manifest: all facts that are needed to reproduce a result.
 
 use serde::Serialize;
 
 use crate::{output::SCHEMA_VERSION, scene::NamedScene};
 
-/// Provenance of a result.
 #[derive(Clone, Debug, Serialize)]
 pub struct Manifest {
     schema_version: u32,
-    /// Version of the simulator.
     pub version: &'static str,
     /// Commit of the build, or `unknown`.
     pub git_commit: &'static str,
-    /// Whether tracked files differed from this commit; `null` if unknown.
+    /// Whether tracked files differed from this commit. `null` if this is unknown.
     pub git_dirty: Option<bool>,
     pub toolchain: &'static str,
     pub target: &'static str,
     /// Arguments of the command that affect the result.
     pub command: String,
-    /// Name of the scene, or `None` if the result has no named scene.
+    /// Name of the scene. `None` if the result has no named scene.
     pub scene: Option<String>,
     /// Text of the scene file, unchanged.
     pub scene_text: Option<String>,
-    /// Text of the file in the scene's `felt_curve`.
+    /// Text of the file that the scene's key `felt_curve` names.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub felt_curve_text: Option<String>,
 }
 
 impl Manifest {
-    /// The manifest of a result of `command` on `scene`.
     pub fn new(command: String, scene: &NamedScene) -> Self {
         Self {
             scene: Some(scene.name.clone()),
@@ -38,7 +35,7 @@ impl Manifest {
         }
     }
 
-    /// The manifest of the command that started this program.
+    /// The manifest for the arguments of this process.
     pub fn of_call(scene: Option<&NamedScene>) -> Self {
         let words = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
         let command = words.collect::<Vec<_>>().join(" ");
@@ -63,7 +60,7 @@ impl Manifest {
         }
     }
 
-    /// Names and values for a reader.
+    /// Names and values for people.
     pub fn facts(&self) -> Vec<(String, String)> {
         [
             ("command", self.command.as_str()),

@@ -1,4 +1,4 @@
-//! Output for people: files that are complete or absent, figures, the report of a sweep, manifests.
+//! Output for people: files, figures, reports and manifests. A file is complete or absent.
 
 pub mod agree;
 pub mod design;
@@ -32,10 +32,10 @@ use sim_studies::table::{Cell, Column, Kind, Table, csv_line};
 
 use crate::study::{boundary::Boundaries, sweep::Ideal};
 
-/// Version of all JSON objects that the commands print or write. Since version 2 the names of areas have their unit.
+/// Version of all JSON objects that the commands print or write. From version 2 on, the names of areas have their unit.
 pub const SCHEMA_VERSION: u32 = 2;
 
-/// The table with this version in an additional last column.
+/// The table with the version in an additional last column.
 fn versioned(mut table: Table) -> Table {
     table.columns.push(Column { name: "schema_version".into(), kind: Kind::Whole });
     table.rows.iter_mut().for_each(|row| row.push(Cell::Whole(SCHEMA_VERSION.into())));
@@ -62,7 +62,7 @@ fn version() -> (&'static str, Cell) {
     ("schema_version", Cell::Whole(SCHEMA_VERSION.into()))
 }
 
-/// Mean area of the walks, smallest and largest area.
+/// Cells with the mean, smallest and largest area of the walks.
 fn area_cells(boundaries: &Boundaries) -> [(&'static str, Cell); 3] {
     let [low, high] = boundaries.area_range();
     [

@@ -14,7 +14,6 @@ use crate::{
     scene::NamedScene,
 };
 
-/// One row of the JSON.
 #[derive(Clone, Debug, Serialize)]
 pub struct PassiveArea {
     cutoff_hz: Option<f64>,
@@ -28,7 +27,7 @@ pub struct PassiveArea {
     capped_walks: usize,
     /// Hits at the boundary without the controller.
     at_boundary_without: Hits,
-    /// Hits at the boundary with the controller; `None` if it is off.
+    /// Hits at the boundary with the controller. `None` if the controller is off.
     at_boundary_with: Option<Hits>,
 }
 
@@ -44,7 +43,7 @@ pub fn lengths_csv(study: &PassiveStudy) -> String {
     versioned(study.length_table()).csv()
 }
 
-/// The boundaries for the first limit, without and with the controller.
+/// The figure: boundaries for the first limit, without and with the controller.
 ///
 /// # Errors
 /// The figure cannot be drawn.
@@ -71,7 +70,6 @@ pub fn figure(study: &PassiveStudy, scene: &NamedScene) -> Result<Figure, Figure
     })
 }
 
-/// The table for people.
 pub fn text(study: &PassiveStudy) -> String {
     let mut text = format!(
         "with the controller a contact gives at most {:.3e} J; {} walks each, > cut at a cap\n  {}\n  hits at walls of \

@@ -12,7 +12,6 @@ pub fn csv(study: &PeerStudy) -> String {
     versioned(study.table()).csv()
 }
 
-/// The tables for people.
 pub fn text(study: &PeerStudy) -> String {
     let mut text = format!(
         "area by limit of the motion, 10^6 N^2 s/m^2, and its share of what the true velocity reaches; > cut at a cap\n  \

@@ -21,10 +21,10 @@ use crate::{
     },
 };
 
-/// Shares of draws for the contours.
+/// Shares of the draws. There is a contour for each share.
 const SHARES: [f64; 3] = [0.05, 0.5, 0.95];
 
-/// The confidence interval for the worst 5 % as text for people.
+/// The confidence interval of the area in the worst 5 % of the draws, as text for people.
 fn interval(c: &CutoffProbability) -> String {
     let end = |end: Option<f64>| end.map_or_else(|| "?".to_owned(), millions);
     match [c.area_5_percent_low_n2_s_per_m2, c.area_5_percent_high_n2_s_per_m2] {
@@ -35,20 +35,20 @@ fn interval(c: &CutoffProbability) -> String {
 
 #[derive(Clone, Debug)]
 pub struct ProbabilityStudy {
-    /// One map per cutoff, ascending.
+    /// One map per cutoff, in ascending order.
     pub maps: Vec<Map>,
-    /// Results of the draws for the cutoffs.
+    /// Conclusions of the draws about the cutoffs.
     pub verdicts: Verdicts,
-    /// The firmware's contour at the cutoff with the best area in the worst draws.
+    /// The firmware's contour, at the cutoff with the largest area in the worst draws.
     pub tried: Option<Tried>,
 }
 
 #[derive(Clone, Debug, Serialize)]
 pub struct ProbabilitySummary {
     draws: u32,
-    /// Cutoff with the largest area in the worst 5 % of the draws; `null` if this area has no lower bound.
+    /// Cutoff with the largest area in the worst 5 % of the draws. `null` if this area has no lower bound.
     recommended_cutoff_hz: Option<f64>,
-    /// Cutoffs that the draws cannot distinguish from the recommended cutoff.
+    /// Cutoffs that the draws cannot distinguish from the recommended one.
     alike_hz: Vec<f64>,
     cutoffs: Vec<CutoffProbability>,
     contour: Option<ContourSummary>,
@@ -59,7 +59,7 @@ struct CutoffProbability {
     cutoff_hz: f64,
     area_n2_s_per_m2: f64,
     area_5_percent_n2_s_per_m2: f64,
-    /// 95 % confidence interval of the area in the worst 5 %; `null` with too few devices.
+    /// 95 % confidence interval of the area in the worst 5 % of the draws. `null` with too few devices.
     area_5_percent_low_n2_s_per_m2: Option<f64>,
     area_5_percent_high_n2_s_per_m2: Option<f64>,
     area_50_percent_n2_s_per_m2: f64,
@@ -82,7 +82,6 @@ struct ContourSummary {
 }
 
 impl ProbabilityStudy {
-    /// Caption below the picture of a study.
     pub const CAPTION: &str = "Walls at the cutoff that leads in the worst draws that 5, 50 and 95 % of the draws hold, and those of the \
                                firmware, fitted on fresh draws.";
 
@@ -90,7 +89,7 @@ impl ProbabilityStudy {
         self.verdicts.leading.and_then(|place| self.maps.get(place))
     }
 
-    /// The leading cutoff, if its confidence interval supports a recommendation.
+    /// The leading cutoff. `None` if its confidence interval does not support a recommendation.
     fn recommended_hz(&self) -> Option<f64> {
         let is_borne = |map: &&Map| map.devices == 0 || map.interval(WORST)[0].is_some();
         self.leading().filter(is_borne).map(|map| map.cutoff_hz)
@@ -153,7 +152,7 @@ impl ProbabilityStudy {
         text
     }
 
-    /// Text of `contours.csv`. The firmware's contour has the share 95 and `fitted`.
+    /// Text of `contours.csv`. The row of the firmware's contour has the share 95, and `fitted` is true.
     pub fn contours_csv(&self) -> String {
         let mut text = String::from(
             "cutoff_hz,percent,fitted,damping_n_s_per_m,stiffness_low_n_per_m,stiffness_high_n_per_m,\
@@ -181,7 +180,7 @@ impl ProbabilityStudy {
         text
     }
 
-    /// The fitted contour at the leading cutoff, for the firmware.
+    /// The fitted contour at the leading cutoff, in the form for the firmware.
     pub fn envelope(&self) -> Vec<Envelope> {
         let tried = self.tried.as_ref().zip(self.leading());
         let of = |(tried, map): (&Tried, &Map)| Envelope {
@@ -224,7 +223,6 @@ impl ProbabilityStudy {
         zwidth(&ZwidthPlot { units, title, subtitle, legend, marked: "ideal", curves }).map(Some)
     }
 
-    /// The table for people.
     pub fn text(&self) -> String {
         let summary = self.summary();
         let mut text = format!(

@@ -15,7 +15,7 @@ use crate::{
     study::levers::{Lever, LeverResult},
 };
 
-/// One pair of rates under one limit and push, in `summary.json`.
+/// One pair of rates with one limit and push, in `summary.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct RateSummary {
     encoder_rate_hz: f64,
@@ -30,7 +30,7 @@ pub struct RateSummary {
     true_velocity_area_n2_s_per_m2: f64,
 }
 
-/// Question and answer. Each loop has one pair of rates.
+/// A study whose loops each have one pair of rates.
 #[derive(Clone, Debug)]
 pub struct RateStudy(pub LeverStudy);
 
@@ -40,7 +40,7 @@ fn rates(scene: &Scene) -> [f64; 2] {
     [encoder_hz, encoder_hz / f64::from(scene.actuator.period)]
 }
 
-/// Rates of all loops, sorted and without repeats.
+/// Rates of all loops, sorted, each once. `which` is 0 for the encoder rate, 1 for the output rate.
 fn axis(study: &LeverStudy, which: usize) -> Vec<f64> {
     let all: Vec<f64> =
         study.question.levers.iter().map(|lever| rates(&lever.scene)[which]).collect();
@@ -117,11 +117,10 @@ impl RateStudy {
         text
     }
 
-    /// The sentence below the figure.
     pub const CAPTION: &str = "The area at the ideal cutoff where the same device looks and acts more or less often, the latency the same.";
 
-    /// Area at the ideal cutoff over the output rate, pushed by the motor: a line for each encoder rate, a panel for
-    /// each limit.
+    /// The figure: area at the ideal cutoff over the output rate. A line is an encoder rate, a panel a limit. The motor
+    /// pushes.
     pub fn figure(&self, scene: &str) -> Result<Option<Figure>, FigureError> {
         let Some(&push) = self.0.question.pushes.first() else { return Ok(None) };
         let line = |(n, encoder): (usize, f64)| {

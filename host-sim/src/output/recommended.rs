@@ -1,4 +1,4 @@
-//! The recommended cutoff, in the form for every output.
+//! The recommended cutoff, for every form of output.
 
 use serde::Serialize;
 
@@ -11,7 +11,7 @@ use crate::{
     },
 };
 
-/// `recommended` of a JSON object, or the reason why there is no recommendation.
+/// Key `recommended` of a JSON object: the recommendation, or the reason why there is none.
 #[derive(Clone, Debug, Serialize)]
 pub struct Answer {
     recommended: Option<Row>,
@@ -24,7 +24,7 @@ struct Row {
     cutoff_hz: f64,
     range_hz: [f64; 2],
     criterion: &'static str,
-    /// The stiffest wall, and the B of this wall.
+    /// K and B of the stiffest wall.
     stiffness_n_per_m: f64,
     damping_n_s_per_m: f64,
     /// Largest B of all walls.
@@ -38,7 +38,7 @@ struct Row {
     protocols: Vec<ProtocolRow>,
 }
 
-/// Largest K at which a wall with this B is quiet in another protocol; `null` if there is no such K, or no test.
+/// Largest K at which a wall with this B is quiet in another protocol. `null` if there is none, or without a test.
 #[derive(Clone, Debug, Serialize)]
 struct ProtocolRow {
     protocol: &'static str,
@@ -79,7 +79,6 @@ impl Answer {
     }
 }
 
-/// Reason for this cutoff.
 fn reason(units: Units, study: &QuietStudy, of: &Recommended) -> String {
     let mut text = format!(
         "the largest area of quiet walls, {}, of {} tried; those of the range have at least {} % of it",
@@ -142,7 +141,7 @@ pub fn sentences(scene: &NamedScene, study: &QuietStudy) -> Vec<String> {
     [dial_in, has].into_iter().chain(elsewhere).chain(free).chain([next]).collect()
 }
 
-/// Whether the stiffest wall is also quiet in the other protocols.
+/// A sentence on whether the stiffest wall is also quiet in the other protocols.
 fn by_protocols(units: Units, study: &QuietStudy, of: &Recommended) -> Option<String> {
     let stiffness = of.stiffest.stiffness_n_per_m;
     let said = |protocol: Protocol| match protocol {
@@ -157,7 +156,7 @@ fn by_protocols(units: Units, study: &QuietStudy, of: &Recommended) -> Option<St
         Ok(Some(k)) => {
             let k = k * factor;
             let near = rounded(k, 2);
-            let most = if near > k { rounded(0.95 * k, 2) } else { near }; // not above the K that was tested
+            let most = if near > k { rounded(0.95 * k, 2) } else { near }; // at most the K that was tested
             format!("by {} not above K = {most} {unit}", said(held.protocol))
         }
         Ok(None) => format!("by {} at no K", said(held.protocol)),
@@ -173,7 +172,7 @@ fn by_protocols(units: Units, study: &QuietStudy, of: &Recommended) -> Option<St
     })
 }
 
-/// Note for a cutoff outside of the recommended range, else `None`.
+/// A note if a cutoff is outside the recommended range. Otherwise `None`.
 pub fn outside(study: &QuietStudy, cutoff_hz: f64) -> Option<String> {
     let [low, high] = study.recommended.as_ref().ok()?.range_hz;
     (!(low..=high).contains(&cutoff_hz)).then(|| {
@@ -181,7 +180,7 @@ pub fn outside(study: &QuietStudy, cutoff_hz: f64) -> Option<String> {
     })
 }
 
-/// Result by the scene's own criterion. `None` if this criterion is also the recommendation's.
+/// The result by the scene's own criterion. `None` if the recommendation has the same criterion.
 pub fn by_its_own(scene: &NamedScene, ideal: Option<Ideal>) -> Option<String> {
     let hit = &scene.scene.wall_hit;
     let by = match (hit.criterion, hit.rms_of()) {

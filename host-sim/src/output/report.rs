@@ -1,8 +1,8 @@
 //! The report of a sweep: one HTML file that needs no other file.
 //!
-//! Style sheet and figures are inline. There is no script and no external reference. The page fits a phone, prints in
-//! black on white, and follows the reader's light or dark setting. Figures stay on white, because their colours show
-//! the order of the cutoffs.
+//! Style sheet and figures are inline, without scripts or external references. The page fits on a phone, prints in
+//! black on white, and follows the reader's light or dark setting. Figures stay on white, because colours show the
+//! order of cutoffs.
 
 use std::fmt::Write as _;
 
@@ -35,39 +35,33 @@ pre{margin:0;padding:.8rem 1rem;overflow-x:auto;font-size:.82rem;line-height:1.4
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
-    /// Small line above the answer, and the page's title: scene and resolution.
+    /// Small line above the answer, which is also the page's title: scene and resolution.
     pub title: String,
-    /// Smallest nominal cutoff that is as good as the best; `None` if no wall was stable.
+    /// Smallest nominal cutoff that is as good as the best cutoff. `None` if no wall was stable.
     pub ideal_cutoff_hz: Option<f64>,
     /// First and last nominal cutoff that the repeats cannot distinguish from the ideal cutoff.
     pub ideal_cutoff_range_hz: Option<[f64; 2]>,
-    /// The recommended cutoff. Without it the ideal cutoff is the answer.
+    /// The recommended cutoff. If it is absent, the ideal cutoff is the answer.
     pub answer: Option<String>,
-    /// Figures in their order on the page.
     pub figures: Vec<ReportFigure>,
-    /// Units of the tables.
     pub units: Units,
-    /// One row per cutoff.
     pub areas: Vec<AreaPoint>,
-    /// Further results as lines of text under a heading. Empty texts are left out.
+    /// Further results: a heading, and lines of text. Empty texts are left out.
     pub texts: Vec<(&'static str, String)>,
-    /// Notes, one sentence each.
     pub notes: Vec<String>,
-    /// Text of the scene file, unchanged.
     pub scene: String,
     /// Origin of the report as names and values: version, toolchain, command.
     pub provenance: Vec<(String, String)>,
 }
 
-/// A figure and the sentence below it.
+/// A figure, and the sentence below it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReportFigure {
     pub figure: Figure,
-    /// What the figure shows.
+    /// Content of the figure, as a sentence.
     pub caption: String,
 }
 
-/// The report as one HTML file.
 #[must_use]
 pub fn html(report: &Report) -> String {
     let mut sections = vec![("Areas", areas(report))];
@@ -112,7 +106,7 @@ pub(crate) fn page(
     out
 }
 
-/// The result as one sentence, the range first.
+/// The result as one sentence, with the range first.
 fn answer(report: &Report) -> String {
     if let Some(answer) = &report.answer {
         return answer.clone();
@@ -134,7 +128,7 @@ fn answer(report: &Report) -> String {
     }
 }
 
-/// A section with a heading, or nothing if the content is empty.
+/// A section with a heading. Empty content gives no section.
 fn section(out: &mut String, heading: &str, content: &str) {
     if !content.is_empty() {
         let _ = write!(out, "<section>\n<h2>{heading}</h2>\n{content}</section>\n");
@@ -176,7 +170,7 @@ fn areas(report: &Report) -> String {
     table(&columns, rows)
 }
 
-/// A table: columns with their units, rows with their class attribute and cells.
+/// A table. Each column has a unit. Each row has a class attribute and cells.
 pub(crate) fn table(
     columns: &[(&str, &str)],
     rows: impl Iterator<Item = (&'static str, Vec<String>)>,

@@ -1,5 +1,5 @@
-//! Ctrl-C, SIGTERM and SIGHUP ask a command to end. A command may fail to check the flag in time (a blocking read,
-//! one long hit, a large matrix). Then the process is ended here.
+//! Ctrl-C, SIGTERM and SIGHUP ask a command to end. A command may not check the flag in time, for example during a
+//! blocking read, one long hit, or work on a large matrix. Then this module ends the process.
 
 use std::{
     process,
@@ -13,13 +13,13 @@ use crate::{
     interrupt,
 };
 
-/// Time in which a command should end. With [`LAST_WORDS`] it is well below a second.
+/// Time in which a command should end. The sum with [`LAST_WORDS`] is well below a second.
 const GRACE: Duration = Duration::from_millis(400);
-/// Time for the error message, in case the reader of stderr hangs.
+/// Time to print the error message. The reader of stderr may hang.
 const LAST_WORDS: Duration = Duration::from_millis(100);
 
-/// Starts to listen to the signals. If the command has not ended 0.4 s after a signal, `clean` removes unfinished
-/// files, `report` prints the error, and the process ends with [`INTERRUPTED`].
+/// Starts to listen to signals. A command has 0.4 s to end after a signal. If it does not end, `clean` removes
+/// unfinished files, `report` prints the error, and the process ends with [`INTERRUPTED`].
 ///
 /// # Errors
 /// The system does not allow it, or this function was called before.
@@ -44,7 +44,7 @@ fn set_handler(ended: impl FnMut() + Send + 'static) -> Result<(), Error> {
         .map_err(|error| Error::Internal(format!("cannot watch for Ctrl-C: {error}")))
 }
 
-/// A web page has no signals. To stop a command, the page ends its worker.
+/// Does nothing, because a web page has no signals. To stop a command, the page ends its worker.
 #[cfg(target_family = "wasm")]
 fn set_handler(_: impl FnMut() + Send + 'static) -> Result<(), Error> {
     Ok(())

@@ -1,9 +1,9 @@
-//! The folder of a study: its description (`study.json`), one part for each unit, and the manifest with the complete
-//! parts (`manifest.jsonl`).
+//! The folder of a study. It has a description (`study.json`), one part for each unit, and a manifest that lists the
+//! complete parts (`manifest.jsonl`).
 //!
-//! A part is written completely (draft, flush, rename). Then a line is appended to the manifest and flushed. So a run
-//! may be killed at any time. A part without its line is made again, with the same bytes. An incomplete line is cut
-//! off.
+//! A part is written completely (draft, flush, rename). Then a line is appended to the manifest, and the manifest is
+//! flushed. So a run may be killed at any time. A part without a line in the manifest is made again, with the same
+//! bytes. An incomplete line is removed.
 
 use std::{
     collections::BTreeMap,
@@ -27,12 +27,11 @@ use crate::{
     },
 };
 
-/// File that describes the study.
 const HEAD: &str = "study.json";
 /// File with the list of complete parts.
 const MANIFEST: &str = "manifest.jsonl";
 
-/// Description of a study. For `--resume`, `key` and its contents must be the same.
+/// Description of a study. With `--resume`, `key` and its contents must be the same as before.
 #[derive(Debug, Serialize, Deserialize)]
 struct Head {
     schema_version: u32,
@@ -50,7 +49,6 @@ struct Head {
     columns: Vec<String>,
     /// One block for each pair of scene and estimator.
     blocks: Vec<HeadBlock>,
-    /// Text of the study's file, unchanged.
     study_text: String,
     key: String,
 }
@@ -61,7 +59,7 @@ struct HeadBlock {
     estimator: String,
     first_unit: u64,
     points_per_unit: u64,
-    /// The scene with its estimator, before any change.
+    /// The scene with its estimator, before the study changes it.
     scene_text: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     felt_curve_text: Option<String>,
@@ -97,7 +95,7 @@ impl Head {
         }
     }
 
-    /// First difference from `other`, the study in a folder.
+    /// First difference from the study `other` of a folder, as text.
     fn difference(&self, other: &Self) -> Option<String> {
         let pairs = [
             ("schema_version", self.schema_version.to_string(), other.schema_version.to_string()),
@@ -130,30 +128,23 @@ fn short(hash: &str) -> String {
     hash.chars().take(12).collect()
 }
 
-/// A line of the manifest. Its part is complete.
+/// A line of the manifest. There is one for each complete part.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Entry {
-    /// Number of the unit.
     pub unit: u64,
     pub key: String,
-    /// File name of the unit's part.
     pub file: String,
-    /// Bytes of the part.
     pub bytes: u64,
-    /// SHA-256 of the part.
     pub sha256: String,
-    /// Rows of the part.
     pub rows: u64,
     /// Number of hits that were run for the part.
     pub hits: u64,
 }
 
-/// Content of a unit's part.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Part {
     pub csv: String,
     pub rows: u64,
-    /// Number of hits that were run for the part.
     pub hits: u64,
 }
 
@@ -164,27 +155,27 @@ impl From<&Made> for Part {
     }
 }
 
-/// The folder of a study. Only one run at a time can open it.
+/// The folder of a study. Only one run can have it open at a time.
 #[derive(Debug)]
 pub struct Folder {
     path: PathBuf,
     /// Units with complete parts.
     done: BTreeMap<u64, Entry>,
     manifest: File,
-    /// Length of the manifest's complete lines, bytes.
+    /// Length of all complete lines of the manifest, bytes.
     whole: u64,
     inputs: Vec<PathBuf>,
     is_resumed: bool,
-    /// Keeps the lock on the study.
+    /// Holds the lock on the study.
     _head: File,
 }
 
 impl Folder {
-    /// Opens the folder at `path`: a new one, or with `resume` an existing one.
+    /// Opens the folder at `path`. A folder that already has the study is only opened with `resume`.
     ///
     /// # Errors
-    /// [`Error::Input`] if the folder holds a study and `resume` is not given, if it holds another study, if another
-    /// run has it open, or if it cannot be written. [`Error::File`] on a full disk.
+    /// [`Error::Input`] in these cases: the folder has a study and `resume` is not set; it has another study; another
+    /// run has it open; it cannot be written. [`Error::File`] on a full disk.
     pub fn open(
         path: &Path,
         study: &Study,
@@ -252,7 +243,6 @@ impl Folder {
         Ok(Self { path, done, manifest, whole, inputs, is_resumed, _head: lock })
     }
 
-    /// Units with complete parts.
     pub fn done(&self) -> &BTreeMap<u64, Entry> {
         &self.done
     }
@@ -260,7 +250,7 @@ impl Folder {
     /// Writes the part of a unit, and adds its line to the manifest.
     ///
     /// # Errors
-    /// [`Error::File`], for example on a full disk. Earlier lines stay.
+    /// [`Error::File`], for example on a full disk. All earlier lines stay.
     pub fn add(&mut self, unit: u64, key: String, made: &Part) -> Result<(), Error> {
         let file = format!("part-{unit:08}.csv");
         let Part { csv, rows, hits } = made;
@@ -275,7 +265,7 @@ impl Folder {
         let line = entry.line()?;
         let appended = self.manifest.write_all(line.as_bytes());
         if let Err(error) = appended.and_then(|()| self.manifest.sync_data()) {
-            let _ = self.manifest.set_len(self.whole); // if this fails, the next run cuts it
+            let _ = self.manifest.set_len(self.whole); // if this fails, the next run removes the line
             return Err(Error::file(place)(error));
         }
         self.whole += line.len() as u64;
@@ -284,8 +274,7 @@ impl Folder {
         Ok(())
     }
 
-    /// Sorts the manifest by units. So a study has the same bytes, independent of the machine and of the order of its
-    /// units. Call it at the end.
+    /// Sorts the manifest by units, so that its bytes do not depend on machine and order. Must be called at the end.
     ///
     /// # Errors
     /// [`Error::File`]. All lines stay.
@@ -304,14 +293,13 @@ impl Folder {
 }
 
 impl Entry {
-    /// The line of this entry in the manifest.
     fn line(&self) -> Result<String, Error> {
         let line = serde_json::to_string(self);
         let line = line.map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))?;
         Ok(line + "\n")
     }
 
-    /// Whether the entry's part exists with exactly these bytes.
+    /// Whether the file of this entry exists and has the entry's length and hash.
     fn is_whole(&self, folder: &Path) -> bool {
         let part = folder.join(&self.file);
         let is_as_long = fs::metadata(&part).is_ok_and(|found| found.len() == self.bytes);

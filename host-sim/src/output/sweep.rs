@@ -34,7 +34,7 @@ use crate::{
     },
 };
 
-/// All files that a study may have. `sensitivity.csv` and the figure of a hit may be absent.
+/// All files that a study may have. `sensitivity.csv` and the figure of a hit are optional.
 pub const FILES: &[&str] = &[
     QUIET_AREAS,
     QUIET_BOUNDARY,
@@ -70,7 +70,6 @@ const PROBABILITY: &str = "probability.csv";
 const CONTOURS: &str = "contours.csv";
 const ENVELOPE95: &str = "envelope95.csv";
 
-/// The result of one variant of a scene.
 #[derive(Clone, Debug)]
 pub struct VariantResult {
     pub name: String,
@@ -78,33 +77,29 @@ pub struct VariantResult {
     pub result: SweepResult,
 }
 
-/// A finished study of one scene.
 #[derive(Clone, Debug)]
 pub struct Study {
     pub scene: NamedScene,
     pub prepared: PreparedScene,
-    /// Arithmetic of the controller.
     pub numeric: Numeric,
-    /// Walks per cutoff.
     pub repeats: u32,
     pub result: SweepResult,
-    /// Walls that the firmware may render, by cutoff.
+    /// For each cutoff, the walls that the firmware may render.
     pub envelopes: Vec<Envelope>,
-    /// The sensitivity study; empty if the user did not ask for it.
+    /// The sensitivity study. Empty if the user has not asked for it.
     pub variants: Vec<VariantResult>,
-    /// Other limits; `None` if the user did not ask for them.
+    /// The study of other limits. `None` if the user has not asked for it.
     pub limits: Option<LimitStudy>,
-    /// Other loops; `None` if the user did not ask for them.
+    /// The study of other loops. `None` if the user has not asked for it.
     pub levers: Option<LeverStudy>,
-    /// Other rates; `None` if the user did not ask for them.
+    /// The study of other rates. `None` if the user has not asked for it.
     pub rates: Option<RateStudy>,
-    /// Probabilities of the walls; `None` if the user did not ask for them.
+    /// The probabilities of walls. `None` if the user has not asked for them.
     pub probability: Option<ProbabilityStudy>,
-    /// Reason why the default second limit is left out.
+    /// Reason why the default second limit was left out.
     pub limits_left_out: Option<String>,
-    /// The recommended cutoff; `None` in the paper's own study.
+    /// The recommended cutoff. `None` for the paper's own study.
     pub quiet: Option<QuietStudy>,
-    /// The command of this study.
     pub command: String,
 }
 
@@ -122,7 +117,6 @@ pub struct Summary {
     ideal_cutoff_range_basis: Option<&'static str>,
     cutoffs: Vec<CutoffSummary>,
     notes: Vec<String>,
-    /// Keys of the scene whose values are estimated.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     estimated: Vec<String>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -160,7 +154,7 @@ struct VariantSummary {
     area_at_ideal_n2_s_per_m2: Option<f64>,
 }
 
-/// The meaning of the frequencies in one sentence.
+/// A sentence on the meaning of the frequencies.
 fn convention(study: &Study, best_hz: Option<f64>) -> String {
     let scene = &study.scene.scene;
     let shown = best_hz.or_else(|| study.result.cutoffs.last().map(|last| last.cutoff_hz));
@@ -187,7 +181,7 @@ fn subtitle(study: &Study) -> String {
     ))
 }
 
-/// Digits of a number, without the last digits, which a unit conversion may change.
+/// Significant digits of a number. A unit conversion may change further digits.
 const DIGITS: usize = 10;
 
 impl Study {
@@ -221,7 +215,6 @@ impl Study {
         sentences(&self.scene, quiet).into_iter().chain(own).collect()
     }
 
-    /// Draws and writes all files.
     pub fn write(&self, outputs: &mut Outputs, to: FolderPlace) -> Result<(), Error> {
         let manifest = Manifest::new(self.command.clone(), &self.scene);
         let mut figures = vec![];
@@ -281,7 +274,7 @@ impl Study {
         outputs.add(to, MANIFEST, json(&manifest)?)
     }
 
-    /// The recommendation, and the study with all cutoffs that were tried.
+    /// The recommendation, and the study of all cutoffs that were tried for it.
     fn recommended(&self) -> Option<(&QuietStudy, &Recommended)> {
         let quiet = self.quiet.as_ref()?;
         Some((quiet, quiet.recommended.as_ref().ok()?))
@@ -302,7 +295,7 @@ impl Study {
         Ok(Some(ReportFigure { figure, caption: caption.into() }))
     }
 
-    /// The boundaries of the user's cutoffs and of the recommended cutoff.
+    /// Figure of the quiet walls: boundaries of the user's cutoffs and of the recommended cutoff.
     fn quiet_walls(&self) -> Result<Option<ReportFigure>, Error> {
         let Some((quiet, found)) = self.recommended() else { return Ok(None) };
         let asked = |cutoff_hz| self.result.cutoffs.iter().any(|of| of.cutoff_hz == cutoff_hz);
@@ -353,7 +346,7 @@ impl Study {
         })?)
     }
 
-    /// The caption of a figure by the scene's own criterion. It says so if the recommendation uses another criterion.
+    /// The caption of a figure by the scene's own criterion. It says so if the recommendation has another one.
     fn by_its_own(&self, caption: &str) -> String {
         let Some(_) = self.recommended() else { return caption.into() };
         let criterion = self.scene.scene.wall_hit.criterion.name();
@@ -377,7 +370,7 @@ impl Study {
         Ok(ReportFigure { figure, caption: self.by_its_own(&caption) })
     }
 
-    /// `best` is the cutoff that gets a mark, with its range.
+    /// The area figure. `best` is the marked cutoff, with its range.
     fn areas<'a>(
         &self,
         title: String,
@@ -399,7 +392,7 @@ impl Study {
         })?)
     }
 
-    /// The hit on the stiffest wall at the ideal cutoff.
+    /// Figure of a hit: on the stiffest wall at the ideal cutoff.
     fn hit(&self) -> Result<Option<ReportFigure>, Error> {
         let Some(ideal) = self.result.ideal else {
             return Ok(None);
@@ -430,7 +423,7 @@ impl Study {
         Ok(Some(ReportFigure { figure, caption: self.by_its_own(caption) }))
     }
 
-    /// Notes that a reader needs to understand the numbers.
+    /// Notes that a reader needs in order to understand the numbers.
     pub fn notes(&self) -> Vec<String> {
         let left_out = self.limits_left_out.iter();
         let left_out = left_out.map(|why| format!("the limit of one count is left out: {why}"));
@@ -458,7 +451,7 @@ impl Study {
         text
     }
 
-    /// Texts for people: the results that the user asked for beside the scene's own sweep.
+    /// Texts for people on the additional results that the user has asked for.
     pub fn texts(&self) -> Vec<(&'static str, String)> {
         [
             self.limits.as_ref().map(|limits| ("Limits", limits.text())),
@@ -521,7 +514,7 @@ pub fn areas_csv(cutoffs: &[CutoffResult]) -> String {
 }
 
 impl VariantResult {
-    /// The change, and the ideal cutoff with this change.
+    /// A sentence with the change, and with the ideal cutoff after this change.
     pub fn sentence(&self) -> String {
         match self.result.ideal {
             None => format!("{}: no stable wall at any cutoff", self.change),
@@ -550,7 +543,7 @@ fn cutoff_summary(result: &CutoffResult) -> CutoffSummary {
     CutoffSummary { areas: area_row(result), walks: walks.collect() }
 }
 
-/// Numbers of each cutoff, for tables and figures.
+/// The numbers of each cutoff, for tables and figures.
 pub fn areas(result: &SweepResult) -> impl Iterator<Item = AreaPoint> {
     result.cutoffs.iter().map(area_row)
 }

@@ -1,11 +1,11 @@
-//! Tables of results in the format of their file's ending: CSV, Parquet, MCAP.
+//! Tables of results. The ending of a file selects its format: CSV, Parquet or MCAP.
 //!
-//! A command writes CSV. Other formats are converted from this text, so their values are the values of the CSV.
-//! Parquet and MCAP need the feature `open-files`.
+//! A command writes CSV. Other formats are converted from this text, so their values are those of the CSV. Parquet and
+//! MCAP need the feature `open-files`.
 //!
-//! A column is of 64-bit floats if its name ends in a unit other than a count, or if it is an area. Its cells do not
-//! matter, so all parts of a study have one schema. Another column is of 64-bit integers if all its cells are
-//! integers, else of floats if all are numbers, else of text. An empty cell is null.
+//! A column has 64-bit floats if it is an area, or if its name ends in a unit other than a count. This does not depend
+//! on its cells, so all parts of a study have one schema. For other columns the cells decide: 64-bit integers if all
+//! cells are integers, floats if all are numbers, else text. An empty cell is null.
 
 use std::path::Path;
 
@@ -20,13 +20,12 @@ mod parquet;
 /// Meaning of a table's rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind {
-    /// Rows without an order in time.
+    /// Rows that have no order in time.
     Rows,
-    /// One instant per row. The time is the column `time_s`, or else `sample` at this rate, Hz.
+    /// One instant per row: the column `time_s`, or else `sample` divided by this rate, Hz.
     Moments { rate_hz: f64 },
 }
 
-/// File format of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// Comma-separated values, as described in docs/files.md.
@@ -38,7 +37,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format of a file's ending. Every ending other than `.parquet` and `.mcap` gives CSV.
+    /// The format for the ending of a file. Every ending except `.parquet` and `.mcap` gives CSV.
     ///
     /// # Errors
     /// [`Error::Input`] if this build lacks the format, or if the format needs times and the table has none.
@@ -72,12 +71,10 @@ impl Format {
     }
 }
 
-/// Facts beside the rows: their origin and their meaning.
+/// Facts about a table beside its rows.
 #[derive(Clone, Debug)]
 pub struct About {
-    /// Meaning of the rows.
     pub kind: Kind,
-    /// The manifest as JSON text.
     pub manifest: String,
 }
 
@@ -98,14 +95,13 @@ pub fn bytes(format: Format, csv: &str, about: &About) -> Result<Vec<u8>, Error>
     bytes.map_err(|error| Error::Internal(format!("cannot write the table: {error}")))
 }
 
-/// The bytes of a table as CSV. No other format is possible, because [`Format::of`] returned an error for other
-/// formats.
+/// The bytes of a table as CSV. For other formats, [`Format::of`] has already returned an error.
 #[cfg(not(feature = "open-files"))]
 pub fn bytes(_: Format, csv: &str, _: &About) -> Result<Vec<u8>, Error> {
     Ok(csv.into())
 }
 
-/// Endings of column names that scenes do not have: their units, and whether the values are whole numbers.
+/// Endings of column names that scenes do not have: ending, unit, whether the values are whole numbers.
 const UNITS: [(&str, &str, bool); 5] = [
     ("_fraction", "1", false),
     ("_counts", "counts", true),
@@ -114,7 +110,7 @@ const UNITS: [(&str, &str, bool); 5] = [
     ("_q30", "2^-30 of full scale", true),
 ];
 
-/// Cells of a column; `None` for an empty cell.
+/// Cells of a column. An empty cell is `None`.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Cells {
     Integers(Vec<Option<i64>>),
@@ -180,7 +176,7 @@ impl Column {
     }
 }
 
-/// Converts all cells. Returns `None` if a cell that is not empty cannot be converted.
+/// Converts all cells. Returns `None` if a cell is not empty and cannot be converted.
 fn all<T>(cells: &[&str], read: impl Fn(&str) -> Option<T>) -> Option<Vec<Option<T>>> {
     let read = |cell: &&str| if cell.is_empty() { Some(None) } else { read(cell).map(Some) };
     cells.iter().map(read).collect()

@@ -12,7 +12,7 @@ use crate::{
     scene::Scene,
 };
 
-/// Facts in the figure, and whether each fact is a problem.
+/// Flags in the figure, and whether each flag is a problem.
 const FACTS: [(&str, Flags, bool); 6] = [
     ("on", Flags::ON, false),
     ("armed", Flags::ARMED, false),
@@ -22,15 +22,15 @@ const FACTS: [(&str, Flags, bool); 6] = [
     ("fault", Flags::FAULT, true),
 ];
 
-/// Position, velocity, force and flags over time. With the board's scene they are in SI units, else in the units of
-/// the control.
+/// Position, velocity, force and flags over time: in SI units with the board's scene, else in units of the control
+/// core.
 pub fn telemetry_figure(
     capture: &Capture,
     name: &str,
     scene: Option<&Scene>,
 ) -> Result<Figure, Error> {
     let records = capture.longest_run();
-    // Records have equal distances. A larger distance shows that records are missing.
+    // Records have equal distances in time. A larger distance means that records are missing.
     let usual = records.windows(2).map(|pair| pair[1].sample - pair[0].sample).min();
     let mut before = None;
     let points = records.iter().map(|record| {
@@ -65,7 +65,7 @@ pub fn telemetry_figure(
     Ok(figure::telemetry(&plot)?)
 }
 
-/// Velocities of an estimator and of the board, in SI units.
+/// Figure with the velocity of an estimator and the velocity of the board, in SI units.
 pub fn replay_figure(
     replayed: &Replayed,
     [title, file]: [&str; 2],
@@ -96,7 +96,6 @@ pub fn replay_figure(
     Ok(figure::replay(&plot)?)
 }
 
-/// A record as a point of the figure.
 fn point(record: &Record, scene: Option<&Scene>) -> TelemetryPoint {
     let counts = f64::from(record.position.counts());
     let speed = f64::from(record.velocity.bits()) / 65_536.0;

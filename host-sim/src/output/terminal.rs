@@ -1,4 +1,4 @@
-//! Start and end of every command line: arguments, signals, output, errors.
+//! Start and end of every command: arguments, signals, output, errors.
 
 use std::{
     io::{self, Write as _},
@@ -17,18 +17,18 @@ use crate::{
     output::{SCHEMA_VERSION, files, signals},
 };
 
-/// The standard library's messages for a word that is not a number, and clearer messages.
+/// Messages of the standard library for a word that is not a number, and clearer messages in their place.
 const NUMBERS: [(&str, &str); 2] = [
     ("invalid float literal", "it has to be a number, without a unit"),
     ("invalid digit found in string", "it has to be a whole number, without a unit"),
 ];
 
-/// Whether result and error are printed as JSON, and the command. The command is `None` if it does not exist.
+/// Whether result and error are printed as JSON, and the name of the command; `None` if the command does not exist.
 static JSON: OnceLock<(bool, Option<String>)> = OnceLock::new();
-/// Whether an error was printed. Only the first error is printed.
+/// Whether an error has been printed. Only the first error is printed.
 static SAID: AtomicBool = AtomicBool::new(false);
 
-/// The one JSON object of a command: head and content.
+/// The JSON object of a command: head and content.
 #[derive(Serialize)]
 struct Headed<'a, T: Serialize> {
     schema_version: u32,
@@ -37,7 +37,7 @@ struct Headed<'a, T: Serialize> {
     body: T,
 }
 
-/// An error for a program. It is on stdout instead of the result.
+/// An error as JSON for programs. It is printed on stdout in place of the result.
 #[derive(Serialize)]
 struct Failed<'a> {
     error: JsonError<'a>,
@@ -50,7 +50,7 @@ struct JsonError<'a> {
     exit_code: u8,
 }
 
-/// Runs a command line and listens to signals. Prints an error, if there is one, and returns the exit code: 0 done, 1
+/// Runs a command line, and listens to signals. Prints an error, if there is one. Returns the exit code: 0 done, 1
 /// failed, 2 invalid input, 130 interrupted.
 pub fn run<T: Parser>(execute: impl FnOnce(T) -> Result<(), Error>) -> u8 {
     let cli = match parse() {
@@ -64,7 +64,7 @@ pub fn run<T: Parser>(execute: impl FnOnce(T) -> Result<(), Error>) -> u8 {
     error.exit_code()
 }
 
-/// The parsed command line, or an exit code after help, version or an error was printed.
+/// The parsed command line. If help, version or an error was printed instead: the exit code.
 fn parse<T: Parser>() -> Result<T, u8> {
     let matches = T::command().try_get_matches();
     let cli = matches.and_then(|mut matches| {
@@ -98,8 +98,7 @@ fn parse<T: Parser>() -> Result<T, u8> {
     })
 }
 
-/// Prints one line on stderr, and for a program an object on stdout. If neither can be printed, only the exit code
-/// shows the error.
+/// Prints one line on stderr, and with `--json` an object on stdout. If both fail, only the exit code shows the error.
 fn say_error(error: &Error) {
     if SAID.swap(true, Ordering::Relaxed) {
         return;
@@ -112,7 +111,7 @@ fn say_error(error: &Error) {
     }
 }
 
-/// `body` as JSON with the head of every object: schema version and command.
+/// `body` as JSON, after the head of every object: schema version and command.
 pub fn headed(body: impl Serialize) -> Result<String, Error> {
     let command = JSON.get().and_then(|(_, command)| command.as_deref());
     let headed = Headed { schema_version: SCHEMA_VERSION, command, body };
@@ -120,12 +119,11 @@ pub fn headed(body: impl Serialize) -> Result<String, Error> {
         .map_err(|error| Error::Internal(format!("cannot write JSON: {error}")))
 }
 
-/// Prints the one JSON object of a command.
 pub fn print_json(body: impl Serialize) -> Result<(), Error> {
     print_text(&headed(body)?)
 }
 
-/// Prints the result of a command: with `--json` one object, else the text.
+/// Prints the result of a command: with `--json` one object, otherwise the text.
 pub fn print_result(
     json: bool,
     body: impl Serialize,
@@ -144,7 +142,6 @@ pub fn print_text(text: &str) -> Result<(), Error> {
     }
 }
 
-/// Prints a note on stderr.
 pub fn note(text: &str) {
     let _ = writeln!(io::stderr(), "{}", printable(text, true));
 }

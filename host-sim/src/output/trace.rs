@@ -12,10 +12,11 @@ use crate::{
     },
 };
 
-/// One row per sample. `force_n` is the commanded force, held between outputs. `output_n` is the force on the handle
-/// at the end of the sample, after latency and output quantisation. `flags` is the sum of the bits in
-/// [`trace`](crate::simulation::trace). `port_energy_j` is the energy that the wall has taken in this contact, see
-/// [`zwidth::port`].
+/// The CSV of a trace, one row per sample. The columns:
+/// - `force_n`: the commanded force, held between outputs.
+/// - `output_n`: the force on the handle at the end of the sample, after latency and output quantisation.
+/// - `flags`: the sum of the bits in [`trace`](crate::simulation::trace).
+/// - `port_energy_j`: the energy that the wall has taken in this contact, see [`zwidth::port`].
 pub fn csv(trace: &Trace) -> String {
     let mut text = String::from(
         "time_s,position_m,count,velocity_m_per_s,force_n,output_n,flags,port_energy_j\n",
@@ -32,7 +33,7 @@ pub fn csv(trace: &Trace) -> String {
     text
 }
 
-/// Position over time, with the settle phase and the window.
+/// Position over time, with the settling phase and the window.
 pub fn figure(
     trace: &Trace,
     scene: &NamedScene,

@@ -8,9 +8,9 @@ use lab_trade::{
     table::{filter_points, pareto, plant_points},
 };
 
-/// Cutoffs of the Pareto figure, Hz. For each of them, the nearest tried cutoff is shown.
+/// Cutoffs in the Pareto figure, Hz. The nearest cutoff that was tried is shown for each of them.
 const SHOWN_HZ: [f64; 4] = [1.0, 20.0, 200.0, 2000.0];
-/// Variants in the figure over the cutoff.
+/// Variants that the figure over the cutoff shows.
 const FOLLOWED: [(Format, Form); 8] = [
     (Format::I32Feedback, Form::Direct1),
     (Format::I32, Form::Direct1),
@@ -22,9 +22,9 @@ const FOLLOWED: [(Format, Form); 8] = [
     (Format::F64, Form::Direct1),
 ];
 
-/// Smaller errors, relative to the allowed error, are drawn at this value.
+/// Smallest error that is drawn, relative to the allowed error. Smaller errors are drawn at this value.
 const SHARE_FLOOR: f64 = 1e-4;
-/// Larger errors, relative to the allowed error, are drawn on the frame, like unstable filters.
+/// Largest error that is drawn, relative to the allowed error. Larger errors are on the frame, like unstable filters.
 const SHARE_CEILING: f64 = 1e6;
 
 fn error_name(criterion: Criterion) -> &'static str {
@@ -61,7 +61,6 @@ fn mark(variant: Variant) -> Mark {
     }
 }
 
-/// Name in a legend.
 fn name(variant: Variant) -> String {
     match variant.format {
         Format::IdspDither | Format::IdspWide | Format::CmsisQ31 | Format::Cmsis32x64 => {
@@ -81,7 +80,7 @@ fn front(points: &[Option<[f64; 2]>]) -> Vec<[f64; 2]> {
     front
 }
 
-/// Error of the velocity over cycles, at a few cutoffs.
+/// Error of the velocity over processor cycles, at a few cutoffs.
 pub fn filters(scene: &str, filters: &Filters, bench: &Bench) -> Result<Figure, FigureError> {
     let mut shown: Vec<usize> = vec![];
     for wanted in SHOWN_HZ {
@@ -121,13 +120,13 @@ pub fn filters(scene: &str, filters: &Filters, bench: &Bench) -> Result<Figure, 
     })
 }
 
-/// Figure of the cutoffs at which the formats fail: see [`cutoffs_plot`].
+/// Figure of the cutoffs at which the formats fail. See [`cutoffs_plot`].
 pub fn cutoffs(scene: &str, filters: &Filters) -> Result<Figure, FigureError> {
     trade(&cutoffs_plot(scene, filters))
 }
 
-/// Cutoffs at which the formats fail: a panel for each of [`Criterion::ALL`] with the error divided by the allowed
-/// error. A filter is usable at a cutoff if it is above the line in no panel.
+/// The cutoffs at which the formats fail. There is a panel for each of [`Criterion::ALL`], with the error divided by
+/// the allowed error. A filter is usable at a cutoff if its error is below the line in all panels.
 pub fn cutoffs_plot(scene: &str, filters: &Filters) -> TradePlot {
     let shares = |variant: Variant, criterion: Criterion| -> Vec<[f64; 2]> {
         let rows = filters.rows.iter().filter(|row| row.variant == variant);

@@ -19,7 +19,7 @@ pub fn csv(study: &UsableStudy) -> String {
     versioned(study.table()).csv()
 }
 
-/// The largest usable K over B of each estimator, within the smallest error limit.
+/// The figure: largest usable K of each estimator over B, within the smallest error limit.
 ///
 /// # Errors
 /// The figure cannot be drawn.
@@ -48,7 +48,6 @@ pub fn figure(study: &UsableStudy, scene: &NamedScene) -> Result<Figure, FigureE
     })
 }
 
-/// The tables for people.
 pub fn text(study: &UsableStudy) -> String {
     let mut text = format!(
         "usable area, 10^6 N^2 s/m^2: walls that are stable and rendered as commanded; {} walks each, > cut at a cap",

@@ -1,4 +1,4 @@
-//! `cargo sim agree`: compares a measured walk with the predicted one.
+//! `cargo sim agree`: compares a measured walk with the predicted walk.
 
 use std::{
     fs,
@@ -56,7 +56,7 @@ fn a_walk_of_the_scene_agrees_and_one_of_a_slower_amplifier_names_it() {
     assert_eq!((table.lines().next(), table.lines().count()), (Some(head), 4));
     let figure = fs::read_to_string(place.join("both.svg")).unwrap();
     assert!(figure.contains("measured") && figure.contains("predicted"));
-    // The text for people has the same answer, and existing files are not replaced.
+    // The text for people has the same answer. Existing files are not replaced.
     let output = run(place, &["agree", "known.toml", "slow.csv"]);
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(text.contains("they differ") && text.contains("amplifier.bandwidth_hz"), "{text}");

@@ -1,4 +1,4 @@
-//! The command line for users: invalid input, output files, interruption.
+//! The command line: invalid input, output files, interruption.
 
 use std::{
     fs,
@@ -18,7 +18,7 @@ pub fn sim(folder: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_host-sim")).current_dir(folder).args(args).output().unwrap()
 }
 
-/// A scene file in its own folder, with `from` replaced by `to`.
+/// A scene file in its own folder. `from` is replaced with `to`.
 pub fn scene(from: &str, to: &str) -> TempDir {
     let text = SCENE;
     assert!(text.contains(from), "{from}");
@@ -27,8 +27,7 @@ pub fn scene(from: &str, to: &str) -> TempDir {
     folder
 }
 
-/// Asserts exit code 2, one line on stderr, nothing on stdout except with `--json`, and no new file. Returns the
-/// line.
+/// Asserts exit code 2, one line on stderr, stdout only with `--json`, and no new file. Returns the line.
 #[track_caller]
 pub fn refused(folder: &Path, args: &[&str]) -> String {
     let before = listing(folder);
@@ -59,7 +58,7 @@ pub fn listing(folder: &Path) -> Vec<String> {
 
 pub const WALL: [&str; 6] = ["--cutoff", "500", "--stiffness", "4000", "--damping", "20"];
 
-/// Arguments of `hit` on a stable wall.
+/// Arguments for `hit` on a stable wall.
 pub fn hit(scene: &str, extra: &[&str]) -> Vec<String> {
     [&["hit", scene], &WALL[..], extra].concat().into_iter().map(str::to_owned).collect()
 }
@@ -169,7 +168,7 @@ fn bad_arguments_are_refused_with_option_value_and_range() {
     }
 }
 
-/// The cutoff of a `hit`, or null if the command fails; and its text on stderr.
+/// The cutoff of a `hit`, or null if the command fails. Also its text on stderr.
 fn cutoff_of(folder: &Path, option: &[&str]) -> (Value, String) {
     let args = [&["hit", "mine.toml", "--json"], &WALL[2..], option].concat();
     let output = sim(folder, &args);
@@ -193,7 +192,7 @@ fn the_cutoff_is_the_options_then_the_scenes_then_the_only_one_of_its_sweep() {
     assert!(note.starts_with("note: mine: ") && note.contains("velocity.cutoff_hz"), "{note}");
     assert_eq!(note.lines().count(), 1, "{note}");
     assert_eq!(cutoff_of(only.path(), &["--cutoff", "500"]), (500.0.into(), String::new()));
-    // a sweep has its own list
+    // a sweep has a list of cutoffs
     let args = ["sweep", "mine.toml", "--cutoffs", "1500", "--repeat", "1", "--plain", "--json"];
     let swept: Value = serde_json::from_slice(&sim(with_key.path(), &args).stdout).unwrap();
     assert_eq!(swept["scenes"][0]["ideal_cutoff_hz"], 1500.0);
@@ -269,7 +268,7 @@ fn a_hit_prints_one_json_object_and_writes_its_trace() {
     assert_eq!(lines.next(), Some(header));
     assert_eq!(lines.clone().count(), 60_000);
     assert!(lines.next().unwrap().starts_with("0,0,0,0,2.8"));
-    // flags: 2 with every tenth sample; 1 exactly when the count is beyond the wall's surface
+    // flags: 2 with every tenth sample; 1 exactly if the count is beyond the surface of the wall
     for (n, line) in trace.lines().skip(1).enumerate() {
         let fields: Vec<&str> = line.split(',').collect();
         let (count, flags): (i32, u8) = (fields[2].parse().unwrap(), fields[6].parse().unwrap());
@@ -292,7 +291,7 @@ fn a_hit_prints_one_json_object_and_writes_its_trace() {
     assert!(refused(folder.path(), &odd).contains(".svg and .png"));
 }
 
-/// This test is for the default build; `.ci/open-files` tests the other build.
+/// For the default build. `.ci/open-files` tests the other build.
 #[test]
 fn a_build_without_parquet_and_mcap_says_so_and_writes_nothing() {
     let folder = TempDir::new().unwrap();
@@ -365,7 +364,7 @@ fn results_are_complete_the_same_for_any_thread_count_and_not_replaced_unasked()
         assert!(!bytes("one").is_empty());
     }
     assert_eq!(fs::read_dir(folder.path().join("one")).unwrap().count(), names.len());
-    // every wall of the envelope that is on the grid of the hits is stable
+    // every wall of the envelope that the grid of hits also has is stable
     let envelope = fs::read_to_string(folder.path().join("one/envelope.csv")).unwrap();
     let row = envelope.lines().find(|line| line.starts_with("paper-2um,butterworth,200,10,10,60,"));
     let mut ends = row.unwrap().rsplit(',').map(|end| end.parse::<f64>().unwrap());
@@ -391,7 +390,7 @@ fn results_are_complete_the_same_for_any_thread_count_and_not_replaced_unasked()
 
 #[test]
 fn a_folder_that_cannot_be_written_is_refused_before_the_first_walk() {
-    // the first walk would fail too, with another message
+    // the first walk would fail too, but with another message
     let folder = scene("push_n = 2.835", "push_n = 0.1");
     fs::write(folder.path().join("file"), "").unwrap();
     let line = refused(folder.path(), &["sweep", "mine.toml", "--out", "file/below"]);
@@ -418,7 +417,7 @@ fn interrupt(signal: &str) {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // the staging folder shows that the work has started
+    // a staging folder appears when the work has started
     let deadline = Instant::now() + Duration::from_secs(20);
     while !folder.path().join("zwidth-out/paper-2um").exists() {
         assert!(Instant::now() < deadline, "the sweep does not begin");
@@ -453,7 +452,7 @@ fn linear_gives_the_known_boundary_and_says_where_the_gain_margin_fails() {
     assert!(csv.starts_with("cutoff_hz,damping_n_s_per_m,stiffness_max_n_per_m\n20,0,1104"));
     let line = refused(folder.path(), &args[..4]);
     assert!(line.contains("--dampings"), "{line}");
-    // the passivity condition leaves out parts of the scene's loop: the list names them
+    // the passivity condition leaves out parts of the scene's loop; a list names these parts
     let passive = ["linear", "paper-1um", "--cutoffs", "2000", "--dampings", "0", "--passivity"];
     let output = sim(folder.path(), &[&passive[..], &["--json", "--csv", "p.csv"]].concat());
     let json: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -467,7 +466,7 @@ fn linear_gives_the_known_boundary_and_says_where_the_gain_margin_fails() {
     assert!(csv.starts_with(&format!("{head}stiffness_passive_n_per_m\n")), "{csv}");
     let text = String::from_utf8(sim(folder.path(), &passive).stdout).unwrap();
     assert!(text.contains("not part of the passivity condition: actuator.period"), "{text}");
-    // with the scene's own loop: K < b / (T/2 + t_d) = 5.5195 / 1.5 ms, just inside its envelope of 3693 N/m
+    // with the scene's own loop: K < b / (T/2 + t_d) = 5.5195 / 1.5 ms, slightly inside its envelope of 3693 N/m
     let output = sim(folder.path(), &[&passive[..], &["--json", "--multirate"]].concat());
     let json: Value = serde_json::from_slice(&output.stdout).unwrap();
     let row = &json["rows"][0];
@@ -475,7 +474,7 @@ fn linear_gives_the_known_boundary_and_says_where_the_gain_margin_fails() {
     assert!((k / 3679.67 - 1.0).abs() < 1e-4, "{k}");
     assert!(k < row["stiffness_max_n_per_m"].as_f64().unwrap());
     assert_eq!(json["passivity_left_out"], serde_json::json!([]));
-    // the text says where the paper's method fails, or must select one of several crossings
+    // the text says at which points the paper's method fails, or must select one of several crossings
     let at = |cutoff: &str, damping: &str| {
         let args = ["linear", "paper-1um", "--cutoffs", cutoff, "--dampings", damping];
         String::from_utf8(sim(folder.path(), &args).stdout).unwrap()

@@ -7,13 +7,13 @@ use tempfile::TempDir;
 
 use crate::page;
 
-/// A scene with short walks, because the search is tested here.
+/// A scene with short walks, because only the search is tested.
 fn scene(folder: &Path) {
     let text = include_str!("../../../scenes/paper-2um.toml");
     let text = text
         .replace("stiffness_step_n_per_m = 2000", "stiffness_step_n_per_m = 8000")
         .replace("damping_step_n_s_per_m = 10", "damping_step_n_s_per_m = 60")
-        // the walk of an observer that gets the force ends only at a cap
+        // with an observer that gets the force, a walk ends only at a cap
         .replace("damping_max_n_s_per_m = 4000", "damping_max_n_s_per_m = 1200")
         .replace("stiffness_max_n_per_m = 1e7", "stiffness_max_n_per_m = 200_000")
         .replace("settle_s = 4.0", "settle_s = 1.0")
@@ -69,7 +69,7 @@ fn the_result_is_complete_the_same_for_any_thread_count_and_names_winners() {
     assert!(area_winner["butterworth_rank"].as_u64().unwrap() <= 2);
     assert_eq!(area_winner["class"], "position_only");
     assert!(json["impedance_error_of_loop"].as_f64().unwrap() > 0.0);
-    // the tunings that the search tried, with two walks each except for losers, and whether it converged
+    // all tunings that were tried, with two walks each except for those that lost early; whether the search converged
     let tuning = fs::read_to_string(folder.path().join("a/tuning.csv")).unwrap();
     let tried = |name: &str| tuning.lines().filter(|line| line.starts_with(name)).count();
     assert!((4..=6).contains(&tried("butterworth")) && tried("difference") == 0, "{tuning}");
@@ -83,7 +83,7 @@ fn the_result_is_complete_the_same_for_any_thread_count_and_names_winners() {
     page::has_keys_of("## Of `compare`", &json);
     let table = fs::read_to_string(folder.path().join("a/compare.csv")).unwrap();
     page::has_columns_of("compare.csv", &table);
-    // the impedance error is the geometric mean over the three walls and seven frequencies of fidelity.csv
+    // the impedance error is the geometric mean over three walls and seven frequencies in fidelity.csv
     let fidelity = fs::read_to_string(folder.path().join("a/fidelity.csv")).unwrap();
     let shares = fidelity.lines().filter(|line| line.starts_with("butterworth,"));
     let shares: Vec<f64> =
@@ -93,14 +93,14 @@ fn the_result_is_complete_the_same_for_any_thread_count_and_names_winners() {
     let butterworth = rows.iter().find(|row| row["estimator"] == "butterworth").unwrap();
     let share = butterworth["impedance_error_of_estimator"].as_f64().unwrap();
     assert!((share / mean.exp() - 1.0).abs() < 1e-9, "{share}");
-    // sixteen hits with chaotic motion
+    // the motion in these sixteen hits is chaotic
     let [low, mean, high] = ["roughness_low_n", "roughness_n", "roughness_high_n"]
         .map(|key| butterworth[key].as_f64().unwrap());
     assert!(low < mean && mean < high, "{low} {mean} {high}");
     assert_eq!(json["walls"].as_array().unwrap().len(), 3);
     let (code, _, error) = compare(folder.path(), &[few, "--out", "a"]);
     assert!(code == 2 && error.contains("--force"), "{error}");
-    // the wall for contacts is that of the tuned Butterworth, even if Butterworth is not in the list
+    // the wall for contacts is that of the tuned Butterworth, even if the list does not have Butterworth
     let (_, alone, _) =
         compare(folder.path(), &["--json", "--estimators=difference", "--out", "c"]);
     let alone: Value = serde_json::from_str(&alone).unwrap();
@@ -128,8 +128,7 @@ fn force_is_compared_at_a_damping_that_the_boundary_reaches() {
     }
 }
 
-/// By default walls must be quiet, and the walks use a special grid. The area by the scene's criterion, at the same
-/// tuning, is the area of a walk.
+/// By default walls must be quiet, on a special grid. The area by the scene's own criterion is that of a walk.
 #[test]
 fn quiet_walls_rank_and_the_scene_s_criterion_stands_beside() {
     let folder = TempDir::new().unwrap();
@@ -157,7 +156,7 @@ fn quiet_walls_rank_and_the_scene_s_criterion_stands_beside() {
     assert!(own["estimators"][0]["scene_area_n2_s_per_m2"].is_null());
 }
 
-/// Runs the commands for a scene at the lowest and at the highest sample rate.
+/// Runs the commands for one scene at the lowest and at the highest sample rate.
 fn at_both_rates(commands: impl Fn(u32, &str) -> Vec<Vec<String>>) {
     let folder = TempDir::new().unwrap();
     scene(folder.path());
@@ -224,11 +223,11 @@ fn the_terminal_gets_tables_of_at_most_120_columns_with_what_each_estimator_need
     {
         assert!(text.contains(part), "{part}:\n{text}");
     }
-    // with few tunings, some best tunings are at the end of a range: each has a star and a reason
+    // with few tunings, some best tunings are at the end of a range; each of these has a star and a reason
     let words = text.split_whitespace().collect::<Vec<_>>().join(" ");
     let stars = text.matches('*').count() - 1; // one star is in the heading
     assert!(stars > 0 && stars == words.matches("is an end of its range").count(), "{text}");
-    // the same number of tunings for each, four times as many with two parameters
+    // each estimator has the same number of tunings, and four times as many with two parameters
     let tuning =
         fs::read_to_string(folder.path().join("zwidth-out/coarse/compare/tuning.csv")).unwrap();
     for (name, most) in
@@ -245,7 +244,7 @@ fn the_terminal_gets_tables_of_at_most_120_columns_with_what_each_estimator_need
     for row in &rows[1..] {
         let model = row[0] == "observer";
         assert_eq!(!row[column("left_when_mass_low")].is_empty(), model, "{row:?}");
-        // the pusher changes the result only for estimators that know the motor's force
+        // motor or hand only makes a difference for estimators that use the motor's force
         let [hand, motor] =
             ["phase_100_hz_hand_deg", "phase_100_hz_motor_deg"].map(|k| row[column(k)]);
         assert_eq!(hand != motor, model, "{row:?}");
@@ -273,7 +272,7 @@ fn bad_arguments_are_refused_with_what_is_allowed() {
     assert!(!folder.path().join("zwidth-out").exists());
 }
 
-/// The published order of estimators, compared with an untuned filter of 50 Hz. A tuned filter does as well, see
+/// The published order of estimators, against an untuned filter of 50 Hz. A tuned one is as good:
 /// docs/lab/comparison.md.
 #[test]
 #[ignore = "a search of eight estimators; CI runs it"]
@@ -285,7 +284,7 @@ fn levant_windowing_and_kalman_raise_the_stiffest_wall_of_an_untuned_filter() {
         let row = rows.iter().find(|row| row["estimator"] == name).unwrap();
         row["stiffness_peak_mean_n_per_m"].as_f64().unwrap()
     };
-    // the scene of 1 um, and enough tunings to find the narrow window of Levant's explicit form
+    // the scene of 1 um, and enough tunings for the narrow range of Levant's explicit form
     let path = folder.path().join("coarse.toml");
     let fine =
         fs::read_to_string(&path).unwrap().replace("resolution_m = 2e-6", "resolution_m = 1e-6");
@@ -392,8 +391,8 @@ fn peers_are_a_table_for_programs_and_one_for_people() {
     };
     let json: Value = serde_json::from_str(&run(&["--json", "--threads", "1"])).unwrap();
     let areas = json["areas"].as_array().unwrap();
-    // 13 defaults, the scene's own estimator at two cutoffs, the true velocity; each for the scene's loop and two
-    // boards
+    // three loops (the scene's, two boards), each with 13 defaults, the scene's estimator at two cutoffs, the true
+    // velocity
     assert_eq!(areas.len(), 3 * 16);
     let csv = fs::read_to_string(folder.path().join("zwidth-out/coarse/peers/peers.csv")).unwrap();
     page::has_keys_of("### Of `compare --peers`", &json);

@@ -10,7 +10,7 @@ use crate::{
     page,
 };
 
-/// A scene whose walks and hits are short.
+/// A scene with short walks and short hits.
 fn coarse() -> TempDir {
     let folder = scene("stiffness_step_n_per_m = 2000", "stiffness_step_n_per_m = 16000");
     let path = folder.path().join("mine.toml");
@@ -55,7 +55,7 @@ fn a_design_depends_neither_on_threads_nor_engine_and_runs_as_a_scene() {
     for filter in filters {
         assert!(filter["gain_peak_db"].as_f64().unwrap() <= 6.0);
         let (b, a) = (numbers(&filter["b"]), numbers(&filter["a"]));
-        // reading JSON may round
+        // the JSON reader may round
         assert!((b.iter().sum::<f64>() - 1.0 - a[0] - a[1]).abs() < 1e-14, "a DC gain of one");
         let lead = filter["velocity"]["lead_s"].as_f64().unwrap();
         assert_eq!(filter["delay_s"].as_f64().unwrap(), -lead);
@@ -67,7 +67,7 @@ fn a_design_depends_neither_on_threads_nor_engine_and_runs_as_a_scene() {
             &fs::read_to_string(folder.path().join("one").join(name)).unwrap(),
         );
     }
-    // the scene with the best filter has the walls of the result
+    // the scene with the best filter has the same walls as the result
     let cutoff = numbers(&filters[0]["sweep"]["cutoffs_hz"])[0].to_string();
     let output = sim(folder.path(), &["walk", "one/best.toml", "--cutoff", &cutoff, "--json"]);
     let walked: Value = serde_json::from_slice(&output.stdout).unwrap();

@@ -1,4 +1,4 @@
-//! `--engine core` and `--engine lanes`: all commands that run hits give the same bytes.
+//! `--engine core` and `--engine lanes` give the same bytes, for all commands that run hits.
 
 use std::{fs, path::Path, process::Command};
 
@@ -14,8 +14,8 @@ fn scene(folder: &Path) {
     fs::write(folder.join("short.toml"), text).unwrap();
 }
 
-/// Runs a command with both engines. Output and files must have the same bytes. `FILE` in the arguments becomes a
-/// file or folder for each engine.
+/// Runs a command with both engines, and compares the bytes of output and files. `FILE` in the arguments becomes a
+/// separate file or folder for each engine.
 fn both(folder: &Path, command: &str, files: &[&str]) {
     let [core, lanes] = ["core", "lanes"].map(|engine| {
         let output = Command::new(env!("CARGO_BIN_EXE_host-sim"))

@@ -8,7 +8,7 @@ fn sim() -> Command {
     Command::new(env!("CARGO_BIN_EXE_host-sim"))
 }
 
-/// The paper's device. Settling time and window of a hit have `ms` milliseconds each.
+/// The paper's device. In a hit, settling time and window are `ms` milliseconds each.
 fn scene(folder: &Path, ms: u32) -> String {
     let text = include_str!("../../../scenes/paper-1um.toml")
         .lines()
@@ -89,7 +89,7 @@ fn bad_input_is_one_line_and_leaves_no_file() {
     }
 }
 
-/// The batch engine may take at most 300 MB for a million points, because it streams them.
+/// The engine may use at most 300 MB for a million points, because it streams them.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_million_walls_take_less_than_300_mb() {

@@ -20,15 +20,15 @@ use crate::{
 
 /// Longest time from a signal to the program's end.
 const ENDS_IN: Duration = Duration::from_secs(1);
-/// Longest time of a command that is not interrupted. After this time it is killed.
+/// Longest time of a command that is not interrupted. After this time the test kills it.
 const TAKES: Duration = Duration::from_secs(20);
 
-/// The command with a limit of 2 GB of address space, and with fewer processors than threads.
+/// The command with at most 2 GB of address space, and with fewer processors than threads.
 fn command(folder: &Path, args: &[&str]) -> Command {
     shell(folder, "ulimit -v 2000000", args)
 }
 
-/// The command after a line of the shell.
+/// The command, run by a shell after the line `first`.
 fn shell(folder: &Path, first: &str, args: &[&str]) -> Command {
     let mut command = Command::new("sh");
     command.args(["-c", &format!("{first}; exec \"$0\" \"$@\" --threads 2")]);
@@ -111,7 +111,7 @@ fn log(rows: usize) -> String {
     .csv()
 }
 
-/// A device that needs 10,000 integration steps per sample. A hit takes minutes.
+/// A device that needs 10,000 integration steps per sample, so that a hit takes minutes.
 fn stiff() -> TempDir {
     let integrator = "[integrator]\nmethod = \"rk4\"\nsteps_per_sample = 10000\n\n[sweep]";
     scene("[sweep]", integrator)
@@ -128,7 +128,7 @@ fn every_command_ends_within_a_second_of_a_signal() {
     let hit: Vec<&str> = hit.iter().map(String::as_str).collect();
     let dampings = ["--cutoffs", "1001:1:1100", "--dampings", "0:0.1:999.9"];
     let grid = ["grid", "mine.toml", "--cutoffs", "500", "--dampings", "20", "--stiffnesses"];
-    // The fit comes first: it could end by itself before it is interrupted.
+    // The fit is the first case, because it could end before its interruption.
     let cases: [(&str, Vec<&str>); 11] = [
         ("-TERM", vec!["identify", "log.csv", "--gain", "0.6", "--out", "o.toml"]),
         ("-INT", vec!["walk", "pipe", "--cutoff", "500", "--csv", "w.csv"]),
@@ -143,7 +143,7 @@ fn every_command_ends_within_a_second_of_a_signal() {
         ("-TERM", vec!["compare", "paper-1um", "--out", "compare"]),
     ];
     let mut late = vec![];
-    // Only a few at a time: on two processors all of them would slow each other down.
+    // Only a few cases run at the same time. On two processors, all together would be too slow.
     for cases in cases.chunks(3) {
         let started = cases.iter().map(|(_, args)| Started::new(command(folder, args)));
         let mut children: Vec<Started> = started.collect();
@@ -265,7 +265,7 @@ fn a_place_that_another_run_writes_is_refused_and_a_killed_run_is_cleaned_up() {
     assert_eq!(line.trim_end().lines().count(), 1, "{line}");
     signal(&first.0, "-TERM");
     assert_eq!(wait(&mut first.0, 2 * ENDS_IN).and_then(|status| status.code()), Some(130));
-    // only the folder of the killed run remains
+    // only the folder of the killed run is left
     assert_eq!(listing(folder.path()).len(), 1);
 }
 
@@ -274,7 +274,7 @@ fn several_outputs_appear_together_or_not_at_all() {
     let folder = TempDir::new().unwrap();
     let path = folder.path();
     fs::write(path.join("log.csv"), log_of(0.0, 20_000)).unwrap();
-    // The disk is full: the scene fits, but the CSV does not.
+    // The disk is full: there is space for the scene, but not for the CSV.
     let args =
         ["identify", "log.csv", "--gain", "0.5906", "--out", "new.toml", "--csv", "new/i.csv"];
     let before = listing(path);
@@ -294,7 +294,7 @@ fn several_outputs_appear_together_or_not_at_all() {
     let far = sim(path, &["telemetry", "far.bin", "--csv", "far.csv", "--plot", "far.svg"]);
     assert_eq!(far.status.code(), Some(1));
     assert_eq!(listing(path), before);
-    // Two scenes, and the second cannot be written.
+    // The second of two scenes cannot be written.
     fs::create_dir_all(path.join("both/paper-2um/areas.csv")).unwrap();
     let before = listing(path);
     let both = ["sweep", "--cutoffs", "100", "--repeat", "1", "--out", "both", "--force"];
@@ -323,7 +323,7 @@ fn a_message_is_one_short_printable_line() {
     bounded(path, &["walk", "no\u{1b}[31m\nscene", "--cutoff", "500"], "no\\u{1b}[31m\\nscene");
     bounded(path, &["walk", "paper-1um", "--cutoff", &"x".repeat(100_000)], "characters ..] ");
     bounded(path, &["walk", &"x/".repeat(2000), "--cutoff", "1"], "built-in scenes: paper-1um");
-    // a scene's name is printed too
+    // the name of a scene is printed too
     let named = "e\u{1b}[31m.toml";
     fs::write(path.join(named), SCENE).unwrap();
     let output = sim(path, &[&["hit", named], &WALL[..]].concat());

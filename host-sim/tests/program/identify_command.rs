@@ -17,7 +17,7 @@ use tempfile::TempDir;
 
 use crate::page;
 
-/// Longest time from a log to a scene, s. The measured time is 0.2 s.
+/// Longest time from a log to a scene, s. 0.2 s were measured.
 const LONGEST_S: f64 = 2.0;
 
 fn sim(folder: &Path, args: &[&str]) -> Output {
@@ -48,7 +48,7 @@ fn log(added_kg: f64) -> String {
     log_of(added_kg, 20_000)
 }
 
-/// Two pulses on the paper's device with `added_kg` more mass, with noise of about half a count.
+/// Two pulses on the paper's device with `added_kg` more mass. The noise is about half a count.
 pub fn log_of(added_kg: f64, rows: usize) -> String {
     let device = NamedScene::load("paper-1um").unwrap().scene.device;
     let device = Device { mass_kg: device.mass_kg + added_kg, ..device };
@@ -101,7 +101,7 @@ fn positions_in_mm_are_named_as_the_likely_cause() {
     in_mm(1000.0, "mm.csv");
     let args = ["identify", "mm.csv", "--gain", "0.5906"];
     refused(folder, &args, "are these mm?");
-    // without counts, only an implausible travel or mass shows a wrong unit
+    // without counts, a wrong unit is only visible by an implausible travel or mass
     refused(
         folder,
         &[&args[..], &["--resolution", "0"]].concat(),
@@ -112,7 +112,7 @@ fn positions_in_mm_are_named_as_the_likely_cause() {
     refused(folder, &args, "are these mm?");
 }
 
-/// The log with other headers and units.
+/// Writes the log with another header and other units.
 fn with_header(folder: &Path, header: &str, [time, command, position]: [f64; 3]) {
     let text = fs::read_to_string(folder.join("log.csv")).unwrap();
     let rows = text.lines().skip(1).map(|line| {
@@ -183,7 +183,7 @@ fn a_log_becomes_a_scene_that_the_other_commands_take() {
     let took_s = start.elapsed().as_secs_f64();
     println!("from CSV to scene in {took_s:.2} s");
     assert!(took_s < LONGEST_S);
-    let scene = json["scene"].take(); // these keys are in docs/scenes.md
+    let scene = json["scene"].take(); // docs/scenes.md has these keys
     page::has_keys_of("## `identify LOG", &json);
     json["scene"] = scene;
     assert_eq!((&json["schema_version"], &json["command"]), (&2.into(), &"identify".into()));
@@ -328,7 +328,7 @@ fn terms_are_asked_for_by_name_and_become_elements() {
     refused(folder, &[&plain[..4], &["--offset"]].concat(), "give --rest-position");
     refused(folder, &[&plain[..4], &["--friction", "--terms", "none"]].concat(), "--terms");
     refused(folder, &[&plain[..4], &["--encoder-cycle", "2"]].concat(), "--encoder-cycle is 2");
-    // the option places the spring's rest position 1 mm away: so a force holds the spring there
+    // the option moves the spring's rest position by 1 mm, so a constant force must hold the spring
     let asked = [&plain[..], &["--rest-position", "0.0507", "--out", "pushed.toml"]].concat();
     let json: serde_json::Value = serde_json::from_str(&done(folder, &asked)).unwrap();
     let force_n = json["terms"]["offset_n"]["value"].as_f64().unwrap();

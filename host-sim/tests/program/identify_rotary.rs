@@ -1,4 +1,4 @@
-//! `identify` with a rotary base scene, compared with the linear scene of the same device.
+//! `identify` with a rotary base scene. The results are compared with the linear scene of the same device.
 
 use std::{fs, path::Path};
 
@@ -14,8 +14,7 @@ const PULSE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/pulse.bin"
 /// Relative tolerance. Results have twelve digits.
 const ROUNDING: f64 = 1e-10;
 
-/// `known.toml` as a rotary scene. The motor makes 2 turns per turn of the handle. With `resistance_ohm` it has a
-/// voltage amplifier.
+/// `known.toml` as a rotary scene with a ratio of 2. With `resistance_ohm` it has a voltage amplifier.
 fn rotary(resistance_ohm: Option<f64>) -> String {
     let r = RADIUS_M;
     let known: toml::Table = KNOWN.parse().unwrap();
@@ -84,7 +83,7 @@ fn a_rotary_scene_is_found_as_the_one_by_hand_and_written_in_its_keys() {
     }
     let friction = by_hand["terms"]["friction_n"]["value"].as_f64().unwrap();
     near(&turned["terms"]["friction_n_m"]["value"], friction * r, "friction");
-    // The scene keeps its own keys, measured values are no longer in `estimated`, and the device is the same.
+    // The scene keeps its rotary keys, `estimated` does not list measured values, and the device is the same.
     let text = fs::read_to_string(folder.path().join("found.toml")).unwrap();
     let tables: toml::Table = text.parse().unwrap();
     assert_eq!(tables["estimated"].as_array().unwrap().len(), 1, "{text}");
@@ -111,7 +110,7 @@ fn a_column_of_angles_is_read_and_one_of_metres_is_refused() {
     fs::write(folder.path().join("paddle.toml"), rotary(None)).unwrap();
     let words = ["identify", PULSE, "--base", "paddle.toml", "--csv", "fit.csv"];
     let found = json(folder.path(), &[&words[..], &SPAN].concat());
-    // The CSV from `identify` is a record itself.
+    // The CSV that `identify` writes is a valid record.
     let fit = fs::read_to_string(folder.path().join("fit.csv")).unwrap();
     assert!(fit.starts_with("time_s,voltage_v,position_rad,model_rad,residual_rad\n"), "{fit:.80}");
     let again = json(folder.path(), &["identify", "fit.csv", "--base", "paddle.toml"]);
@@ -122,7 +121,7 @@ fn a_column_of_angles_is_read_and_one_of_metres_is_refused() {
     assert!(line.contains("no column position_rad"), "{line}");
 }
 
-/// Errors and warnings are about angles, and name the options and columns of a rotary scene.
+/// Errors and warnings are about angles. They name options and columns of a rotary scene.
 #[test]
 fn what_is_wrong_with_a_record_is_said_about_the_axis() {
     let folder = TempDir::new().unwrap();
@@ -159,7 +158,7 @@ fn what_is_wrong_with_a_record_is_said_about_the_axis() {
         let line = refused(folder, &args);
         assert!(line.contains(wanted), "{line}");
     }
-    // The device has less than 5 g at its radius.
+    // The mass of the device is less than 5 g at its radius.
     let words = ["identify", "fit.csv", "--base", "paddle.toml", "--gain", "1e-4"];
     let found = json(folder, &words);
     let warnings = found["warnings"].to_string();

@@ -9,7 +9,7 @@ use crate::{
     page,
 };
 
-/// A short hit and low caps, so that the test is fast.
+/// A scene with a short hit and low caps, so that the test is fast.
 fn scene() -> String {
     let text = include_str!("../../../scenes/paper-1um.toml");
     let changes = [
@@ -51,8 +51,8 @@ fn a_device_in_other_loops_is_rows_by_what_is_between() {
         "stiffness_step_n_per_m",
     ]
     .map(column);
-    // loops: the scene's own, four periods of one board and two of the other; each with two limits, by motor and by
-    // hand, at one cutoff, and with the true velocity if the loop has no added element
+    // seven loops: the scene's own, four periods of one board, two of the other; for each: two limits, motor and hand,
+    // one cutoff, and the true velocity if the loop has no added element
     assert_eq!(rows.len(), 7 * 2 * 2 * (3 + 1));
     let loops: BTreeSet<(&str, &str)> =
         rows.iter().map(|row| (row[of_loop], row[period])).collect();

@@ -1,4 +1,4 @@
-//! Compares `docs/files.md` with the files and the JSON that the program writes. The tests of the commands call it.
+//! Compares `docs/files.md` with the files and the JSON of the program. Tests of the commands call it.
 
 use std::collections::BTreeSet;
 
@@ -6,20 +6,20 @@ use serde_json::Value;
 
 const PAGE: &str = include_str!("../../../docs/files.md");
 
-/// Names in code marks.
+/// Names between backticks.
 fn names(text: &str) -> BTreeSet<&str> {
     let code = text.split('`').skip(1).step_by(2);
     code.flat_map(|code| code.split(|c: char| !c.is_ascii_alphanumeric() && c != '_')).collect()
 }
 
-/// Asserts that the table whose head begins with ``column of `FILE` `` names exactly the columns of this file.
+/// Asserts that the table with the head ``column of `FILE` `` names exactly the columns of this file.
 pub fn has_columns_of(file: &str, csv: &str) {
     let head = format!("| column of `{file}` |");
     let table = PAGE.split_once(&head).unwrap_or_else(|| panic!("no table {head}")).1;
     let rows = table.lines().skip(2).take_while(|line| line.starts_with('|'));
     let written: BTreeSet<&str> =
         csv.lines().next().unwrap().split(',').filter(|name| *name != "schema_version").collect();
-    // a design with one section has no columns of a second section
+    // a design with one section has no columns for a second section
     let is_left_out = |name: &&str| {
         file == "design.csv" && name.starts_with("second_") && !written.contains(name)
     };
@@ -30,7 +30,7 @@ pub fn has_columns_of(file: &str, csv: &str) {
     assert_eq!(told, written, "docs/files.md (left), {file} (right)");
 }
 
-/// Asserts that the text below this heading names all keys of the object, except the keys of every object.
+/// Asserts that the text below this heading names all keys of the object, except for keys that every object has.
 pub fn has_keys_of(heading: &str, object: &Value) {
     let at = format!("\n{heading}");
     let level = heading.split(' ').next().unwrap();

@@ -7,7 +7,7 @@ use tempfile::TempDir;
 
 use crate::cli::sim;
 
-/// Scene, cutoff, K and B of a wall far inside the stable range, in the scene's units.
+/// Scene, cutoff, K and B of a wall that is far inside the stable range. Units are those of the scene.
 const WALLS: [(&str, [&str; 3]); 6] = [
     ("epfl-paddle", ["500", "20", "0.1"]),
     ("rice-paddle", ["500", "20", "0.1"]),
@@ -34,7 +34,7 @@ fn every_ready_device_holds_a_wall() {
     }
 }
 
-/// Guessed values are in the scene's units, like the other values of the output.
+/// Guessed values are in the scene's units, as are the other values of the output.
 #[test]
 fn every_ready_device_has_a_record() {
     let folder = TempDir::new().unwrap();
@@ -61,7 +61,7 @@ fn every_ready_device_has_a_record() {
     }
 }
 
-/// Every command lists the values that were not measured, in its text and in its JSON.
+/// Every command lists the estimated values, in its text and in its JSON.
 #[test]
 fn every_command_names_what_is_estimated() {
     let folder = TempDir::new().unwrap();
@@ -95,7 +95,7 @@ fn is_marked(folder: &Path, args: &[&str], before: &str) {
     assert_eq!(text.lines().filter(|line| line.starts_with(&note)).count(), 1, "{args:?}: {text}");
 }
 
-/// The estimator in `explain` is the best of a longer search, or its area is within the range of the best.
+/// The estimator that `explain` finds is the best of a longer search, or its area is in the range of the best.
 #[test]
 #[ignore = "an explanation and a comparison of each ready device; .ci/long runs it"]
 fn the_best_estimator_of_an_explanation_is_that_of_a_comparison() {

@@ -1,4 +1,4 @@
-//! A rotary scene and the linear scene of the same device: the same results, in other units.
+//! A rotary scene and the linear scene of the same device give the same results in different units.
 
 use std::{fs, path::Path};
 
@@ -10,7 +10,7 @@ use crate::cli::{refused, sim};
 
 const RADIUS_M: f64 = 0.07;
 const HAND: Units = Units::Rotary { radius_m: RADIUS_M };
-/// Relative tolerance. Results have twelve digits in rotary units.
+/// Relative tolerance. Results in rotary units have twelve digits.
 const ROUNDING: f64 = 1e-11;
 
 const ROTARY: &str = include_str!("paddle/rotary.toml");
@@ -18,12 +18,12 @@ const BY_HAND: &str = include_str!("paddle/by-hand.toml");
 
 /// Keys of JSON whose texts contain numbers with units.
 const IN_WORDS: [&str; 5] = ["change", "what", "cost", "answers", "reason"];
-/// Relative tolerance of numbers in texts, which have four digits.
+/// Relative tolerance of numbers in texts. They have four digits.
 const READ: f64 = 1e-3;
-/// Names for the encoder's counts per turn and per millimetre of the handle.
+/// Names for the encoder's counts: per turn, and per millimetre of the handle.
 const COUNTS: [(&str, &str); 1] = [("turn of the handle", "mm of handle")];
 
-/// A scene file with a fixed name in its own folder.
+/// A scene file with a fixed name, in its own folder.
 fn scene(of: &str) -> TempDir {
     let folder = TempDir::new().unwrap();
     fs::write(folder.path().join("mine.toml"), of).unwrap();
@@ -80,7 +80,7 @@ fn same_tables(rotary: &Path, by_hand: &Path) {
     }
 }
 
-/// Asserts that texts for people have the same words, and numbers converted to the rotary units, with few digits.
+/// Asserts that texts for people have the same words, and numbers in rotary units with few digits.
 #[track_caller]
 fn same_words(rotary: &str, by_hand: &str) {
     let mut due = HAND.text(by_hand);
@@ -116,7 +116,7 @@ fn same_json(rotary: &Value, by_hand: &Value, factor: f64, what: &str) {
             assert_eq!(rotary.len(), by_hand.len(), "{what}");
             for (key, value) in by_hand {
                 let (told_key, mut factor) = told(key);
-                // the key is the value of a criterion's winner: the criterion gives the unit
+                // the key is the value of a winner; its criterion gives the unit
                 if let (Some(criterion), "value") = (by_hand.get("criterion"), key.as_str()) {
                     factor = told(criterion.as_str().unwrap()).1;
                 }
@@ -135,7 +135,7 @@ fn same_json(rotary: &Value, by_hand: &Value, factor: f64, what: &str) {
         (Value::String(rotary), Value::String(by_hand)) if what == "criterion" => {
             assert_eq!(*rotary, told(by_hand).0);
         }
-        // both texts choose their own power of ten
+        // each text selects its own power of ten
         (Value::String(_), Value::String(_)) if what == "notes" => {}
         (Value::String(rotary), Value::String(by_hand)) if IN_WORDS.contains(&what) => {
             same_words(rotary, by_hand);
@@ -150,7 +150,7 @@ fn run(folder: &Path, args: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or_default()
 }
 
-/// Runs a command with both scenes and compares the results. `tables` are its files.
+/// Runs a command with both scenes, and compares the results. `tables` are the files that it writes.
 #[track_caller]
 fn same(rotary_args: &[&str], hand_args: &[&str], tables: &[&str]) {
     let (rotary, by_hand) = (scene(ROTARY), scene(BY_HAND));
@@ -256,7 +256,7 @@ fn what_limits_the_walls_is_the_same_in_other_units() {
         for unit in at_handle {
             assert!(!text.contains(unit), "{name} has {unit}: {text}");
         }
-        // sentences have no long numbers; files for programs have all digits
+        // numbers in sentences have few digits; files for programs have all digits
         let words = text.split([' ', ',', ';', '<', '>', '(', ')']);
         let long = words.filter(|word| word.parse::<f64>().is_ok_and(|_| word.len() > 9));
         let long: Vec<_> = long.collect();
@@ -372,8 +372,7 @@ fn what_a_rotary_scene_cannot_have_is_one_line_that_says_it() {
     assert!(line.contains("--stiffness is 1000000, allowed 0 to 49000"), "{line}");
 }
 
-/// With a voltage amplifier the back-EMF acts as damping, and full scale is the force of the supply voltage at
-/// standstill.
+/// With a voltage amplifier the back-EMF acts as damping. Full scale is the force of the supply voltage at standstill.
 #[test]
 fn a_voltage_amplifier_damps_by_back_emf() {
     let voltage = ROTARY
@@ -401,7 +400,7 @@ fn a_voltage_amplifier_damps_by_back_emf() {
     same_json(&json, &hand_json, 1.0, "result");
 }
 
-/// The user types the output of `identify --plan` at the console, which uses rad and N m.
+/// A user types the output of `identify --plan` at the console, which expects rad and N m.
 #[test]
 fn a_plan_is_in_the_units_of_the_console() {
     let plan = |of: &str| {

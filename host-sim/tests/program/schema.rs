@@ -1,4 +1,4 @@
-//! `schema`: scenes that the program reads are valid by the schema. Scenes with wrong types or ranges are invalid.
+//! `schema`: scenes that the program can read are valid by it. Scenes with wrong types or ranges are invalid.
 
 use std::{fs, path::Path};
 
@@ -47,7 +47,7 @@ fn scenes_of_this_project_are_valid() {
     assert!(tried > 15);
 }
 
-/// For each scene, key and value, both the reader and the schema report an error.
+/// Each case is a scene, a key and a value. Both the reader and the schema must report an error.
 #[test]
 fn what_the_reader_refuses_is_not_valid() {
     let validator = validator();

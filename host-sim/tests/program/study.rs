@@ -1,4 +1,4 @@
-//! `study` and `study-plan` on the command line: killed, on a full disk, resumed, with errors.
+//! `study` and `study-plan`: killed, on a full disk, resumed, with errors.
 
 use std::{
     collections::BTreeMap,
@@ -39,7 +39,7 @@ fn folder(study: &str) -> TempDir {
     folder
 }
 
-/// Name and bytes of everything in a folder.
+/// Names and bytes of all files in a folder.
 fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let entries = fs::read_dir(folder).unwrap().map(Result::unwrap);
     let of = |entry: fs::DirEntry| {
@@ -48,7 +48,7 @@ fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     entries.map(of).collect()
 }
 
-/// Asserts equal contents. The message names the files that differ, but does not print their bytes.
+/// Asserts that the contents are equal. The message names the files that differ, but does not print their bytes.
 #[track_caller]
 fn are_same(folder: &Path, wanted: &BTreeMap<String, Vec<u8>>, what: &str) {
     let found = contents(folder);
@@ -96,7 +96,7 @@ fn a_study_that_is_killed_at_any_instant_comes_to_the_same_bytes() {
         are_same(&path.join(&out), &wanted, &format!("round {round}"));
     }
     assert!(kills >= 10 && between >= 5, "{kills} kills, {between} of them with parts to come");
-    // an incomplete line, a part without its line, a draft
+    // an incomplete line, a part without a line, a draft
     let torn = path.join("torn");
     fs::create_dir(&torn).unwrap();
     for (name, bytes) in &wanted {
@@ -109,7 +109,7 @@ fn a_study_that_is_killed_at_any_instant_comes_to_the_same_bytes() {
         assert!(study(path, "torn", &["--resume"]).status.success());
         are_same(&torn, &wanted, &format!("{cut} bytes cut"));
     }
-    // missing or changed parts are made again
+    // missing or changed parts are computed again
     fs::remove_file(torn.join("part-00000003.csv")).unwrap();
     fs::write(torn.join("part-00000007.csv"), "x").unwrap();
     let mut other = wanted["part-00000009.csv"].clone();
@@ -122,7 +122,7 @@ fn a_study_that_is_killed_at_any_instant_comes_to_the_same_bytes() {
 
 #[test]
 fn a_full_disk_is_one_line_and_resume_goes_on() {
-    // the disk gets full inside a line of the manifest, or inside a part
+    // the disk becomes full inside a line of the manifest, or inside a part
     let parts = STUDY.replace("per_unit = 1", "per_unit = 200").replace("0:1:11", "0:0.1:9.9");
     for (study_text, full) in [(STUDY, "manifest.jsonl"), (&parts, "part-00000000.csv")] {
         let folder = folder(study_text);

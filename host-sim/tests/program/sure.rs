@@ -10,7 +10,7 @@ use crate::{
     page,
 };
 
-/// A scene with a short hit and a coarse grid, so that the test is fast. Its mass has an uncertainty of 10 %.
+/// Writes a scene with a short hit and a coarse grid, so that the test is fast. Its mass has an uncertainty of 10 %.
 fn write(folder: &Path, more: &str) {
     let text = include_str!("../../../scenes/paper-2um.toml");
     let changes = [
@@ -58,7 +58,7 @@ fn a_map_says_how_far_the_impedance_is_off() {
     let counts = [0.05, 0.1, 0.2].map(usable);
     assert_eq!(said["usable"], serde_json::json!(counts));
     assert!(counts[0] < counts[2] && counts[0] > 0, "{counts:?}");
-    // the velocity of a filter of 100 Hz is late; with 1500 Hz the delay is small
+    // the velocity of a filter of 100 Hz has a large delay, that of 1500 Hz a small one
     let worst = |cutoff: &str| {
         let errors = rows[1..].iter().filter(|row| row[0] == cutoff);
         errors.map(|row| row[5].parse::<f64>().unwrap()).fold(0.0, f64::max)

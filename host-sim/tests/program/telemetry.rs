@@ -1,4 +1,4 @@
-//! `cargo sim telemetry` on the command line.
+//! The command `cargo sim telemetry`.
 
 use std::{
     fs,
@@ -35,7 +35,7 @@ fn a_capture_becomes_csv_and_one_json_object() {
     assert_eq!((of("first_sample"), of("last_sample")), (40, 60));
     let csv = fs::read_to_string(folder.path().join("out.csv")).unwrap();
     assert_eq!(csv.lines().last(), Some("6,60,0,0,0,0,0,0,0"));
-    // and a figure, in the units of the control or of a scene
+    // the figure has the units of the control core, or those of a scene
     for more in [&["--plot", "a.svg"][..], &["--plot", "b.png", "--scene", "paper-1um"]] {
         let args = [&["telemetry", "capture.bin"][..], more].concat();
         assert!(sim(folder.path(), &args).status.success());
@@ -60,8 +60,8 @@ fn what_is_no_capture_is_bad_input() {
     assert!(!folder.path().join("out.csv").exists());
 }
 
-/// A capture of the virtual board from `examples/`: every sample agrees with the core. A flipped bit, a lost frame or
-/// a changed velocity is found and named, and no other value changes.
+/// A capture of the virtual board from `examples/`: every sample agrees with the core. A flipped bit, a lost frame and
+/// a changed velocity are found and named. No other value changes.
 #[test]
 fn a_capture_of_every_sample_is_checked_and_what_is_wrong_with_it_is_named() {
     let folder = TempDir::new().unwrap();
@@ -83,7 +83,7 @@ fn a_capture_of_every_sample_is_checked_and_what_is_wrong_with_it_is_named() {
     assert!(of(&json, "states_equal") > 20 && of(&json, "forces_equal") > 500);
     assert!(json["unknown"].as_array().unwrap().is_empty());
 
-    // Every remaining value is unchanged.
+    // All other values are unchanged.
     let subset = |other: &[String]| {
         let before: std::collections::HashMap<_, _> =
             rows.iter().map(|row| row.split_once(',').unwrap()).collect();
@@ -105,11 +105,11 @@ fn a_capture_of_every_sample_is_checked_and_what_is_wrong_with_it_is_named() {
         );
         assert!(subset(&rows), "{bit}");
     }
-    // The reader stops for a while, and continues in the middle of a frame.
+    // The reader stops for a while. It continues in the middle of a frame.
     let (json, rows) = run(&[&whole[..at + 11], &whole[frames[900] + 9..]].concat());
     assert_eq!(json["gaps"].as_array().unwrap().len(), 1);
     assert!(json["first_difference"].is_null() && subset(&rows));
-    // A velocity with one wrong bit, in a frame with a correct CRC: the difference is reported at this output.
+    // A velocity has one wrong bit, but the CRC of its frame is correct. The difference is reported at this output.
     let mut other = whole.clone();
     let length = next - at;
     other[at + 20] ^= 1;
@@ -131,7 +131,7 @@ fn crc32(bytes: &[u8]) -> u32 {
     })
 }
 
-/// Velocities of another estimator for the counts of this capture, and a figure.
+/// Velocities of another estimator for the counts of this capture, with a figure.
 #[test]
 fn another_estimator_is_run_over_every_sample_of_a_capture() {
     let folder = TempDir::new().unwrap();
@@ -163,7 +163,7 @@ fn another_estimator_is_run_over_every_sample_of_a_capture() {
     assert_eq!(rows, slow["samples"].as_u64().unwrap() + 1);
 }
 
-/// Ranks on the counts of a log, and refusals.
+/// Ranking on the counts of a log, and its errors.
 #[test]
 fn the_estimators_are_ranked_on_the_counts_of_a_log() {
     let folder = TempDir::new().unwrap();

@@ -1,4 +1,4 @@
-//! `trade` on the command line, and facts that its results must show.
+//! `trade`: the command, and facts that its results must show.
 
 use std::{collections::HashSet, fs, path::Path, process::Command};
 
@@ -18,7 +18,7 @@ use tempfile::TempDir;
 
 use crate::page;
 
-/// A scene with few hits per walk, and few samples per hit.
+/// A scene with few hits per walk and few samples per hit.
 fn scene(folder: &Path) {
     let text = include_str!("../../../scenes/paper-1um.toml");
     let text = text
@@ -40,7 +40,7 @@ fn trade(folder: &Path, extra: &[&str]) -> (i32, String, String) {
     (output.status.code().unwrap(), out, err)
 }
 
-/// A CSV without its last column, which has the time on this machine.
+/// A CSV without its last column. This column is a time on this machine.
 fn without_time(path: &Path) -> String {
     let text = fs::read_to_string(path).unwrap();
     assert!(text.lines().next().unwrap().ends_with(",host_ns"), "{path:?}");
@@ -75,7 +75,7 @@ fn two_runs_agree_to_the_last_digit_for_any_number_of_threads() {
     for name in ["filters.csv", "plant.csv"] {
         page::has_columns_of(name, &fs::read_to_string(a.join(name)).unwrap());
     }
-    // the exact step costs least, and no method that costs more is more accurate
+    // the exact step costs least; no more expensive method is more accurate
     let plant = fs::read_to_string(a.join("plant.csv")).unwrap();
     let best: Vec<&str> = plant.lines().filter(|line| line.contains(",true,")).collect();
     assert!(best.len() == 1 && best[0].starts_with("exact,"), "{best:?}");
@@ -84,7 +84,7 @@ fn two_runs_agree_to_the_last_digit_for_any_number_of_threads() {
         let row = methods.iter().find(|row| row["method"] == name && row["setting"] == setting);
         row.unwrap()["trajectory_error_m"].as_f64().unwrap()
     };
-    // first order: with ten times the steps, the error is a tenth
+    // first order: ten times as many steps give a tenth of the error
     let ratio = error("semi-implicit-euler", 1.0) / error("semi-implicit-euler", 10.0);
     assert!((ratio - 10.0).abs() < 0.1, "{ratio}");
     assert!(error("rk4", 1.0) < 1e-13);
@@ -121,7 +121,7 @@ fn of(format: Format, form: Form) -> Variant {
 
 const CORE: Variant = Variant { format: Format::I32Feedback, form: Form::Direct1 };
 
-/// The facts of tests/host/filter.rs about the core, measured in another way.
+/// The facts about the core are those of tests/host/filter.rs, measured in another way.
 #[test]
 fn the_core_is_as_its_own_tests_say() {
     let bench = bench();
@@ -158,7 +158,7 @@ fn every_form_in_f64_has_the_exact_response() {
     }
 }
 
-/// At 20 Hz and a sampling rate of 10 kHz, b0 is 1.28 LSB of Q15.
+/// At 20 Hz and a sampling rate of 10 kHz, b0 is only 1.28 LSB of Q15.
 #[test]
 fn q15_fails_at_20_hz_and_its_delta_form_holds_the_cutoff_longer() {
     let bench = bench();
@@ -171,10 +171,10 @@ fn q15_fails_at_20_hz_and_its_delta_form_holds_the_cutoff_longer() {
     );
     println!("at 20 Hz: direct {direct:.3}, with feedback {feedback:.3}, delta {delta:.3}");
     assert!(direct > 0.1 && feedback > 0.1 && delta < 0.03);
-    // the DC sum is 3 LSB instead of 2.55: the -3 dB frequency is 8 % higher, in theory and measured
+    // the DC sum is 3 LSB instead of 2.55, so the -3 dB frequency is 8 % higher, in theory and in the measurement
     let refused = bench.filter(of(Format::Q15, Form::Direct1), 5.0).unwrap_err();
     assert!(matches!(refused, Refused::Zero { coefficient: "1 + a1 + a2", .. }), "{refused}");
-    // this speed stays in the dead zone forever
+    // at this speed the filter never leaves its dead zone
     let filter = bench.filter(of(Format::Q15, Form::Direct1), 20.0).unwrap();
     let lost = drift::measure(&bench, &filter, 20.0);
     assert!(lost > 1e5, "{lost} of 300,000 counts");
@@ -197,15 +197,15 @@ fn a_filter_that_blows_up_has_infinite_errors() {
     assert!(all.iter().all(|value| *value > 1.0), "{all:?}");
 }
 
-/// Two filters with a known difference. At a high cutoff, dropping the residue changes the output by less than an LSB
-/// per sample.
+/// Two filters with a known difference: at a high cutoff, the residue changes the output by less than an LSB per
+/// sample.
 #[test]
 fn noise_is_a_fraction_of_an_lsb_where_it_must_be() {
     const LSB: f64 = 1.0 / 65_536.0;
     let bench = bench();
     let motions = Motions::new(&bench, 2000.0);
     let noise = |format, form| motions.measure(&bench.filter(of(format, form), 2000.0).unwrap());
-    // white rounding noise of 1/sqrt(12) LSB through 1/A and through (1 - z^-1)/A; theory.md has 0.33 at 1000 Hz
+    // white rounding noise of 1/sqrt(12) LSB through 1/A and through (1 - z^-1)/A; docs/theory.md has 0.33 at 1000 Hz
     let plain = noise(Format::I32, Form::StateVariable).at_rest / LSB;
     assert!((plain - 1.0 / 12f64.sqrt()).abs() < 0.02, "{plain}");
     let shaped = noise(Format::I32Feedback, Form::Direct1).at_rest / LSB;
@@ -214,7 +214,7 @@ fn noise_is_a_fraction_of_an_lsb_where_it_must_be() {
     assert!(noise(Format::F64, Form::Direct1).at_rest < f64::EPSILON);
 }
 
-/// Criteria of docs/lab/trade.md: a tenth of the encoder's error or one LSB; 2 % beyond the spread.
+/// The criteria of docs/lab/trade.md: a tenth of the encoder's error or one LSB; for the area 2 % beyond its scatter.
 fn misses(criterion: Criterion, m: &Measured, exact: &Exact) -> bool {
     const LSB: f64 = 1.0 / 65_536.0;
     let within = |error: f64, encoder: f64| error <= 0.1 * encoder || error <= LSB;
@@ -232,7 +232,7 @@ fn misses(criterion: Criterion, m: &Measured, exact: &Exact) -> bool {
     }
 }
 
-/// Measured filters, with changes of the area just above and below the allowed change.
+/// Measured filters whose change of the area is just above and just below the allowed change.
 #[test]
 fn a_filter_is_above_the_line_exactly_where_it_misses() {
     let bench = bench();
@@ -291,7 +291,7 @@ fn a_filter_is_above_the_line_exactly_where_it_misses() {
         }
     }
     assert_eq!(seen.len(), 2 * Criterion::ALL.len(), "each is kept and missed: {seen:?}");
-    // the LSB is the limit here: the error is above a tenth of the encoder's and still below the line
+    // here the LSB is the limit: the error is above a tenth of the encoder's error, and still below the line
     let core = filters.rows.iter().find(|row| row.variant == CORE && row.cutoff == 1).unwrap();
     let noise = core.measured.as_ref().unwrap().noise.in_motion;
     assert!(noise > 0.1 * filters.exact[1].encoder.in_motion, "{noise:e}");

@@ -1,4 +1,4 @@
-//! Messages of a walk or a hit about walls that cannot be judged.
+//! Walls that a walk or a hit cannot judge, and the messages about them.
 
 use std::fs;
 
@@ -11,7 +11,7 @@ fn a_walk_whose_first_point_is_unstable_or_without_contact_says_so() {
     let folder = scene("damping_start_n_s_per_m = 10", "damping_start_n_s_per_m = 3000");
     let line = refused(folder.path(), &["walk", "mine.toml", "--cutoff", "50", "--csv", "w.csv"]);
     assert!(line.contains("first point") && line.contains("unstable"), "{line}");
-    // the device's spring stops the push before the wall
+    // the device's spring stops the handle before the wall
     let folder = scene("push_n = 2.835", "push_n = 0.1");
     let line = refused(folder.path(), &["walk", "mine.toml", "--cutoff", "500"]);
     assert!(line.contains("no_contact"), "{line}");
@@ -41,7 +41,7 @@ fn a_walk_whose_first_point_is_unstable_or_without_contact_says_so() {
 
 #[test]
 fn a_wall_that_still_settles_is_no_unstable_wall() {
-    // a heavy, slow device: after 4 s it is not yet at rest in a stable wall
+    // the device is heavy and slow: after 4 s in a stable wall it is not yet at rest
     let folder = scene("mass_kg = 0.4160", "mass_kg = 10.0");
     let line = refused(folder.path(), &["walk", "mine.toml", "--cutoff", "500"]);
     assert!(line.contains("still settles") && line.contains("wall_hit.settle_s"), "{line}");
@@ -101,7 +101,7 @@ fn a_velocity_beyond_its_range_is_refused_or_reported() {
         line.contains("more than 0.328 m/s") && line.contains("encoder.resolution_m"),
         "{line}"
     );
-    // slow enough from the scene's start position, but too fast from 10 mm before it
+    // slow enough from the scene's start position, but too fast from a start 10 mm before it
     let slower = text.replace("push_n = 2.835", "push_n = 1.65");
     fs::write(folder.path().join("fine.toml"), slower).unwrap();
     let wall =

@@ -1,5 +1,4 @@
-//! Selects the implementation of the controller that runs the hits, its vector instructions, and the scenes with
-//! lanes.
+//! Selects the implementation of the controller, its vector instructions, and the scenes that run in lanes.
 
 use super::{
     estimator::Form,
@@ -18,12 +17,12 @@ use crate::{
     },
 };
 
-/// Implementation of the controller's arithmetic that runs the hits. Both give the same bits.
+/// Implementation of the controller's arithmetic. Both implementations give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Engine {
     /// The core itself runs one hit after another.
     Core,
-    /// The core's arithmetic written again for vector lanes. Scenes without lanes run the core itself.
+    /// The core's arithmetic, written again for vector lanes. Scenes without lanes run in the core itself.
     Lanes(Backend),
 }
 
@@ -53,13 +52,13 @@ impl Engine {
 /// Instructions of the lanes. All backends give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Backend {
-    /// 8 lanes to a vector.
+    /// 8 lanes in a vector.
     Avx512,
-    /// 4 lanes to a vector.
+    /// 4 lanes in a vector.
     Avx2,
-    /// 2 lanes to a vector.
+    /// 2 lanes in a vector.
     Neon,
-    /// Scalar numbers, one lane each, several side by side. Every machine has this backend.
+    /// Scalar numbers, several side by side, each in its own lane. Every machine has this backend.
     Plain,
 }
 
@@ -76,7 +75,7 @@ impl Backend {
         }
     }
 
-    /// Whether this machine has the instructions.
+    /// Whether this machine has the instructions of this backend.
     pub fn is_available(self) -> bool {
         match self {
             #[cfg(target_arch = "x86_64")]
@@ -90,7 +89,6 @@ impl Backend {
         }
     }
 
-    /// The best backend of this machine.
     pub fn best() -> Self {
         let found = Self::ALL.into_iter().find(|backend| backend.is_available());
         found.unwrap_or(Self::Plain)
@@ -107,12 +105,12 @@ impl Backend {
     }
 }
 
-/// Vectors side by side: the processor works on one vector while another waits for its last sample. Four vectors need
-/// more registers than there are, and make AVX-512 half as fast.
+/// Number of vectors side by side. The processor works on one vector while the other waits for its last sample. Four
+/// vectors need more registers than there are, and make AVX-512 half as fast.
 const VECTORS: usize = 2;
 
-/// Whether the hits of a scene run in lanes. The plant must be linear, the encoder without errors, and the estimator
-/// must have lanes in this arithmetic.
+/// Whether the hits of a scene run in lanes. The plant must be linear, the encoder must have no errors, and the
+/// estimator must have lanes in this arithmetic.
 pub fn lanes_for(prepared: &PreparedScene, numeric: Numeric) -> bool {
     form_for(prepared, numeric).is_some()
 }
@@ -129,7 +127,6 @@ fn form_for(prepared: &PreparedScene, numeric: Numeric) -> Option<Form> {
     (linear && stated && seen && plain).then_some(form)
 }
 
-/// Runs all hits of `work` in this thread.
 pub fn run(
     engine: Engine,
     prepared: &PreparedScene,
@@ -178,8 +175,7 @@ fn each_numeric<'a, S: SimdOps, const R: usize>(
     each_plant(simd, task, &mut *controller, work)
 }
 
-/// Plants of four and six states run as plants of five and seven states. This halves the number of variants to
-/// compile, and costs little time.
+/// Plants of four and six states run as plants of five and seven states. So fewer variants are compiled.
 fn each_plant<'a, S: SimdOps, const R: usize>(
     simd: S,
     task: Task<'a>,

@@ -1,8 +1,8 @@
 //! The fixed-point core in lanes: estimators ([`super::estimator`]), [`Wall::demand`](zwidth::Wall::demand),
 //! [`Demand::saturate`](zwidth::units::Demand::saturate) and [`Actuator::command`](zwidth::Actuator::command).
 //!
-//! In lanes only the force saturates. [`LaneController::is_lost`] detects a hit that comes near another limit, and
-//! the core itself runs this hit.
+//! In lanes only the force saturates. [`LaneController::is_lost`] detects a hit near another limit. The core runs this
+//! hit.
 
 use pulp::WithSimd;
 use zwidth::{LoopParameters, SettingsError, units::Force};
@@ -26,18 +26,17 @@ use crate::simulation::prepared::{PreparedScene, WallHit};
 /// Half an LSB of a product with 30 fractional bits.
 const HALF: u64 = 1 << 29;
 
-/// The core's loop in lanes.
 #[repr(align(64))]
 pub struct FixedLoop<S: SimdOps, F: VectorForm<S>, const R: usize> {
     simd: S,
     forms: [F; R],
     gains: [F::Gains; R],
-    /// Velocities in LSB; each is in the lower 32 bits.
+    /// Velocities in LSB, in the lower 32 bits.
     velocity: [S::u64s; R],
     walls: [Wall<S>; R],
 }
 
-/// The core's loop with an estimator of this form.
+/// The core's loop with an estimator of a given form.
 pub fn fixed_loop<S: SimdOps, const R: usize>(
     form: Form,
     simd: S,
@@ -63,13 +62,12 @@ pub fn fixed_loop<S: SimdOps, const R: usize>(
     }
 }
 
-/// Settings at the start of a hit.
 struct Begin<'a> {
     control: LoopParameters,
     beside: Beside<'a>,
 }
 
-/// Not generic over the lanes, so that it is compiled once.
+/// Computes a hit's settings. It is not generic over the lanes, so it is compiled once.
 #[inline(never)]
 fn begin<'a>(
     prepared: &'a PreparedScene,
@@ -84,7 +82,6 @@ fn begin<'a>(
     Ok(Begin { control, beside: Beside { late, readings } })
 }
 
-/// Push, stiffness and damping of each lane.
 #[derive(Clone, Copy)]
 struct Wall<S: SimdOps> {
     push: S::u64s,
@@ -226,7 +223,7 @@ fn output<S: SimdOps>(simd: S, force: S::u64s, stage: &OutputStage<S>) -> S::f64
     simd.mul_f64s(simd.to_float(given), stage.per_code)
 }
 
-/// Returns `value`, negated where all bits of `negative` are set.
+/// `value`, with its sign changed in the lanes where `negative` has all bits set.
 #[inline(always)]
 fn signed<S: SimdOps>(simd: S, value: S::u64s, negative: S::u64s) -> S::u64s {
     simd.sub_u64s(simd.xor_u64s(value, negative), negative)

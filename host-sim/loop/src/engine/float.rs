@@ -1,4 +1,4 @@
-//! The `f64` twin in lanes: [`Twin`] with a common estimator, with the same operations in the same order.
+//! The `f64` twin in lanes: [`Twin`] with a common estimator. The operations have the same order as in [`Twin`].
 
 use pulp::WithSimd;
 use zwidth::SettingsError;
@@ -13,7 +13,6 @@ use crate::simulation::{
     twin::{FLUSH_BELOW, Rounding, Section},
 };
 
-/// The twin's loop in lanes.
 #[repr(align(64))]
 pub struct FloatLoop<S: SimdOps, const R: usize> {
     simd: S,
@@ -22,11 +21,10 @@ pub struct FloatLoop<S: SimdOps, const R: usize> {
     gains: [TwinGains<S>; R],
 }
 
-/// Gains of each lane: weights of the last two inputs in the numerator (2 and 1, 1 and 0, or none), `b0`, both `a`,
-/// stiffness, damping and push.
+/// Gains of each lane: two weights of the last inputs, `b0`, both `a`, stiffness, damping, push. The weights are 2 and
+/// 1, 1 and 0, or none.
 type TwinGains<S> = [<S as pulp::Simd>::f64s; 8];
 
-/// State of each lane after a sample.
 #[derive(Clone, Copy)]
 struct TwinState<S: SimdOps> {
     x: [S::f64s; 2],
@@ -104,7 +102,7 @@ impl<S: SimdOps, const R: usize> LaneController<S, R> for FloatLoop<S, R> {
     }
 }
 
-/// Velocities of a block, without the check for subnormal numbers, which would double the time until an output.
+/// Velocities of a block, without a check for subnormal numbers. The check would double the time until an output.
 /// Returns `false` if the result may be wrong in a lane.
 #[inline(always)]
 fn quick<S: SimdOps, const R: usize>(
@@ -130,7 +128,6 @@ fn quick<S: SimdOps, const R: usize>(
     is_above(simd, &smallest, FLUSH_BELOW)
 }
 
-/// Whether all lanes are at least `least`.
 #[inline(always)]
 fn is_above<S: SimdOps, const R: usize>(simd: S, values: &[S::f64s; R], least: f64) -> bool {
     let mut all = simd.splat_f64s(f64::INFINITY);

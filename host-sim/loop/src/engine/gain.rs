@@ -9,7 +9,7 @@ pub struct GainLanes<S: SimdOps> {
     mantissa: S::u64s,
     half: S::u64s,
     right: S::u64s,
-    /// Sign bit after the right shift. Subtracting it turns a logical shift into an arithmetic shift.
+    /// Sign bit after the right shift. Its subtraction turns a logical shift into an arithmetic shift.
     sign: S::u64s,
     left: S::u64s,
     bound: S::u64s,
@@ -21,7 +21,6 @@ impl<S: SimdOps> GainLanes<S> {
         Self { mantissa: zero, half: zero, right: zero, sign: zero, left: zero, bound: zero }
     }
 
-    /// Puts a gain into a lane.
     pub fn set(&mut self, lane: usize, gain: Gain) {
         let shift = gain.shift();
         let right = u64::from(shift.max(0).unsigned_abs());
@@ -34,7 +33,6 @@ impl<S: SimdOps> GainLanes<S> {
         lanes_mut(&mut self.bound)[lane] = Gain::PRODUCT_LIMIT.unsigned_abs() >> left;
     }
 
-    /// [`Gain::apply`] of 32-bit numbers.
     #[inline(always)]
     pub fn apply(&self, simd: S, value: S::u64s) -> S::u64s {
         let product = simd.add_u64s(simd.product(self.mantissa, value), self.half);

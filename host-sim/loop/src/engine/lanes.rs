@@ -1,8 +1,7 @@
 //! Vectors of loops: the step of [`Simulation`](crate::simulation::Simulation), with one lane for each hit.
 //!
-//! All lanes of a batch share scene and time: outputs are due, and commands take effect, in the same sample for all
-//! lanes. A hit therefore begins when an output is due. A command that a hit has not sent yet is 0 and changes
-//! nothing.
+//! All lanes of a batch share scene and time: outputs are due, and commands take effect, in the same samples. So a hit
+//! begins when an output is due. A command that a hit has not sent yet is 0 and changes nothing.
 
 #![expect(
     clippy::needless_range_loop,
@@ -21,15 +20,14 @@ mod watch;
 pub use actuation::Actuation;
 pub use watch::{Motion, Watched};
 
-/// Samples that are computed stage by stage. The plant can run ahead of the filter for a whole block. Sample by
-/// sample, each step would wait for the step before, and take twice the time.
+/// Largest number of samples in a block. A block is computed stage by stage, so the plant runs ahead of the filter.
+/// Sample by sample, each step would wait for the step before, and take twice the time.
 const BLOCK: usize = 16;
 const BLOCK_SAMPLES: u32 = 16;
-/// Largest number of samples that a controller takes at once.
+/// Largest number of samples that a controller takes in one call.
 pub const ROWS: usize = BLOCK + 1;
 
-/// A controller in lanes. Its functions are called once per block and are not generic over the plant. So each
-/// function is compiled once per backend.
+/// A controller in lanes. Its functions are called once per block. They are compiled once per backend, not per plant.
 pub trait LaneController<S: SimdOps, const R: usize> {
     /// Puts the controller of a hit into a lane, at rest, with the settings of the scalar loop. Returns its surface,
     /// counts.
@@ -42,16 +40,16 @@ pub trait LaneController<S: SimdOps, const R: usize> {
         prepared: &PreparedScene,
         hit: &WallHit,
     ) -> Result<i32, SettingsError>;
-    /// Whether the controller reads the handle's speed.
+    /// Whether the controller uses the handle's speed.
     fn looks(&self) -> bool {
         false
     }
-    /// Takes the handle's speeds, m/s, at the samples that come next.
+    /// Takes the handle's speeds, m/s, at the next samples.
     fn look(&mut self, _speeds: &[Row<S, R>]) {}
-    /// Takes samples; `moved` is the count's change since the sample before. If an output is `due` with the last
+    /// Takes samples. `moved` is the change of the count since the sample before. If an output is `due` with the last
     /// sample, returns the output, fraction of full scale. Otherwise the result is undefined.
     fn take(&mut self, moved: &[Row<S, R>], due: Option<&Due<S, R>>) -> Row<S, R>;
-    /// Whether the hit has left the range in which these lanes compute the same as the controller.
+    /// Whether the hit has left the range in which lane and controller compute the same values.
     fn is_lost(&self, lane: usize) -> bool;
 }
 
@@ -64,7 +62,7 @@ pub struct Due<'a, S: SimdOps, const R: usize> {
     pub stage: &'a OutputStage<S>,
 }
 
-/// Index of a lane's vector, and of the lane in this vector.
+/// Index of the vector that has a lane, and index of the lane in this vector.
 pub fn place<S: SimdOps>(lane: usize) -> (usize, usize) {
     (lane / S::F64_LANES, lane % S::F64_LANES)
 }
@@ -72,16 +70,16 @@ pub fn place<S: SimdOps>(lane: usize) -> (usize, usize) {
 /// Values of an output that all lanes share.
 #[derive(Clone, Copy)]
 pub struct OutputStage<S: SimdOps> {
-    /// Smallest force: 0 with `push_only`, else the smallest number of the type.
+    /// Smallest force: 0 with `push_only`, else the smallest number of its type.
     pub least: S::u64s,
     pub least_wall: S::f64s,
-    /// Codes in full scale, or `None` without quantisation.
+    /// Number of codes from 0 to full scale. `None` without quantisation.
     pub codes: Option<S::u64s>,
     pub codes_f64: Option<S::f64s>,
     pub per_code: S::f64s,
-    /// LSB to which the twin's velocity is rounded, or `None` if it is not rounded.
+    /// LSB for the rounding of the twin's velocity. `None` if the velocity is not rounded.
     pub velocity_lsb: Option<S::f64s>,
-    /// LSB of the core's velocity per m/s, if the wall gets the true velocity.
+    /// LSB of the core's velocity per m/s, if the wall uses the true velocity.
     pub told: Option<S::f64s>,
     pub full_scale_n: S::f64s,
 }
@@ -96,19 +94,19 @@ pub struct Shared<S: SimdOps, const P: usize> {
     pub after: [S::f64s; P],
     pub rest_m: S::f64s,
     pub resolution_m: S::f64s,
-    /// Counts that are added before the encoder rounds down: 1/2 if it rounds to nearest, else 0.
+    /// Number added to a position in counts before it is rounded down: 1/2 if the encoder rounds to nearest, else 0.
     pub bias: S::f64s,
-    /// Whether more than the counts is measured.
+    /// Whether anything is measured beside the counts.
     pub watches: bool,
     pub stage: OutputStage<S>,
 }
 
-/// State of a vector of hits, updated by each sample.
+/// State of a vector of hits. Each sample changes it.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Moving<S: SimdOps, const P: usize> {
     pub state: [S::f64s; P],
-    /// Change of the state in one sample: first by acting force and hand together, then by the hand alone.
+    /// Change of the state in one sample by the acting force and the hand together.
     pub pushed: [S::f64s; P],
     pub hand: [S::f64s; P],
     /// Force on the plant, N.
@@ -117,8 +115,8 @@ pub struct Moving<S: SimdOps, const P: usize> {
     pub watched: Watched<S>,
 }
 
-/// The encoder's last reading, and sums over the window since they were last read. Counts are relative to the
-/// window's first position. All values are whole numbers, exact while they stay below 2^53.
+/// The encoder's last count, and sums over the window since the last check. Sums use counts relative to the first count
+/// of the window. All values are whole numbers, and exact below 2^53.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Counted<S: SimdOps> {
@@ -135,11 +133,11 @@ pub struct Counted<S: SimdOps> {
 #[repr(align(64))]
 pub struct Kept<S: SimdOps> {
     pub surface: S::f64s,
-    /// First position of the window.
+    /// First count of the window.
     pub origin: S::f64s,
-    /// All bits are set within the window.
+    /// All bits are set while the lane is in its window.
     pub within: S::u64s,
-    /// First position of the window, m. All bits of `watching` are set from there on.
+    /// First position of the window, m. All bits of `watching` are set from this position on.
     pub origin_m: S::f64s,
     pub watching: S::u64s,
 }
@@ -149,7 +147,7 @@ pub struct Kept<S: SimdOps> {
 #[repr(align(64))]
 pub struct Aligned<V>(pub V);
 
-/// The step without a force, with the operations in the order of the scalar plants.
+/// The state after a step without a force. The operations have the same order as in the scalar plants.
 #[inline(always)]
 fn free<S: SimdOps, const P: usize>(
     simd: S,
@@ -179,7 +177,7 @@ fn plus<S: SimdOps, const P: usize>(
     state
 }
 
-/// Change of the state in a sample by a force and by the hand.
+/// Change of the state in a sample by a force and by the hand's force.
 #[inline(always)]
 fn pushed<S: SimdOps, const P: usize>(
     simd: S,
@@ -194,8 +192,7 @@ fn pushed<S: SimdOps, const P: usize>(
     pushed
 }
 
-/// One field of each of the R vectors. A macro, because a generic function would be compiled again for each of the
-/// many kinds of lanes.
+/// One field of each of the R vectors. A generic function would be compiled for each kind of lanes, a macro is not.
 macro_rules! each_field {
     ($vectors:expr, $field:ident) => {{
         let mut values = [$vectors[0].$field; R];
@@ -207,16 +204,16 @@ macro_rules! each_field {
 }
 use each_field;
 
-/// A number of samples of all lanes.
+/// Several samples of all lanes.
 pub struct Chunk<'a, S: SimdOps, const P: usize, const R: usize> {
     pub shared: &'a Shared<S, P>,
     pub kept: &'a [Kept<S>; R],
     pub moving: &'a mut [Moving<S, P>; R],
     pub controller: &'a mut dyn LaneController<S, R>,
     pub actuation: &'a mut Actuation<S, R>,
-    /// Destination of all positions, if they are measured.
+    /// Receives all positions, if they are measured.
     pub motion: Option<&'a mut Motion<S, R>>,
-    /// Destination of a block's speeds, m/s, if the controller reads them.
+    /// Receives the speeds of a block, m/s, if the controller uses them.
     pub speeds: Option<&'a mut [Row<S, R>; ROWS]>,
     pub samples: u32,
 }
@@ -260,7 +257,7 @@ impl<S: SimdOps, const P: usize> Moving<S, P> {
 }
 
 impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
-    /// Runs the chunk with the instructions of this backend.
+    /// Runs the samples with the instructions of this backend.
     pub fn go(self, simd: S) {
         struct Go<'a, S: SimdOps, const P: usize, const R: usize>(Chunk<'a, S, P, R>, S);
         impl<S: SimdOps, const P: usize, const R: usize> WithSimd for Go<'_, S, P, R> {
@@ -284,7 +281,7 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
             let samples = plain.min(BLOCK_SAMPLES);
             left -= samples;
             self.actuation.phase += samples;
-            // A sample with an output or an arriving command ends the block. A chunk may end before this sample.
+            // A block ends with a sample that has an output or an arriving command. A chunk may end before this sample.
             let event = samples == plain && left > 0;
             let Some(block) = buffer.get_mut(..=samples as usize) else { return };
             let end = samples as usize + usize::from(event);
@@ -312,8 +309,8 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
         }
     }
 
-    /// Computes the handle's positions, m, at the beginning of a block and after each sample. No command arrives in
-    /// the block. With `LOOKS`, also computes the handle's speeds, m/s.
+    /// Computes the handle's positions, m, at the beginning of a block and after each sample. No command may arrive in
+    /// the block. With `LOOKS`, the handle's speeds, m/s, are computed too.
     #[inline(always)]
     fn move_on<const LOOKS: bool>(
         &mut self,
@@ -348,7 +345,7 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
         }
     }
 
-    /// Turns the positions of a block into changes of the count, and updates the window's sums.
+    /// Converts the positions of a block to changes of the count, and updates the sums of the window.
     #[inline(always)]
     fn count(&mut self, simd: S, block: &mut [Row<S, R>]) {
         let Shared { resolution_m, bias, .. } = *self.shared;
@@ -365,7 +362,7 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
                     count,
                     jump: simd.max_of(jump, simd.magnitude(difference)),
                     sum: simd.add_f64s(sum, away),
-                    // the result is exact, with a fused operation or without
+                    // the result is exact, with or without a fused operation
                     squares: simd.mul_add_e_f64s(away, away, squares),
                     deepest: simd.max_of(deepest, away),
                 };
@@ -383,7 +380,7 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
         let stage = &self.shared.stage;
         let mut depth = each_field!(self.kept, surface);
         let mut speed = depth;
-        // a closure that is not inlined would not be compiled for this backend's instructions
+        // a closure that is not inlined would not use the instructions of this backend
         for r in 0..R {
             depth[r] = simd.sub_f64s(self.moving[r].counted.count, depth[r]);
             speed[r] = self.moving[r].state[1];
@@ -399,7 +396,7 @@ impl<S: SimdOps, const P: usize, const R: usize> Chunk<'_, S, P, R> {
         self.actuation.send(forces_n);
     }
 
-    /// Applies a command that arrives, and moves the plant to the next sample.
+    /// Applies an arriving command, and moves the plant to the next sample.
     #[inline(always)]
     fn event(&mut self, simd: S) {
         let arriving =

@@ -1,4 +1,4 @@
-//! Keeps the lanes full: reads their results, ends hits and begins new hits.
+//! Keeps all lanes busy: checks their results, ends hits and begins new hits.
 
 use zwidth::{
     Output,
@@ -29,15 +29,14 @@ use crate::{
 
 /// Largest number of samples between two checks of the lanes.
 const CHUNK_SAMPLES: u32 = 512;
-/// Largest change of a count from one sample to the next in a lane.
+/// Largest change of the count between two samples in a lane.
 const JUMP_MAX: f64 = (1 << 14) as f64;
-/// Largest distance of a count from zero when a lane is checked. Until the next check the count then stays within the
+/// Largest distance of the count from zero at a check of a lane. Until the next check the count then stays within the
 /// core's range: 2^29 + 512 * 2^14 < 2^30.
 const COUNT_MAX: f64 = (1 << 29) as f64;
 /// Sums of squares below this number are exact.
 const SQUARES_MAX: f64 = (1u64 << 53) as f64;
 
-/// A hit in a lane.
 #[derive(Clone, Debug)]
 struct Running<'a> {
     hit: WallHit,
@@ -48,7 +47,6 @@ struct Running<'a> {
     surface: i32,
     /// First count of the window.
     origin: i32,
-    /// Variance of the counts in the window.
     variance: RunningVariance,
     contact: bool,
 }
@@ -57,7 +55,7 @@ struct Scheduler<'a, 'c, S: SimdOps, const P: usize, const R: usize> {
     simd: S,
     task: Task<'a>,
     step: ExactStep<P>,
-    /// A hit is over, and the next hit waits until an output is due.
+    /// Whether a hit is over and the next hit waits for the next due output.
     waiting: bool,
     tally: Tally,
     shared: Shared<S, P>,
@@ -70,7 +68,7 @@ struct Scheduler<'a, 'c, S: SimdOps, const P: usize, const R: usize> {
     running: Vec<Option<Running<'a>>>,
 }
 
-/// Runs the hits of `work` in lanes, all in this thread.
+/// Runs the hits of `work` in lanes. All lanes are in this thread.
 pub fn run<'a, S: SimdOps, const P: usize, const R: usize>(
     simd: S,
     task: Task<'a>,
@@ -173,7 +171,7 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
         scalar(Task { prepared, ..self.task }, hit)
     }
 
-    /// Puts the next hit into a free lane. Hits that no lane can run are run here, in the scalar loop.
+    /// Puts the next hit into a free lane. Hits that cannot run in lanes are run here, in the scalar loop.
     fn begin(&mut self, lane: usize, work: &mut Pushes<'a>) {
         let own = Form::of(self.task.prepared.scene().velocity.estimator());
         while let Some((hit, prepared)) = work.next(lane) {
@@ -229,7 +227,7 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
         });
     }
 
-    /// Puts a handle at rest at the device's rest position into a lane without a hit.
+    /// Puts a handle at the device's rest position into a lane that has no hit.
     fn idle(&mut self, lane: usize) {
         let still = Moving::<S, P>::new(self.simd);
         let (vector, place) = place::<S>(lane);
@@ -244,7 +242,7 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
         lanes_mut(&mut self.kept[vector].within)[place] = mask(false);
     }
 
-    /// Samples until a lane must be checked, or `None` if no lane runs.
+    /// Samples until a lane must be checked. `None` if no lane has a hit.
     fn until_next_event(&self) -> Option<u32> {
         let to_output = self.waiting.then(|| self.actuation.samples_to_output());
         let soonest = soonest(&self.running, self.task.prepared.plan(), self.shared.watches);
@@ -252,8 +250,8 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
         Some(samples.min(CHUNK_SAMPLES))
     }
 
-    /// Checks a lane after `samples` more samples. Returns `Some` if its hit is over, with the outcome if the lane
-    /// has a valid one.
+    /// Checks a lane after `samples` more samples. Returns `Some` if its hit is over. The inner value is the outcome,
+    /// or `None` if the lane has no valid outcome.
     fn look(&mut self, lane: usize, samples: u32) -> Option<Option<Outcome>> {
         let running = self.running[lane].as_mut()?;
         running.samples += samples;
@@ -299,8 +297,8 @@ impl<'a, 'c, S: SimdOps, const P: usize, const R: usize> Scheduler<'a, 'c, S, P,
     }
 }
 
-/// Samples until one of these hits must be checked. A hit is checked after the first sample of its window, which
-/// gives the origin, and at its end. With `watches` it is also checked before this first sample.
+/// Samples until one of these hits must be checked. A hit is checked after the first sample of its window, which gives
+/// the origin, and at its end. With `watches` it is also checked just before its window.
 fn soonest(running: &[Option<Running<'_>>], plan: &HitPlan, watches: bool) -> Option<u32> {
     let next = |running: &Running| match running.samples {
         n if watches && n < plan.settle => plan.settle - n,
@@ -311,7 +309,7 @@ fn soonest(running: &[Option<Running<'_>>], plan: &HitPlan, watches: bool) -> Op
 }
 
 impl Running<'_> {
-    /// Begins the window with this count.
+    /// Begins the window with this first count.
     fn open_window(&mut self, count: f64) {
         #[expect(clippy::cast_possible_truncation, reason = "whole and below 2^30")]
         let count = count as i32;
@@ -320,8 +318,8 @@ impl Running<'_> {
         self.origin = count;
     }
 
-    /// Adds sums and deepest position of `samples` more samples, in counts from the window's first count. Returns
-    /// `false` if the sums may not be exact.
+    /// Adds sums and deepest position of `samples` more samples, in counts relative to the first count of the window.
+    /// Returns `false` if the sums may not be exact.
     fn add(&mut self, samples: u32, [sum, squares]: [f64; 2], deepest: f64) -> bool {
         #[expect(clippy::cast_possible_truncation, reason = "whole and below 2^53")]
         let integer = |value: f64| value as i64;
@@ -333,7 +331,7 @@ impl Running<'_> {
         true
     }
 
-    /// Returns the hit's outcome if the hit is over or its verdict is certain.
+    /// Returns the outcome if the hit is over or its verdict is certain.
     fn judge(
         &self,
         depth: Depth,
@@ -368,7 +366,7 @@ impl Running<'_> {
     }
 }
 
-/// One vector for each number, with this number in all its lanes.
+/// One vector for each number. All lanes of the vector have this number.
 fn each<S: SimdOps, const P: usize>(simd: S, numbers: &[f64; P]) -> [S::f64s; P] {
     let mut vectors = [simd.splat_f64s(0.0); P];
     for (vector, number) in vectors.iter_mut().zip(numbers) {
@@ -377,7 +375,7 @@ fn each<S: SimdOps, const P: usize>(simd: S, numbers: &[f64; P]) -> [S::f64s; P]
     vectors
 }
 
-/// Values that an output needs, the same for all hits.
+/// Values for an output that are the same for all hits.
 fn stage<S: SimdOps>(simd: S, task: Task<'_>) -> OutputStage<S> {
     let Task { prepared, numeric, .. } = task;
     let splat = |value: f64| simd.splat_f64s(value);

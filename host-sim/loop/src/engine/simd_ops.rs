@@ -1,5 +1,5 @@
-//! Vector operations that lanes need and `pulp` does not have: products of 32-bit halves, shifts, and `u64` views of
-//! vectors. Lanes are 64 bits wide, for floats and for integers.
+//! Vector operations for lanes that `pulp` does not have: products of 32-bit halves, shifts, and `u64` views of
+//! vectors. A lane has 64 bits, for floats and for integers.
 
 use std::slice::{from_mut, from_ref};
 
@@ -10,16 +10,16 @@ use pulp::{
 
 use crate::simulation::quantiser::INTEGER;
 
-/// A set of vector instructions. The functions here work lane by lane on every machine. A machine with an instruction
-/// for a function overrides it.
+/// A set of vector instructions. The functions here work lane by lane on every machine. If a machine has an instruction
+/// for a function, it overrides the function.
 pub trait SimdOps: Simd {
-    /// Signed 64-bit product of the lower halves, taken as signed. The upper halves may hold anything.
+    /// Signed 64-bit product of the lower halves as signed numbers. The upper halves may have any value.
     #[inline(always)]
     fn product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
         each::<Self>(a, b, |a, b| (low(a) * low(b)).cast_unsigned())
     }
 
-    /// Product of the lower halves, taken as unsigned.
+    /// Product of the lower halves as unsigned numbers.
     #[inline(always)]
     fn unsigned_product(self, a: Self::u64s, b: Self::u64s) -> Self::u64s {
         each::<Self>(a, b, |a, b| (a & 0xFFFF_FFFF) * (b & 0xFFFF_FFFF))
@@ -62,7 +62,7 @@ pub trait SimdOps: Simd {
         cast(self.select_u64s(mask, cast(a), cast(b)))
     }
 
-    /// `a` with only the bits that are set in `mask`.
+    /// The bits of `a` that are set in `mask`; all others are 0.
     #[inline(always)]
     fn masked(self, a: Self::f64s, mask: Self::u64s) -> Self::f64s {
         cast(self.and_u64s(cast(a), mask))
@@ -73,7 +73,7 @@ pub trait SimdOps: Simd {
         self.masked(a, self.splat_u64s(!SIGN))
     }
 
-    /// `a` if it is larger, else `b`. Zeros of different sign compare equal, as on x86.
+    /// `a` if it is larger, else `b`. Zeros of different sign count as equal, as on x86.
     #[inline(always)]
     fn max_of(self, a: Self::f64s, b: Self::f64s) -> Self::f64s {
         self.choose(self.greater_than_f64s(a, b), a, b)
@@ -103,20 +103,20 @@ pub trait SimdOps: Simd {
         self.select_u64s(self.is_above(a, b), a, b)
     }
 
-    /// Whole numbers below 2^51 in magnitude as integers in the lower 32 bits. The upper bits are undefined.
+    /// Whole numbers as integers in the lower 32 bits. Correct below 2^51 in magnitude. The upper bits are undefined.
     #[inline(always)]
     fn to_low(self, whole: Self::f64s) -> Self::u64s {
         cast(self.add_f64s(whole, self.splat_f64s(INTEGER)))
     }
 
-    /// Signed 64-bit numbers below 2^51 in magnitude as floats, exactly.
+    /// Signed 64-bit numbers as floats. Exact below 2^51 in magnitude.
     #[inline(always)]
     fn to_float(self, number: Self::u64s) -> Self::f64s {
         let bits = self.add_u64s(number, self.splat_u64s(INTEGER.to_bits()));
         self.sub_f64s(cast(bits), self.splat_f64s(INTEGER))
     }
 
-    /// Whole numbers below 2^51 in magnitude as signed 64-bit numbers.
+    /// Whole numbers as signed 64-bit numbers. Correct below 2^51 in magnitude.
     #[inline(always)]
     fn to_integer(self, whole: Self::f64s) -> Self::u64s {
         self.sub_u64s(self.to_low(whole), self.splat_u64s(INTEGER.to_bits()))
@@ -136,11 +136,11 @@ pub trait SimdOps: Simd {
     /// The nearest whole number, halves away from zero: [`f64::round`].
     #[inline(always)]
     fn round(self, value: Self::f64s) -> Self::f64s {
-        let half = self.splat_f64s(0.5f64.next_down()); // 0.5 would round the number below 0.5 to 1
+        let half = self.splat_f64s(0.5f64.next_down()); // with 0.5, the number just below 0.5 would be rounded to 1
         self.truncate(self.add_f64s(value, self.signed(half, value)))
     }
 
-    /// `size`, which is not negative, with the sign of `sign`.
+    /// `size`, which must not be negative, with the sign of `sign`.
     #[inline(always)]
     fn signed(self, size: Self::f64s, sign: Self::f64s) -> Self::f64s {
         let sign = self.masked(sign, self.splat_u64s(SIGN));
@@ -158,10 +158,9 @@ pub trait SimdOps: Simd {
     }
 }
 
-/// Every number from here on is whole.
+/// All floats from this number on are whole numbers.
 const WHOLE: f64 = (1u64 << 52) as f64;
 
-/// The sign bit of a float.
 pub const SIGN: u64 = 1 << 63;
 
 #[inline(always)]
@@ -179,12 +178,10 @@ fn each<S: Simd>(mut a: S::u64s, b: S::u64s, f: impl Fn(u64, u64) -> u64) -> S::
     a
 }
 
-/// The lanes of a vector.
 pub fn lanes<V: pulp::bytemuck::Pod, T: pulp::bytemuck::Pod>(vector: &V) -> &[T] {
     cast_slice(from_ref(vector))
 }
 
-/// The lanes of a vector.
 pub fn lanes_mut<V: pulp::bytemuck::Pod, T: pulp::bytemuck::Pod>(vector: &mut V) -> &mut [T] {
     cast_slice_mut(from_mut(vector))
 }
@@ -194,7 +191,7 @@ impl SimdOps for pulp::Scalar {}
 #[cfg(target_arch = "aarch64")]
 impl SimdOps for pulp::aarch64::Neon {}
 
-/// Vector instructions of x86. The instructions have the same names for vectors of different length.
+/// Vector instructions of x86. An instruction has the same name for vectors of different lengths.
 #[cfg(target_arch = "x86_64")]
 macro_rules! x86 {
     (

@@ -1,5 +1,4 @@
-//! Runs independent hits, by number, on all threads, and gives their outcomes in order. Only one block of hits is in
-//! memory.
+//! Runs numbered, independent hits on all threads, with outcomes in order. Only one block of hits is in memory.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -11,11 +10,11 @@ use crate::{
     simulation::prepared::{HitError, Numeric, PreparedScene, WallHit},
 };
 
-/// Hits of a block for each lane of each thread. At the end of a block, lanes wait for the last hit: 1 % of the time.
+/// Hits of a block for each lane of each thread. At its end, lanes wait for the last hit: 1 % of the time.
 const HITS_PER_LANE: u64 = 64;
 
-/// Runs the hits 0 .. `total` that `hit` describes, and gives each outcome to `sink`, in order. The outcomes depend
-/// only on the hits: any number of threads and any `engine` give the same.
+/// Runs the hits 0 .. `total` that `hit` describes, and passes each outcome to `sink`, in order. The outcomes depend
+/// only on the hits, not on `engine` or the number of threads.
 ///
 /// # Errors
 /// `stop` was set, or `sink` returned an error.
@@ -64,7 +63,7 @@ struct Numbered<'a, F> {
     end: u64,
     hit: &'a F,
     stop: &'a AtomicBool,
-    /// Number of each lane's hit.
+    /// Number of the hit in each lane.
     lanes: Vec<u64>,
     outcomes: Vec<(u64, Result<Outcome, HitError>)>,
 }

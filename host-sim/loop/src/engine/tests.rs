@@ -27,7 +27,7 @@ fn engines() -> impl Iterator<Item = Engine> {
     std::iter::once(Engine::Core).chain(available.map(Engine::Lanes))
 }
 
-/// A list of hits. A free lane takes the next hit.
+/// A list of hits. A free lane gets the next hit of the list.
 struct Listed<'a> {
     hits: &'a [WallHit],
     taken: usize,
@@ -79,7 +79,7 @@ fn bits(outcome: &Result<Outcome, HitError>) -> Result<(Verdict, Vec<Option<u64>
     })
 }
 
-/// [`hold_with`] with the scene's own filter at each hit's cutoff.
+/// Calls [`hold_with`] with the scene's own filter at the cutoff of each hit.
 fn hold(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
     let own = |hit: &WallHit| {
         let cutoff_hz = hit.velocity.cutoff_hz().unwrap();
@@ -88,8 +88,8 @@ fn hold(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
     hold_with(prepared, &hits.iter().map(own).collect::<Vec<_>>())
 }
 
-/// Compares every engine and backend with the scalar loop. Returns the smallest number of hits that stayed in lanes
-/// on a backend with lanes.
+/// Compares every engine and backend with the scalar loop. Returns how many hits stayed in their lanes: the smallest
+/// number over the backends with lanes.
 fn hold_with(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
     let mut least = u64::MAX;
     for numeric in NUMERICS {
@@ -104,7 +104,7 @@ fn hold_with(prepared: &PreparedScene, hits: &[WallHit]) -> u64 {
                         rms_m: Some(report.rms_m),
                         measures: measures(&report),
                     }),
-                    // expected outcome, from a hit that runs to its end
+                    // expected outcome, from a hit that is run to its end
                     Depth::Bounded => match prepared.hit(numeric, hit, |_| {}) {
                         Err(HitError::OutOfRange(_)) => Ok(Outcome::of(Verdict::Unstable)),
                         whole => whole.map(|report| Outcome {
@@ -142,7 +142,7 @@ fn paper() -> Scene {
     NamedScene::load("paper-1um").unwrap().scene
 }
 
-/// A scene with short hits. The arithmetic is the same, and many hits can be tested.
+/// The scene with shorter hits. The arithmetic is the same, and more hits can be tested.
 fn short(mut scene: Scene) -> Scene {
     scene.device.start_position_m = scene.wall.position_m - 2e-3;
     scene.wall_hit.settle_s = 0.1003;
@@ -177,7 +177,7 @@ fn whole_hits_of_the_paper_are_the_same_on_every_backend() {
     }
 }
 
-/// So short that CI can run it in an interpreter with another machine's instructions: NEON lanes.
+/// Few samples, so CI can run the test in an interpreter with the instructions of another machine (NEON lanes).
 #[test]
 fn a_few_samples_are_the_same_on_every_backend() {
     let mut scene = short(paper());
@@ -234,7 +234,7 @@ fn what_has_no_lanes_runs_all_the_same() {
     }
 }
 
-/// A scene for this estimator: a cutoff of the sweep that suits it, and an accelerometer if it needs one.
+/// The scene with this estimator, a suitable cutoff of the sweep, and an accelerometer if the estimator needs one.
 fn with_estimator(mut scene: Scene, velocity: VelocitySettings) -> Scene {
     scene.sweep.cutoffs_hz = vec![0.1 * scene.control.rate_hz];
     if velocity.name().sense() == Some(Sense::Acceleration) {
@@ -284,7 +284,7 @@ fn a_filter_of_another_form_than_the_scenes_runs_beside_the_lanes() {
     assert_eq!(hold_with(&prepared, &hits), 2, "the low-passes");
 }
 
-/// docs/lab/batch.md names the estimators without lanes.
+/// Estimators with lanes. docs/lab/batch.md names the others.
 const IN_LANES: [&str; 24] = [
     "butterworth",
     "butterworth-prewarped",
@@ -333,7 +333,7 @@ fn a_hit_without_contact_and_one_that_is_refused_say_so() {
     }
 }
 
-/// A scene whose handle leaves the core's range. The outcome must be the same all the same.
+/// A scene whose handle leaves the core's range. Lanes and scalar loop must still give the same outcome.
 fn at_the_ends() -> Scene {
     let mut scene = short(paper());
     scene.encoder.resolution_m = 1e-8;
@@ -354,11 +354,11 @@ fn hits_at_the_ends_of_the_ranges_leave_their_lanes() {
     assert!(hold(&prepared, &hits) < hits.len() as u64, "some left");
 }
 
-/// Every estimator, slow and fast. Some estimators come near their limits before the handle does.
+/// Every estimator, with slow and fast tuning. Some estimators reach their limits before the handle reaches its limits.
 #[test]
 fn estimators_at_the_ends_of_their_ranges_leave_their_lanes() {
     let hits = grid(&[800.0], &[20.0], &[0.01, 0.05]);
-    // observers have no model of such a light handle
+    // observers cannot model such a light handle
     let names = in_lanes().filter(|name| name.sense().is_none());
     let ways = [(0.0, 0.5), (0.5, 0.5), (0.99, 0.5), (0.5, 5.0)];
     for (name, (tuning, push_n)) in names.flat_map(|name| ways.map(|way| (name, way))) {

@@ -8,54 +8,51 @@ use crate::simulation::{
     window::Measures,
 };
 
-/// Part of a hit that is run.
+/// Which part of a hit is run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depth {
-    /// Until the verdict is certain. A hit that leaves the core's range is unstable.
+    /// Until the verdict is certain. If the handle leaves the core's range, the hit is unstable.
     Verdict,
-    /// Until the hit is certain to be unstable. All other hits run to their end, for their measures. A hit that
-    /// leaves the core's range is unstable.
+    /// Until the hit is certain to be unstable. All other hits run to their end and give measures. If the handle leaves
+    /// the core's range, the hit is unstable.
     Bounded,
-    /// To the hit's end, for the RMS. A hit that leaves the core's range is an error.
+    /// To the end of the hit, for the RMS. If the handle leaves the core's range, the hit is an error.
     Whole,
 }
 
-/// Outcome of a hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome {
     pub verdict: Verdict,
-    /// Population RMS over the window, m; only with [`Depth::Whole`].
+    /// Population RMS over the window, m. Only with [`Depth::Whole`].
     pub rms_m: Option<f64>,
-    /// Measures of the window, if the scene looks at more than counts. Present with [`Depth::Whole`], and with
-    /// [`Depth::Bounded`] if the hit is not unstable.
+    /// Measures of the window, if the scene uses more than the counts. Only with [`Depth::Whole`], and with
+    /// [`Depth::Bounded`] for hits that are not unstable.
     pub measures: Option<Measures>,
 }
 
 impl Outcome {
-    /// An outcome with only a verdict.
     pub fn of(verdict: Verdict) -> Self {
         Self { verdict, rms_m: None, measures: None }
     }
 }
 
-/// How many hits were run in lanes and how many in the scalar loop.
+/// Number of hits that were run in lanes, and number of hits that were run in the scalar loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
     /// Hits that stayed in their lanes to the end.
     pub in_lanes: u64,
-    /// Hits that the scalar loop ran, and hits with an error.
+    /// Hits that were run in the scalar loop, and hits with an error.
     pub scalar: u64,
 }
 
 /// Source of hits, and receiver of their outcomes.
 pub trait Work {
-    /// The next hit for a free lane. If the result is `None`, the lane is not used again.
+    /// The next hit for a free lane. After `None` the lane is not used again.
     fn next(&mut self, lane: usize) -> Option<WallHit>;
     /// Takes the outcome of this lane's last hit.
     fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>);
 }
 
-/// Scene, arithmetic and depth of the hits.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'a> {
     pub prepared: &'a PreparedScene,
@@ -63,7 +60,6 @@ pub struct Task<'a> {
     pub depth: Depth,
 }
 
-/// Runs all hits in the scalar loop.
 pub fn one_by_one(task: Task<'_>, work: &mut Pushes<'_>) -> Tally {
     let mut tally = Tally::default();
     while let Some((hit, prepared)) = work.next(0) {
@@ -74,19 +70,17 @@ pub fn one_by_one(task: Task<'_>, work: &mut Pushes<'_>) -> Tally {
     tally
 }
 
-/// Work with several pushes: a lane hits each wall at each push of the scene, one after another, until the wall is
-/// not held.
+/// Work with several pushes. A lane tests each wall at each push of the scene, until the wall fails at a push.
 pub struct Pushes<'a> {
     work: &'a mut dyn Work,
     pushes: &'a [PreparedScene],
     lanes: Vec<Option<Begun>>,
 }
 
-/// A wall that was held at the first pushes.
+/// A wall that was stable at the first pushes.
 struct Begun {
     hit: WallHit,
     next: usize,
-    /// The worst outcome so far.
     worst: Option<Outcome>,
 }
 
@@ -95,8 +89,7 @@ impl<'a> Pushes<'a> {
         Self { work, pushes: prepared.pushes(), lanes: vec![] }
     }
 
-    /// The next hit for a free lane, and the scene with the hit's push. If the result is `None`, the lane is not used
-    /// again.
+    /// The next hit for a free lane, and the scene with the push of this hit. After `None` the lane is not used again.
     pub fn next(&mut self, lane: usize) -> Option<(WallHit, &'a PreparedScene)> {
         if self.lanes.len() <= lane {
             self.lanes.resize_with(lane + 1, || None);
@@ -110,7 +103,6 @@ impl<'a> Pushes<'a> {
         Some((begun.hit, self.pushes.get(begun.next)?))
     }
 
-    /// Takes the outcome of this lane's last hit.
     pub fn done(&mut self, lane: usize, outcome: Result<Outcome, HitError>) {
         let Some(place) = self.lanes.get_mut(lane) else { return };
         let Some(begun) = place else { return };
@@ -132,12 +124,11 @@ impl<'a> Pushes<'a> {
     }
 }
 
-/// Runs a hit in the scalar loop.
 pub fn scalar(task: Task<'_>, hit: &WallHit) -> Result<Outcome, HitError> {
     let Task { prepared, numeric, depth } = task;
     match depth {
         Depth::Verdict => match prepared.verdict(numeric, hit) {
-            // an engine may be certain of the verdict before the handle leaves the range
+            // the handle may leave the range after an engine was certain of the verdict
             Err(HitError::OutOfRange(_)) => Ok(Verdict::Unstable),
             verdict => verdict,
         }

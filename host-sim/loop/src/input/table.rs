@@ -1,5 +1,4 @@
-//! Reads the numbers under named columns of a user's table. All such tables are read here. docs/files.md describes
-//! the format.
+//! Reads numbers from the named columns of a user's table. docs/files.md describes the format.
 
 use std::{iter, ops::RangeInclusive};
 
@@ -45,11 +44,11 @@ impl<'a> Table<'a> {
         });
         let named = |table: &Self| table.header.iter().filter(|name| !name.is_empty()).count();
         let columns = |table: &Result<Self, _>| table.as_ref().map_or(0, named);
-        // Of several delimiters with the same number of columns, it takes the last.
+        // If several delimiters give the same number of columns, the first of `DELIMITERS` is taken.
         tables.into_iter().rev().max_by_key(columns).unwrap_or_else(|| Err("no delimiter".into()))
     }
 
-    /// Names of the columns, in their order.
+    /// Names of the columns, in the order of the file.
     pub fn header(&self) -> &[String] {
         &self.header
     }
@@ -59,7 +58,7 @@ impl<'a> Table<'a> {
         self.line
     }
 
-    /// Line number and numbers of each row.
+    /// The rows: line number and numbers of each row.
     ///
     /// # Errors
     /// One line: line number in the file, column, and allowed values.
@@ -120,7 +119,7 @@ impl<'a> Table<'a> {
     }
 }
 
-/// The lines that are neither blank nor a comment, with their numbers from 1 on. A line ends with LF, CRLF or CR.
+/// The lines with their numbers from 1 on, except blank lines and comments. A line ends with LF, CRLF or CR.
 fn lines(text: &str) -> impl Iterator<Item = (&str, usize)> {
     let lines =
         text.split('\n').flat_map(|line| line.strip_suffix('\r').unwrap_or(line).split('\r'));
@@ -130,7 +129,7 @@ fn lines(text: &str) -> impl Iterator<Item = (&str, usize)> {
     })
 }
 
-/// A text without blanks at both ends. Other characters that do not print stay, and make the value invalid.
+/// A text without blanks at both ends. Other characters that do not print stay, so the value is invalid.
 fn trim(text: &str) -> &str {
     text.trim_matches([' ', '\t'])
 }
@@ -178,7 +177,7 @@ impl Splitter {
         text.resize(line.len() + 1, 0);
         ends.resize(line.len() + 1, 0);
         let (_, _, written, cells) = reader.read_record(line.as_bytes(), text, ends);
-        // In an open quote the line's end counts as one more character.
+        // In an open quote the end of a line is one more character.
         let (result, _, _, last) =
             reader.read_record(b"\n", &mut text[written..], &mut ends[cells..]);
         if !matches!(result, ReadRecordResult::Record) {
@@ -188,14 +187,14 @@ impl Splitter {
         }
         let ends = &ends[..cells + last];
         let pairs = iter::once(&0).chain(ends).zip(ends);
-        // The text was cut at delimiters and quotes only, so each piece is still valid UTF-8.
+        // The text is cut only at delimiters and quotes, so each piece is valid UTF-8.
         Ok(pairs
             .map(|(begin, end)| clean(str::from_utf8(&text[*begin..*end]).unwrap_or_default()))
             .collect())
     }
 }
 
-/// A cell without blanks, and without quotes. The reader keeps quotes that follow a blank.
+/// A cell without blanks and quotes at its ends. The CSV reader keeps a quote that follows a blank.
 fn clean(cell: &str) -> &str {
     let cell = trim(cell);
     cell.strip_prefix('"').and_then(|cell| cell.strip_suffix('"')).map_or(cell, trim)

@@ -2,8 +2,8 @@
 
 use std::ops::{Add, Mul, Sub};
 
-/// A number as the sum of two floats. The second is at most half an LSB of the first. (The crate `twofloat` has such
-/// a type, but would bring a second `syn` into every build.)
+/// A number as the sum of two floats. The second float is at most half an LSB of the first. (The crate `twofloat` has
+/// such a type, but would add a second `syn` to every build.)
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Double {
     high: f64,
@@ -22,7 +22,7 @@ impl From<Double> for f64 {
     }
 }
 
-/// Sum and its rounding error (Knuth, "The Art of Computer Programming", vol. 2, 4.2.2, theorem B).
+/// A sum and its rounding error (Knuth, "The Art of Computer Programming", vol. 2, 4.2.2, theorem B).
 #[inline]
 fn two_sum(a: f64, b: f64) -> Double {
     let high = a + b;
@@ -30,14 +30,14 @@ fn two_sum(a: f64, b: f64) -> Double {
     Double { high, low: (a - (high - rounded)) + (b - rounded) }
 }
 
-/// Sum and rounding error, for `abs(a) >= abs(b)`.
+/// A sum and its rounding error, for `abs(a) >= abs(b)`.
 #[inline]
 fn quick_sum(a: f64, b: f64) -> Double {
     let high = a + b;
     Double { high, low: b - (high - a) }
 }
 
-/// Product and its rounding error, from halves of 26 bits (Dekker, Numer. Math. 18, 1971).
+/// A product and its rounding error, from halves of 26 bits (Dekker, Numer. Math. 18, 1971).
 #[inline]
 fn two_product(a: f64, b: f64) -> Double {
     const HALVES: f64 = 134_217_729.0; // 2^27 + 1

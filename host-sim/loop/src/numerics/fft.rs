@@ -1,5 +1,4 @@
-//! Discrete Fourier transforms with the same bits on every machine. Transforms that use a machine's vector
-//! instructions do not give the same bits.
+//! Discrete Fourier transforms with the same bits on every machine. Vector instructions of a machine would change bits.
 //!
 //! Powers of two use Stockham's form in radix 4, with a last stage in radix 2 (C. Van Loan, *Computational Frameworks
 //! for the Fast Fourier Transform*, 1992, sections 1.7 and 4.4). Other lengths use a convolution with a chirp
@@ -36,7 +35,7 @@ pub fn forward(signal: &[Complex<f64>]) -> Vec<Complex<f64>> {
     values.iter().zip(&chirp).map(|(value, chirp)| value.conj() * scale * chirp).collect()
 }
 
-/// The spectrum of a real signal, padded with zeros to a power of two. Its tables are made once, so it is fast.
+/// The spectrum of a real signal, padded with zeros to a power of two. Its tables are made only once, for speed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RealSpectrum {
     /// Tables for a complex signal of half the length. Each complex sample holds two real samples.
@@ -44,17 +43,17 @@ pub struct RealSpectrum {
 }
 
 impl RealSpectrum {
-    /// Tables for up to `samples` samples.
+    /// Tables for a signal of at most `samples` samples.
     pub fn new(samples: usize) -> Self {
         Self { table: Table::new(samples.max(4).next_power_of_two() / 2) }
     }
 
-    /// Number of samples, with the zeros.
+    /// Number of samples, including the zeros.
     pub fn length(&self) -> usize {
         2 * self.table.length
     }
 
-    /// `|X[k]|^2` of the bins `bins`, all below half the length.
+    /// `|X[k]|^2` for the bins `bins`. All bins must be below half the length.
     pub fn powers(&self, signal: &[f64], bins: core::ops::Range<usize>) -> Vec<f64> {
         let half = self.table.length;
         let part = |odd: usize| -> Vec<f64> {
@@ -64,7 +63,7 @@ impl RealSpectrum {
         let [re, im] = self.table.transformed([part(0), part(1)]);
         let power = |k: usize| {
             let (a, b) = (k % half, (half - k) % half);
-            // spectra of the even and the odd samples, then one step of decimation in time
+            // spectra of the even and of the odd samples, then one step of decimation in time
             let even = [0.5 * (re[a] + re[b]), 0.5 * (im[a] - im[b])];
             let odd = [0.5 * (im[a] + im[b]), 0.5 * (re[b] - re[a])];
             let (x, y) = times((self.table.turns[0][k], self.table.turns[1][k]), (odd[0], odd[1]));
@@ -115,7 +114,7 @@ impl Table {
         from
     }
 
-    /// One pass of radix 4 over transforms of `length`, with `stride` transforms side by side.
+    /// One pass of radix 4 over transforms of length `length`. `stride` transforms are side by side.
     fn quarters(&self, from: &Parts, to: &mut Parts, length: usize, stride: usize) {
         let quarter = length / 4;
         let [re, im] = from;
@@ -169,7 +168,7 @@ fn half_turns(steps: f64, of: usize) -> Complex<f64> {
 }
 
 fn float(number: usize) -> f64 {
-    number as f64 // lengths far below 2^53
+    number as f64 // exact: lengths are far below 2^53
 }
 
 #[cfg(test)]

@@ -1,5 +1,4 @@
-//! Mathematics that is independent of the device: exact step of a linear system, integrators, Fourier transform,
-//! random numbers, statistics.
+//! Mathematics that is independent of the device.
 
 pub mod double;
 pub mod exact;

@@ -1,12 +1,11 @@
-//! Random numbers of a sample. Each is a function of seed and sample number, so it depends neither on threads nor on
-//! other draws.
+//! Random numbers for a sample: functions of seed and sample number, independent of threads and other draws.
 //!
 //! Source: the output function of SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators",
 //! OOPSLA 2014) on a counter; Box and Muller, Ann. Math. Stat. 29, 1958.
 
 use core::f64::consts::TAU;
 
-/// Number n of SplitMix64 after `seed`.
+/// Number n of the SplitMix64 sequence with this seed.
 #[inline]
 pub fn bits(seed: u64, n: u64) -> u64 {
     let mut z = seed.wrapping_add(n.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15));

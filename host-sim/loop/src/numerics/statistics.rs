@@ -1,14 +1,13 @@
-//! Decides whether the walks show a difference between two results: Welch's unequal variances t-test (Biometrika 34,
-//! 1947).
+//! Decides whether two results differ: Welch's unequal variances t-test (Biometrika 34, 1947).
 
 use statrs::distribution::{ContinuousCDF as _, StudentsT};
 
 /// A result is as good as the best result if its mean is at least this fraction of the best mean.
 pub const AS_GOOD_AS_BEST: f64 = 0.98;
-/// Probability that the test rejects a result that is exactly at its limit.
+/// Probability that the test rejects a result that is exactly at the limit.
 pub const LEVEL: f64 = 0.05;
 
-/// Mean and squared standard error of a number of repeats.
+/// Mean of several repeats, and the squared standard error of this mean.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Repeats {
     pub count: f64,
@@ -37,8 +36,8 @@ impl Repeats {
         }
     }
 
-    /// Whether the repeats show that the mean is below `share` of the mean of `best`. The test is one-sided, at
-    /// [`LEVEL`]. Without spread the means are compared directly.
+    /// Whether the repeats show that the mean is below `share` times the mean of `best`. The test is one-sided, at
+    /// [`LEVEL`]. If neither has any spread, the means are compared directly.
     pub fn is_below(&self, share: f64, best: &Self) -> bool {
         let lacking = share * best.mean - self.mean;
         let errors = [self.squared_error, share * share * best.squared_error];
@@ -78,8 +77,8 @@ mod tests {
 
     #[test]
     fn the_threshold_is_that_of_the_t_distribution() {
-        // Both have equal spread and count 4: 6 degrees of freedom, t(95 %) = 1.9432. The squared error of each mean
-        // is 1/12, the squared error of their difference 1/6.
+        // Both have equal spread and four repeats: 6 degrees of freedom, t(95 %) = 1.9432. The squared error of each
+        // mean is 1/12, the squared error of their difference 1/6.
         let around = |mean: f64| Repeats::of([-0.5, 0.5, -0.5, 0.5].map(|d| mean + d).into_iter());
         let spread = around(0.0).squared_error;
         assert!((spread - 1.0 / 12.0).abs() < 1e-12, "{spread}");

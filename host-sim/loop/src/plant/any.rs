@@ -1,6 +1,6 @@
-//! Any plant of a scene in one type. Plants with an exact step have a variant for each number of states, and
-//! [`each_plant`] compiles a hit's loop for each of them. Other plants take so long for a step that a call through a
-//! vtable does not matter.
+//! The plant of any scene in one type. A plant with an exact step has a variant for its number of states.
+//! [`each_plant`] compiles the loop of a hit for each variant. A step of the other plants takes so long that a call
+//! through a vtable does not matter.
 
 use std::{fmt::Debug, sync::Arc};
 
@@ -16,7 +16,6 @@ use crate::{
     },
 };
 
-/// The plant of a scene.
 #[derive(Clone, Debug)]
 pub enum AnyPlant {
     /// A device alone, without an amplifier.
@@ -53,7 +52,7 @@ macro_rules! each_plant {
 }
 pub use each_plant;
 
-/// [`Plant`] with the state of any plant, for calls through a vtable.
+/// [`Plant`] with a state type that fits all plants, for calls through a vtable.
 pub trait OtherPlant: Debug + Send + Sync {
     fn any_at_rest(&self, position_m: f64) -> AnyState;
     fn any_position_m(&self, state: &AnyState) -> f64;
@@ -122,7 +121,7 @@ impl<P: Plant + Debug + Send + Sync> OtherPlant for P {
 }
 
 impl AnyPlant {
-    /// Change of the states in a sample by the hand's constant force, if the step is linear.
+    /// Change of the states in a sample by the hand's constant force. 0 for [`Self::Other`].
     pub(crate) fn hand(&self) -> [f64; 7] {
         match self {
             Self::Plain(step) => step.padded::<7>().hand,
@@ -156,7 +155,7 @@ impl AnyPlant {
         Self::ideal(scene, sample_s, fraction).driven(scene)
     }
 
-    /// The plant behind the scene's amplifier, if that has an error.
+    /// The plant with the scene's amplifier before it, if the amplifier has an error.
     fn driven(self, scene: &Scene) -> Self {
         match scene.amplifier_error {
             None => self,
@@ -180,7 +179,6 @@ impl AnyPlant {
         Self::Other(Arc::new(plant))
     }
 
-    /// A plant that is integrated, linear or not.
     pub fn integrated(
         chain: &Chain,
         nonlinear: &Nonlinear,

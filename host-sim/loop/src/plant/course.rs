@@ -1,6 +1,6 @@
-//! The handle's motion over a run of samples. Only the last sample of a run may have an output. Until then the plant
-//! does not depend on the controller. So the plant moves over the whole run in one call, and a plant behind a vtable
-//! is called only once. The encoder is read in the same loop, while the processor waits for the plant's last step.
+//! The handle's motion over a run: several samples in one call. Only the last sample of a run may have an output. Until
+//! then the plant does not depend on the controller, so a plant behind a vtable is called only once. The encoder is
+//! read in the same loop, while the processor waits for the plant's last step.
 
 use std::ops::Range;
 
@@ -12,7 +12,6 @@ use super::{Moment, Plant, quantiser::Quantiser};
 #[derive(Debug)]
 pub struct Places<'a> {
     pub positions_m: &'a mut [f64; RUN],
-    /// Readings of the encoder.
     pub counts: &'a mut [i32; RUN],
 }
 
@@ -24,22 +23,20 @@ pub struct Course {
     pub outputs_n: [f64; RUN],
 }
 
-/// Description of a run.
+/// Input of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Span {
-    /// Number of the run's first sample.
     pub index: u64,
     /// Number of samples, 1 to [`RUN`].
     pub samples: usize,
     /// Whether the [`Course`] is filled.
     pub watched: bool,
-    /// Command that acts at the run's beginning, N.
+    /// Command that acts at the beginning of the run, N.
     pub acting_n: f64,
-    /// Sample of the run within which another command takes effect. Beyond the run if there is no such command.
+    /// Index of the sample in which another command takes effect. Beyond the run if there is no such command.
     pub arrival: usize,
-    /// Command that takes effect in sample `arrival`, N.
+    /// The other command, N. It takes effect in sample `arrival`.
     pub arriving_n: f64,
-    /// Quantiser of the encoder.
     pub encoder: Quantiser,
 }
 
@@ -63,7 +60,6 @@ impl Course {
     }
 }
 
-/// State of a run.
 struct Way<'a, 'b, P, const WATCHED: bool> {
     plant: &'a P,
     span: &'a Span,
@@ -91,7 +87,7 @@ impl<P: Plant, const WATCHED: bool> Way<'_, '_, P, WATCHED> {
         state
     }
 
-    /// Moves over samples under one command.
+    /// Moves over several samples under one command.
     #[inline(always)]
     fn under(&mut self, mut state: P::State, acting_n: f64, samples: Range<usize>) -> P::State {
         for sample in samples {
@@ -102,10 +98,10 @@ impl<P: Plant, const WATCHED: bool> Way<'_, '_, P, WATCHED> {
         state
     }
 
-    /// Stores a sample's values. The commands act at its beginning, and from its split on.
+    /// Stores the values of a sample. The first command acts from the sample's beginning, the second from the split on.
     #[inline(always)]
     fn note(&mut self, state: &P::State, sample: usize, [before_n, after_n]: [f64; 2]) {
-        let sample = sample % RUN; // has no effect, but saves the bounds checks below
+        let sample = sample % RUN; // no effect on the value; saves the bounds checks below
         let moment = Moment { index: self.span.index + sample as u64, before_n, after_n };
         self.places.positions_m[sample] = self.plant.position_m(state);
         self.places.counts[sample] = self.span.encoder.count(self.plant.reading_m(state, &moment));

@@ -3,7 +3,7 @@
 use super::{AnyState, Moment, Plant};
 use crate::scene::element::AmplifierError;
 
-/// A plant behind an amplifier with an error.
+/// A plant with an amplifier error before it.
 #[derive(Clone, Debug)]
 pub struct Driven<P> {
     plant: P,

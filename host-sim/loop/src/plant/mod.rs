@@ -1,8 +1,7 @@
-//! The device, advanced exactly: `m x'' + b x' + k (x - x0) = F`. The force is constant within a sample, or steps
-//! once.
+//! The device, advanced exactly: `m x'' + b x' + k (x - x0) = F`. F is constant, or changes once in a sample.
 //!
 //! The state s is `(x - x0, x')`. After a time t under a constant force F, it is `phi(t) s + gamma(t) F`. A step takes
-//! the sample time T. If the force steps from F1 to F2 at `fraction` of the sample, the next state is
+//! the sample time T. If the force changes from F1 to F2 at `fraction` of the sample, the next state is
 //!
 //! ```text
 //! phi(T) s + before F1 + after F2
@@ -10,10 +9,9 @@
 //! after  = gamma((1 - fraction) T)
 //! ```
 //!
-//! A hand's constant force adds the same to the state in every sample.
+//! A hand's constant force changes the state by the same amount in every sample.
 //!
-//! The only errors are roundings. If forces or lengths are scaled by a power of two, the run is the same bit for bit,
-//! except for this scale.
+//! The only errors are rounding errors. Forces or lengths scaled by a power of two give exactly scaled results.
 
 mod any;
 mod course;
@@ -36,7 +34,6 @@ use crate::scene::element::STATES_MAX;
 /// A sample at which the encoder is read.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment {
-    /// Number of the sample.
     pub index: u64,
     /// Command at the sample's beginning, N.
     pub before_n: f64,
@@ -46,37 +43,35 @@ pub struct Moment {
 
 /// A device under the actuator's force, advanced one sample at a time.
 pub trait Plant: Clone {
-    /// State of the plant.
     type State: Copy + core::fmt::Debug;
 
-    /// State of a handle at rest at `position_m`, before any force.
+    /// State of a handle at rest at `position_m`, before a force acts.
     fn at_rest(&self, position_m: f64) -> Self::State;
     /// Position of motor and encoder, m.
     fn position_m(&self, state: &Self::State) -> f64;
     /// Speed of motor and encoder, m/s.
     fn speed_m_per_s(&self, state: &Self::State) -> f64;
-    /// Force of the actuator on the handle for the command `output_n`, N. Both are equal, except with an amplifier's
-    /// lag.
+    /// Force of the actuator for the command `output_n`, N. Force and command differ only by an amplifier's lag.
     #[inline]
     fn force_n(&self, _state: &Self::State, output_n: f64) -> f64 {
         output_n
     }
     /// Position that the encoder reads for a sample, m, before quantisation. It differs from the true position if the
-    /// encoder reads late or with errors.
+    /// encoder reads late or has errors.
     #[inline]
     fn reading_m(&self, state: &Self::State, _moment: &Moment) -> f64 {
         self.position_m(state)
     }
-    /// Position `delay_s` (below a sample) later, m, with the two commands before and after the split. `None` if the
-    /// plant cannot compute it: an exact step is for whole samples only.
+    /// Position after `delay_s` (shorter than a sample), m. The two commands act before and after the split. `None` if
+    /// the plant cannot compute it, because an exact step is for whole samples only.
     fn later_m(&self, _state: &Self::State, _delay_s: f64, _forces_n: [f64; 2]) -> Option<f64> {
         None
     }
-    /// State one sample later, with the constant command `force_n`.
+    /// State one sample later, under the constant command `force_n`.
     fn advance(&self, state: &Self::State, force_n: f64) -> Self::State;
-    /// State one sample later, with `before_n` commanded until the split and `after_n` from the split on.
+    /// State one sample later. `before_n` is commanded until the split, `after_n` from the split on.
     fn advance_split(&self, state: &Self::State, before_n: f64, after_n: f64) -> Self::State;
-    /// Moves over a run of samples. The encoder reads each sample.
+    /// Moves over the samples of a run. The encoder reads at each sample.
     #[inline(always)]
     fn run(
         &self,
@@ -87,19 +82,18 @@ pub trait Plant: Clone {
     ) -> Self::State {
         course.run(self, state, span, places)
     }
-    /// Number of integration steps tried since the state at rest; 0 without an integrator.
+    /// Number of tried integration steps since the state at rest; 0 without an integrator.
     fn steps(&self, _state: &Self::State) -> u64 {
         0
     }
-    /// Converts a state to the type that holds the state of any plant.
+    /// Stores a state in the type that fits all plants.
     fn pack(state: &Self::State) -> AnyState;
     fn unpack(any: &AnyState) -> Self::State;
 }
 
-/// The state of any plant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AnyState {
-    /// States of the chain; unused places are 0.
+    /// States of the chain. Unused entries are 0.
     z: [f64; STATES_MAX],
     regime: Regime,
     step_s: f64,

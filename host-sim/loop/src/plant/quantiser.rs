@@ -1,16 +1,13 @@
-//! The encoder's scale: positions to counts. The lanes have the same calculation in `Chunk::count` of the engine;
-//! tests compare both.
+//! Quantisation of positions to counts. The lanes do the same in `Chunk::count` of the engine. Tests compare both.
 
 use std::hint::cold_path;
 
 use crate::scene::{Encoder, Rounding};
 
-/// Converts a position to a count.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quantiser {
     /// Length of a count, m per count.
     pub resolution_m: f64,
-    /// Rounding of a position to a count.
     pub rounding: Rounding,
     /// Counts per metre, the reciprocal of the resolution.
     per_m: f64,
@@ -18,23 +15,20 @@ pub struct Quantiser {
     above: f64,
 }
 
-/// Added to a number in the range of `i32`, it leaves this number plus 2^31 in the low 52 bits of the sum, in units
-/// of 2^-20.
+/// Added to a number in the range of `i32`. The low 52 bits of the sum are the number plus 2^31, in units of 2^-20.
 const ABOVE: f64 = 1.5 * (1u64 << 32) as f64;
 const FRACTION_BITS: u32 = 20;
-/// If product and sum are at least this far from every whole number, their floor is the quotient's floor. Units of
-/// 2^-20.
+/// Distance, units of 2^-20. If a sum is this far from every whole number, its floor is that of the exact quotient.
 const CLOSE: u64 = 4;
 
 impl Quantiser {
-    /// The quantiser of a scene's encoder.
     pub fn of(encoder: &Encoder) -> Self {
         let (resolution_m, rounding) = (encoder.resolution_m, encoder.rounding);
         let above = ABOVE + if rounding == Rounding::Round { 0.5 } else { 0.0 };
         Self { resolution_m, rounding, per_m: 1.0 / resolution_m, above }
     }
 
-    /// `position_m` in counts, on a scale whose whole numbers are the borders between counts.
+    /// `position_m` in counts, as a real number. Each whole number is the border between two counts.
     #[inline]
     pub fn place(&self, position_m: f64) -> f64 {
         let exact = position_m / self.resolution_m;
@@ -46,9 +40,9 @@ impl Quantiser {
 
     /// The count of `position_m`: the floor of its [`place`](Self::place), saturated to the range of `i32`.
     ///
-    /// Nearly every count is computed without a division, which is slow. Below 2^31 counts, the product with the
-    /// reciprocal differs from the quotient by at most 3 * 2^-53 * 2^31 < 2^-20. The two sums add errors of 2^-21 and
-    /// 2^-22. So the floors differ only if a whole number is closer than 4 * 2^-20.
+    /// Nearly all counts are computed without a division, because a division is slow. Below 2^31 counts, the product
+    /// with the reciprocal differs from the quotient by at most 3 * 2^-53 * 2^31 < 2^-20. The two sums add errors of
+    /// 2^-21 and 2^-22. So the floors can differ only if a whole number is closer than 4 * 2^-20.
     #[inline]
     pub fn count(&self, position_m: f64) -> i32 {
         let sum = position_m * self.per_m + self.above;
@@ -63,18 +57,18 @@ impl Quantiser {
     }
 }
 
-/// Added to a number below 2^51, it leaves the nearest integer in the low bits of the sum.
+/// This constant is added to a number below 2^51. The low bits of the sum are then the nearest integer.
 pub(crate) const INTEGER: f64 = 1.5 * (1u64 << 52) as f64;
 
-/// The largest integer not above `value`, saturated to the range of `i32`. `INTEGER` gives the nearest integer; a
-/// rounding up is corrected. It takes a third of the instructions of `value.floor() as i32`.
+/// The largest integer not above `value`, saturated to the range of `i32`. `INTEGER` gives the nearest integer. If that
+/// was rounded up, 1 is subtracted. This takes a third of the instructions of `value.floor() as i32`.
 #[inline]
 pub fn floor(value: f64) -> i32 {
     let value = value.clamp(f64::from(i32::MIN), f64::from(i32::MAX));
     let sum = value + INTEGER;
     #[expect(clippy::cast_possible_truncation, reason = "the low 32 bits are the integer")]
     let nearest = (sum.to_bits() as u32).cast_signed();
-    nearest.wrapping_sub(i32::from(sum - INTEGER > value)) // i32::MIN is never rounded up to
+    nearest.wrapping_sub(i32::from(sum - INTEGER > value)) // i32::MIN is never the result of rounding up
 }
 
 #[cfg(test)]
@@ -110,7 +104,7 @@ mod tests {
         }
     }
 
-    /// Count and floor of the place agree at borders, beside borders, at the ends, for NaN, and for random positions.
+    /// The count is the floor of the place: at borders, beside borders, at the ends, for NaN, and for random positions.
     #[test]
     fn a_count_is_the_floor_of_its_place() {
         let numbers = (0..).map(|n| random::uniform_with_zero(20_261_126, n));
@@ -136,7 +130,7 @@ mod tests {
                     for number in numbers.by_ref().take(300) {
                         let place = number * 2f64.powi(exponent);
                         check(place * resolution_m);
-                        check(place.round() * resolution_m); // at a border, or one last digit beside it
+                        check(place.round() * resolution_m); // at a border, or beside it by the last digit
                     }
                 }
             }

@@ -1,4 +1,4 @@
-//! A plant whose encoder reads late, or with error or noise.
+//! A plant whose encoder reads late, with an error or with noise.
 
 use std::sync::Arc;
 
@@ -20,7 +20,6 @@ pub struct Sensing {
 }
 
 impl Sensing {
-    /// The errors in a scene.
     pub fn of(scene: &Scene) -> Self {
         Self { error: scene.encoder_error, noise: scene.encoder_noise, jitter: scene.jitter }
     }
@@ -29,8 +28,8 @@ impl Sensing {
         *self == Self::default()
     }
 
-    /// Position that the encoder reads for a handle at `position_m`, m, with error and noise, before quantisation.
-    /// `hit` and `sample` select the noise of a reading.
+    /// Position that the encoder reads, m, with error and noise, before quantisation. `hit` and `sample` select the
+    /// noise.
     #[inline]
     pub fn shown_m(&self, position_m: f64, hit: u64, sample: u64) -> f64 {
         let mut shown_m = position_m;
@@ -44,14 +43,12 @@ impl Sensing {
     }
 }
 
-/// A plant with errors of its encoder's readings.
 #[derive(Clone, Debug)]
 pub struct Sensed<P> {
     plant: P,
     sensing: Sensing,
-    /// Rest position of the device, m.
     rest_m: f64,
-    /// The position at each delay, for plants with an exact step.
+    /// Weights of the position for each delay, for plants with an exact step.
     glimpses: Option<Arc<[Glimpse]>>,
 }
 
@@ -63,7 +60,7 @@ pub struct SensedState<S> {
 }
 
 impl<P: Plant> Sensed<P> {
-    /// `chain` and `split_s` must belong to `plant`.
+    /// `chain` and `split_s` must be those of `plant`.
     pub fn new(plant: P, sensing: Sensing, chain: &Chain, split_s: f64) -> Self {
         let by_itself = plant.later_m(&plant.at_rest(0.0), 0.0, [0.0; 2]).is_some();
         let glimpses = sensing
@@ -93,8 +90,8 @@ impl<P: Plant> Plant for Sensed<P> {
     type State = SensedState<P::State>;
 
     fn at_rest(&self, position_m: f64) -> Self::State {
-        // Each start position of a repeat has its own noise. All walls that are hit from this start have the same
-        // noise.
+        // Repeats have different start positions, and each start position has its own noise. All walls hit from one
+        // start position have the same noise.
         let hit = random::bits(position_m.to_bits(), 0);
         SensedState { plant: self.plant.at_rest(position_m), hit }
     }
@@ -180,7 +177,7 @@ mod tests {
         scene
     }
 
-    /// Compares late readings with exact steps of the same length.
+    /// Compares late readings with exact steps. The length of each step is the delay.
     fn late_readings(scene: &Scene, fraction: f64, tolerance_m: f64) {
         let mut with = scene.clone();
         with.jitter = Some(JITTER);
@@ -197,7 +194,7 @@ mod tests {
             let level = JITTER.level(state.hit, index);
             levels.insert(level);
             let delay_s = JITTER.delay_s(level);
-            // The delay has a part up to the split and a part after it. Each part is a whole step of this length.
+            // One part of the delay is before the split, the other after it. Each part is a whole step of this length.
             let early_s = delay_s.min(split_s);
             let part = |dt: f64, state: &AnyState, force_n: f64| {
                 if dt == 0.0 {

@@ -12,23 +12,23 @@ use crate::range::within;
 /// Corner of the accelerometer's low-pass, Hz.
 const BANDWIDTH_HZ: RangeInclusive<f64> = 1e-3..=1e6;
 
-/// An accelerometer on the body that carries motor and encoder, also where `[mode]` puts another one behind it. It gives
-/// the mean acceleration of each sample.
+/// An accelerometer on the body that carries motor and encoder. It stays there if `[mode]` adds a second mass. A
+/// reading is the mean acceleration of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Accelerometer {
     /// Largest magnitude of a reading.
     pub full_scale_m_per_s2: f64,
-    /// Step of a reading; 0: none.
+    /// Step of a reading. 0: no quantisation.
     #[serde(default)]
     pub resolution_m_per_s2: f64,
-    /// Density of its noise.
+    /// Density of the reading's noise.
     #[serde(default)]
     pub noise_m_per_s2_per_sqrt_hz: f64,
     /// Reading at rest.
     #[serde(default)]
     pub bias_m_per_s2: f64,
-    /// Corner of its first-order low-pass; without it, none.
+    /// Corner of its first-order low-pass. Absent: no low-pass.
     pub bandwidth_hz: Option<f64>,
 }
 

@@ -1,8 +1,7 @@
-//! What a board needs of a device and the simulator does not: the tables `[board]`, `[safety]`, `[motor]` and
-//! `[return]`.
+//! The tables that a board needs and the simulator does not: `[board]`, `[safety]`, `[motor]` and `[return]`.
 //!
-//! The simulator only checks these tables. Each key may be absent. Then a guess is made here from the rest of the
-//! scene, and `prepare` lists it. The guesses are scaled numbers of the paper's device.
+//! The simulator only checks these tables. A value for an absent key is guessed here from the rest of the scene.
+//! `prepare` lists the guesses. They are scaled from the values of the paper's device.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -17,27 +16,26 @@ use zwidth::{
 use super::{Scene, Units};
 use crate::scene::element::Travel;
 
-/// Board, and what its firmware begins with.
+/// The board, and the firmware's settings at the first start.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BoardTable {
     /// `nucleo-f446re` or `discovery-f407`.
     pub name: String,
-    /// Cutoff of a board without saved settings; its walls are in the envelope. Absent: `velocity.cutoff_hz`, else the
-    /// cutoff that quiet walls recommend.
+    /// Cutoff of a board without saved settings. The envelope has the walls of this cutoff. Absent:
+    /// `velocity.cutoff_hz`, else the cutoff that quiet walls recommend.
     pub cutoff_hz: Option<f64>,
-    /// Name of the design in force on such a board. Absent: the first of the estimators.
+    /// Name of the active design of a board without saved settings. Absent: the first estimator is active.
     pub design: Option<String>,
-    /// Estimators that the envelope covers beside the designs, the first of them in force at first. Absent: the
-    /// scene's own.
+    /// Estimators of the envelope, beside the designs. The first is active at the start. Absent: the scene's own.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub estimators: Vec<String>,
-    /// Output periods in samples that the envelope covers, beside `actuator.period`.
+    /// Output periods in samples of the envelope, beside `actuator.period`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub periods: Vec<u32>,
-    /// Direction of the motor: `-` if a positive command pushes out of the wall. Absent: `+`.
+    /// Direction of the motor. `-`: a positive command pushes out of the wall. Absent: `+`.
     pub motor: Option<Sign>,
-    /// Direction of the encoder: `-` if the count falls into the wall. Absent: `+`.
+    /// Direction of the encoder. `-`: the count falls on the way into the wall. Absent: `+`.
     pub encoder: Option<Sign>,
 }
 
@@ -46,7 +44,7 @@ pub enum Sign {
     /// A positive count or command goes into the wall.
     #[serde(rename = "+")]
     Plus,
-    /// The other way round.
+    /// A positive count or command goes out of the wall.
     #[serde(rename = "-")]
     Minus,
 }
@@ -55,47 +53,46 @@ pub enum Sign {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SafetyTable {
-    /// Speed at which the force goes off. Absent: 1, or the largest that the velocity can state.
+    /// Speed above which the force is switched off. Absent: 1, or the largest speed that the velocity can represent.
     pub speed_max_m_per_s: Option<f64>,
-    /// Largest speed that the handle can have; a larger one is a fault. Absent: five times `speed_max_m_per_s`.
+    /// Largest possible speed of the handle; a larger one is a fault. Absent: five times `speed_max_m_per_s`.
     pub speed_believable_m_per_s: Option<f64>,
-    /// Lowest position at which force may be on; not beyond a rigid stop. Absent: the end of `[travel]`, else 40 mm
-    /// before the start.
+    /// Lowest position at which force may be on, inside a rigid stop. Absent: the end of `[travel]`, else 40 mm before
+    /// the start.
     pub travel_low_m: Option<f64>,
     /// Highest position at which force may be on. Absent: the end of `[travel]`, else 40 mm beyond the wall.
     pub travel_high_m: Option<f64>,
-    /// Time over which the force comes in. Absent: 0.2.
+    /// Time of the ramp from no force to full force. Absent: 0.2.
     pub ramp_in_s: Option<f64>,
-    /// Force of the sign test, as a part of full scale. Absent: 0.05.
+    /// Force of the sign test, as a fraction of full scale. Absent: 0.05.
     pub sign_test_force: Option<f64>,
-    /// Counts that the sign test has to see. Absent: 22 % of those by which the free handle moves.
+    /// Counts that the sign test must detect. Absent: 22 % of the free handle's motion.
     pub sign_test_counts: Option<u32>,
-    /// Mass of the heaviest handle, with hand and arm, that a push may find. Absent: 20 times the device's.
+    /// Mass of the heaviest handle, with hand and arm, for a push. Absent: 20 times the device's.
     pub heaviest_mass_kg: Option<f64>,
-    /// Damping of the heaviest handle. Absent: 20 times the device's, at least the
-    /// heaviest mass over 0.1 s.
+    /// Damping of the heaviest handle. Absent: 20 times the device's, at least the heaviest mass divided by 0.1 s.
     pub heaviest_damping_n_s_per_m: Option<f64>,
-    /// A handle that moves farther ends a calibration. Absent: 1 mm, at least 4 counts.
+    /// Motion of the handle that ends a calibration. Absent: 1 mm, at least 4 counts.
     pub calibration_travel_m: Option<f64>,
 }
 
-/// What the motor stands.
+/// Limits of the motor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MotorTable {
-    /// Force that the motor can give for ever. Absent: 70 % of full scale.
+    /// Force that the motor can give without a time limit. Absent: 70 % of full scale.
     pub continuous_force_n: Option<f64>,
     /// Thermal time constant of its winding. Absent: 30.
     pub time_constant_s: Option<f64>,
-    /// Voltage of the amplifier's current output without current, as a part of the board's analogue supply. Absent: the
-    /// input is not used; then `current_sense_full` is absent too.
+    /// Voltage of the amplifier's current output at zero current, as a fraction of the board's analogue supply. Absent:
+    /// the input is not used, and `current_sense_full` must be absent too.
     pub current_sense_rest: Option<f64>,
-    /// Voltage of the amplifier's current output at full command, as a part of the same supply.
+    /// Voltage of the amplifier's current output at full command, as a fraction of the same supply.
     pub current_sense_full: Option<f64>,
 }
 
 impl MotorTable {
-    /// A key without the other would be read as 0.
+    /// Checks that both keys are given or none. The firmware would read an absent key as 0.
     fn check_current(&self) -> Result<(), String> {
         let (rest, full) = ("motor.current_sense_rest", "motor.current_sense_full");
         let (missing, key, value) = match (self.current_sense_rest, self.current_sense_full) {
@@ -106,7 +103,7 @@ impl MotorTable {
         Err(format!("{missing} is missing, {key} is {value}, allowed both or neither"))
     }
 
-    /// The settings of the current input. Without these keys the input is not used.
+    /// The settings of the current input. Without the two keys the input is not used.
     fn current(&self) -> CurrentSettings {
         CurrentSettings {
             rest: self.current_sense_rest.unwrap_or_default(),
@@ -123,31 +120,28 @@ pub struct ReturnTable {
     pub speed_m_per_s: Option<f64>,
     /// Largest force of the return.
     pub force_n: Option<f64>,
-    /// Proportional gain of its controller.
+    /// Proportional gain of the return's controller.
     pub stiffness_n_per_m: Option<f64>,
-    /// Derivative gain.
+    /// Derivative gain of the return's controller.
     pub damping_n_s_per_m: Option<f64>,
-    /// Integral gain.
+    /// Integral gain of the return's controller.
     pub integral_n_per_m_s: Option<f64>,
-    /// Distance from the start at which it ends. Absent: 50 um, at least 4 counts.
+    /// Distance from the start at which the return ends. Absent: 50 um, at least 4 counts.
     pub tolerance_m: Option<f64>,
     /// Longest time of the return. Absent: 10.
     pub timeout_s: Option<f64>,
 }
 
-/// All values that a board needs of a device.
+/// All values of a device that a board needs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OnBoard {
-    /// Limits of the supervisor.
     pub safety: SafetySettings,
     pub calibration: CalibrationSettings,
-    /// Limits of the motor.
     pub duty: DutySettings,
     /// Scale of the amplifier's current output.
     pub current: CurrentSettings,
     pub back: ReturnSettings,
     pub signs: Signs,
-    /// Guessed values of keys that the scene leaves out.
     pub guessed: Vec<Guess>,
 }
 
@@ -159,7 +153,7 @@ pub struct Guess {
 }
 
 impl Guess {
-    /// `KEY VALUE`, in the scene's units.
+    /// The guess as text `KEY VALUE`, in the scene's units.
     pub fn told(&self, units: Units) -> String {
         match units.key(self.key) {
             Some((key, factor)) => {
@@ -169,7 +163,7 @@ impl Guess {
         }
     }
 
-    /// The key of the value at the handle.
+    /// The key in a linear scene.
     pub fn key(&self) -> &'static str {
         self.key
     }
@@ -188,24 +182,23 @@ impl Keys {
     }
 }
 
-/// Full scale of the paper's device, N. The guesses scale from this device.
+/// Full scale of the paper's device, N. Guesses are scaled from it.
 const PAPER_FULL_SCALE_N: f64 = 5.906;
 /// Part of the free handle's motion that the sign test must detect.
 const SIGN_PART: f64 = 0.22;
-/// Mass of the heaviest handle that a push may find, in masses of the device. It covers a hand on the handle and the
-/// error of a guess.
+/// Mass of the heaviest handle, in masses of the device. It covers a hand on the handle and the error of the guess.
 const HEAVIEST: f64 = 20.0;
-/// Longest time constant, mass over damping, of the heaviest handle, s.
+/// Longest time constant (mass / damping) of the heaviest handle, s.
 const HEAVIEST_S: f64 = 0.1;
 /// A quarter of the sign test's time, s (src/safety/sign.rs has the equation).
 const SIGN_QUARTER_S: f64 = 0.025;
-/// Smallest distances: four counts, and a margin for the digits that a shortened guess loses.
+/// Smallest distance of a guess, counts: four, and a margin for the digits that a shortened guess loses.
 const LEAST_COUNTS: f64 = 4.0 * (1.0 + 1e-8);
-/// Travel beyond start and wall, m.
+/// Travel before the start and beyond the wall, if the scene has no `[travel]`, m.
 const ROOM_M: f64 = 0.04;
 
 impl Scene {
-    /// Motion of the free handle in the sign test, m, with `force` a part of full scale: 2 f h^2 / m.
+    /// Motion of the free handle in the sign test, m: 2 f h^2 / m. `force` is a fraction of full scale.
     pub fn sign_test_m(&self, force: f64) -> f64 {
         2.0 * force * self.full_scale_n() * SIGN_QUARTER_S.powi(2) / self.device.mass_kg
     }
@@ -271,7 +264,7 @@ impl Scene {
         let travel_m = f64::max(1e-3, LEAST_COUNTS * count_m);
         let calibration = CalibrationSettings {
             percent: 0.0,
-            rise_percent_per_s: 2.0, // so slow that a person can follow the push and stop it
+            rise_percent_per_s: 2.0, // slow enough for a person to follow the push and stop it
             hold_s: 30.0,
             travel_m: keys.or("safety.calibration_travel_m", safety.calibration_travel_m, travel_m),
         };
@@ -318,7 +311,7 @@ impl Scene {
         OnBoard { safety: settings, calibration, duty, current, back, signs, guessed: keys.0 }
     }
 
-    /// Checks the tables for a board. Without any of them the scene need not suit a board.
+    /// Checks the tables for a board. A scene without these tables need not suit a board.
     pub(super) fn check_board(&self) -> Result<(), String> {
         let Self { board, safety, motor, back, .. } = self;
         if let Some(board) = board {
@@ -395,8 +388,8 @@ impl BoardTable {
             let most = Name::LEN;
             return Err(format!("board.name is `{}`, allowed 1 to {most} bytes", self.name));
         }
-        // Without names there is only the scene's own estimator. `prepare` checks it; without a board any estimator
-        // is allowed.
+        // Without names there is only the scene's own estimator, which `prepare` checks. Without a board any is
+        // allowed.
         let estimators = match self.estimators.is_empty() {
             true => vec![scene.velocity.estimator()],
             false => scene.board_estimators()?,
@@ -416,7 +409,7 @@ impl BoardTable {
             if settings.cutoff_hz().is_none() {
                 let name = estimators[0].text();
                 return match self.estimators.is_empty() {
-                    true => Ok(()), // the cutoff is for the estimators that have one
+                    true => Ok(()), // the cutoff is only for estimators that have one
                     false => Err(format!(
                         "board.cutoff_hz is {cutoff_hz}, the estimator {name} has none"
                     )),

@@ -8,25 +8,19 @@ use super::{
 };
 use crate::range::{refused, within};
 
-/// Shortest window of a hit by hand, s. The spectrum of a shorter window cannot separate a hand's sway from faster
-/// motion.
+/// Shortest window with `protocol = "hand"`, s. A shorter spectrum cannot separate a hand's sway from faster motion.
 const WINDOW_OF_HAND_S: f64 = 0.5;
-/// Lowest output rate of a hit by hand, Hz. Slower outputs have no frequencies above a hand's sway.
+/// Lowest output rate with `protocol = "hand"`, Hz. Slower outputs cannot show motion faster than a hand's sway.
 const OUTPUT_OF_HAND_HZ: f64 = 100.0;
 
 /// Allowed ranges of values that only the simulator uses.
 pub mod ranges {
     use std::ops::RangeInclusive;
 
-    /// Mass at the handle, kg.
     pub const MASS_KG: RangeInclusive<f64> = 1e-3..=100.0;
-    /// Viscous damping of the device, N s/m.
     pub const DAMPING_N_S_PER_M: RangeInclusive<f64> = 0.0..=1e6;
-    /// Stiffness of the device, N/m.
     pub const STIFFNESS_N_PER_M: RangeInclusive<f64> = 0.0..=1e9;
-    /// Positions on the device, m.
     pub const POSITION_M: RangeInclusive<f64> = -1e3..=1e3;
-    /// Force per volt, N/V.
     pub const GAIN_N_PER_V: RangeInclusive<f64> = 1e-6..=1e6;
     /// Largest command of an actuator, V.
     pub const LIMIT_V: RangeInclusive<f64> = 1e-3..=1e3;
@@ -34,7 +28,6 @@ pub mod ranges {
     pub const VALUES_MAX: usize = 10_000;
     /// Limit of the sensation level, dB.
     pub const FELT_DB: RangeInclusive<f64> = -60.0..=120.0;
-    /// Limit of the force's RMS, N.
     pub const FORCE_RMS_N: RangeInclusive<f64> = 1e-9..=1e6;
     /// Push of a hand, N.
     pub const HAND_N: RangeInclusive<f64> = -1e5..=1e5;
@@ -42,9 +35,9 @@ pub mod ranges {
     pub const LATENCY: RangeInclusive<f64> = 0.0..=1000.0;
 }
 
-/// Shortest window with a sensation level, s: a shorter window has no bins at 2 Hz. Longest window, samples: the
-/// motion of a longer one takes too much memory in lanes.
+/// Shortest window with a sensation level, s. A shorter window has no frequency bin at 2 Hz.
 const FELT_WINDOW_S: f64 = 0.5;
+/// Longest window with a sensation level, samples. The motion of a longer window takes too much memory in lanes.
 const FELT_SAMPLES_MAX: u32 = 1 << 17;
 
 impl Scene {
@@ -67,11 +60,10 @@ impl Scene {
         self.check_loop().and_then(|()| self.check_sweep())
     }
 
-    /// Checks every value except the cutoffs of the sweep. A filter that replaces the scene's own may not have these
-    /// cutoffs.
+    /// Checks every value except the cutoffs of the sweep. A filter that replaces the scene's may not allow them.
     ///
     /// # Errors
-    /// As [`check`](Self::check).
+    /// Those of [`check`](Self::check).
     pub fn check_loop(&self) -> Result<(), String> {
         let Self { device, actuator, wall, .. } = self;
         within("device.mass_kg", device.mass_kg, ranges::MASS_KG)?;
@@ -119,7 +111,7 @@ impl Scene {
         self.settings(filter, 0.0, 0.0).build(&self.design()).map_err(keyed).map(|_| ())
     }
 
-    /// Checks that the pushes of criterion and protocol are within the motor's force.
+    /// Checks that every push of the criterion and the protocol is within the motor's force.
     fn check_pushes(&self) -> Result<(), String> {
         let hit = &self.wall_hit;
         let (share, why) = match (hit.criterion, hit.protocol) {
@@ -178,7 +170,7 @@ impl Scene {
     }
 }
 
-/// The core's error with the scene's key instead of the core's name.
+/// The core's error, with the key of the scene in place of the core's name.
 fn in_scene(error: &SettingsError) -> String {
     let key = match error.parameter {
         "rate_hz" => "control.rate_hz",

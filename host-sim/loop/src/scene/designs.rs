@@ -1,4 +1,4 @@
-//! `[designs.NAME]`: named velocity filters. A person selects one on the board, or with `SCENE:NAME`.
+//! `[designs.NAME]`: named velocity filters. A user selects one on the board, or in a command with `SCENE:NAME`.
 
 use zwidth::{
     device::designs::{DESIGNS_MAX, NamedFilter, is_design_name},
@@ -12,7 +12,6 @@ use super::{
 use crate::{error::Error, range::refused};
 
 impl VelocityTable {
-    /// Checks this design.
     fn check_design(&self, key: &str, scene: &Scene) -> Result<(), String> {
         let filter = self.settings().ok_or_else(|| format!("{key}.{CUTOFF} is missing"))?;
         let built = scene.settings(filter, 0.0, 0.0).build(&scene.design()).map(|_| ());
@@ -61,7 +60,7 @@ impl Scene {
         }
     }
 
-    /// The designs as in a device record, in the order of their names.
+    /// The designs in the form of a device record, sorted by name.
     pub fn named_filters(&self) -> Vec<NamedFilter> {
         let named = |(name, design): (&String, &VelocityTable)| {
             Some(NamedFilter { name: Name::new(name)?, velocity: design.settings()? })
@@ -69,8 +68,8 @@ impl Scene {
         self.designs.iter().filter_map(named).collect()
     }
 
-    /// The scene with this design as its filter. Its sweep has only the design's cutoff, because the filter may not
-    /// have the other cutoffs.
+    /// The scene with this design as its filter. Its sweep only has the design's cutoff. The design may not allow
+    /// others.
     ///
     /// # Errors
     /// There is no design of this name.
@@ -86,7 +85,7 @@ impl Scene {
 }
 
 impl NamedScene {
-    /// The scene with this design as its estimator. Its text has the design too.
+    /// The scene with this design as its filter. The scene's text is changed too.
     pub(super) fn with_design(self, name: &str) -> Result<Self, Error> {
         let scene = self.scene.with_design(name);
         let scene = scene.map_err(|error| Error::Input(format!("{}: {error}", self.name)))?;
@@ -123,7 +122,7 @@ mod tests {
             assert_eq!(one.name, format!("my-{}", filter.name.text()));
             assert_eq!(one.scene.velocity.settings(), Some(filter.velocity));
             assert_eq!(one.scene.designs, named.scene.designs);
-            // Its text gives the same scene.
+            // The changed text gives the same scene.
             assert_eq!(NamedScene::parse(one.name, one.text, "").unwrap().scene, one.scene);
         }
         let error = named.with_design("loud").unwrap_err().to_string();

@@ -14,18 +14,17 @@ use crate::scene::element::Nonlinear;
 pub enum Quantisation {
     /// A DAC with offset binary codes.
     Dac {
-        /// Bits of a code; full scale is `2^(bits-1) - 1` codes from the middle.
+        /// Bits of a code. Full scale is `2^(bits-1) - 1` codes from the middle.
         bits: u32,
     },
     /// PWM of sign and magnitude.
     Pwm {
-        /// Timer ticks per PWM period; full scale is all of them.
+        /// Timer ticks per PWM period; at full scale the output is on for all of them.
         steps: u32,
     },
 }
 
 impl Scene {
-    /// Checks the optional elements.
     pub(super) fn check_elements(&self) -> Result<(), String> {
         let sample_s = 1.0 / self.control.rate_hz;
         self.amplifier.map_or(Ok(()), |amplifier| amplifier.check())?;
@@ -60,8 +59,8 @@ impl Scene {
         }
     }
 
-    /// Whether the scene can provide this input. Edges must agree with the counts, so encoder noise and jitter, which
-    /// change once per sample, exclude edges.
+    /// Whether the scene can provide this input. Edges need exact times of the counts. Encoder noise and jitter change
+    /// only once per sample, so a scene with them has no edges.
     pub fn feeds(&self, sense: Sense) -> bool {
         match sense {
             Sense::Force => true,
@@ -85,7 +84,7 @@ impl Scene {
         ))
     }
 
-    /// Tables of this scene that a linear analysis does not cover.
+    /// Tables of this scene that linear analysis cannot model.
     pub fn nonlinear_elements(&self) -> Vec<&'static str> {
         [
             ("output", self.output.is_some()),

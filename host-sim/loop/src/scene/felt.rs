@@ -1,7 +1,6 @@
 //! The least motion that a hand feels, by frequency: a threshold curve from a small file.
 //!
-//! The built-in curve is a model; `host-sim/data/felt-model.csv` names its sources. `wall_hit.felt_curve` names
-//! another curve.
+//! The built-in curve is a model (sources: `host-sim/data/felt-model.csv`). `wall_hit.felt_curve` names another curve.
 
 use std::{ops::RangeInclusive, path::Path, sync::Arc};
 
@@ -15,12 +14,11 @@ const MODEL: &str = include_str!("../../../data/felt-model.csv");
 const COLUMNS: [(&str, RangeInclusive<f64>); 2] =
     [("frequency_hz", 1e-3..=1e6), ("threshold_rms_m", 1e-12..=1.0)];
 
-/// Frequencies and thresholds. The curve has straight lines between them in log-log, and is constant beyond its ends.
+/// The threshold over frequency: straight lines between the points in log-log, constant beyond the ends.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FeltCurve {
-    /// Frequency, Hz, and threshold, m RMS. Frequencies rise.
+    /// Frequency, Hz, and threshold, m RMS. Frequencies increase.
     points: Arc<[[f64; 2]]>,
-    /// The file's text, or `None` for the built-in model.
     text: Option<Arc<str>>,
 }
 
@@ -63,7 +61,7 @@ impl FeltCurve {
     }
 }
 
-/// The points of a curve, or a message with the wrong line.
+/// The points of a curve, or a message that names the wrong line.
 fn parse(text: &str) -> Result<Vec<[f64; 2]>, String> {
     let table = Table::new(text)?;
     let rows = table.numbers(&COLUMNS)?;

@@ -1,7 +1,5 @@
-//! Checks the tables for a board against the device. Wrong values would mean a board that cannot arm, or a fault that
-//! always or never comes.
-//!
-//! The core checks each value alone; only the scene knows mass and stops. `prepare` reports contradictions as errors.
+//! Checks the tables for a board against the device. With wrong values the board cannot arm, or a fault always or never
+//! occurs. The core checks each value alone; only the scene has mass and stops. `prepare` reports the errors.
 
 use zwidth::safety::SafetySettings;
 
@@ -9,8 +7,8 @@ use super::{Scene, element::Travel};
 use crate::range::within;
 
 impl Scene {
-    /// Checks a board's values against the device. The sign test is checked only if the device's values are measured
-    /// (`is_measured`); otherwise a person tries it.
+    /// Checks a board's values against the device. The sign test is checked only if `is_measured`: the device's values
+    /// are measured. Otherwise a person tries the sign test.
     ///
     /// # Errors
     /// One line with key, value and allowed range, in the scene's units.
@@ -20,8 +18,7 @@ impl Scene {
         fits.map_err(|line| self.units.text(&line))
     }
 
-    /// The travel must be inside the rigid stops. Otherwise a handle at a stop is still inside the travel, and the
-    /// board never detects it.
+    /// The allowed travel must end before the rigid stops. Otherwise the board cannot detect a handle at a stop.
     fn travel_fits(&self) -> Result<(), String> {
         let Some(Travel::Rigid { low_m, high_m, .. }) = self.travel else { return Ok(()) };
         let (safety, count_m) = (self.on_board().safety, self.encoder.resolution_m);
@@ -32,7 +29,7 @@ impl Scene {
         within(&format!("{first}_high_m"), safety.travel_high_m, high)
     }
 
-    /// The heaviest handle must be heavier than the device alone.
+    /// Mass and damping of the heaviest handle must be at least those of the device alone.
     fn heaviest_fits(&self) -> Result<(), String> {
         let (safety, device) = (self.on_board().safety, &self.device);
         let mass_kg = device.mass_kg + self.mode.map_or(0.0, |mode| mode.mass_kg);
@@ -49,7 +46,8 @@ impl Scene {
         )
     }
 
-    /// The sign test must move the free handle by the counts that it has to detect, or the board never arms.
+    /// In the sign test the free handle must move by the counts that the test must detect. Otherwise the board never
+    /// arms.
     fn sign_test_fits(&self) -> Result<(), String> {
         let (safety, count_m) = (self.on_board().safety, self.encoder.resolution_m);
         let force = safety.sign_test_force;

@@ -1,8 +1,8 @@
-//! Scene files: one device, one controller, one study. The files are in TOML; each key's name contains its unit.
+//! Scene files: one device, one controller, one study. The files are in TOML. The name of a key contains its unit.
 //!
-//! Unknown keys and values out of range are errors. Each physical element is a table. An absent element is not
-//! modelled and costs no time. The file of a scene with `[rotary]` uses rad and N m ([`rotary`]). In memory all
-//! values are in m and N at the handle.
+//! Unknown keys and values out of range are errors. Each physical element has a table; without it the element is not
+//! modelled. A scene with `[rotary]` is written in rad and N m ([`rotary`]). In memory all values are in m and N at the
+//! handle.
 
 use std::{
     collections::BTreeMap,
@@ -74,14 +74,13 @@ pub const BUILT_IN: &[(&str, &str)] = &[
 /// The built-in scenes of the paper's study.
 pub const STUDY: [&str; 2] = ["paper-1um", "paper-2um"];
 
-/// A scene from a file or a built-in one, with its name and text.
+/// A scene with its name and text, from a file or built in.
 #[derive(Clone, Debug)]
 pub struct NamedScene {
     /// Built-in name, or the file's name without its extension.
     pub name: String,
-    /// The scene's text.
     pub text: String,
-    /// Files of the scene; empty for a built-in scene.
+    /// Files from which the scene was read; empty for a built-in scene.
     pub files: Vec<PathBuf>,
     pub scene: Scene,
 }
@@ -90,7 +89,7 @@ pub struct NamedScene {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
-    /// Keys whose values nobody has measured or published; reports repeat them.
+    /// Keys whose values are neither measured nor published. Reports repeat them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub estimated: Vec<String>,
     pub device: Device,
@@ -135,31 +134,31 @@ pub struct Scene {
     pub encoder_noise: Option<EncoderNoise>,
     /// Optional element: late readings.
     pub jitter: Option<Jitter>,
-    /// How a plant is integrated that is not linear; on a linear one it takes the place of the exact step.
+    /// Method to integrate a plant that is not linear. For a linear plant it replaces the exact step.
     pub integrator: Option<Integrator>,
-    /// Optional element: an accelerometer, on the body that carries the encoder.
+    /// Optional element: an accelerometer on the body that carries the encoder.
     pub accelerometer: Option<Accelerometer>,
     /// Optional element: the wall's passivity controller.
     pub passivity: Option<PassivityTable>,
-    /// How sure the device is.
+    /// Uncertainty of the device's values.
     pub uncertainty: Option<Uncertainty>,
     /// The board, for its firmware.
     pub board: Option<BoardTable>,
     /// Limits of the board's supervisor.
     pub safety: Option<SafetyTable>,
-    /// What the motor stands.
+    /// Limits of the motor.
     pub motor: Option<MotorTable>,
     /// The board's return move between two hits.
     #[serde(rename = "return")]
     pub back: Option<ReturnTable>,
-    /// Units of the scene's file and of its results. A scene that is written to a file is in m and N.
+    /// Units of the scene's file and of its results. A scene is always written to a file in m and N.
     #[serde(skip)]
     pub units: Units,
 }
 
 impl NamedScene {
-    /// The built-in scene of this name, or the scene file at this path. `SCENE:NAME` replaces the estimator by the
-    /// scene's design NAME.
+    /// The built-in scene of this name, or the scene file at this path. `SCENE:NAME` has the scene's design NAME as
+    /// filter.
     ///
     /// # Errors
     /// [`Error::Input`]: no such scene, not TOML, an unknown key, a value out of range, no such design.
@@ -188,7 +187,7 @@ impl NamedScene {
         Ok(scene)
     }
 
-    /// Reads `text`. Errors use the name `origin`.
+    /// Reads `text`. `origin` is the scene's name in error messages.
     ///
     /// # Errors
     /// [`Error::Input`], see [`load`](Self::load).
@@ -196,10 +195,10 @@ impl NamedScene {
         Self::parsed(name, text, origin, None)
     }
 
-    /// The keys of the scene's text. A curve has its absolute path, so that it is found from any folder.
+    /// The keys of the scene's text. The path of a curve is made absolute, so that the curve is found from any folder.
     ///
     /// # Errors
-    /// [`Error::Internal`]: the text is not TOML, though it was read before.
+    /// [`Error::Internal`]: the text is not TOML. This cannot happen for a scene that was read.
     pub fn table(&self) -> Result<toml::Table, Error> {
         let mut table: toml::Table = self
             .text
@@ -213,10 +212,10 @@ impl NamedScene {
         Ok(table)
     }
 
-    /// The scene of these keys. Errors name the key, because there is no line.
+    /// The scene from these keys. Error messages name the key, because there is no line.
     ///
     /// # Errors
-    /// As [`parse`](Self::parse).
+    /// Those of [`parse`](Self::parse).
     pub fn of_table(name: String, table: toml::Table, origin: &str) -> Result<Self, Error> {
         let internal = |error: toml::ser::Error| Error::Internal(error.to_string());
         let text = toml::to_string(&table).map_err(internal)?;
@@ -227,7 +226,7 @@ impl NamedScene {
         Self::parse(name, text, origin)
     }
 
-    /// As [`parse`](Self::parse). Files that the scene names are in `folder`.
+    /// [`parse`](Self::parse) with the `folder` of the files that the scene names.
     fn parsed(
         name: String,
         text: String,
@@ -266,11 +265,11 @@ impl NamedScene {
     }
 }
 
-/// Checks that the scene has every key of `estimated`.
+/// Checks that the scene has every key that `estimated` lists.
 fn check_estimated(scene: &toml::Table) -> Result<(), String> {
     let keys = scene.get("estimated").and_then(toml::Value::as_array);
     for key in keys.into_iter().flatten().filter_map(toml::Value::as_str) {
-        // A scene made from a rotary scene keeps the rotary scene's keys here.
+        // A scene that was converted from a rotary scene keeps the rotary keys in `estimated`.
         if key.starts_with("rotary.") && !scene.contains_key("rotary") {
             continue;
         }
@@ -283,7 +282,7 @@ fn check_estimated(scene: &toml::Table) -> Result<(), String> {
     Ok(())
 }
 
-/// Place and message of an error in a table.
+/// Table and message of an error, as text.
 fn told_of(error: &toml::de::Error) -> String {
     let text = error.to_string();
     let place = text.lines().find_map(|line| line.trim().strip_prefix("in "));
@@ -291,7 +290,7 @@ fn told_of(error: &toml::de::Error) -> String {
     format!("{place}{}", error.message().replace('\n', " "))
 }
 
-/// Message and place of an error in a converted rotary scene, with the rotary scene's own keys.
+/// Table and message of an error in a converted rotary scene, with the keys of the rotary scene.
 fn in_one_line(error: &toml::de::Error) -> String {
     let message = told_of(error);
     let parts = message.split('`').enumerate();
@@ -302,14 +301,14 @@ fn in_one_line(error: &toml::de::Error) -> String {
     parts.map(told).collect::<Vec<_>>().join("`")
 }
 
-/// Text of the wrong line, shortened.
+/// Text of the line with the error, shortened.
 fn line_of(text: &str, line: usize) -> String {
     let line = text.lines().nth(line - 1).unwrap_or_default().trim();
     format!("`{}`", line.chars().take(60).collect::<String>())
 }
 
 impl Scene {
-    /// The keys of `estimated` as in the scene's file.
+    /// The keys of `estimated`, spelled as in the scene's file.
     pub fn estimated_keys(&self) -> Vec<String> {
         let told = |key: &String| match key.starts_with("rotary.") {
             true => key.clone(),
@@ -318,7 +317,7 @@ impl Scene {
         self.estimated.iter().map(told).collect()
     }
 
-    /// A sentence that names the estimated keys and how to measure them.
+    /// A note for reports: the estimated keys, and how to measure them.
     pub fn estimated_note(&self) -> Option<String> {
         let keys = self.estimated_keys().join(", ");
         (!keys.is_empty()).then(|| {
@@ -326,19 +325,17 @@ impl Scene {
         })
     }
 
-    /// The linear part of the scene's plant.
     pub fn chain(&self) -> Chain {
         let Self { device, mode, arm, amplifier, .. } = *self;
         let offset_n = self.offset.map_or(0.0, |offset| offset.force_n);
         Chain { device, mode, arm, amplifier, hand_n: self.push_n(PushBy::Hand), offset_n }
     }
 
-    /// Force with which `by` pushes in a hit, N.
+    /// Force of a hit's push if `by` pushes, N.
     pub fn push_n(&self, by: PushBy) -> f64 {
         if self.wall_hit.push_by == by { self.wall_hit.push_n } else { 0.0 }
     }
 
-    /// The non-linear elements of the scene's plant.
     pub fn nonlinear(&self) -> Nonlinear {
         let Self { friction, cogging, travel, .. } = *self;
         let backlash = self.backlash.filter(|backlash| backlash.gap_m > 0.0);
@@ -350,7 +347,7 @@ impl Scene {
         self.actuator.gain_n_per_v * self.actuator.limit_v
     }
 
-    /// The core's fixed design.
+    /// The core's settings that are fixed for the device.
     pub fn design(&self) -> Design {
         Design {
             rate_hz: self.control.rate_hz,
@@ -411,7 +408,7 @@ impl Scene {
         .ok_or_else(|| format!("there is no arm `{name}`, allowed {}", self.arm_names().join(", ")))
     }
 
-    /// A hit is `stable` if its RMS is below this limit, m, with any criterion.
+    /// A hit can be `stable` only if its RMS is below this limit, m. This holds for every criterion.
     pub fn rms_limit_m(&self) -> f64 {
         match self.wall_hit.criterion {
             Criterion::Quiet => quiet::rms_limit_m(self.encoder.resolution_m),
@@ -419,7 +416,7 @@ impl Scene {
         }
     }
 
-    /// The core's wall-hit experiment. Its push is the motor's push.
+    /// The settings of the core's wall-hit experiment. The push is the motor's push.
     pub fn hit_settings(&self) -> HitSettings {
         let hit = &self.wall_hit;
         let [settle_s, window_s] = hit.times_s();
@@ -431,7 +428,7 @@ impl Scene {
         }
     }
 
-    /// The core's boundary walk.
+    /// The settings of the core's boundary walk.
     pub fn walk_plan(&self) -> WalkSettings {
         let walk = &self.walk;
         let [k_cap, b_cap] = self.caps();
@@ -445,8 +442,8 @@ impl Scene {
         }
     }
 
-    /// Upper bounds of K and B for quiet walls. At this K one count gives the push. At this B one count per sample
-    /// gives the full force. Neither is below the walk's start. Other criteria have no bounds.
+    /// Upper bounds of K and B for quiet walls, at least the walk's start; other criteria have none. At the largest K,
+    /// a depth of one count gives the push. At the largest B, one count per sample gives full force.
     fn caps(&self) -> [f64; 2] {
         if self.wall_hit.criterion != Criterion::Quiet {
             return [f64::INFINITY; 2];

@@ -10,12 +10,11 @@ use zwidth::{
 
 use super::Scene;
 
-/// The wall gives no more in a contact than a reserve: see [`zwidth::passivity`].
+/// Passivity controller: in a contact the wall gives no more energy than a reserve. See [`zwidth::passivity`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PassivityTable {
-    /// The most that the handle accelerates. Absent: what twice the actuator's full scale does with the
-    /// handle's mass: motor and hand, each at full scale.
+    /// Largest acceleration of the handle. Absent: twice full scale (motor and hand) divided by the handle's mass.
     pub acceleration_m_per_s2: Option<f64>,
 }
 
@@ -26,7 +25,7 @@ impl Scene {
         self.passivity.and_then(|table| table.acceleration_m_per_s2).unwrap_or_else(usual)
     }
 
-    /// The controller in counts, or `None` without the table.
+    /// The controller in counts. `None` if the scene has no `[passivity]`.
     ///
     /// # Errors
     /// The acceleration or the latency is out of range.
@@ -39,8 +38,8 @@ impl Scene {
         PassivitySettings { acceleration_m_per_s2, latency }.build(&self.design()).map(Some)
     }
 
-    /// Largest energy that a contact may give with the controller, J. `None` without the table, or if a value is out
-    /// of range.
+    /// Largest energy that the wall with the controller gives in a contact, J. `None` if the scene has no
+    /// `[passivity]`, or a value is out of range.
     pub fn reserve_j(&self) -> Option<f64> {
         let plan = self.passivity().ok()??;
         let reserve = plan.reserve() as f64;

@@ -1,7 +1,7 @@
 //! Converts a device record, and settings saved on a board, back into a scene.
 //!
-//! A record has only the values that the board needs. Another scene gives mass, damping, stiffness and the elements
-//! of the plant. A copy of the board's settings sectors replaces the record's defaults.
+//! A record has only the values that the board needs. Mass, damping, stiffness and the elements of the plant come from
+//! another scene. The defaults of the record can be replaced by a copy of the board's settings sectors.
 
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
@@ -27,22 +27,22 @@ use crate::error::Error;
 /// Bytes of one of the two settings sectors.
 const SECTOR: usize = 16 * 1024;
 
-/// The device in a record's words, on the board that the record names.
+/// Reads the device from the words of a record, for the board that the record names.
 ///
 /// # Errors
-/// [`Error::Input`]: the error as the board would report it, and a remedy.
+/// [`Error::Input`]: the error that the board would report, and a remedy.
 pub fn device(words: &[u32]) -> Result<Device<'_>, Error> {
     let name = words.get(BOARD_AT / 4..BOARD_AT / 4 + Name::LEN / 4).unwrap_or_default();
     let bytes: Vec<u8> = name.iter().flat_map(|word| word.to_le_bytes()).collect();
     let text = String::from_utf8_lossy(&bytes);
-    // The board's name matters only in a valid record. For another file, any board gives the error.
+    // The board's name is only needed for a valid record. For another file, the error is the same with every board.
     let board =
         board_facts(text.trim_end_matches('\0')).or_else(|_| board_facts("nucleo-f446re"))?;
     Device::from_record(words, &board)
         .map_err(|bad| Error::Input(format!("no device record: {bad}{}", help(&bad))))
 }
 
-/// Remedy for an error in a record. The text follows the error's text.
+/// Remedy for an error in a record. It follows the text of the error.
 fn help(bad: &BadRecord) -> String {
     let anew = "; make it anew: cargo sim prepare, with the scene that it was made of";
     match *bad {
@@ -54,7 +54,7 @@ fn help(bad: &BadRecord) -> String {
     }
 }
 
-/// The settings in a copy of both settings sectors, from sector 1 on; the defaults if it has none of this device.
+/// Settings from a copy of both settings sectors, sector 1 first. Defaults if the copy has no settings of this device.
 ///
 /// # Errors
 /// [`Error::Input`]: the copy has the wrong length.
@@ -68,7 +68,7 @@ pub fn saved(device: &Device<'_>, bytes: Vec<u8>) -> Result<Loaded, Error> {
     Ok(load(&mut Copied(bytes), device.defaults()))
 }
 
-/// Replaces the record's settings by the loaded ones.
+/// Replaces the record's settings with the loaded ones.
 #[must_use]
 pub fn with_settings<'a>(device: Device<'a>, loaded: &Loaded) -> Device<'a> {
     let stored = &loaded.stored;
@@ -89,8 +89,7 @@ pub fn with_settings<'a>(device: Device<'a>, loaded: &Loaded) -> Device<'a> {
 }
 
 impl Scene {
-    /// This scene with all values of a device's record. K and B of the wall are left out, because scenes do not have
-    /// them.
+    /// This scene with all values of a device record, except K and B of the wall, which scenes do not have.
     ///
     /// # Errors
     /// Record and scene contradict each other: key, value, allowed range.
@@ -200,7 +199,6 @@ impl Scene {
     }
 }
 
-/// A copy of the two sectors of a board.
 struct Copied(Vec<u8>);
 
 /// Error of an access outside the two sectors.

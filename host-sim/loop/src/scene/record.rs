@@ -1,4 +1,4 @@
-//! The device record of a scene. The firmware of a board reads its device from the record.
+//! The device record of a scene. The firmware of a board reads its device from this record.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ use zwidth::{
 use super::{BUILT_IN, NamedScene, OnBoard, Quantisation, Scene};
 use crate::{error::Error, input, range::within};
 
-/// The facts of the board of this name, from its built-in scene.
+/// Rate, output, inputs and latency of the board with this name, from its built-in scene.
 ///
 /// # Errors
 /// There is no such board.
@@ -50,14 +50,13 @@ pub fn board_facts(name: &str) -> Result<BoardFacts, Error> {
 pub struct Prepared {
     /// The device, without designs and envelope.
     pub device: Device<'static>,
-    /// Named filters of the device.
     pub designs: Vec<NamedFilter>,
     /// Guessed values of keys that the scene leaves out: `key value`, in the scene's units.
     pub guessed: Vec<String>,
 }
 
 impl NamedScene {
-    /// The same device with the board's output. The board's latency replaces a shorter latency of the scene.
+    /// The same device with the board's output, and at least the board's latency.
     #[must_use]
     pub fn on(&self, board: &BoardFacts) -> Self {
         let mut named = self.clone();
@@ -72,7 +71,7 @@ impl NamedScene {
         named
     }
 
-    /// The device on this board. The estimator `velocity` is active at the start.
+    /// The device for this board. The estimator `velocity` is active at the start.
     ///
     /// # Errors
     /// [`Error::Input`]: the scene does not suit the board.
@@ -112,14 +111,14 @@ impl NamedScene {
             )));
         }
         let OnBoard { safety, calibration, duty, current, back, signs, guessed } = scene.on_board();
-        // The list of estimated keys does not change the device.
+        // The list `estimated` does not change the device.
         let content = Scene { estimated: vec![], ..scene.clone() };
         let text = toml::to_string(&content)
             .map_err(|error| Error::Internal(format!("{}: {error}", self.name)))?;
         let settings = scene.settings(velocity, 0.0, 0.0);
         let mut hit = scene.hit_settings();
         hit.push_n = 0.0; // no push until a user sets one
-        (hit.settle_s, hit.window_s) = (scene.wall_hit.settle_s, scene.wall_hit.window_s); // with any protocol
+        (hit.settle_s, hit.window_s) = (scene.wall_hit.settle_s, scene.wall_hit.window_s); // the same for every protocol
         let device = Device {
             board: Name::of(board.name),
             key: DeviceKey { name, hash: 0 },
@@ -140,13 +139,13 @@ impl NamedScene {
             hit,
             criterion: match scene.wall_hit.criterion {
                 super::Criterion::Quiet => Criterion::Quiet,
-                _ => Criterion::Rms, // a board has no third criterion
+                _ => Criterion::Rms, // a board has only these two criteria
             },
             walk: scene.walk_plan(),
         };
         let guessed = guessed.iter().map(|guess| guess.told(scene.units)).collect();
         let prepared = Prepared { device, designs: scene.named_filters(), guessed };
-        // Finds the error that the board would report at boot.
+        // An error that the board would report at boot is found here.
         prepared.record(&[], board).map_err(|error| error.of(&self.name))?;
         Ok(prepared)
     }
@@ -177,7 +176,7 @@ impl Prepared {
     }
 }
 
-/// The words of a record's bytes, without an incomplete word at the end.
+/// The bytes of a record as words. Bytes after the last whole word are left out.
 pub fn words(bytes: &[u8]) -> Vec<u32> {
     bytes.as_chunks().0.iter().map(|&word| u32::from_le_bytes(word)).collect()
 }
@@ -255,7 +254,7 @@ mod tests {
         (bare.scene.safety, bare.scene.motor, bare.scene.back) = (None, None, None);
         assert_eq!(own.scene.on_board().guessed, []);
         let (own, bare) = (own.scene.on_board(), bare.scene.on_board());
-        // The guesses scale from the paper's device, so only two rounded values differ.
+        // The guesses are scaled from the paper's device, so only two rounded values differ.
         assert_eq!((own.back, own.calibration), (bare.back, bare.calibration));
         assert_eq!(own.safety.travel_high_m, bare.safety.travel_high_m);
         assert!((bare.safety.sign_test_counts as f64 / 200.0 - 1.0).abs() < 0.03);

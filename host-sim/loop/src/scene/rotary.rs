@@ -1,15 +1,19 @@
 //! `[rotary]`: a rotary device. It replaces `[device]`, `encoder.resolution_m` and `actuator.gain_n_per_v`.
 //!
-//! Let r be the radius at which the hand holds the handle, and N the motor turns per turn of the handle. Then m =
-//! (J_handle + N^2 J_motor) / r^2, b = (c + N^2 k_t^2 / R) / r^2, k = kappa / r^2, x = r angle. A count is 2 pi r /
-//! CPR, or 2 pi r / (N CPR) with the encoder on the motor.
+//! With r the radius at which the hand holds the handle, and N motor turns per turn of the handle, at the handle:
+//! ```text
+//! m = (J_handle + N^2 J_motor) / r^2
+//! b = (c + N^2 k_t^2 / R) / r^2
+//! k = kappa / r^2,   x = r angle
+//! count = 2 pi r / CPR   encoder on the handle
+//! count = 2 pi r / (N CPR)   encoder on the motor
+//! force per volt = N k_t k_amp / r   current amplifier
+//! force per volt = N k_t / (R r)   voltage amplifier
+//! ```
+//! With a voltage amplifier the back-EMF, k_t N omega, reduces the force at speed. It acts as damping: the term k_t^2 /
+//! R of b. With a current amplifier this term is absent.
 //!
-//! A volt of command gives N k_t k_amp / r newtons, or N k_t / (R r) with a voltage amplifier. With a voltage
-//! amplifier the back-EMF, k_t N omega, is damping and reduces the force at speed; with a current amplifier k_t^2 / R
-//! is absent from b.
-//!
-//! Winding inductance is left out: L / R is about a tenth of a millisecond in motors of this size. `[amplifier]` can
-//! model it.
+//! Inductance is left out: L / R is about 0.1 ms in motors of this size. `[amplifier]` can model it.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -21,13 +25,13 @@ use crate::range::within;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Rotary {
-    /// From the axis to where the hand holds the handle.
+    /// Distance from the axis to the point where the hand holds the handle.
     pub handle_radius_m: f64,
     /// Turns of the motor per turn of the handle.
     pub ratio: f64,
-    /// Counts per turn of what carries the encoder, after quadrature.
+    /// Counts per turn of the encoder's axis, after quadrature.
     pub counts_per_turn: f64,
-    /// What carries the encoder.
+    /// Axis that carries the encoder.
     pub encoder_on: EncoderOn,
     /// Inertia of the handle about its axis.
     pub handle_inertia_kg_m2: f64,
@@ -37,13 +41,13 @@ pub struct Rotary {
     pub damping_n_m_s_per_rad: f64,
     /// Spring at the handle.
     pub stiffness_n_m_per_rad: f64,
-    /// Where that spring rests.
+    /// Rest angle of this spring.
     pub rest_angle_rad: f64,
-    /// Where the handle rests before a hit.
+    /// Angle of the handle at rest before a hit.
     pub start_angle_rad: f64,
-    /// Torque constant of the motor, which in V s/rad is its speed constant.
+    /// Torque constant of the motor. In V s/rad it is the motor's speed constant.
     pub torque_constant_n_m_per_a: f64,
-    /// What the command sets.
+    /// Quantity that the command sets.
     pub drive: DriveKind,
     /// With `drive = "current"`: current per volt of command.
     pub amplifier_a_per_v: Option<f64>,
@@ -53,7 +57,7 @@ pub struct Rotary {
     pub supply_v: Option<f64>,
 }
 
-/// Where an encoder is.
+/// Axis of an encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum EncoderOn {
@@ -63,17 +67,17 @@ pub enum EncoderOn {
     Motor,
 }
 
-/// What a command sets.
+/// Quantity that a command sets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum DriveKind {
-    /// A command is a current.
+    /// A command sets the current.
     Current,
-    /// A command is the motor's voltage; the back-EMF is damping.
+    /// A command sets the motor's voltage; the back-EMF is damping.
     Voltage,
 }
 
-/// Tables about a hand, a sensor at the handle or an estimator. They are in m and N in every scene.
+/// Tables of a hand, a sensor at the handle or an estimator. They are in m and N in every scene.
 pub(super) const LINEAR_TABLES: [&str; 6] =
     ["arm", "arms", "accelerometer", "passivity", "velocity", "designs"];
 
@@ -113,7 +117,7 @@ impl Rotary {
         }
     }
 
-    /// Force per volt of command, N, and damping by the back-EMF at the handle, N m s/rad.
+    /// Force per volt of command, N, and damping by the back-EMF, N m s/rad, both at the handle.
     fn drive(&self) -> [f64; 2] {
         let torque = self.ratio * self.torque_constant_n_m_per_a;
         match self.drive {
@@ -125,7 +129,7 @@ impl Rotary {
         }
     }
 
-    /// The tables of a linear scene that replace `[rotary]`, at the handle.
+    /// The tables of a linear scene that replace `[rotary]`, with values at the handle.
     fn tables(&self) -> [(&'static str, Vec<(&'static str, f64)>); 3] {
         let units = self.units();
         let at =
@@ -155,7 +159,7 @@ impl Rotary {
     }
 }
 
-/// The tables of a scene at the handle, and the scene's units.
+/// The tables with values at the handle, and the scene's units.
 ///
 /// # Errors
 /// `[rotary]` is wrong, or the scene also has a key that `[rotary]` replaces.
@@ -201,7 +205,7 @@ pub fn at_handle(mut scene: Table) -> Result<(Table, Units), String> {
     Ok((scene, units))
 }
 
-/// Converts angles and torques of a table and of the tables in it.
+/// Converts the angles and torques of a table, also in its inner tables.
 fn convert(units: Units, path: &str, value: &mut Value) -> Result<(), String> {
     let Some(table) = value.as_table_mut() else { return Ok(()) };
     for (key, mut value) in std::mem::take(table) {

@@ -1,7 +1,7 @@
 //! The JSON schema of scene files, for editors and for the book.
 //!
-//! Keys and descriptions come from the types. Ranges come from the reader of scenes: a value that is too large gives
-//! an error with the allowed range. A range that depends on another key is left out; the description has it.
+//! Keys and descriptions come from the types. Ranges come from the scene reader's error messages for too large values.
+//! A range that depends on another key is only in the key's description.
 
 use std::sync::LazyLock;
 
@@ -19,10 +19,10 @@ use super::{
 
 /// Placeholder for the name of an arm or a design.
 const NAME: &str = "NAME";
-/// Names of a range's ends in a schema.
+/// Names of the two ends of a range in a schema.
 const LOW_HIGH: [&str; 2] = ["minimum", "maximum"];
 
-/// Optional tables with several forms, each form once. Their ranges are looked up.
+/// Optional tables that have several forms, each form once. The ranges of their keys are read from error messages.
 const ELEMENTS: [&str; 3] = [
     "[output]\nkind = 'dac'\nbits = 12\n[travel]\nstop = 'spring'\nlow_m = -1\nhigh_m = 1\nstiffness_n_per_m = 1e3\n\
      damping_n_s_per_m = 1\n[integrator]\nmethod = 'dormand-prince'\nrelative_tolerance = 1e-6\n\
@@ -31,7 +31,7 @@ const ELEMENTS: [&str; 3] = [
      [integrator]\nmethod = 'rk4'\nsteps_per_sample = 100",
     "[integrator]\nmethod = 'semi-implicit-euler'\nsteps_per_sample = 100",
 ];
-/// Optional tables with one form.
+/// Optional tables that have one form.
 const PLAIN: &str = "[amplifier]\nbandwidth_hz = 100\n[mode]\nmass_kg = 1\nstiffness_n_per_m = 1\ndamping_n_s_per_m = 1\n\
     [arm]\nmass_kg = 1\nstiffness_n_per_m = 1\ndamping_n_s_per_m = 1\nrest_position_m = 0\ngrip_stiffness_n_per_m = 1\n\
     grip_damping_n_s_per_m = 1\n[friction]\ncoulomb_n = 0\nstatic_n = 1\nstribeck_speed_m_per_s = 1\n[offset]\nforce_n = 1\n\
@@ -40,7 +40,7 @@ const PLAIN: &str = "[amplifier]\nbandwidth_hz = 100\n[mode]\nmass_kg = 1\nstiff
     phase_rad = 0\n[encoder_noise]\nrms_m = 0\nseed = 1\n[accelerometer]\nfull_scale_m_per_s2 = 10\n[uncertainty]\n\
     [passivity]\n[board]\nname = 'nucleo-f446re'\n[safety]\n[motor]\n[return]";
 
-/// Scenes of different devices. A range that is the same in all of them does not depend on the device.
+/// Scenes of different devices. If a range is the same in all of them, it does not depend on the device.
 static BASES: LazyLock<Vec<Table>> = LazyLock::new(|| {
     let of = |text: &str| text.parse::<Table>().unwrap_or_default();
     let (_, paper) = BUILT_IN[0];
@@ -83,7 +83,7 @@ pub fn schema() -> Value {
         ranged(&mut form, "", true);
         form
     });
-    // Both kinds of scene have these tables, and each table's schema is used twice.
+    // Linear and rotary scenes have these tables. The schema of each table is used twice.
     let velocity = linear["properties"]["velocity"].clone();
     let arm = linear["properties"]["arm"].clone();
     for form in [&mut linear, &mut rotary] {
@@ -119,7 +119,7 @@ fn turned(mut scene: Value) -> Value {
     scene
 }
 
-/// Renames or removes keys; `name` gets the table and the key.
+/// Renames or removes keys. `name` gets table and key, and returns the new key, or `None` to remove the key.
 fn rename(scene: &mut Value, name: &dyn Fn(&str, &str) -> Option<String>) {
     rename_in(scene, "", name);
     for (table, schema) in scene["properties"].as_object_mut().into_iter().flatten() {
@@ -183,19 +183,19 @@ pub fn unit(key: &str) -> Option<String> {
 /// Description of a key of scenes.
 #[derive(Debug)]
 pub struct Key {
-    /// Tables and key, separated by dots.
+    /// Tables and key, with dots between them.
     pub path: String,
-    /// `None` for a number without a unit, and for other values.
+    /// Unit. `None` for a number without a unit, and for other values.
     pub unit: Option<String>,
     pub meaning: String,
-    /// Range, or names with their meaning. Empty if `meaning` has the range.
+    /// Allowed range, or allowed names with their meaning. Empty if the range is in `meaning`.
     pub allowed: String,
-    /// `needed`, `optional`, or the value if the key is absent.
+    /// `needed`, `optional`, or the value of an absent key.
     pub absent: String,
 }
 
 /// All keys of linear scenes, and the keys of `[rotary]`. `[velocity]`, `[designs.NAME]` and `[arms.NAME]` are left
-/// out. The last two have the keys of `[velocity]` and `[arm]`.
+/// out. `[designs.NAME]` has the keys of `[velocity]`, `[arms.NAME]` the keys of `[arm]`.
 pub fn keys() -> Vec<Key> {
     let mut schema = of::<Scene>();
     schema["properties"]["rotary"] = of::<Rotary>();
@@ -205,7 +205,7 @@ pub fn keys() -> Vec<Key> {
     found
 }
 
-/// `with` names the form of the table that has the keys.
+/// Adds the keys of a schema to `found`. `with` is a text that names the form of the table.
 fn listed(schema: &Value, path: &str, with: &str, found: &mut Vec<Key>) {
     let text = |value: &Value| value.as_str().unwrap_or_default().replace('\n', " ");
     for (name, key) in schema["properties"].as_object().into_iter().flatten() {
@@ -252,14 +252,14 @@ fn listed(schema: &Value, path: &str, with: &str, found: &mut Vec<Key>) {
     }
 }
 
-/// A number in its shorter form, plain or with an exponent.
+/// A number in its shorter form: plain, or with an exponent.
 fn short(number: f64) -> String {
     let plain = number.to_string();
     let power = format!("{number:e}");
     if power.len() + 1 < plain.len() { power } else { plain }
 }
 
-/// The schema of a type, without null, which TOML does not have.
+/// The schema of a type. It does not allow null, because TOML has no null.
 fn of<T: JsonSchema>() -> Value {
     let settings = SchemaSettings::draft07().with(|settings| settings.inline_subschemas = true);
     let mut schema = settings.into_generator().into_root_schema_for::<T>().to_value();
@@ -301,7 +301,7 @@ fn without_null(schema: &mut Value) {
     }
 }
 
-/// Adds ranges that are the same in every scene. With `units`, adds its key's unit to each description.
+/// Adds ranges that are the same in every scene. With `units`, each description gets the unit of its key.
 fn ranged(schema: &mut Value, path: &str, units: bool) {
     let Some(keys) = schema.as_object_mut() else { return };
     let unit = path.rsplit('.').next().and_then(unit).filter(|_| units);
@@ -334,14 +334,14 @@ fn joined(path: &str, key: &str) -> String {
     if path.is_empty() { key.into() } else { format!("{path}.{key}") }
 }
 
-/// The range of a key, if it is the same in every scene that can have the key.
+/// The range of a key, if it is the same in every scene with this key.
 fn range(path: &str) -> Option<[Value; 2]> {
     let found: Vec<[f64; 2]> = BASES.iter().filter_map(|base| range_in(base, path)).collect();
     let (first, others) = found.split_first()?;
     others.iter().all(|other| other == first).then(|| first.map(|end| json!(end)))
 }
 
-/// The range in the error message for a value that no scene allows.
+/// The range in the error message for a value that is invalid in every scene.
 fn range_in(base: &Table, path: &str) -> Option<[f64; 2]> {
     [toml::Value::Float(f64::INFINITY), toml::Value::Integer(u32::MAX.into())].into_iter().find_map(
         |strange| {
@@ -356,7 +356,6 @@ fn range_in(base: &Table, path: &str) -> Option<[f64; 2]> {
     )
 }
 
-/// Sets a key of an existing table.
 fn put(scene: &mut Table, path: &str, value: toml::Value) {
     let mut keys: Vec<&str> = path.split('.').collect();
     let last = keys.pop().unwrap_or_default();

@@ -18,9 +18,9 @@ pub struct Device {
     pub damping_n_s_per_m: f64,
     /// Spring of the device, k.
     pub stiffness_n_per_m: f64,
-    /// Rest position of that spring, x0.
+    /// Rest position of the spring, x0.
     pub rest_position_m: f64,
-    /// Where the handle rests before a hit; before the wall.
+    /// Rest position of the handle before a hit; before the wall.
     pub start_position_m: f64,
 }
 
@@ -30,11 +30,11 @@ pub struct Device {
 pub struct Encoder {
     /// Length of one count.
     pub resolution_m: f64,
-    /// How a position becomes a count.
+    /// Conversion of a position to a count.
     pub rounding: Rounding,
 }
 
-/// How a position becomes a count.
+/// Conversion of a position to a count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Rounding {
@@ -54,10 +54,10 @@ pub struct Actuator {
     pub limit_v: f64,
     /// Samples from output to output. The boards have 1, 2, 5 and 10.
     pub period: u32,
-    /// Samples from the encoder reading to the force on the handle. Need not be whole.
+    /// Samples from the encoder reading to the force on the handle; may be a fraction.
     pub latency: f64,
-    /// `true`: an observer that uses the force gets it when it acts, to the nearest sample, for a latency of at most
-    /// 64 samples. `false`: when it is granted, as on the boards, whose latency is below half a sample. Absent: `false`.
+    /// For an observer that uses the force. `true`: it gets a force when it acts, to the nearest sample; latency up to
+    /// 64 samples. `false`: when safety grants it, as on the boards. Absent: `false`.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub latency_known: bool,
 }
@@ -90,43 +90,43 @@ pub struct Sampling {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Wall {
-    /// Surface of the wall, which extends to larger positions; within 2^30 counts.
+    /// Position of the wall's surface; the wall is at larger positions; within 2^30 counts.
     pub position_m: f64,
-    /// Whether the wall never pulls the handle.
+    /// Whether the wall only pushes the handle, and never pulls it.
     pub push_only: bool,
 }
 
-/// The experiment: a push into the wall, and what counts as stable.
+/// The experiment: a push into the wall, and the criterion for a stable wall.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WallHit {
-    /// Constant push into the wall; of the motor within full scale, with `quiet` 1.03 times it.
+    /// Constant push into the wall. If the motor pushes, at most full scale; with `quiet`, at most full scale / 1.03.
     pub push_n: f64,
     /// Who pushes the handle into the wall. Absent: `motor`.
     #[serde(default, skip_serializing_if = "PushBy::is_motor")]
     pub push_by: PushBy,
-    /// How the wall is tried. Absent: `paper`. `taps`: the start is before the wall. `hand`: 1.3 times the push is within full scale, the
-    /// window has 0.5 s or more, and there are 100 outputs a second or more.
+    /// How the wall is tried. Absent: `paper`. `taps`: the start is before the wall. `hand`: 1.3 times the push is
+    /// within full scale, the window is at least 0.5 s, and there are at least 100 outputs a second.
     #[serde(default, skip_serializing_if = "Protocol::is_paper")]
     pub protocol: Protocol,
-    /// Time before the hit is judged; 1 to 2^24 samples.
+    /// Time before the window; 1 to 2^24 samples.
     pub settle_s: f64,
-    /// Time over which it is judged; 1 to 2^24 samples, with `felt` 0.5 s to 2^17 samples.
+    /// Time of the window, which is judged; 1 to 2^24 samples, with `felt` 0.5 s to 2^17 samples.
     pub window_s: f64,
-    /// With `rms`, stable is an RMS below this; 0.001 to 65535 counts.
+    /// With `rms`, a wall is stable if its RMS is below this limit; 0.001 to 65535 counts.
     pub rms_limit_m: f64,
-    /// What the RMS is taken of. Absent: `motion` with the criterion `quiet`, else `counts`.
+    /// Signal of the RMS. Absent: `motion` with the criterion `quiet`, else `counts`.
     pub rms_of: Option<RmsOf>,
     /// When a wall counts as stable. Absent: `rms`.
     #[serde(default, skip_serializing_if = "Criterion::is_rms")]
     pub criterion: Criterion,
-    /// File of the least motion that is felt, by its path from the scene's folder: two columns, frequency in Hz and amplitude
-    /// in m, up to 10,000 rows and 1 MiB. Absent: a model.
+    /// File of the least motion that is felt; the path is relative to the scene's folder. Two columns: frequency in Hz
+    /// and amplitude in m; up to 10,000 rows and 1 MiB. Absent: a model.
     pub felt_curve: Option<PathBuf>,
-    /// With `felt`, stable is a sensation level below this. Absent: 0.
+    /// With `felt`, a wall is stable if its sensation level is below this limit. Absent: 0.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub felt_limit_db: f64,
-    /// With `quiet`, stable is an RMS of the force below this. Absent: 7 % of the push.
+    /// With `quiet`, a wall is stable if the RMS of the force is below this limit. Absent: 7 % of the push.
     pub force_rms_limit_n: Option<f64>,
     /// Content of the file `felt_curve`.
     #[serde(skip)]
@@ -134,7 +134,7 @@ pub struct WallHit {
 }
 
 impl WallHit {
-    /// Signal of the RMS.
+    /// Signal of the RMS, or its default.
     pub fn rms_of(&self) -> RmsOf {
         self.rms_of.unwrap_or(match self.criterion {
             Criterion::Quiet => RmsOf::Motion,
@@ -142,7 +142,7 @@ impl WallHit {
         })
     }
 
-    /// Times before the window and of the window, s, for this protocol.
+    /// Settling time before the window, and time of the window, s, for this protocol.
     pub fn times_s(&self) -> [f64; 2] {
         match self.protocol {
             Protocol::Paper | Protocol::Hand => [self.settle_s, self.window_s],
@@ -151,7 +151,7 @@ impl WallHit {
         }
     }
 
-    /// Sets criterion and signal of the RMS. A default signal is stored as `None`.
+    /// Sets the criterion and the signal of the RMS. A default signal is stored as `None`.
     pub fn judge(&mut self, criterion: Criterion, rms_of: Option<RmsOf>) {
         (self.criterion, self.rms_of) = (criterion, None);
         self.rms_of = rms_of.filter(|rms_of| *rms_of != self.rms_of());
@@ -162,14 +162,14 @@ impl WallHit {
         self.force_rms_limit_n.unwrap_or(quiet::FORCE_SHARE * self.push_n.abs())
     }
 
-    /// The same hit with `share` times the push, and with the limits of the original push.
+    /// The same hit with the push multiplied by `share`. The limits stay those of the original push.
     pub(crate) fn with_push(&self, share: f64) -> Self {
         let force_rms_limit_n = Some(self.force_rms_limit_n());
         Self { push_n: share * self.push_n, force_rms_limit_n, ..self.clone() }
     }
 }
 
-/// What the RMS of a window is taken of.
+/// Signal of a window's RMS.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum RmsOf {
@@ -203,7 +203,7 @@ pub enum Protocol {
     Paper,
     /// The last two seconds of a constant push of a minute.
     Press,
-    /// Taps, two a second: the last half of each contact is a window.
+    /// Two taps a second. The last half of each contact is a window.
     Taps,
     /// The push of a hand that is not steady.
     Hand,
@@ -236,18 +236,18 @@ impl Protocol {
     }
 }
 
-/// When a wall that was touched counts as stable.
+/// Condition for a stable wall that was touched.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Criterion {
     /// The RMS is below its limit.
     #[default]
     Rms,
-    /// The RMS is below its limit, and no output of the window is at the actuator's limit.
+    /// The RMS is below its limit, and no output in the window is at the actuator's limit.
     Unsaturated,
     /// The motion's sensation level is below its limit.
     Felt,
-    /// At each of four pushes handle and force rest, and the wall stands.
+    /// At each of four pushes, handle and force are at rest, and the wall holds the handle.
     Quiet,
 }
 
@@ -276,10 +276,10 @@ fn is_zero(value: &f64) -> bool {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum PushBy {
-    /// Push and wall share the motor's range.
+    /// The motor pushes, and the wall uses the same motor: both share its range.
     #[default]
     Motor,
-    /// A constant force on the last body of the chain: the handle, or the arm if there is one.
+    /// A hand pushes with a constant force on the last body of the chain: the handle, or the arm if there is one.
     Hand,
 }
 
@@ -298,19 +298,19 @@ impl PushBy {
     }
 }
 
-/// The boundary walk's grid and caps.
+/// Grid and upper limits of the boundary walk.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Walk {
-    /// First K, up to the largest.
+    /// First K, at most the largest K.
     pub stiffness_start_n_per_m: f64,
-    /// Step of K, from 1e-6 of the largest.
+    /// Step of K, at least 1e-6 of the largest K.
     pub stiffness_step_n_per_m: f64,
     /// Largest K.
     pub stiffness_max_n_per_m: f64,
-    /// First B, up to the largest.
+    /// First B, at most the largest B.
     pub damping_start_n_s_per_m: f64,
-    /// Step of B, from 1e-6 of the largest.
+    /// Step of B, at least 1e-6 of the largest B.
     pub damping_step_n_s_per_m: f64,
     /// Largest B.
     pub damping_max_n_s_per_m: f64,

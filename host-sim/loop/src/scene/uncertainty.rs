@@ -6,39 +6,39 @@ use serde::{Deserialize, Serialize};
 use super::{Scene, Units};
 use crate::{numerics::random, range::within};
 
-/// Standard deviations of numbers of `[device]` and `[actuator]`, in their units; 0: exactly known. What is drawn is jointly
-/// Gaussian; a device outside the scene's ranges is drawn anew.
+/// Standard deviations of values of `[device]` and `[actuator]`, in their units; 0: known exactly. The drawn values are
+/// jointly Gaussian. A device outside the scene's ranges is drawn again.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Uncertainty {
-    /// Of the device's mass.
+    /// Standard deviation of the device's mass.
     #[serde(default)]
     pub mass_kg: f64,
-    /// Of the device's damping.
+    /// Standard deviation of the device's damping.
     #[serde(default)]
     pub damping_n_s_per_m: f64,
-    /// Of the device's stiffness.
+    /// Standard deviation of the device's stiffness.
     #[serde(default)]
     pub stiffness_n_per_m: f64,
-    /// Of its rest position.
+    /// Standard deviation of the device's rest position.
     #[serde(default)]
     pub rest_position_m: f64,
-    /// Of the actuator's gain.
+    /// Standard deviation of the actuator's gain.
     #[serde(default)]
     pub gain_n_per_v: f64,
-    /// Of the latency in samples.
+    /// Standard deviation of the latency in samples.
     #[serde(default)]
     pub latency: f64,
-    /// Correlations of two of these names, or of what a rotary scene calls them, -1 to 1; 0 where none is named.
+    /// Correlations of two of these names, or of their rotary names, -1 to 1. Absent pairs: 0.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub correlations: Vec<(String, String, f64)>,
 }
 
 /// Number of uncertain quantities.
 const COUNT: usize = 6;
-/// Largest number of draws until a device is within the scene's ranges.
+/// Largest number of draws for one device, until a draw is within the scene's ranges.
 const DRAWS_MAX: u64 = 1000;
-/// A remaining variance below this is rounding and counts as 0.
+/// A remaining variance below this limit is a rounding error and counts as 0.
 const ROUNDING: f64 = 1e-9;
 
 type Matrix = [[f64; COUNT]; COUNT];
@@ -65,7 +65,7 @@ impl Uncertainty {
         ]
     }
 
-    /// Index of the quantity with this name, linear or rotary.
+    /// Index of the quantity with this linear or rotary name.
     pub fn place(name: &str) -> Option<usize> {
         let is = |known: &&str| {
             *known == name || Units::rotary_key(known).is_some_and(|rotary| rotary == name)
@@ -73,7 +73,7 @@ impl Uncertainty {
         Self::NAMES.iter().position(is)
     }
 
-    /// Cholesky factor of the correlations.
+    /// Cholesky factor of the correlation matrix.
     fn factor(&self) -> Result<Matrix, String> {
         let mut wanted: Matrix = [[0.0; COUNT]; COUNT];
         for (n, row) in wanted.iter_mut().enumerate() {
@@ -139,11 +139,11 @@ impl Scene {
         uncertainty.factor().map(|_| ())
     }
 
-    /// Device `n` drawn from the scene's `[uncertainty]`, or the scene itself without `[uncertainty]`. The result
-    /// depends only on seed and n.
+    /// Device `n` drawn from `[uncertainty]`, or the scene itself without this table. It depends only on `seed` and
+    /// `n`.
     ///
     /// # Errors
-    /// No draw is within the scene's ranges.
+    /// None of the draws is within the scene's ranges.
     pub fn drawn(&self, seed: u64, n: u64) -> Result<Self, String> {
         let Some(uncertainty) = &self.uncertainty else { return Ok(self.clone()) };
         for attempt in 0..DRAWS_MAX {

@@ -1,7 +1,7 @@
 //! The units of a scene: m and N at the handle, or rad and N m about the handle's axis.
 //!
-//! In memory all values are in m and N at the handle. A rotary scene is converted once when it is read, by its
-//! handle's radius ([`Units::to_handle`]). Files, figures and texts are converted once when they are written.
+//! In memory all values are in m and N at the handle. A rotary scene is converted once, when it is read
+//! ([`Units::to_handle`]). Files, figures and texts are converted once, when they are written.
 
 use crate::notation::rounded;
 
@@ -17,12 +17,12 @@ pub enum Units {
 
 /// A physical quantity in linear and in rotary scenes.
 struct Quantity {
-    /// End of the quantity's keys; empty if the quantity is only used in texts.
+    /// End of the names of the quantity's keys. Empty if the quantity is only used in texts.
     linear: &'static str,
     rotary: &'static str,
     /// A rotary value is the linear value times the radius to this power.
     power: i32,
-    /// Rotary unit in texts. Angles are in degrees.
+    /// Rotary unit in texts. Angles are written in degrees.
     unit: &'static str,
     /// Linear units in texts, each with an additional factor.
     units: &'static [(&'static str, f64)],
@@ -38,7 +38,7 @@ const fn quantity(
     Quantity { linear, rotary, power, unit, units }
 }
 
-/// A longer suffix must come before a suffix that is its end.
+/// If a suffix is the end of a longer suffix, the longer suffix comes first.
 const QUANTITIES: &[Quantity] = &[
     quantity(["mass_kg", "inertia_kg_m2", "kg m^2"], 2, &[("kg", 1.0), ("g", 1e-3)]),
     quantity(["n2_s_per_m2", "n2_m2_s_per_rad2", "N^2 m^2 s/rad^2"], 4, &[("N^2 s/m^2", 1.0)]),
@@ -60,7 +60,7 @@ const QUANTITIES: &[Quantity] = &[
     quantity(["m", "rad", "deg"], -1, &[("mm", 1e-3 * DEGREES), ("m", DEGREES)]),
 ];
 
-/// The first unit in texts for which `is` returns true: the unit, its quantity and its own factor.
+/// The first unit in texts for which `is` returns true, with its quantity and its factor.
 fn written(is: impl Fn(&'static str) -> bool) -> Option<(&'static str, &'static Quantity, f64)> {
     let each =
         |of: &'static Quantity| of.units.iter().map(move |&(unit, factor)| (unit, of, factor));
@@ -72,11 +72,11 @@ fn of_key(key: &str) -> Option<&'static Quantity> {
     QUANTITIES.iter().find(|of| !of.linear.is_empty() && ends(key, of.linear))
 }
 
-/// Significant digits of a value that is read. The rounding of one product does not change them.
+/// Significant digits of a value that is read. The rounding of one product does not change these digits.
 const DIGITS_IN: usize = 15;
 /// Significant digits of a value that is written.
 const DIGITS_OUT: usize = 12;
-/// Significant digits of a value in a sentence.
+/// Significant digits of a value in a text for people.
 const DIGITS_READ: usize = 4;
 
 /// Whether `key` ends with `suffix`, at a word boundary.
@@ -84,7 +84,7 @@ fn ends(key: &str, suffix: &str) -> bool {
     key.strip_suffix(suffix).is_some_and(|rest| rest.is_empty() || rest.ends_with(['_', '.']))
 }
 
-/// Whether a key is a phase. Phases are angles in linear scenes too.
+/// Whether a key is a phase. A phase is an angle in linear scenes too.
 fn is_phase(key: &str) -> bool {
     ends(key, "phase_rad")
 }
@@ -105,7 +105,6 @@ impl Units {
         }
     }
 
-    /// Whether these are the units of a rotary scene.
     pub fn is_rotary(self) -> bool {
         self != Self::Linear
     }
@@ -149,14 +148,13 @@ impl Units {
         Some((Self::rotary_key(key)?, self.factor(of_key(key)?.power)))
     }
 
-    /// A number of a result in the written units: `value` times the factor of [`key`](Self::key), rounded to 12
-    /// digits.
+    /// A number of a result in the written units: `value` times the factor of [`key`](Self::key), rounded to 12 digits.
     pub fn told(value: f64, factor: f64) -> f64 {
         if factor == 1.0 { value } else { rounded(value * factor, DIGITS_OUT) }
     }
 
-    /// A number at the handle as text for a board's console. `key` gives its quantity. The text has fifteen digits,
-    /// as many as the console reads.
+    /// A value at the handle as text for a board's console, with the console's fifteen digits. `key` gives its
+    /// quantity.
     pub fn command(self, key: &str, at_handle: f64) -> String {
         match self.key(key) {
             Some((_, factor)) => rounded(at_handle * factor, DIGITS_IN).to_string(),
@@ -169,7 +167,7 @@ impl Units {
         self.key(key).map_or(said, |(_, factor)| said / factor)
     }
 
-    /// Name of a unit in these units, and the factor of its numbers.
+    /// The unit in these units that stands for the linear `unit`, and the factor of its numbers.
     pub fn written(self, unit: &'static str) -> (&'static str, f64) {
         match written(|known| known == unit).filter(|_| self.is_rotary()) {
             Some((_, of, factor)) => (of.unit, factor * self.factor(of.power)),
@@ -177,14 +175,14 @@ impl Units {
         }
     }
 
-    /// A number at the handle with four digits and its unit, as text for people. `unit` is the linear unit.
+    /// A value at the handle as text for people, with four digits and its unit. `unit` is the linear unit.
     pub fn said(self, at_handle: f64, unit: &'static str) -> String {
         let (unit, factor) = self.written(unit);
         format!("{} {unit}", rounded(at_handle * factor, DIGITS_READ))
     }
 
-    /// Converts the numbers of a text to these units. The text has them as `NUMBER UNIT`, `NUMBER to NUMBER UNIT`,
-    /// `NUMBER +- NUMBER UNIT`, or `KEY is NUMBER, allowed NUMBER to NUMBER`.
+    /// Converts the numbers of a text to these units. It finds the forms `NUMBER UNIT`, `NUMBER to NUMBER UNIT`,
+    /// `NUMBER +- NUMBER UNIT`, and `KEY is NUMBER, allowed NUMBER to NUMBER`.
     pub fn text(self, text: &str) -> String {
         if !self.is_rotary() {
             return text.to_owned();
@@ -256,7 +254,7 @@ impl Units {
     }
 }
 
-/// Multiplies the number in a word. The number keeps its digits, and at least four.
+/// Multiplies the number in a word. The number keeps its digits, but has at least four.
 fn scale(word: &mut String, factor: f64) {
     let bare = word.trim_start_matches(['(', '[']);
     let Ok(value) = bare.parse::<f64>() else { return };

@@ -1,7 +1,7 @@
-//! The velocity filter of a scene: the keys of `[velocity]` and `[designs.NAME]` for the core's table of estimators.
+//! The velocity filter of a scene: `[velocity]` and `[designs.NAME]` for the core's table of estimators.
 //!
-//! Names and keys come from the core's table, but every cutoff or other frequency has the key `cutoff_hz`. If the
-//! scene leaves it out, the command line or `[sweep]` gives the cutoff.
+//! Names and keys are those of the core's table. Only the cutoff, or another frequency of an estimator, always has the
+//! key `cutoff_hz`. If the scene has no cutoff, the command line or `[sweep]` gives it.
 
 use std::{borrow::Cow, fmt};
 
@@ -18,14 +18,14 @@ use zwidth::{
     velocity::{EstimatorName, PARAMETERS, Parameter, Sense},
 };
 
-/// Value of the key that selects an estimator of a family.
+/// Value of the key that selects an estimator within a family.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Member {
     Flag(bool),
     Number(u32),
 }
 
-/// Estimators that share a name in scenes (a family): the name, the key that selects the estimator, and its value.
+/// Families: estimators that share a name in scenes. Each estimator has a key and a value that select it.
 const FAMILIES: [(EstimatorName, &str, &str, Member); 8] = [
     (EstimatorName::Butterworth, "butterworth", "prewarp", Member::Flag(false)),
     (EstimatorName::ButterworthPrewarped, "butterworth", "prewarp", Member::Flag(true)),
@@ -36,14 +36,14 @@ const FAMILIES: [(EstimatorName, &str, &str, Member); 8] = [
     (EstimatorName::LeastSquares1, "least-squares", "degree", Member::Number(1)),
     (EstimatorName::LeastSquares2, "least-squares", "degree", Member::Number(2)),
 ];
-/// Keys that a scene may leave out. An absent key has the default of the core's table.
+/// Keys that a scene may leave out. Their defaults are in the core's table.
 const OPTIONAL: [&str; 3] = ["noise_counts", "lambda_ratio", "lead"];
 /// The key with the estimator's name.
 const TAG: &str = "estimator";
 /// The key of an estimator's frequency.
 pub const CUTOFF: &str = "cutoff_hz";
 
-/// The name in scenes, and the key and value that select this estimator.
+/// Name of an estimator in scenes, and the key and value that select it.
 fn spelling(name: EstimatorName) -> (&'static str, Option<(&'static str, Member)>) {
     match FAMILIES.iter().find(|(member, ..)| *member == name) {
         Some((_, family, key, member)) => (family, Some((key, *member))),
@@ -66,7 +66,7 @@ fn keys(name: EstimatorName) -> impl Iterator<Item = (&'static str, Parameter, u
     })
 }
 
-/// The key of `[velocity]` for a parameter of the core. `None` if no estimator has this parameter.
+/// The key in `[velocity]` of a parameter of the core. `None` if no estimator has this parameter.
 pub fn key_of(parameter: &str) -> Option<&str> {
     if FAMILIES.iter().any(|(_, _, key, _)| *key == parameter) {
         return Some(parameter);
@@ -76,13 +76,13 @@ pub fn key_of(parameter: &str) -> Option<&str> {
     all.find(|(core, _)| **core == parameter).map(|(_, (key, ..))| key)
 }
 
-/// A velocity filter as in a scene, with or without its cutoff.
+/// The velocity filter of a scene, with or without a cutoff.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VelocityTable {
     estimator: EstimatorName,
-    /// Values by parameter index. `None` for unused indices, and for a cutoff that the scene leaves out.
+    /// Values by parameter index. `None` if the parameter is not used, or the scene has no cutoff.
     numbers: [Option<f64>; PARAMETERS],
-    /// Value of the family's key that selects no estimator; [`check`](Self::check) reports it.
+    /// Value of the selecting key, if it selects no estimator. [`check`](Self::check) reports it.
     stranger: Option<u32>,
 }
 
@@ -104,7 +104,7 @@ impl VelocityTable {
         whole.then(|| self.estimator.settings(self.numbers.map(Option::unwrap_or_default)))
     }
 
-    /// The core's settings with this cutoff. An estimator without a cutoff ignores it.
+    /// The core's settings with this cutoff. It has no effect on an estimator without a cutoff.
     pub fn at(&self, cutoff_hz: f64) -> VelocitySettings {
         let table = if self.has_cutoff() { self.with_cutoff(Some(cutoff_hz)) } else { *self };
         self.estimator.settings(table.numbers.map(Option::unwrap_or_default))
@@ -115,7 +115,7 @@ impl VelocityTable {
         self.cutoff_place().and_then(|place| self.numbers[place])
     }
 
-    /// The same filter with another cutoff or without one. An estimator without a cutoff does not change.
+    /// The same filter with another cutoff, or without one. An estimator without a cutoff does not change.
     #[must_use]
     pub fn with_cutoff(mut self, cutoff_hz: Option<f64>) -> Self {
         if let Some(place) = self.cutoff_place() {
@@ -124,7 +124,6 @@ impl VelocityTable {
         self
     }
 
-    /// Whether the estimator has a cutoff.
     pub fn has_cutoff(&self) -> bool {
         self.cutoff_place().is_some()
     }
@@ -154,7 +153,6 @@ impl VelocityTable {
         self.estimator.sense()
     }
 
-    /// The estimator of this filter.
     pub fn estimator(&self) -> EstimatorName {
         self.estimator
     }
@@ -232,7 +230,7 @@ pub fn describe(filter: &VelocitySettings, rate_hz: f64) -> String {
     }
 }
 
-/// A value converted to a type, or the error. serde reads a date as a map, as in a scene's other tables.
+/// Converts a value to a type. serde reads a date as a map, as in the other tables of a scene.
 fn typed<T: DeserializeOwned>(value: Value) -> Result<T, String> {
     let value = if value.is_datetime() { Value::Table(toml::Table::new()) } else { value };
     T::deserialize(value).map_err(|error| error.message().into())
@@ -247,7 +245,7 @@ fn families() -> Vec<&'static str> {
 
 /// The error for an unknown name of an estimator.
 fn no_family(text: &str) -> String {
-    // a family of this name exists as the replacement
+    // In scenes the family `least-squares` replaces the old name `algebraic`.
     let family = (text == "algebraic").then_some("least-squares");
     match EstimatorName::replacing(text).or(family) {
         Some(other) => format!("estimator `{text}` is no more: use {other}"),
@@ -255,7 +253,7 @@ fn no_family(text: &str) -> String {
     }
 }
 
-/// The error for an unknown name, in serde's own words.
+/// The error for an unknown name, with the same words as an error of serde.
 fn unknown(what: &str, name: &str, known: &[&str]) -> String {
     let quoted: Vec<_> = known.iter().map(|known| format!("`{known}`")).collect();
     match quoted.as_slice() {
@@ -273,7 +271,7 @@ impl<'de> Deserialize<'de> for VelocityTable {
     }
 }
 
-/// Reads the table `[velocity]`: the name, and the other keys with their values.
+/// Reads the table `[velocity]`: first the name, then the other keys and values.
 struct Table;
 
 impl<'de> Visitor<'de> for Table {
@@ -296,7 +294,6 @@ impl<'de> Visitor<'de> for Table {
     }
 }
 
-/// The name of an estimator in scenes.
 struct Family(String);
 
 impl<'de> Deserialize<'de> for Family {
@@ -335,7 +332,7 @@ impl JsonSchema for VelocityTable {
     }
 }
 
-/// The keys of an estimator's name in scenes.
+/// The JSON schema of the keys that belong to one estimator name.
 fn schema_of(family: &str) -> serde_json::Value {
     let mut properties = serde_json::Map::from_iter([(TAG.into(), json!({ "const": family }))]);
     let mut required = vec![TAG];
@@ -410,8 +407,8 @@ mod tests {
     use super::*;
     use crate::scene::NamedScene;
 
-    /// Every estimator, with and without a cutoff: a written table is read as the same filter, and a missing cutoff
-    /// is written as no key.
+    /// A written table is read as the same filter, with and without a cutoff. An absent cutoff is written without a
+    /// key.
     #[test]
     fn a_table_is_read_as_it_was_written() {
         for name in EstimatorName::ALL {

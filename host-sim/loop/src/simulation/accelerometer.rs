@@ -1,5 +1,5 @@
 //! An accelerometer. Its noise depends only on the number of the reading, so the noise is the same in every hit. The
-//! lanes have the same calculation in `engine/estimator/accelerometer.rs`; tests compare both.
+//! lanes do the same calculation in `engine/estimator/accelerometer.rs`. Tests compare both.
 
 use std::sync::Arc;
 
@@ -11,15 +11,14 @@ use crate::{numerics::random, scene::Accelerometer};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Sensor {
     pub full_scale: f64,
-    /// Step of a reading; 0 without steps.
+    /// Step of a reading; 0 without quantisation.
     pub resolution: f64,
     pub bias: f64,
     /// RMS of the noise of one reading.
     noise: f64,
-    /// Part of a change that passes the low-pass in one sample; 1 without a low-pass.
+    /// Fraction of a change that passes the low-pass in one sample; 1 without a low-pass.
     pub follows: f64,
     filtered: f64,
-    /// Number of random numbers drawn so far.
     drawn: u64,
 }
 
@@ -27,7 +26,7 @@ impl Sensor {
     /// LSB of an [`Acceleration`] per count per sample^2.
     pub const LSB: f64 = (1u32 << Acceleration::FRACTION_BITS) as f64;
 
-    /// A sensor at rest before its first reading.
+    /// A sensor before its first reading, at rest.
     pub fn new(sensor: &Accelerometer, rate_hz: f64, resolution_m: f64) -> Self {
         let per_unit = 1.0 / (resolution_m * rate_hz * rate_hz);
         let bandwidth_hz = sensor.bandwidth_hz.unwrap_or(f64::INFINITY);
@@ -35,7 +34,7 @@ impl Sensor {
             full_scale: sensor.full_scale_m_per_s2 * per_unit,
             resolution: sensor.resolution_m_per_s2 * per_unit,
             bias: sensor.bias_m_per_s2 * per_unit,
-            // The noise's density over a band of half the sampling rate.
+            // The noise density over a band of half the sampling rate.
             noise: sensor.noise_m_per_s2_per_sqrt_hz * (0.5 * rate_hz).sqrt() * per_unit,
             follows: -libm::expm1(-2.0 * core::f64::consts::PI * bandwidth_hz / rate_hz),
             filtered: 0.0,
@@ -43,13 +42,13 @@ impl Sensor {
         }
     }
 
-    /// The reading of a mean acceleration, counts per sample^2.
+    /// The reading for a mean acceleration, counts per sample^2.
     pub fn read(&mut self, acceleration: f64) -> Acceleration {
         let shown = self.shown(acceleration);
         Acceleration::saturating_from_bits(round(shown * Self::LSB))
     }
 
-    /// The reading in counts per sample^2, before it is converted to LSB.
+    /// The reading in counts per sample^2, before its conversion to LSB.
     pub fn shown(&mut self, acceleration: f64) -> f64 {
         self.filtered += self.follows * (acceleration - self.filtered);
         let noise = self.noise();
@@ -66,7 +65,6 @@ impl Sensor {
         if self.noise > 0.0 { self.noise * self.normal() } else { 0.0 }
     }
 
-    /// A normally distributed number, mean 0, RMS 1.
     fn normal(&mut self) -> f64 {
         let n = self.drawn;
         self.drawn += 2;
@@ -75,19 +73,19 @@ impl Sensor {
     }
 }
 
-/// An accelerometer for many hits side by side.
+/// An accelerometer with its noise, for many hits side by side.
 #[derive(Clone, Debug)]
 pub(crate) struct Readings {
     pub sensor: Sensor,
     /// Factor from m/s to counts per sample.
     pub speed: f64,
-    /// Noise of the reading at each sample of a hit, counts per sample^2. The value of sample 0 cancels the bias,
-    /// because nothing is read before it.
+    /// Noise of the reading at each sample of a hit, counts per sample^2. There is no reading before sample 0, so the
+    /// value of sample 0 cancels the bias.
     pub noise: Arc<[f64]>,
 }
 
 impl Readings {
-    /// Readings of a sensor at rest, for hits of `samples` samples.
+    /// Noise and sensor for hits of `samples` samples. `sensor` must be at rest.
     pub fn new(sensor: Sensor, speed: f64, samples: u32) -> Self {
         let mut drawing = sensor;
         let read = if sensor.noise > 0.0 { samples.saturating_sub(1) } else { 0 };

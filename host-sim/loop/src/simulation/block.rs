@@ -1,8 +1,7 @@
 //! Computes the samples of a run together.
 //!
-//! Only the last sample of a [`Run`] may have an output. So each stage (plant, encoder, estimator) is computed over
-//! the whole run, before the next stage. No stage waits for another one at every sample. Observers get a [`Block`] of
-//! many runs.
+//! Only the last sample of a [`Run`] may have an output. So each stage (plant, encoder, estimator) is computed over the
+//! whole run. Then no stage waits for another at every sample. Observers get a [`Block`] of many runs.
 
 use zwidth::velocity::Senses;
 
@@ -15,19 +14,18 @@ use crate::plant::{Course, Places, RUN};
 
 /// Largest number of samples in a block.
 const SAMPLES: usize = 128;
-/// Space for these samples, and for one more run.
+/// Entries for a block, and for one more run.
 const ROOM: usize = SAMPLES + RUN;
 
-/// Results of a number of samples.
+/// Results of several samples.
 #[derive(Clone, Debug)]
 pub struct Block {
-    /// Number of the block's first sample.
     index: u64,
     samples: usize,
     positions_m: [f64; ROOM],
     counts: [i32; ROOM],
-    /// Only if every sample is observed: the controller's velocities, counts per sample, and the forces at the
-    /// samples' ends, N.
+    /// The controller's velocities, counts per sample; then the forces at the samples' ends, N. Only if samples are
+    /// observed.
     velocities: [f64; ROOM],
     outputs_n: [f64; ROOM],
     outputs: Vec<Output>,
@@ -35,13 +33,12 @@ pub struct Block {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
-    /// Index in the block of the output's sample.
+    /// Index of the output's sample in the block.
     pub place: usize,
-    /// Result of the controller.
     pub rendered: ControllerOutput,
 }
 
-/// Values of a run that only its stages use.
+/// Intermediate values of a run, used only by its stages.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Run {
     pub samples: usize,
@@ -52,7 +49,7 @@ pub(super) struct Run {
 impl Run {
     pub const NONE: Self = Self { samples: 0, course: Course::NONE, senses: [Senses::NONE; RUN] };
 
-    /// Computes the senses at the run's samples, for these positions.
+    /// Computes the inputs beside the count at the run's samples, for these positions.
     #[inline]
     fn sense<S: Sensing>(&mut self, positions_m: &[f64; RUN], sensing: &mut S) {
         let speeds_m_per_s = &self.course.speeds_m_per_s;
@@ -83,32 +80,30 @@ impl Block {
         self.index
     }
 
-    /// Readings of the encoder.
     #[inline]
     pub fn counts(&self) -> &[i32] {
         self.counts.get(..self.samples).unwrap_or_default()
     }
 
-    /// Positions of the handle, m.
     #[inline]
     pub fn positions_m(&self) -> &[f64] {
         self.positions_m.get(..self.samples).unwrap_or_default()
     }
 
-    /// The outputs, in their order.
+    /// The outputs, in the order of the samples.
     #[inline]
     pub fn outputs(&self) -> &[Output] {
         &self.outputs
     }
 
-    /// Number of the block's samples before sample `index`.
+    /// Number of samples in the block that are before sample `index`.
     #[inline]
     pub fn before(&self, index: u64) -> usize {
         let before = index.saturating_sub(self.index).min(self.samples as u64);
         usize::try_from(before).unwrap_or(SAMPLES)
     }
 
-    /// The block's samples one by one. The run must be watched.
+    /// The samples of the block, one by one. The run must be `watched`.
     pub fn each(&self) -> impl Iterator<Item = Sample> {
         let mut outputs = self.outputs.iter().peekable();
         (0..self.samples)
@@ -133,13 +128,11 @@ impl Block {
         self.outputs.clear();
     }
 
-    /// Whether there is space for another run.
     #[inline]
     pub(super) fn has_room(&self) -> bool {
         self.samples < SAMPLES
     }
 
-    /// Space for the next run.
     #[inline]
     pub(super) fn places(&mut self) -> Option<Places<'_>> {
         let (at, Self { positions_m, counts, .. }) = (self.samples, self);
@@ -179,7 +172,6 @@ impl Block {
         }
     }
 
-    /// Adds the output of the last sample.
     #[inline]
     pub(super) fn output(&mut self, rendered: ControllerOutput) {
         self.outputs.push(Output { place: self.samples - 1, rendered });

@@ -19,25 +19,25 @@ pub struct ControllerOutput {
     pub output: f64,
     /// Whether the demand was above the actuator's limit.
     pub saturated: bool,
-    /// Part of the wall's force that the passivity controller removed, fraction of full scale.
+    /// Part of the wall's force that the passivity controller withheld, fraction of full scale.
     pub withheld: f64,
-    /// Push at this output, fraction of full scale.
+    /// Push of the motor at this output, fraction of full scale.
     pub push: f64,
 }
 
-/// Readings at the samples of a run.
+/// Inputs of the controller at the samples of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Readings<'a> {
     /// Encoder counts, one per sample.
     pub counts: &'a [i32],
-    /// Inputs beside the counts; empty without such inputs.
+    /// Inputs beside the counts. Empty if the controller needs none.
     pub senses: &'a [Senses],
-    /// True speeds, m/s, for a controller that [gets](Controller::IS_TOLD) them.
+    /// True speeds, m/s, for a controller with [`IS_TOLD`](Controller::IS_TOLD).
     pub speeds_m_per_s: &'a [f64],
 }
 
 impl<'a> Readings<'a> {
-    /// Count and senses of each sample.
+    /// Count of each sample, and its other inputs.
     #[inline]
     pub fn each(&self) -> impl Iterator<Item = (i32, &'a Senses)> + use<'a> {
         let senses = self.senses;
@@ -46,9 +46,9 @@ impl<'a> Readings<'a> {
     }
 }
 
-/// A controller in the loop: counts in, force out.
+/// A controller in the loop: gets counts, gives forces.
 pub trait Controller {
-    /// Takes the samples of a run. Only the last sample may have an output. Stores the velocities in `velocities`, if
+    /// Takes the samples of a run. Only the last sample may have an output. Stores the velocities if `velocities` is
     /// given.
     fn samples(&mut self, readings: Readings<'_>, mut velocities: Option<&mut [f64; RUN]>) {
         for (place, (count, senses)) in readings.each().enumerate() {
@@ -63,15 +63,15 @@ pub trait Controller {
             }
         }
     }
-    /// Takes one sample with its senses. Returns `true` if an output is due with this sample.
+    /// Takes one sample with its other inputs. Returns `true` if an output is due with this sample.
     fn sample(&mut self, count: i32, senses: &Senses) -> bool;
     /// Computes the output that is due with the last sample.
     fn render(&mut self) -> ControllerOutput;
     /// The velocity at the last sample, counts per sample.
     fn velocity(&self) -> f64;
-    /// The wall's surface, counts. The handle is in contact beyond it.
+    /// Position of the wall's surface, counts. At larger counts the handle is in contact.
     fn surface(&self) -> i32;
-    /// Whether the controller gets the true speed.
+    /// Whether the controller uses the true speed.
     const IS_TOLD: bool = false;
     /// Takes the true speed at the last sample, m/s.
     fn told(&mut self, _speed_m_per_s: f64) {}
@@ -79,11 +79,11 @@ pub trait Controller {
     fn push(&self) -> f64;
     /// Sets the push from the next output on.
     fn set_push(&mut self, push: f64);
-    /// Force of the actuator's code for `force`, fraction of full scale.
+    /// Force after the output's rounding, fraction of full scale, for the commanded `force`.
     fn put_out(&self, force: f64) -> f64;
 }
 
-/// The core with the true velocity instead of an estimate. It is the limit for every estimator.
+/// The core with the true velocity instead of an estimate. No estimator can be better than this controller.
 #[derive(Clone, Copy, Debug)]
 pub struct Told {
     core: Fixed,
@@ -91,7 +91,7 @@ pub struct Told {
 }
 
 impl Told {
-    /// Makes it from a core with this design.
+    /// Makes this controller from a core with this design.
     pub fn new(core: Fixed, design: &Design) -> Self {
         Self { core, lsb_per_m_per_s: lsb_per_m_per_s(design) }
     }
@@ -181,12 +181,12 @@ impl Fixed {
         &self.control
     }
 
-    /// Motion of the last sample in the core.
+    /// Position and velocity in the core at the last sample.
     pub fn motion(&self) -> Motion {
         self.motion
     }
 
-    /// Takes the samples of a run, and stores their velocities.
+    /// Takes the samples of a run, and stores the velocity of each in `velocities`.
     #[inline(never)] // compiled once for all plants
     pub fn take(&mut self, readings: Readings<'_>, velocities: &mut [Velocity; RUN]) {
         let Readings { counts, senses, .. } = readings;
@@ -195,7 +195,6 @@ impl Fixed {
         }
     }
 
-    /// Replaces the velocity of the last sample.
     #[inline]
     pub fn set_velocity(&mut self, velocity: Velocity) {
         self.motion.velocity = velocity;

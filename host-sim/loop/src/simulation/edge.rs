@@ -1,8 +1,8 @@
-//! Time at which the handle crossed the border of a count. The path is the cubic through positions and speeds at both
-//! ends of a sample.
+//! Time at which the handle crossed the border between two counts. Its path is the cubic through the positions and
+//! speeds at both ends of a sample.
 
-/// Time within the sample (0 to 1) of the last crossing into the cell of the sample's end, and whether it was
-/// upwards. `None` if the handle stayed in this cell. Positions and speeds of both ends are in counts and samples.
+/// The last crossing into the count of the sample's end: its time within the sample (0 to 1), and whether it was
+/// upwards. `None` without a crossing. Positions are in counts, speeds in counts per sample.
 pub fn last_edge([x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> Option<(f64, bool)> {
     let cell = x1.floor();
     // x(t) = x0 + t (v0 + t (b + t a)), its slope v0 + 2 b t + 3 a t^2
@@ -11,7 +11,7 @@ pub fn last_edge([x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> Option<(f64, bool)> 
     let b = 3.0 * moved - 2.0 * v0 - v1;
     let at = |t: f64| x0 + t * (v0 + t * (b + t * a));
     let slope = |t: f64| v0 + t * (2.0 * b + t * 3.0 * a);
-    // Search backwards from the end over monotone pieces.
+    // Search backwards from the end, over monotone pieces.
     let mut until = 1.0;
     for from in turns(v0, b, a) {
         let x = at(from);
@@ -34,12 +34,12 @@ pub fn last_edge([x0, v0]: [f64; 2], [x1, v1]: [f64; 2]) -> Option<(f64, bool)> 
     None
 }
 
-/// Zeros of `v0 + 2 b t + 3 a t^2` between 0 and 1, latest first, then 0.
+/// Zeros of `v0 + 2 b t + 3 a t^2` between 0 and 1, the latest first. The last element is 0.
 fn turns(v0: f64, b: f64, a: f64) -> impl Iterator<Item = f64> {
     let discriminant = b * b - 3.0 * a * v0;
     let roots = if discriminant > 0.0 {
         let q = -(b + discriminant.sqrt().copysign(b));
-        let (one, two) = (q / (3.0 * a), v0 / q); // not finite if there is no such root
+        let (one, two) = (q / (3.0 * a), v0 / q); // not finite if the root does not exist
         [one.max(two), one.min(two)]
     } else {
         [0.0; 2]
@@ -47,14 +47,14 @@ fn turns(v0: f64, b: f64, a: f64) -> impl Iterator<Item = f64> {
     roots.into_iter().filter(|t| *t > 0.0 && *t < 1.0).chain([0.0])
 }
 
-/// Halvings of a sample: much finer than the 2^-16 of an age.
+/// Number of halvings of a sample. The resolution is much finer than 2^-16, the resolution of an edge's age.
 const HALVINGS: u32 = 32;
-/// Parts of a sample after these halvings.
+/// Number of parts of a sample after these halvings.
 const PARTS: f64 = (1u64 << HALVINGS) as f64;
-/// Newton steps to a crossing. From the middle of the sample, each step doubles the correct digits.
+/// Number of Newton steps to a crossing. From the middle of the sample, each step doubles the number of correct digits.
 const NEWTON_STEPS: u32 = 4;
 
-/// Zero of a monotone function between two points where it has different signs.
+/// Zero of a monotone function between two points at which its signs differ.
 fn crossing(function: impl Fn(f64) -> f64, mut from: f64, mut until: f64) -> f64 {
     let rises = function(from) < 0.0;
     for _ in 0..HALVINGS {
@@ -68,9 +68,9 @@ fn crossing(function: impl Fn(f64) -> f64, mut from: f64, mut until: f64) -> f64
     until
 }
 
-/// The same number as [`crossing`] from 0 to 1, in a third of the time. `None` if the result might differ. Halving
-/// ends at the border of one of [`PARTS`], where the sign has changed. The result is certain if the function exceeds
-/// its rounding error, `rounded`, at the next borders before and after the sign change.
+/// The same number as [`crossing`] from 0 to 1, in a third of the time. `None` if the result might differ. It is
+/// certain if the function exceeds its rounding error `rounded` at the borders of [`PARTS`] on both sides of the sign
+/// change.
 fn crossing_of_sample(
     function: impl Fn(f64) -> f64,
     slope: impl Fn(f64) -> f64,
@@ -104,7 +104,7 @@ mod tests {
         };
         let (mut quick, cases) = (0, 20_000);
         for _ in 0..cases {
-            // a monotone cubic crosses a border, at any speed and any position
+            // a monotone cubic over a border, with any speed and position
             let place = (next() * 2e5).floor();
             let speed = 10f64.powf(4.0 * next());
             let bent = [speed * next(), 0.3 * speed * next()];

@@ -1,4 +1,4 @@
-//! One wall hit: wall, arithmetic, results.
+//! One wall hit: its wall, the arithmetic and the results.
 
 use std::ops::Deref;
 
@@ -15,7 +15,7 @@ pub enum Numeric {
     Fixed,
     /// The twin of the core in 64-bit floats.
     F64,
-    /// The twin with its velocity rounded to the fixed-point LSB.
+    /// The twin, with its velocity rounded to the LSB of fixed point.
     F64Rounded,
 }
 
@@ -29,7 +29,7 @@ impl Numeric {
         }
     }
 
-    /// Rounding of the twin; `None` for the core.
+    /// Rounding of the twin. `None` if the core runs.
     pub(crate) fn twin(self) -> Option<twin::Rounding> {
         match self {
             Self::Fixed => None,
@@ -39,13 +39,13 @@ impl Numeric {
     }
 }
 
-/// One wall, hit from one start position.
+/// A wall, and the start position of a hit on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WallHit {
     pub velocity: VelocitySettings,
     pub stiffness_n_per_m: f64,
     pub damping_n_s_per_m: f64,
-    /// Start in counts from the scene's start position.
+    /// Start position in counts, relative to the scene's start position.
     pub start_offset_counts: f64,
 }
 
@@ -54,21 +54,21 @@ pub struct WallHit {
 pub struct HitReport {
     pub verdict: Verdict,
     pub measures: Measures,
-    /// Mean of the measured position over the window, m.
+    /// Mean of the counts over the window, as a position, m.
     pub mean_m: f64,
     /// Deepest position behind the surface during the whole hit, m; 0 without contact.
     pub peak_penetration_m: f64,
-    /// Part of the whole hit's outputs that saturated.
+    /// Saturated outputs as a fraction of all outputs of the hit.
     pub saturated_fraction: f64,
-    /// Part of the window's samples that are in contact.
+    /// Samples in contact as a fraction of the window's samples.
     pub contact_fraction: f64,
-    /// Part of the whole hit's samples at which the count changed by more than the core's velocity can represent.
+    /// Samples at which the count changed by more than the core's velocity can represent, as a fraction of all samples.
     pub velocity_clipped_fraction: f64,
-    /// Energy that the wall's force exchanged over the motion of the counts, without the push.
+    /// Energy that the wall's force exchanged over the motion of the counts. The push is not included.
     pub port: PortReport,
 }
 
-/// The measures of the window are read like fields of the report.
+/// The measures of the window can be read like fields of the report.
 impl Deref for HitReport {
     type Target = Measures;
 
@@ -78,8 +78,8 @@ impl Deref for HitReport {
 }
 
 impl HitReport {
-    /// The report that decides, from the [`reports`](super::prepared::PreparedScene::reports) at several pushes. It
-    /// is the first report that is not stable, or else the one with the largest force RMS.
+    /// The report that decides the verdict, from the [`reports`](super::prepared::PreparedScene::reports) at several
+    /// pushes: the first that is not stable. If all are stable, it is the one with the largest force RMS.
     pub fn deciding(reports: &[(f64, Self)]) -> Option<Self> {
         let mut each = reports.iter().map(|(_, report)| *report);
         each.clone().find(|report| !report.is_stable()).or_else(|| {
@@ -94,7 +94,7 @@ impl HitReport {
     }
 }
 
-/// The result with the larger force RMS; `kept` if both are equal.
+/// The result with the larger force RMS. If both are equal, the result is `kept`.
 pub(crate) fn louder<T>(kept: Option<T>, next: T, force_n: impl Fn(&T) -> Option<f64>) -> T {
     match kept {
         Some(kept) if force_n(&next) <= force_n(&kept) => kept,
@@ -105,7 +105,6 @@ pub(crate) fn louder<T>(kept: Option<T>, next: T, force_n: impl Fn(&T) -> Option
 /// Reason why a hit has no verdict.
 #[derive(Clone, Debug, PartialEq)]
 pub enum HitError {
-    /// A setting is out of range.
     Settings(SettingsError),
     /// At this sample the handle left the +-2^30 counts that the core accepts.
     OutOfRange(u64),

@@ -1,4 +1,4 @@
-//! The sampled loop: plant, encoder, controller, latency, in the order of the design.
+//! The sampled loop: plant, encoder, controller, latency.
 
 pub(crate) mod accelerometer;
 mod block;
@@ -34,17 +34,15 @@ use crate::{
 pub struct Parts<P> {
     /// The plant. Its step is split when a command takes effect.
     pub plant: P,
-    /// Converts a position to a count.
     pub encoder: Quantiser,
     /// Force at full command, N.
     pub full_scale_n: f64,
     /// Whole samples from the encoder reading to the force. `plant` has the rest of the latency.
     pub latency: u32,
-    /// Samples per output, the same as in the controller.
+    /// Samples per output. The controller must have the same number.
     pub period: u32,
 }
 
-/// One sample of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
     /// Number of the sample, from 0; its time is `index / rate`.
@@ -55,7 +53,7 @@ pub struct Sample {
     pub count: i32,
     /// The controller's velocity, counts per sample.
     pub velocity: f64,
-    /// The output computed with this sample, if an output was due.
+    /// The output that was computed with this sample, if one was due.
     pub rendered: Option<ControllerOutput>,
     /// Force that acts on the handle at the end of this sample, N.
     pub output_n: f64,
@@ -71,21 +69,19 @@ pub struct Simulation<C, S = Full, P: Plant = AnyPlant> {
     block: Box<Block>,
 }
 
-/// State of a run.
 #[derive(Clone, Copy, Debug)]
 struct Moving<C, S, X> {
     controller: C,
     sensing: S,
     state: X,
     index: u64,
-    /// Samples until the next output; 0 if the next sample has an output. The controller counts the same.
+    /// Samples until the next output; 0 if the next sample has an output. The controller has the same counter.
     until_due: u32,
     output_n: f64,
     on_the_way: Latency,
 }
 
-/// Commands that have not taken effect yet. A command is sent every `period` samples. Each takes effect `latency`
-/// samples after its sample.
+/// Indices of the commands that have not taken effect yet. A command is sent every `period` samples.
 #[derive(Clone, Copy, Debug)]
 struct Latency {
     write: usize,
@@ -104,8 +100,8 @@ impl Latency {
         self.write = following(self.write, forces_n);
     }
 
-    /// Samples from `index` until the next command takes effect, and this command. A command that sample `index`
-    /// itself sends is not known yet.
+    /// Samples from `index` until the next command takes effect, and this command. The command of sample `index` is not
+    /// known yet.
     #[inline]
     fn next(&self, forces_n: &[f64], index: u64, acting_n: f64) -> (usize, f64) {
         let samples = usize::try_from(self.effective - index).unwrap_or(usize::MAX);
@@ -136,8 +132,8 @@ impl<P> Parts<P> {
 }
 
 impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
-    /// Computes the next samples, at most `most` and none after an output. Sample `n` is at `t = n T`, with the
-    /// motion until `(n + 1) T`. The steps are in the order that a sample needs. Returns the number of samples.
+    /// Computes the next samples: at most `most`, and none after an output. Sample `n` is at `t = n T`, and includes
+    /// the motion until `(n + 1) T`. Its five steps are those of docs/theory.md. Returns the number of samples.
     #[inline(always)]
     fn run<P: Plant<State = X>>(
         &mut self,
@@ -152,8 +148,7 @@ impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
         let samples = if due { self.until_due + 1 } else { most };
         self.until_due = if due { parts.period - 1 } else { self.until_due - samples };
         let (index, looks) = (self.index, self.sensing.looks());
-        // steps 4 and 5: the plant until the last sample, with a command that takes effect before it; step 1: the
-        // encoder
+        // step 1: the encoder; steps 4 and 5: the plant until the last sample, with a command that arrives before it
         run.samples = samples as usize;
         let (arrival, arriving_n) = self.on_the_way.next(forces_n, index, self.output_n);
         let span = Span {
@@ -175,14 +170,14 @@ impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
         }
         // step 2: the velocity
         block.take(run, &mut self.controller, &mut self.sensing, watched);
-        // step 3: the wall, with the last sample
+        // step 3: the wall, at the last sample
         if due {
             let rendered = self.controller.render();
             self.sensing.granted(rendered.force);
             self.on_the_way.send(forces_n, rendered.output * parts.full_scale_n);
             block.output(rendered);
         }
-        // step 4: a command that takes effect within the last sample; step 5: the plant
+        // step 4: a command that takes effect within the last sample; step 5: the plant after it
         let state = self.state;
         if self.on_the_way.effective + 1 == self.index {
             let force_n = self.on_the_way.arrived(forces_n).unwrap_or(self.output_n);
@@ -206,8 +201,7 @@ impl<C: Controller, S: Sensing, X: Copy> Moving<C, S, X> {
 }
 
 impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
-    /// A handle at rest at `start_m`, before sample 0. `controller` must be at rest at the encoder's count for
-    /// `start_m`.
+    /// A handle at rest at `start_m`, before sample 0. `controller` must be at rest at the count for `start_m`.
     pub fn new(parts: Parts<P>, controller: C, sensing: S, start_m: f64) -> Self {
         let on_the_way = Latency {
             write: 0,
@@ -222,13 +216,13 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         Self { parts, moving, forces_n: vec![0.0; room].into(), block: Block::new().into() }
     }
 
-    /// Computes one sample, and the motion until the next one.
+    /// Computes one sample, and the motion until the next sample.
     pub fn step(&mut self) -> Sample {
         self.take(1, true);
         self.block.sample(0, self.block.outputs().first())
     }
 
-    /// Computes up to `samples` samples. `each` gets every sample and may end the run.
+    /// Computes up to `samples` samples. `each` gets every sample, and can end the run.
     pub fn run<B>(
         &mut self,
         samples: u32,
@@ -240,7 +234,7 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         ControlFlow::Continue(())
     }
 
-    /// Computes `samples` samples in blocks. `each` may end the run after its block. A block has [single
+    /// Computes `samples` samples in blocks. `each` gets every block, and can end the run after it. A block has [single
     /// samples](Block::each) only if the run is `watched`.
     #[inline]
     pub fn blocks<B>(
@@ -257,7 +251,7 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         ControlFlow::Continue(())
     }
 
-    /// Computes the next block, of at most `most` samples. Returns the number of samples.
+    /// Computes the next block, with at most `most` samples. Returns the number of samples.
     #[inline(never)]
     fn take(&mut self, most: u32, watched: bool) -> u32 {
         let Self { parts, moving, forces_n, block } = self;
@@ -273,12 +267,11 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         &self.moving.controller
     }
 
-    /// The controller, for a change of its push.
     pub(crate) fn controller_mut(&mut self) -> &mut C {
         &mut self.moving.controller
     }
 
-    /// Replaces the plant by the same plant under another force of the hand.
+    /// Replaces the plant with the same plant under another force of the hand.
     pub(crate) fn set_plant(&mut self, plant: P) {
         self.parts.plant = plant;
     }
@@ -287,7 +280,6 @@ impl<C: Controller, S: Sensing, P: Plant> Simulation<C, S, P> {
         &self.parts.plant
     }
 
-    /// The plant's state.
     pub fn state(&self) -> &P::State {
         &self.moving.state
     }

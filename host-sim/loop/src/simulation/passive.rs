@@ -1,4 +1,5 @@
-//! A controller whose wall gives no more energy than a reserve: the core's [`PassiveWall`] with any arithmetic.
+//! A controller with the passivity controller: its wall gives no more energy than a reserve. This is the core's
+//! [`PassiveWall`] for any arithmetic.
 
 use zwidth::{
     passivity::{PassiveWall, Passivity},
@@ -11,18 +12,18 @@ use super::controller::{Controller, ControllerOutput};
 /// Full scale, LSB of force.
 pub(super) const FULL_SCALE: f64 = (1u32 << Force::FRACTION_BITS) as f64;
 
-/// LSB of force for a fraction of full scale. Exact for the core's forces.
+/// A fraction of full scale in LSB of force. Exact for the core's forces.
 pub(super) fn bits(fraction: f64) -> i64 {
     let exact = fraction * FULL_SCALE;
     #[expect(clippy::cast_possible_truncation, reason = "at most two full scales")]
     let bits = {
-        let towards_zero = exact as i64; // exact for the core's forces, and faster than a call of `round`
+        let towards_zero = exact as i64; // exact for the core's forces; faster than a call of `round`
         if towards_zero as f64 == exact { towards_zero } else { exact.round() as i64 }
     };
     bits
 }
 
-/// A controller with the passivity controller after it.
+/// A controller followed by the passivity controller.
 #[derive(Clone, Copy, Debug)]
 pub struct Passive<C> {
     controller: C,

@@ -1,5 +1,5 @@
-//! Energy at the port during a hit. The wall's force counts from the sample at which it acts. The motion is the
-//! motion of the counts.
+//! Energy at the port: between the wall and the hand, during a hit. A force of the wall counts from the sample at which
+//! it acts. The motion is that of the counts.
 
 use zwidth::{Design, port::PortEnergy, units::Position};
 
@@ -9,35 +9,34 @@ use super::{Block, Output, Sample, controller::ControllerOutput, passive};
 #[derive(Clone, Debug)]
 pub struct PortWatch {
     port: PortEnergy,
-    /// Sample, wall force and contact of each force that does not act yet.
+    /// Each force that does not act yet: the sample at which it acts, the force, and whether the handle is in contact.
     pending: Vec<(u64, i64, bool)>,
-    /// Whole samples from an output to its force.
+    /// Whole samples from an output until its force acts.
     latency: u64,
     surface: i32,
     /// Energy of one LSB of force times one count, J.
     unit_j: f64,
-    /// Outputs in contact, and outputs in contact that the passivity controller changed.
+    /// Number of outputs in contact, and number of these that the passivity controller changed.
     outputs: [u32; 2],
-    /// Sums of magnitudes over the outputs in contact: the wall force before the passivity controller, and the
-    /// withheld force.
+    /// Sums of magnitudes over the outputs in contact: wall force before the passivity controller, and withheld force.
     forces: [f64; 2],
 }
 
 /// Energy that wall and hand exchanged in a hit, J.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PortReport {
-    /// Energy that the wall has taken in the last contact; negative if it has given energy.
+    /// Energy that the wall has taken in the last contact, J. Negative if the wall has given energy.
     pub taken_j: f64,
-    /// Largest net energy given at any time in any contact.
+    /// Largest net energy that the wall has given in a contact, at any time, J.
     pub given_j: f64,
-    /// Part of the outputs in contact that the passivity controller changed.
+    /// Outputs that the passivity controller changed, as a fraction of the outputs in contact.
     pub limited_fraction: f64,
-    /// Withheld force, as a fraction of the wall's force, both summed over the outputs in contact.
+    /// Withheld force as a fraction of the wall's force. Both are summed over the outputs in contact.
     pub withheld_fraction: f64,
 }
 
 impl PortWatch {
-    /// Starts with a handle at rest at `count`.
+    /// The port of a handle at rest at `count`.
     pub fn new(design: &Design, latency: u32, surface: i32, count: i32) -> Self {
         Self {
             port: PortEnergy::new(Position::from_counts(count)),

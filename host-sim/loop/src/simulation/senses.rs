@@ -1,7 +1,7 @@
-//! Inputs of the controller beside the count: commanded force, acceleration, edge times.
+//! Inputs of the controller beside the count (senses): commanded force, acceleration, edge times.
 //!
-//! Few estimators use them. So a run is compiled without ([`Blind`]) and with ([`Full`]) these inputs, and the
-//! prepared scene selects one once per run. Only the input that the hit's estimator uses is computed.
+//! Few estimators use them. So a run is compiled in two forms: without these inputs ([`Blind`]) and with them
+//! ([`Full`]). The prepared scene selects one form per run. Only the input that the hit's estimator uses is computed.
 
 use zwidth::{
     units::Force,
@@ -24,11 +24,10 @@ pub struct Handle {
     pub speed_m_per_s: f64,
 }
 
-/// Computes these inputs from the motion between samples.
+/// Computes the inputs beside the count, from the motion between samples.
 pub trait Sensing: Copy {
     /// Whether there is any input beside the count.
     fn looks(&self) -> bool;
-    /// The inputs at a sample.
     fn senses(&self) -> &Senses;
     /// Takes a force that the controller granted, fraction of full scale.
     fn granted(&mut self, force: f64);
@@ -60,22 +59,22 @@ impl Sensing for Blind {
 
 /// The inputs that estimators can use.
 ///
-/// *Force*: the force last granted, saturated and held, as the firmware gives it
-/// ([`zwidth::safety::GuardedSampler`]). The estimator treats it as if it had acted since the last sample; our boards
-/// have a latency below half a sample. With `actuator.latency_known` the estimator gets the force when it acts: later
-/// by the latency, rounded to whole samples.
+/// *Force*: the last granted force, after saturation, held until the next output, as in the firmware
+/// ([`zwidth::safety::GuardedSampler`]). The estimator assumes that the force has acted since the last sample. This
+/// suits our boards, whose latency is below half a sample. With `actuator.latency_known` the estimator gets the force
+/// when it acts: later by the latency, rounded to whole samples.
 ///
-/// *Acceleration*: the mean over the sample, computed from the speeds. It passes a first-order low-pass if the scene
-/// gives the accelerometer a bandwidth. Noise, bias, range and resolution follow.
+/// *Acceleration*: the mean over the sample, computed from the speeds. It passes a first-order low-pass if the scene's
+/// accelerometer has a bandwidth. Noise, bias, range and resolution are applied after that.
 ///
-/// *Edges*: the last crossing of a count's border. The path is the cubic through positions and speeds at both ends of
-/// the sample (Hermite), with the scene's encoder error. Under a constant force its error is below 1e-6 counts for
-/// the scenes' devices. If the force steps by dF within the sample, the error is up to `0.0162 dF T^2 / m`: 0.005
-/// counts for the whole range of the paper's device. Noise and jitter are one number per sample, so edges would not
-/// agree with the counts. A scene with noise or jitter therefore has no edges ([`Scene::feeds`]).
+/// *Edges*: the last crossing of the border between two counts. The path is the cubic through the positions and speeds
+/// at both ends of the sample (Hermite), with the scene's encoder error. Under a constant force the error of the path
+/// is below 1e-6 counts for the scenes' devices. If the force changes by dF within the sample, the error is up to
+/// `0.0162 dF T^2 / m`: 0.005 counts for the whole range of the paper's device. Noise and jitter change once per
+/// sample, so edges would not agree with the counts. So a scene with noise or jitter has no edges ([`Scene::feeds`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Full {
-    /// The input that the estimator uses; `None` if it uses only counts.
+    /// The input that the estimator uses. `None` if it uses only counts.
     looks_at: Option<Sense>,
     encoder: Quantiser,
     /// Factor from m/s to counts per sample.
@@ -86,12 +85,12 @@ pub struct Full {
     senses: Senses,
 }
 
-/// Ring of forces granted but not yet given to the estimator, one place for each sample.
+/// Ring of granted forces that the estimator has not received yet, one per sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Told {
     granted: Force,
     ring: [Force; LATENCY_KNOWN_MAX as usize],
-    /// Places in use. 0: the estimator gets the force at once.
+    /// Number of used entries. 0: the estimator gets a force at once.
     samples: usize,
     next: usize,
 }
@@ -103,7 +102,7 @@ impl Told {
         Self { granted: Force::ZERO, ring: [Force::ZERO; _], samples, next: 0 }
     }
 
-    /// Advances by one sample. Returns the force that the estimator gets.
+    /// Moves on by one sample. Returns the force that the estimator gets at this sample.
     fn moved(&mut self) -> Force {
         if self.samples == 0 {
             return self.granted;
@@ -115,7 +114,7 @@ impl Told {
 }
 
 impl Full {
-    /// The inputs of this scene for an estimator that uses one of them, at rest before sample 0.
+    /// The inputs of this scene, at rest before sample 0, for an estimator that uses `looks_at`.
     pub fn new(scene: &Scene, looks_at: Option<Sense>) -> Self {
         let design = scene.design();
         let (rate_hz, resolution_m) = (design.rate_hz, design.resolution_m);
@@ -133,7 +132,7 @@ impl Full {
         }
     }
 
-    /// The accelerometer, for hits of `samples` samples.
+    /// Noise and sensor of the accelerometer, for hits of `samples` samples.
     pub(crate) fn readings(&self, samples: u32) -> Option<Readings> {
         self.accelerometer.map(|sensor| Readings::new(sensor, self.speed, samples))
     }
@@ -315,7 +314,7 @@ mod tests {
         let readings: Vec<f64> = (0..20_000).map(|_| read(&mut noisy, 0.0)).collect();
         let mean = readings.iter().sum::<f64>() / 20_000.0;
         let rms = (readings.iter().map(|x| x * x).sum::<f64>() / 20_000.0).sqrt();
-        // density times the square root of half the rate: 0.7071; the tolerance is five standard errors
+        // RMS = density times the square root of half the rate = 0.7071; the tolerance is five standard errors
         assert!((rms / 0.5f64.sqrt() - 1.0).abs() < 0.025 && mean.abs() < 0.025, "{rms} {mean}");
     }
 }

@@ -1,4 +1,4 @@
-//! Every sample of one hit.
+//! Stores every sample of one hit.
 
 use crate::{
     error::Error,
@@ -20,21 +20,18 @@ pub const SATURATED: u8 = 4;
 /// Largest number of samples in a trace: 200 s at 10 kHz, about half a gigabyte with the CSV.
 const SAMPLES_MAX: u64 = 2_000_000;
 
-/// Number of samples of a hit.
 fn samples(prepared: &PreparedScene) -> u64 {
     u64::from(prepared.plan().settle) + u64::from(prepared.plan().window)
 }
 
-/// One hit, sample by sample.
 #[derive(Clone, Debug)]
 pub struct Trace {
-    /// Samples per second.
     pub rate_hz: f64,
     velocity_lsb_m_per_s: f64,
     full_scale_n: f64,
     surface: i32,
     port: PortWatch,
-    /// The samples, the first one at 0 s.
+    /// The samples. The first sample is at 0 s.
     pub rows: Vec<Row>,
 }
 
@@ -51,13 +48,12 @@ pub struct Row {
     pub output_n: f64,
     /// Sum of [`CONTACT`], [`RENDERED`] and [`SATURATED`].
     pub flags: u8,
-    /// Energy that the wall has taken in this contact, from its force and the counts, J. Negative if it has given
-    /// energy.
+    /// Energy that the wall has taken in this contact, J, from its force and the counts. Negative: it has given energy.
     pub port_energy_j: f64,
 }
 
 impl Trace {
-    /// Error message if a hit of this scene is too long to store every sample, else `None`.
+    /// Error message if a hit of this scene is too long to store every sample. Otherwise `None`.
     pub fn refused(prepared: &PreparedScene) -> Option<String> {
         let samples = samples(prepared);
         (samples > SAMPLES_MAX).then(|| {

@@ -1,11 +1,11 @@
-//! Measures of a hit's window beside the RMS of its counts, and the verdict from them.
+//! Measures of a hit's window, beside the RMS of its counts, and the verdict from all measures.
 //!
 //! | quantity | meaning, over the samples of the window |
 //! |----------|------------------------------|
 //! | RMS of the motion | true positions about their mean |
 //! | at the limit | part of the outputs that are at the actuator's limit |
-//! | RMS of the force | force that safety grants, rounded by the output, about its mean |
-//! | penetration ratio | K times the mean depth of the counts behind the surface, divided by the mean force of the wall |
+//! | RMS of the force | force that safety grants, after the output's rounding, about its mean |
+//! | penetration ratio | K times the mean depth behind the surface (from the counts), divided by the mean force of the wall |
 //! | sensation level | energy of the motion relative to the least motion that a hand feels, dB |
 
 use std::sync::Arc;
@@ -22,21 +22,21 @@ use crate::{
 
 /// Frequency band of the sensation level, Hz.
 const FELT_HZ: [f64; 2] = [2.0, 1000.0];
-/// Level without any motion, dB.
+/// Sensation level without any motion, dB.
 const NO_MOTION_DB: f64 = -200.0;
-/// Margin for rounding before a sum shows that a limit will be exceeded.
+/// Factor for rounding errors in the decision that a sum will exceed a limit.
 const SURE: f64 = 1.0 + 1e-9;
 
-/// Sums over the window's samples so far. The lanes use the same order of operations.
+/// Sums over the samples of the window so far. The lanes use the same order of operations.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Watch {
     /// First position of the window, m.
     pub origin_m: f64,
-    /// Sum of the positions relative to the first, m.
+    /// Sum of the positions relative to `origin_m`, m.
     pub sum_m: f64,
-    /// Sum of the squares of these relative positions, m^2.
+    /// Sum of the squares of the positions relative to `origin_m`, m^2.
     pub squares: f64,
-    /// Outputs at the actuator's limit.
+    /// Number of outputs at the actuator's limit.
     pub at_limit: f64,
     pub outputs: f64,
     /// Sum of the forces of all outputs, fractions of full scale.
@@ -46,7 +46,6 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Adds the position of one sample.
     #[inline]
     pub fn sample(&mut self, position_m: f64) {
         let away_m = position_m - self.origin_m;
@@ -54,7 +53,7 @@ impl Watch {
         self.squares += away_m * away_m;
     }
 
-    /// Adds an output, fraction of full scale.
+    /// Adds an output. `output` is a fraction of full scale.
     #[inline]
     pub fn output(&mut self, output: f64) {
         if output.abs() >= 1.0 {
@@ -65,25 +64,24 @@ impl Watch {
         self.force_squares += output * output;
     }
 
-    /// Sum of the squares of the outputs about their mean, fractions of full scale.
+    /// Sum of the squares of the outputs about their mean. Outputs are fractions of full scale.
     fn force_scatter(&self) -> f64 {
         (self.force_squares - self.forces * self.forces / self.outputs.max(1.0)).max(0.0)
     }
 
-    /// Sum of the squares about the mean of `samples` positions, m^2.
+    /// Sum of the squares of `samples` positions about their mean, m^2.
     fn scatter(&self, samples: u32) -> f64 {
         (self.squares - self.sum_m * self.sum_m / f64::from(samples.max(1))).max(0.0)
     }
 }
 
-/// Measures of a window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measures {
     /// Population RMS of the counts about their mean, m.
     pub rms_m: f64,
     /// Population RMS of the true positions about their mean, m.
     pub rms_motion_m: f64,
-    /// Part of the window's outputs that are at the actuator's limit.
+    /// Outputs at the actuator's limit, as a fraction of the window's outputs.
     pub at_limit_fraction: f64,
     /// Sensation level of the motion, dB; `None` if it was not computed.
     pub sensation_db: Option<f64>,
@@ -103,13 +101,13 @@ pub struct Stiff {
     pub surface: i32,
 }
 
-/// Judges a scene's windows.
+/// Judges the windows of a scene.
 #[derive(Clone, Debug)]
 pub struct Judge {
     criterion: Criterion,
     rms_of: RmsOf,
     limit_m: f64,
-    /// Limits of a quiet wall: of the counts, and of the force as a fraction of full scale.
+    /// Limits of a quiet wall: RMS of the counts; then RMS of the force, as a fraction of full scale.
     quiet_counts: RmsLimit,
     quiet_force: f64,
     /// The motor's push, fraction of full scale.
@@ -119,9 +117,8 @@ pub struct Judge {
     resolution_m: f64,
     period: u32,
     felt: Option<Arc<Felt>>,
-    /// Whether the measures are needed for another purpose than the verdict.
+    /// Whether the measures are needed for more than the verdict.
     measures: bool,
-    /// Whether the push changes during a hit.
     varies: bool,
 }
 
@@ -148,18 +145,18 @@ impl Judge {
         if hit.criterion == Criterion::Felt { judge.with_felt(scene) } else { judge }
     }
 
-    /// Also computes the level of every whole hit, if the window has a suitable length.
+    /// Also computes the sensation level of every whole hit, if the length of the window allows it.
     pub fn with_felt(mut self, scene: &Scene) -> Self {
         self.felt = Felt::of(scene).map(Arc::new);
         self
     }
 
-    /// Also measures hits whose verdict does not need it.
+    /// Also computes the measures of hits whose verdict does not need them.
     pub fn with_measures(self) -> Self {
         Self { measures: true, ..self }
     }
 
-    /// Whether only the counts are needed, for the verdict and otherwise.
+    /// Whether nothing but the counts is needed.
     pub fn is_plain(&self) -> bool {
         let by_counts = self.criterion == Criterion::Rms && self.rms_of == RmsOf::Counts;
         by_counts && !self.varies && self.felt.is_none() && !self.measures
@@ -170,12 +167,12 @@ impl Judge {
         Self { push, ..self }
     }
 
-    /// Whether the single positions of the window are needed.
+    /// Whether each position in the window is needed, and not only sums.
     pub fn listens(&self) -> bool {
         self.felt.is_some()
     }
 
-    /// Measures of a window of a hit. `motion` has the window's positions, if they are needed.
+    /// Measures of a hit's window. `motion` has the positions in the window, if they are needed.
     pub fn measures(
         &self,
         hit: &Hit,
@@ -200,7 +197,7 @@ impl Judge {
         }
     }
 
-    /// Whether the RMS is below its limit. For counts under a constant push this is checked in integers.
+    /// Whether the RMS is below its limit. For counts under a constant push, integers are compared.
     fn rests(&self, measures: &Measures, counts: impl FnOnce() -> bool) -> bool {
         match self.rms_of {
             RmsOf::Counts if self.varies => measures.rms_m < self.limit_m,
@@ -234,8 +231,8 @@ impl Judge {
         if stable { Verdict::Stable } else { Verdict::Unstable }
     }
 
-    /// A verdict before the end of the window, if the final verdict is certain to be the same. A sensation level is
-    /// never certain, because later samples may have more weight.
+    /// The verdict before the end of the window. `None` unless the final verdict is certain to be the same. A sensation
+    /// level is never certain, because later samples may have more weight.
     pub fn certain_verdict(&self, hit: &Hit, watch: &Watch, window: u32) -> Option<Verdict> {
         let by_counts = || hit.certain_verdict();
         let moves = || {
@@ -277,16 +274,16 @@ pub struct Felt(Band);
 #[derive(Clone, Debug, PartialEq)]
 pub struct Band {
     spectrum: RealSpectrum,
-    /// Weights of Hann's window.
+    /// Weights of Hann's window function.
     window: Vec<f64>,
     /// First bin of the band.
     first: usize,
-    /// Weight of each bin's power.
+    /// Weight of the power in each bin.
     weights: Vec<f64>,
 }
 
 impl Felt {
-    /// Prepares the curve for a scene's windows. `None` if the windows are too short or too long.
+    /// Prepares the threshold curve of a scene. `None` if the scene's windows are too short or too long.
     pub fn of(scene: &Scene) -> Option<Self> {
         let (hit, [least_s, most_s]) = (&scene.wall_hit, scene.felt_window_s());
         let plan = scene.hit_settings().build(&scene.design()).ok()?;
@@ -295,19 +292,19 @@ impl Felt {
             .then(|| Self::new(&hit.felt, plan.window as usize, scene.control.rate_hz))
     }
 
-    /// Prepares a curve for windows of `samples` samples.
+    /// Prepares a threshold curve for windows of `samples` samples.
     pub fn new(curve: &FeltCurve, samples: usize, rate_hz: f64) -> Self {
         Self(Band::new(samples, rate_hz, FELT_HZ, |hz| 1.0 / curve.threshold_m(hz).powi(2)))
     }
 
-    /// Sensation level of the motion, dB over threshold.
+    /// Sensation level of the motion, dB above the threshold.
     pub fn level_db(&self, positions_m: Vec<f64>) -> f64 {
         (10.0 * libm::log10(self.0.energy(positions_m))).max(NO_MOTION_DB)
     }
 }
 
 impl Band {
-    /// For windows of `samples` samples, between two frequencies, Hz, with a weight for each frequency.
+    /// The band between two frequencies, Hz, for windows of `samples` samples, with a weight for each frequency.
     pub fn new(
         samples: usize,
         rate_hz: f64,
@@ -322,7 +319,7 @@ impl Band {
         let hz = |bin: usize| bin as f64 * rate_hz / length;
         let within = |bin: &usize| (from_hz..=to_hz).contains(&hz(*bin));
         let bins: Vec<usize> = (1..spectrum.length() / 2).filter(within).collect();
-        // both halves of the spectrum, divided by the energy of the window function
+        // factor for both halves of the spectrum, divided by the energy of the window function
         let energy: f64 = window.iter().map(|w| w * w).sum();
         let per_power = 2.0 / (length * energy);
         let weights = bins.iter().map(|bin| per_power * weight(hz(*bin))).collect();

@@ -1,4 +1,4 @@
-//! `identify`: the parameters of a device from recorded voltage and position.
+//! `identify`: finds the parameters of a device from recorded command and position.
 
 mod plan;
 mod told;
@@ -19,42 +19,44 @@ use crate::{
     scene::{NamedScene, Units},
 };
 
-/// Identifies mass, damping, stiffness and rest position of a device from recorded voltage and position (paper,
-/// section 2.2.2), with 95 % intervals; --out SCENE.toml writes them into a scene. One record cannot tell them from
-/// the force per volt: give it as --gain, by motor and amplifier, by a weight, or add a second record with
-/// --added-mass. A record that cannot tell is refused with the reason. docs/identification.md says how to record.
+/// Identifies mass, damping, stiffness and rest position of a device from recorded voltage and position (paper, section
+/// 2.2.2), with 95 % intervals. --out SCENE.toml writes them into a scene. One record cannot separate them from the
+/// force per volt. Give this force as --gain, by motor and amplifier, by a weight, or add a second record with
+/// --added-mass. A record with too little information is refused, with the reason. docs/identification.md says how to
+/// record.
 #[derive(Debug, Args)]
 pub struct IdentifyArgs {
-    /// Records: CSV with time, command and position, a telemetry capture, or the CSV that `telemetry` makes of one. A column is
-    /// a quantity with its unit, as time_s or `Time (ms)`; the command is a voltage, a force, a torque or a current.
+    /// Records: CSV with time, command and position, a telemetry capture, or its CSV from `telemetry`. A column's name
+    /// has quantity and unit, as time_s or `Time (ms)`. The command is a voltage, a force, a torque or a current.
     /// Several records of one device are fitted at once.
     #[arg(required_unless_present = "plan", value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Scene that gives encoder, voltage limit, latency and sample rate, and all else that a scene needs.
+    /// Scene that gives encoder, voltage limit, latency, sample rate, and all other keys of a scene.
     #[arg(long, value_name = "SCENE", default_value = "paper-1um")]
     base: String,
     #[command(flatten)]
     gain: GainArgs,
-    /// From a row's time to its command's effect, in rows of the log [default: the base scene's time].
+    /// Time from a row to the effect of its command, in rows of the log [default: the base scene's time].
     #[arg(long, value_name = "ROWS", allow_negative_numbers = true)]
     latency: Option<f64>,
-    /// Fit the latency too, beginning with --latency.
+    /// Fit the latency too. The search begins at --latency.
     #[arg(long)]
     fit_latency: bool,
     /// The device has no spring: stiffness 0, no rest position.
     #[arg(long)]
     no_spring: bool,
-    /// No record yet: print the console commands of a designed excitation for the base scene's device, pulses within the
-    /// travel and speed of its [safety] and the force of its [motor].
+    /// Without a record: print the console commands of an excitation for the base scene's device. Its pulses keep the
+    /// travel and speed of [safety] and the force of [motor].
     #[arg(long, conflicts_with_all = ["logs", "csv", "plot", "from", "to"])]
     plan: bool,
     #[command(flatten)]
     terms: TermArgs,
-    /// Where the spring rests without any other force, m, of a rotary base scene rad: a constant force can then be told from it.
+    /// Rest position of the spring without any other force, m, with a rotary base scene rad. A constant force can then
+    /// be separated from it.
     #[arg(long, value_name = "M", allow_negative_numbers = true, conflicts_with = "no_spring")]
     rest_position: Option<f64>,
-    /// Travel per cycle of the encoder's signals, m or rad [default: that of the base scene's [encoder_error], else it is
-    /// looked for].
+    /// Travel per cycle of the encoder's signals, m or rad [default: that of the base scene's [encoder_error]; without
+    /// this table it is searched].
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     encoder_cycle: Option<f64>,
     /// Size of a count, m or rad; 0 for a sensor without counts [default: the base scene's].
@@ -66,24 +68,24 @@ pub struct IdentifyArgs {
     /// Use the records up to this time stamp, s.
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     to: Option<f64>,
-    /// Write voltage, measured and modelled position of the first record as CSV.
+    /// Write voltage, measured position and modelled position of the first record as CSV.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// Draw measured against model of the first record (the paper's figure 4); .svg or .png.
+    /// Draw measured and modelled position of the first record (the paper's figure 4); .svg or .png.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
 }
 
-/// Which terms are fitted beside mass, damping and spring.
+/// The terms that are fitted beside mass, damping and spring.
 #[derive(Debug, Args)]
 struct TermArgs {
-    /// `auto`: those terms that the record tells, each by a test; `none`: mass, damping and spring only.
+    /// `auto`: the terms that tests find in the record; `none`: only mass, damping and spring.
     #[arg(long, value_enum, default_value_t = TermsName::Auto, value_name = "WHICH")]
     terms: TermsName,
-    /// Fit Coulomb friction, whatever the test says; with it, only terms that are named.
+    /// Fit Coulomb friction, without a test. Then only named terms are fitted.
     #[arg(long, conflicts_with = "terms")]
     friction: bool,
-    /// Fit friction that falls with the speed, and with it dry friction.
+    /// Fit friction that falls with the speed, and dry friction with it.
     #[arg(long, conflicts_with = "terms")]
     stribeck: bool,
     /// Fit a constant force; needs --rest-position or --no-spring.
@@ -127,17 +129,17 @@ impl TermArgs {
     }
 }
 
-/// The ways to the force per volt; exactly one of them.
+/// Options that give the force per volt. Only one way may be used.
 #[derive(Debug, Args)]
 struct GainArgs {
-    /// Force per volt, N/V, of a rotary base scene N m/V [default there: that of its [rotary]]; of a log with a current per
-    /// ampere, of one with a force none.
+    /// Force per volt, N/V. Rotary base scene: N m/V [default: from its [rotary]]. Log with a current: per ampere. Log
+    /// with a force: leave this out.
     #[arg(long, value_name = "N_PER_V", allow_negative_numbers = true, conflicts_with_all = ["torque_constant", "amplifier_gain", "drum_radius", "calibration_mass", "calibration_voltage", "added_mass"])]
     gain: Option<f64>,
-    /// k_t of gain = k_t k_amp / r_c, N m/A.
+    /// k_t in gain = k_t k_amp / r_c, N m/A.
     #[arg(long, value_name = "N_M_PER_A", allow_negative_numbers = true, requires = "drum_radius", conflicts_with_all = ["calibration_mass", "calibration_voltage", "added_mass"])]
     torque_constant: Option<f64>,
-    /// k_amp of this gain, A/V; none of a log with a current.
+    /// k_amp in this equation, A/V. Log with a current: leave this out.
     #[arg(
         long,
         value_name = "A_PER_V",
@@ -145,7 +147,7 @@ struct GainArgs {
         requires = "torque_constant"
     )]
     amplifier_gain: Option<f64>,
-    /// r_c of this gain, m.
+    /// r_c in this equation, m.
     #[arg(long, value_name = "M", allow_negative_numbers = true, requires = "torque_constant")]
     drum_radius: Option<f64>,
     /// Mass of a weight that the motor holds, kg: gain = mass 9.80665 m/s^2 / voltage.
@@ -157,10 +159,10 @@ struct GainArgs {
         conflicts_with = "added_mass"
     )]
     calibration_mass: Option<f64>,
-    /// Voltage that holds that weight still, V.
+    /// Voltage that holds this weight still, V.
     #[arg(long, value_name = "V", allow_negative_numbers = true, requires = "calibration_mass")]
     calibration_voltage: Option<f64>,
-    /// The second record was made with this much mass added to the device, kg: the gain is identified too.
+    /// Mass that was added to the device for the second record, kg. The gain is then identified too.
     #[arg(long, value_name = "KG", allow_negative_numbers = true)]
     added_mass: Option<f64>,
 }
@@ -229,7 +231,7 @@ pub fn run(args: &IdentifyArgs, common: &Common) -> Result<(), Error> {
     })
 }
 
-/// The result with the scene that was made from it, in the units and keys of the scene's file.
+/// The result, with the scene made from it, in the units and keys of the scene's file.
 #[derive(Serialize)]
 struct WithScene<'a> {
     #[serde(flatten)]

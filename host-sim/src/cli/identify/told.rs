@@ -1,4 +1,4 @@
-//! Texts of an identification for people: rows, table, CSV, figure.
+//! Output of an identification for people: rows, table, CSV, figure.
 
 use std::{fmt::Write as _, path::Path};
 
@@ -10,7 +10,7 @@ use crate::{
     scene::Units,
 };
 
-/// A parameter as shown to people.
+/// A parameter in the form for people.
 pub(super) struct Row {
     name: &'static str,
     unit: &'static str,
@@ -18,7 +18,7 @@ pub(super) struct Row {
 }
 
 impl Row {
-    /// Name, value and interval. The interval's half width has two digits.
+    /// Name, value and interval. Half the width of the interval has two digits.
     pub(super) fn text(&self) -> String {
         let Self { name, unit, estimate: Estimate { value, half_width, .. } } = self;
         if *half_width == 0.0 {
@@ -67,7 +67,7 @@ pub(super) fn rows(found: &Identification, options: &Options, units: Units) -> V
     }
     rows.extend(terms.lag_s.map(|lag| row("amplifier lag", "s", lag)));
     rows.extend(terms.offset_n.map(|offset| row("offset", "N", offset)));
-    // The same model, with a level of friction for each direction.
+    // The same model, written with one friction level for each direction.
     if let (Some(friction), Some(offset)) = (terms.friction_n, terms.offset_n) {
         let level = |sign: f64| Estimate {
             value: friction.value + sign * offset.value,

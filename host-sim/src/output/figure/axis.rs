@@ -1,4 +1,4 @@
-//! Ticks at round numbers, and their numbers.
+//! Ticks at round numbers, and their labels.
 
 use std::ops::Range;
 
@@ -11,9 +11,9 @@ use plotters::coord::{
 /// Largest number of ticks. On a short axis far from 0, the next round number may be the same float.
 const MOST_VALUES: u16 = 32;
 const MOST_DECIMALS: usize = 15;
-/// Part of a step by which rounding may move a tick.
+/// Largest shift of a tick by rounding, as a fraction of a step.
 const SLACK: f64 = 1e-6;
-/// Powers of ten that stay in the ticks' numbers. Other powers go into the unit.
+/// Powers of ten that labels of ticks write out. Other powers are part of the unit.
 const PLAIN_EXPONENTS: std::ops::RangeInclusive<i32> = -2..=3;
 
 /// Ticks and range of a linear axis.
@@ -26,13 +26,13 @@ pub(super) struct Ticks {
 }
 
 impl Ticks {
-    /// Ticks at round numbers. The range grows to the next ticks outside.
+    /// Ticks at round numbers. The range is extended to the next ticks outside it.
     pub(super) fn around(low: f64, high: f64, at_most: usize) -> Self {
         let inside = Self::within(low, high, at_most);
         let (Some(step), Some(first)) = (inside.step(), inside.values.first()) else {
             return inside;
         };
-        // Except for rounding, ticks are multiples of the step.
+        // Ticks are multiples of the step, except for rounding.
         let first = (first / step).round();
         let first = if low < (first - SLACK) * step { first - 1.0 } else { first };
         let last = (high / step - SLACK).ceil();
@@ -43,7 +43,7 @@ impl Ticks {
         Self { values: values.collect(), low: first * step, high: last * step, ..inside }
     }
 
-    /// Ticks at round numbers inside a fixed range.
+    /// Ticks at round numbers within a fixed range.
     pub(super) fn within(low: f64, high: f64, at_most: usize) -> Self {
         let mut ticks = Self {
             values: RangedCoordf64::from(low..high).key_points(at_most),
@@ -57,12 +57,12 @@ impl Ticks {
         ticks
     }
 
-    /// The axis of data that is all 0. It has one tick.
+    /// The axis for data that is 0 everywhere. It has one tick.
     pub(super) fn nothing() -> Self {
         Self { values: vec![0.0], decimals: 0, low: 0.0, high: 1.0 }
     }
 
-    /// The same range without ticks and numbers.
+    /// The same range without ticks and labels.
     pub(super) fn bare(self) -> Self {
         Self { values: vec![], ..self }
     }
@@ -75,7 +75,7 @@ impl Ticks {
     }
 }
 
-/// The interface from which plotters makes an axis.
+/// The interface that plotters needs for an axis.
 impl Ranged for Ticks {
     type FormatOption = NoDefaultFormatting;
     type ValueType = f64;
@@ -119,7 +119,7 @@ pub(crate) fn scaled_unit(largest: f64, unit: &str) -> (f64, String) {
     if largest <= 0.0 || !largest.is_finite() {
         return (1.0, unit.to_owned());
     }
-    // The printed form has the exact exponent, even just below a power of ten.
+    // The printed form has the exact exponent, also for a number just below a power of ten.
     let exponent: i32 = format!("{largest:e}")
         .split_once('e')
         .and_then(|(_, exponent)| exponent.parse().ok())

@@ -1,4 +1,4 @@
-//! Colours: an ordered scale for the cutoffs, an accent for the ideal cutoff.
+//! Colours: an ordered scale for cutoffs, and an accent for the ideal cutoff.
 
 use plotters::prelude::*;
 
@@ -6,18 +6,17 @@ pub(super) const TEXT: RGBColor = RGBColor(26, 26, 26);
 pub(super) const QUIET: RGBColor = RGBColor(90, 90, 90);
 pub(super) const GRID: RGBColor = RGBColor(224, 224, 224);
 pub(super) const FRAME: RGBColor = RGBColor(60, 60, 60);
-/// Colour of the ideal cutoff: vermilion of Okabe and Ito. It differs from the scale under every common colour vision
+/// Vermilion of Okabe and Ito, for the ideal cutoff. It differs from the scale for every common colour vision
 /// deficiency.
 pub(super) const ACCENT: RGBColor = RGBColor(213, 94, 0);
 /// Colour of data without a cutoff: blue of Okabe and Ito, darkened.
 pub(super) const DATA: RGBColor = RGBColor(0, 90, 150);
 
-/// Last used part of viridis. Its yellow end is too light on paper.
+/// Used fraction of viridis. Its yellow end is too light on paper.
 const LAST_SHARE: f64 = 0.88;
 const LONE_SHARE: f64 = 0.3;
 
-/// The colour of curve `index` of `count` in viridis. Its lightness rises evenly, so the order is visible in grey
-/// print.
+/// The colour in viridis of curve `index` of `count`. Lightness increases evenly, so a grey print shows the order.
 pub(super) fn ordered(index: usize, count: usize) -> RGBColor {
     let share = if count > 1 { LAST_SHARE * index as f64 / (count - 1) as f64 } else { LONE_SHARE };
     ViridisRGB.get_color(share)

@@ -8,12 +8,15 @@
 //! TelemetryPlot -> telemetry      │
 //! TradePlot     -> trade          ┘
 //! ```
-//! Each figure is a pure function: the same data gives the same bytes. plotters has integer coordinates, so SVG and
-//! PNG use one grid with `GRID` steps per unit. The font is bundled, so nothing depends on the system. Colours:
-//! viridis for cutoffs, which are ordered, and vermilion for the ideal cutoff.
+//! Each figure is a pure function: the same data gives the same bytes. Coordinates of plotters are integers, so SVG and
+//! PNG share one grid with `GRID` steps per unit. The font is bundled, so a figure does not depend on the system.
+//! Cutoffs have an order, so their colours are viridis. The ideal cutoff is vermilion.
 //!
-//! plotters lacks some parts, which are drawn here: legends outside the plot, the numbers at the cutoffs (two rows,
-//! two scales, one colour each), strips of phases, and the lines and texts of the PNG ([`sim_bitmap`]).
+//! Some parts are missing in plotters and are drawn here:
+//! - legends outside the plot;
+//! - the numbers at the cutoffs (two rows, two scales, one colour each);
+//! - strips of phases;
+//! - lines and texts of the PNG ([`sim_bitmap`]).
 
 mod area;
 mod axis;
@@ -50,9 +53,9 @@ const WIDTH: f64 = 640.0;
 const MARGIN: f64 = 12.0;
 /// Steps of the drawing grid per unit.
 const GRID: f64 = 6.0;
-/// Largest number that is plotted. Larger numbers are mistakes, and the axis arithmetic would lose digits.
+/// Largest number that can be plotted. Larger numbers are mistakes, and the calculation of the axes would lose digits.
 const LARGEST_VALUE: f64 = 1e15;
-/// Smaller numbers count as 0 before a logarithm or a division.
+/// Limit below which a number counts as 0, before a logarithm or a division.
 const SMALLEST_POSITIVE: f64 = 1e-15;
 
 #[derive(Debug, Clone, PartialEq)]
@@ -63,7 +66,7 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// A page of this height with title and subtitle. `draw` adds the rest.
+    /// A page with this height, title and subtitle. `draw` adds the rest.
     fn new(
         [title, subtitle]: [&str; 2],
         height: f64,
@@ -79,7 +82,7 @@ impl Figure {
         Ok(Self { size, shapes, svg })
     }
 
-    /// One `<svg>` element without ids and without an XML declaration. It can be a file, or inline in a page.
+    /// One `<svg>` element without ids and without an XML declaration. It can be a file, or be inserted into a page.
     #[must_use]
     pub fn svg(&self) -> &str {
         &self.svg
@@ -88,13 +91,13 @@ impl Figure {
     /// The same figure as PNG, three pixels per SVG unit.
     ///
     /// # Errors
-    /// The bitmap cannot be made. The data never causes this error.
+    /// The bitmap cannot be made. Data never causes this error.
     pub fn png(&self) -> Result<Vec<u8>, FigureError> {
         sim_bitmap::png(&self.shapes, self.size).map_err(|error| FigureError(error.to_string()))
     }
 }
 
-/// A length in units as steps of the grid.
+/// Converts a length from units to steps of the grid.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "the cast saturates, and pages are a few thousand steps wide"
@@ -103,7 +106,7 @@ fn grid(units: f64) -> i32 {
     (units * GRID).round() as i32
 }
 
-/// A point in units on the grid.
+/// Converts a point from units to the grid.
 fn at(x: f64, y: f64) -> (i32, i32) {
     (grid(x), grid(y))
 }

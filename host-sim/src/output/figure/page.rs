@@ -1,6 +1,6 @@
 //! The page of a figure. It records the shapes that plotters draws.
 //!
-//! plotters is compiled for each backend. With one recorder it is compiled once, and each figure is drawn once.
+//! plotters is generic over its backend. With one recorder it is compiled once, and each figure is drawn once.
 
 use std::convert::Infallible;
 
@@ -11,13 +11,13 @@ use plotters_backend::{
 };
 use sim_bitmap::{Lettering, Shape};
 
-/// Factor of a nominal font size in plotters' SVG.
+/// Ratio of the nominal font size to the font size in the SVG of plotters.
 pub(super) const NOMINAL_PER_EM: f64 = 1.24;
 
 /// The drawing area of a figure, in grid steps from its top left corner.
 pub(super) type Page = DrawingArea<Recorder, Shift>;
 
-/// Records what plotters draws. Figures have only filled shapes, lines and texts.
+/// Records the shapes that plotters draws. Figures only have filled shapes, lines and texts.
 pub(super) struct Recorder {
     pub size: (u32, u32),
     pub shapes: Vec<Shape>,

@@ -28,12 +28,12 @@ const TITLE_MIDDLE: f64 = 18.0;
 const SUBTITLE_MIDDLE: f64 = 37.5;
 const GRID_WIDTH: f64 = 0.7;
 const FRAME_WIDTH: f64 = 1.0;
-/// Distance between a legend's sample and its name.
+/// Distance between the line in a legend and its name.
 pub(super) const LEGEND_GAP: f64 = 6.0;
-/// Distance from the frame to the lower edge of the title below it.
+/// Distance from the frame to the lower edge of the title below the frame.
 pub(super) const X_TITLE_DROP: f64 = 40.0;
 
-/// The rectangle of the data.
+/// The rectangle that contains the data.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Panel {
     pub left: f64,
@@ -74,14 +74,14 @@ impl Panel {
         (grid(self.left), grid(self.right))
     }
 
-    /// The frame. It is drawn after the data, so that it covers the lines' ends.
+    /// Draws the frame. It is drawn after the data, so that it covers the ends of lines.
     pub(super) fn frame(&self, page: &Page) -> Result<(), FigureError> {
         let (l, t, r, b) = (self.left, self.top, self.right, self.bottom);
         let corners = [[l, t], [r, t], [r, b], [l, b], [l, t], [r, t]];
         line(page, &corners, FRAME, FRAME_WIDTH)
     }
 
-    /// A remark in the middle of an empty plot.
+    /// Writes a remark in the middle of an empty plot.
     pub(super) fn remark(&self, page: &Page, remark: &str) -> Result<(), FigureError> {
         let size = AXIS_TITLE_SIZE;
         text::write(page, remark, self.centre(), HPos::Center, size, QUIET)
@@ -95,7 +95,6 @@ pub(super) enum Grid {
     Horizontal,
 }
 
-/// Draws grid, ticks, numbers and titles.
 pub(super) fn axes<X: Ranged<ValueType = f64> + ValueFormatter<f64>>(
     chart: &mut Chart<'_, X>,
     grid_lines: Grid,
@@ -116,7 +115,7 @@ pub(super) fn axes<X: Ranged<ValueType = f64> + ValueFormatter<f64>>(
     Ok(())
 }
 
-/// Title and subtitle at the top left, cut to the width of the page.
+/// Writes title and subtitle at the top left. They are cut to the width of the page.
 pub(super) fn heading(page: &Page, title: &str, subtitle: &str) -> Result<(), FigureError> {
     page.fill(&WHITE)?;
     let room = WIDTH - 2.0 * MARGIN;
@@ -129,12 +128,10 @@ pub(super) fn heading(page: &Page, title: &str, subtitle: &str) -> Result<(), Fi
     Ok(())
 }
 
-/// A stroke width on the grid.
 pub(super) fn stroke(units: f64) -> u32 {
     grid(units).unsigned_abs()
 }
 
-/// A line through points of the page.
 pub(super) fn line(
     page: &Page,
     points: &[[f64; 2]],
@@ -144,7 +141,7 @@ pub(super) fn line(
     path(page, points.iter().map(|[x, y]| at(*x, *y)).collect(), colour, width)
 }
 
-/// A line through points of the drawing grid.
+/// Draws a line through points of the drawing grid.
 pub(super) fn path(
     page: &Page,
     points: Vec<(i32, i32)>,
@@ -154,7 +151,7 @@ pub(super) fn path(
     Ok(page.draw(&PathElement::new(points, colour.stroke_width(stroke(width))))?)
 }
 
-/// Lines with their names, in a row that begins at `left`.
+/// Draws a legend: lines with their names, in a row that begins at `left`.
 pub(super) fn legend<'a>(
     page: &Page,
     [mut left, middle]: [f64; 2],
@@ -170,7 +167,6 @@ pub(super) fn legend<'a>(
     Ok(())
 }
 
-/// A filled rectangle of the page.
 pub(super) fn rect(
     page: &Page,
     x: Range<f64>,
@@ -181,7 +177,6 @@ pub(super) fn rect(
     Ok(page.draw(&Rectangle::new(corners, colour.filled()))?)
 }
 
-/// A filled circle of the page.
 pub(super) fn dot(
     page: &Page,
     [x, y]: [f64; 2],

@@ -11,7 +11,7 @@ use super::{
     text::{FONT_FAMILIES, escape},
 };
 
-/// The opening tag of a page, with the attributes that apply to the whole page.
+/// The opening tag of a page. Its attributes apply to the whole page.
 pub(super) fn svg_head((width, height): (u32, u32), title: &str) -> String {
     let [wide, high] = [width, height].map(|steps| f64::from(steps) / GRID);
     let title = escape(title);
@@ -22,7 +22,6 @@ pub(super) fn svg_head((width, height): (u32, u32), title: &str) -> String {
     )
 }
 
-/// The shapes as SVG elements.
 pub(super) fn svg(shapes: &[Shape]) -> String {
     let mut out = String::new();
     for shape in shapes {
@@ -67,7 +66,7 @@ pub(super) fn svg(shapes: &[Shape]) -> String {
                     "<text x=\"{x}\" y=\"{y}\" dy=\"{drop}em\" text-anchor=\"{anchor}\" \
                      font-size=\"{em}\"{}{turn}>\n{}\n</text>",
                     ink("fill", style),
-                    escape(text).replace("&#39;", "&apos;") // in plotters' form
+                    escape(text).replace("&#39;", "&apos;") // in the form that plotters writes
                 )
             }
         };
@@ -75,7 +74,7 @@ pub(super) fn svg(shapes: &[Shape]) -> String {
     out
 }
 
-/// Colour as an attribute, with the opacity if it is below 1.
+/// A colour as an attribute, with its opacity if this is below 1.
 fn ink(what: &str, style: &ShapeStyle) -> String {
     let RGBAColor(red, green, blue, alpha) = style.color;
     let opacity = if alpha < 1.0 { format!(" opacity=\"{alpha}\"") } else { String::new() };
@@ -90,7 +89,7 @@ fn points(points: &[BackendCoord]) -> String {
     points.iter().map(|(x, y)| format!("{x},{y} ")).collect()
 }
 
-/// Gives the first line with this colour and width a name. A browser shows the name under the pointer.
+/// Gives a name to the first line with this colour and width. A browser shows the name under the pointer.
 pub(super) fn name_line(shapes: &mut String, colour: RGBColor, width: u32, name: &str) {
     let style = ShapeStyle { stroke_width: width, ..colour.filled() };
     let Some(start) = shapes.find(&format!("{} points=", stroke(&style))) else {

@@ -1,4 +1,4 @@
-//! Voltage, measured and modelled position, and their difference: the paper's figure 4.
+//! Voltage, measured and modelled position, and the difference of the positions: the paper's figure 4.
 
 use plotters::prelude::*;
 
@@ -19,20 +19,20 @@ const POSITION: Panel =
 const RESIDUAL: Panel =
     Panel { top: POSITION.bottom + 22.0, bottom: POSITION.bottom + 112.0, ..VOLTAGE };
 const HEIGHT: f64 = RESIDUAL.bottom + 50.0;
-/// Space below a panel whose time axis is below another panel.
+/// Space below a panel that has another panel below it.
 const NO_TITLE_DROP: f64 = 4.0;
 const MOST_X_TICKS: usize = 9;
 const MOST_Y_TICKS: usize = 6;
 const FEW_Y_TICKS: usize = 5;
-/// Space above and below the pulses, relative to their height.
+/// Space above and below the pulses, as a fraction of their height.
 const VOLTAGE_PAD: f64 = 0.15;
 
-/// The measured line is broad and the modelled line thin, so that both are visible when they agree.
+/// Width of the measured line. It is wide and the modelled line is thin, so both are visible if they agree.
 const MEASURED_WIDTH: f64 = 3.2;
 const MODEL_WIDTH: f64 = 1.1;
 const RESIDUAL_WIDTH: f64 = 0.5;
 const MEASURED_OPACITY: f64 = 0.45;
-/// Legend above the position.
+/// Height of the legend, above the position.
 const LEGEND_MIDDLE: f64 = POSITION.top - 14.0;
 const LEGEND_SAMPLE: f64 = 26.0;
 const LEGEND_PITCH: f64 = 18.0;
@@ -40,11 +40,9 @@ const LEGEND_PITCH: f64 = 18.0;
 /// Data of [`pulse_response`]. The time between rows is constant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResponsePlot {
-    /// First line above the plot.
     pub title: String,
     /// Second line: the parameters.
     pub subtitle: String,
-    /// Time of the first row, s.
     pub start_s: f64,
     /// Time between rows, s.
     pub step_s: f64,
@@ -53,13 +51,12 @@ pub struct ResponsePlot {
     pub command_title: &'static str,
     /// Measured position at each row, m.
     pub measured_m: Vec<f64>,
-    /// First row that was fitted.
+    /// First row of the fit.
     pub first: usize,
     /// Modelled position from row `first` on, m.
     pub model_m: Vec<f64>,
     /// Measured minus modelled position from row `first` on, m.
     pub residual_m: Vec<f64>,
-    /// Units of the figure.
     pub units: Units,
 }
 

@@ -1,4 +1,4 @@
-//! Telemetry of a board: position, velocity, force and facts over time.
+//! Telemetry of a board: position, velocity, force and flags over time.
 
 use plotters::{prelude::*, style::text_anchor::HPos};
 
@@ -13,49 +13,48 @@ use super::{
 
 const TOP: f64 = 56.0;
 const PANEL_HEIGHT: f64 = 104.0;
-/// Distance between panels. The time axis has its numbers there.
+/// Distance between panels. It has space for the labels of the time axis.
 const GAP: f64 = 26.0;
 const PANELS: usize = 3;
-/// Height of a row of facts.
+/// Height of a row of flags.
 const ROW: f64 = 16.0;
 const BAR: f64 = 9.0;
 const LEFT: f64 = 84.0;
 const RIGHT: f64 = WIDTH - 20.0;
 const MOST_X_TICKS: usize = 9;
 const MOST_Y_TICKS: usize = 5;
-/// Shortest time axis, so that its numbers do not need many digits.
+/// Shortest time axis. On a shorter axis, labels would need too many digits.
 const SHORTEST: f64 = 1e-3;
 const NAME_GAP: f64 = 8.0;
 const BAR_OPACITY: f64 = 0.75;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TelemetryPoint {
-    /// Time; it must rise.
+    /// Time; it must increase.
     pub time: f64,
     /// Position, velocity and force, in this order.
     pub values: [f64; PANELS],
-    /// Whether records are missing before this one. The line has a gap here.
+    /// Whether records are missing before this record. Then the line has a gap.
     pub after_gap: bool,
-    /// Facts as bits of `TelemetryPlot::facts`.
+    /// The flags that are set: bits of `TelemetryPlot::facts`.
     pub facts: u32,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct TelemetryPlot {
-    /// First line above the plot.
     pub title: String,
-    /// Second line: facts that identify the capture.
+    /// Second line: text that identifies the capture.
     pub subtitle: String,
-    /// Title of the axis of time, with its unit.
+    /// Title of the time axis, with its unit.
     pub time_title: String,
     /// Titles of the three panels, with their units.
     pub titles: [String; PANELS],
-    /// Names of the facts, the bit of each fact, and whether it is a problem.
+    /// For each flag: its name, its bit, and whether it is a problem.
     pub facts: Vec<(String, u32, bool)>,
     pub points: Vec<TelemetryPoint>,
 }
 
-/// Draws three panels above each other, and for each fact bars over the times at which it is true.
+/// Draws three panels one below the other. Below them, each flag has a row with bars at the times at which it is set.
 ///
 /// # Errors
 /// [`FigureError`] if a number is NaN or infinite, or there are no records.
@@ -93,7 +92,7 @@ fn draw(plot: &TelemetryPlot, page: &Page) -> Result<(), FigureError> {
     draw_facts(page, plot, [from, to])
 }
 
-/// A panel of lines over time, with this top and height.
+/// Draws the lines of a panel over time. The panel has this top and height.
 fn draw_lines(
     page: &Page,
     [from, to]: [f64; 2],
@@ -125,7 +124,7 @@ fn draw_facts(page: &Page, plot: &TelemetryPlot, [from, to]: [f64; 2]) -> Result
         let mut runs = runs.peekable();
         while let Some(run) = runs.next() {
             let (first, last) = (run[0], run[run.len() - 1]);
-            // A single record lasts until the next one.
+            // The bar of a single record ends at the next record.
             let alone = run.len() == 1;
             let until = match runs.peek().map(|next| next[0]) {
                 Some(next) if alone || !next.after_gap => next.time,
@@ -149,18 +148,17 @@ fn bar(
     middle: f64,
     colour: RGBColor,
 ) -> Result<(), FigureError> {
-    // The bar must be long enough to be visible.
+    // The bar must be wide enough to be visible.
     let to = to.max(from + 1.0).min(RIGHT);
     panel::rect(page, from..to, middle - BAR / 2.0..middle + BAR / 2.0, colour.mix(BAR_OPACITY))
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReplayPlot {
-    /// First line above the plot.
     pub title: String,
-    /// Second line: facts that identify the capture.
+    /// Second line: text that identifies the capture.
     pub subtitle: String,
-    /// Title of the axis of time, with its unit.
+    /// Title of the time axis, with its unit.
     pub time_title: String,
     /// Titles of the two panels, with their units.
     pub titles: [String; 2],
@@ -170,7 +168,7 @@ pub struct ReplayPlot {
     pub points: Vec<[f64; 4]>,
 }
 
-/// Draws position over time, and both velocities below it.
+/// Draws the position over time, and below it both velocities.
 ///
 /// # Errors
 /// [`FigureError`] if a number is NaN or infinite, or there are no samples.

@@ -5,11 +5,10 @@ use roxmltree::{Document, Node};
 use super::{Figure, FigureError, GRID, WIDTH, grid, text};
 
 const PNG_SIGNATURE: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
-/// Least part of a figure that text, grid and data cover. At most `MOST_INK` is covered.
+/// Smallest fraction of a figure that text, grid and data cover. `MOST_INK` is the largest.
 const LEAST_INK: f64 = 0.01;
 const MOST_INK: f64 = 0.6;
 
-/// A decoded bitmap.
 pub(super) struct Pixels {
     pub width: usize,
     pub rgb: Vec<u8>,
@@ -38,7 +37,7 @@ impl Pixels {
         self.rgb.chunks(3).filter(|pixel| **pixel == colour).count()
     }
 
-    /// The colour at a point in units.
+    /// The colour at a point. Coordinates are in units.
     pub(super) fn at(&self, x: f64, y: f64) -> [u8; 3] {
         let pixel = |units| {
             usize::try_from(grid(units)).unwrap() / usize::from(sim_bitmap::STEPS_PER_PIXEL)

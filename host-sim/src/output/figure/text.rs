@@ -1,4 +1,4 @@
-//! Text on a page: style, width, cutting, wrapping, and escaping for markup.
+//! Text on a page: its style and width, how it is cut and wrapped, and how it is escaped for markup.
 
 use plotters::{
     prelude::*,
@@ -8,9 +8,9 @@ pub(super) use sim_bitmap::width;
 
 use super::{FigureError, Page, at, page::NOMINAL_PER_EM};
 
-/// Font families for a browser. The first is the bundled one; the second has nearly the same widths.
+/// Font families for a browser. The first is the bundled font, the second has nearly the same widths.
 pub(super) const FONT_FAMILIES: &str = "DejaVu Sans, Verdana, sans-serif";
-/// A text may shrink to this part of its size. After that it is cut.
+/// A text can shrink to this fraction of its size. If it is still too wide, it is cut.
 const SMALLEST_SHARE: f64 = 0.8;
 
 /// A style of `size` units.
@@ -33,7 +33,8 @@ pub(super) fn write(
     Ok(())
 }
 
-/// A text and its size for a width of at most `limit`. The text first shrinks, then it is cut with an ellipsis.
+/// A text and its size for a width of at most `limit`. The text is made smaller first; then it is cut, with an
+/// ellipsis.
 pub(super) fn fit(text: &str, size: f64, limit: f64) -> (String, f64) {
     let natural = width(text, size);
     if natural <= limit {
@@ -56,7 +57,7 @@ pub(super) fn fit(text: &str, size: f64, limit: f64) -> (String, f64) {
     }
 }
 
-/// A text broken at spaces into lines of at most `limit`. Only a single long word may exceed it.
+/// Breaks a text at spaces into lines of at most `limit`. Only a line with a single long word may be longer.
 pub(super) fn wrap(text: &str, size: f64, limit: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
@@ -71,7 +72,7 @@ pub(super) fn wrap(text: &str, size: f64, limit: f64) -> Vec<String> {
     lines
 }
 
-/// Replaces characters that XML 1.0 does not allow by U+FFFD.
+/// Replaces characters that XML 1.0 does not allow with U+FFFD.
 fn printable(text: &str) -> String {
     let allowed = |c| match c {
         '\t' | '\n' | '\r' => c,
@@ -81,7 +82,7 @@ fn printable(text: &str) -> String {
     text.chars().map(allowed).collect()
 }
 
-/// Text escaped for XML and HTML, in elements and in quoted attributes.
+/// Escapes a text for XML and HTML, in elements and in quoted attributes.
 pub(crate) fn escape(text: &str) -> String {
     printable(text)
         .replace('&', "&amp;")

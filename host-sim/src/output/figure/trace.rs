@@ -1,4 +1,4 @@
-//! The trace of one wall hit, whole and in its measuring window.
+//! The trace of one wall hit: the whole hit, and its window.
 
 use crate::{notation::number, scene::Units};
 use plotters::{element::DashedPathElement, prelude::*, style::text_anchor::HPos};
@@ -23,53 +23,47 @@ const MOST_Y_TICKS: usize = 6;
 pub(super) const LINE_WIDTH: f64 = 0.9;
 const WALL_WIDTH: f64 = 1.2;
 const DASH: [f64; 2] = [6.0, 4.0];
-/// Opacity of a phase behind the trace, and of its strip above the plot.
+/// Opacity of a phase: behind the trace, and in the strip above the plot.
 const SETTLE_OPACITY: [f64; 2] = [0.08, 0.2];
 const WINDOW_OPACITY: [f64; 2] = [0.08, 0.25];
 const BAND_OPACITY: f64 = 0.13;
-/// Distance of remarks right of the frame.
+/// Distance from the frame to remarks on its right.
 const REMARK_GAP: f64 = 6.0;
 const REMARK_HALF_PITCH: f64 = 7.0;
-/// Width of the columns of a reduced trace, in grid steps. It is less than a line's width.
+/// Width of a column of a reduced trace, in grid steps. It is less than the width of a line.
 const COLUMN_STEPS: i32 = 4;
 
 pub(super) const MM_PER_M: f64 = 1e3;
 const UM_PER_M: f64 = 1e6;
-/// From this length on, small lengths are in millimetres.
+/// Length from which on small lengths are in millimetres, not in micrometres.
 const MM_FROM_M: f64 = 2e-3;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct TracePlot {
-    /// First line above the plot.
     pub title: String,
     /// Second line: scene, resolution, and other facts that identify the run.
     pub subtitle: String,
-    /// Units of the axes.
     pub units: Units,
     pub rate_hz: f64,
-    /// Position at every sample, from t = 0. It may end early.
+    /// Position at every sample, from t = 0. The data may end before the window does.
     pub positions_m: Vec<f64>,
-    /// Position of the wall.
     pub wall_m: f64,
-    /// Time from the start to the measuring window.
+    /// Time from the start of the hit to the window.
     pub settle_s: f64,
-    /// Length of the measuring window.
     pub window_s: f64,
-    /// RMS limit of a stable hit.
     pub rms_limit_m: f64,
-    /// `stable`, `unstable` or `no contact`, printed unchanged.
+    /// `stable`, `unstable` or `no contact`. It is printed unchanged.
     pub verdict: String,
     /// RMS of the position about its mean in the window.
     pub rms_m: f64,
 }
 
-/// Draws position over time, and below it the measuring window with its mean as 0.
+/// Draws the position over time. Below it, draws the window with its mean as 0.
 ///
-/// A long trace is reduced to the first, lowest, highest and last sample of each pixel column.
+/// A long trace is reduced. Each pixel column keeps its first, lowest, highest and last sample.
 ///
 /// # Errors
-/// [`FigureError`] if a number is NaN or infinite, the rate or the window is not greater than 0, or
-/// there are no samples.
+/// [`FigureError`] if a number is NaN or infinite, rate or window is not greater than 0, or there are no samples.
 pub fn hit_trace(plot: &TracePlot) -> Result<Figure, FigureError> {
     check(plot)?;
     Figure::new([&plot.title, &plot.subtitle], HEIGHT, &|page| draw(plot, page))
@@ -147,7 +141,7 @@ fn draw_hit(page: &Page, plot: &TracePlot) -> Result<(), FigureError> {
     text::write(page, "wall", beside, HPos::Left, SMALL_SIZE, ACCENT)
 }
 
-/// The line through the samples, reduced to columns.
+/// Draws the line through the samples, reduced to columns.
 pub(super) fn draw_trace(
     page: &Page,
     chart: &Chart<'_, Ticks>,
@@ -159,12 +153,11 @@ pub(super) fn draw_trace(
     panel::path(page, points, colour, width)
 }
 
-/// Unit for small lengths of this range, and the number of such units in a metre.
+/// Unit for small lengths in this range, and the number of such units in a metre.
 pub(super) fn small_unit([low_m, high_m]: [f64; 2]) -> (&'static str, f64) {
     if low_m.abs().max(high_m.abs()) >= MM_FROM_M { ("mm", MM_PER_M) } else { ("µm", UM_PER_M) }
 }
 
-/// A dashed line at one height.
 fn draw_level(page: &Page, chart: &Chart<'_, Ticks>, level: f64) -> Result<(), FigureError> {
     let (_, y) = chart.backend_coord(&(0.0, level));
     let ends = [(grid(ZOOM.left), y), (grid(ZOOM.right), y)];
@@ -175,7 +168,7 @@ fn draw_level(page: &Page, chart: &Chart<'_, Ticks>, level: f64) -> Result<(), F
 }
 
 fn draw_window(page: &Page, plot: &TracePlot) -> Result<(), FigureError> {
-    // Half a sample of tolerance, because n / rate may be rounded.
+    // The tolerance is half a sample, because n / rate may be rounded.
     let half_s = 0.5 / plot.rate_hz;
     let (from_s, to_s) = (plot.settle_s, plot.settle_s + plot.window_s);
     let samples = plot.positions_m.iter().enumerate();
@@ -217,7 +210,7 @@ fn draw_window(page: &Page, plot: &TracePlot) -> Result<(), FigureError> {
     Ok(())
 }
 
-/// Lowest and highest value. A range of a single value grows, so that the axis has a length.
+/// Lowest and highest value. If they are equal, the range is extended, so that the axis has a length.
 pub(super) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let [low, high] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
         [low.min(value), high.max(value)]
@@ -230,7 +223,7 @@ pub(super) fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     }
 }
 
-/// First, lowest, highest and last point of each column, so that peaks remain.
+/// First, lowest, highest and last point of each column. So peaks stay visible.
 fn reduce(points: impl Iterator<Item = (i32, i32)>) -> Vec<(i32, i32)> {
     let points: Vec<(i32, i32)> = points.collect();
     let columns = points.chunk_by(|a, b| a.0 / COLUMN_STEPS == b.0 / COLUMN_STEPS);

@@ -1,4 +1,4 @@
-//! Figures of a trade: error over cost or over the cutoff, on logarithmic axes.
+//! Figures of a trade: an error over the cost or over the cutoff, with logarithmic axes.
 
 use plotters::{prelude::*, style::text_anchor::HPos};
 
@@ -12,7 +12,7 @@ use super::{
 
 const TOP: f64 = 78.0;
 const LEFT: f64 = 58.0;
-/// Space between panels: for the numbers of the right panel, and for numbers and title below the upper panel.
+/// Space between panels: sideways for the labels of the right panel, downwards for labels and title of the upper one.
 const GAP: [f64; 2] = [50.0, 46.0];
 const PANEL_HEIGHT: f64 = 190.0;
 const BOTTOM: f64 = 52.0;
@@ -24,25 +24,23 @@ const LEGEND_SWATCH: f64 = 18.0;
 const LINE_WIDTH: f64 = 1.4;
 const GRID_WIDTH: f64 = 0.7;
 const MARK: f64 = 3.4;
-/// Space between the ends of an axis and the frame, relative to its length.
+/// Space between the frame and the ends of an axis, as a fraction of its length.
 const PAD: f64 = 0.025;
-/// Largest number of ticks on an axis.
 const MOST_TICKS: i32 = 6;
 const LIMIT: RGBColor = TEXT;
 const LIMIT_WIDTH: f64 = 0.9;
 
-/// Shape of a mark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mark {
     Circle,
     Square,
-    /// Filled triangle, point up.
+    /// Filled triangle that points up.
     Triangle,
-    /// Filled square on its corner.
+    /// Filled square that stands on a corner.
     Diamond,
 }
 
-/// Colours of Okabe and Ito, with yellow replaced. They differ under every common colour vision deficiency.
+/// Colours of Okabe and Ito, without yellow. They can be distinguished with every common colour vision deficiency.
 const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 90, 150),
     RGBColor(213, 94, 0),
@@ -54,34 +52,33 @@ const COLOURS: [RGBColor; 8] = [
     RGBColor(150, 30, 30),
 ];
 
-/// One series: its name in the legend, and its points in each panel.
+/// A series: its name in the legend, and its points in each panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TradeSeries {
-    /// Name in the legend.
     pub name: String,
     /// Index in the palette.
     pub colour: usize,
     pub mark: Mark,
-    /// Points of each panel, x and y. A value of 0 is drawn at the lower edge, an infinite value on the frame.
+    /// Points of each panel, x and y. A y of 0 is drawn at the lower edge, an infinite y on the frame.
     pub points: Vec<Vec<[f64; 2]>>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct TradePanel {
-    /// Title above the panel, one line.
+    /// Title above the panel, in one line.
     pub title: String,
-    /// Title beside the panel, with the unit.
+    /// Title of the y axis, with the unit.
     pub y_title: String,
-    /// Level with a line.
+    /// Level at which a line is drawn.
     pub limit: Option<f64>,
-    /// Smaller values are drawn at this value, because 0 has no logarithm.
+    /// Smallest value that is drawn. Smaller values are drawn at this value, because 0 has no logarithm.
     pub floor: f64,
-    /// Points of the Pareto front, in order of x, drawn as a staircase.
+    /// Points of the Pareto front, sorted by x. They are drawn as a staircase.
     pub front: Vec<[f64; 2]>,
 }
 
 impl TradePanel {
-    /// A panel without limit and front.
+    /// A panel without a limit and without a front.
     pub fn new(title: impl Into<String>, y_title: impl Into<String>, floor: f64) -> Self {
         let (title, y_title) = (title.into(), y_title.into());
         Self { title, y_title, limit: None, floor, front: vec![] }
@@ -90,15 +87,12 @@ impl TradePanel {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct TradePlot {
-    /// First line above the plot.
     pub title: String,
-    /// Second line above the plot.
     pub subtitle: String,
-    /// Title of the legend.
     pub legend: String,
     /// Title below each panel, with the unit.
     pub x_title: String,
-    /// Panels, two in a row, with the same x axis.
+    /// The panels, two in a row. All have the same x axis.
     pub panels: Vec<TradePanel>,
     pub series: Vec<TradeSeries>,
     /// Whether lines connect the points of a series.
@@ -141,7 +135,7 @@ struct Decades {
 }
 
 impl Decades {
-    /// `floor` is a power of ten, or so small that it does not matter.
+    /// The decades of these values. `floor` must be a power of ten, or so small that it has no effect.
     fn around(values: impl Iterator<Item = f64>, floor: f64) -> Self {
         let (low, high) = values
             .filter(|value| value.is_finite())
@@ -167,7 +161,7 @@ impl Decades {
     }
 }
 
-/// A power of ten as text: `10⁻³`, and a plain number from 0.1 to 1000.
+/// A power of ten as text: a plain number from 0.1 to 1000, else in the form `10⁻³`.
 fn decade(exponent: i32) -> String {
     match exponent {
         -1 => "0.1".into(),
@@ -262,7 +256,7 @@ fn draw_panel(
     }
     panel.frame(page)?;
     let rise = panel.top - TITLE_RISE;
-    // the name of the y axis is above its upper end, so that panels can be close to each other
+    // the name of the y axis is above the upper end of the axis, so that panels can be close together
     let name =
         format!("{}{}{}", part.y_title, if part.title.is_empty() { "" } else { ", " }, part.title);
     let room = panel.right - panel.left + 44.0;

@@ -1,4 +1,4 @@
-//! The Z-width figure: stiffness over damping, one boundary per curve.
+//! The Z-width figure: stiffness over damping, with one boundary per curve.
 
 use plotters::{prelude::*, style::text_anchor::HPos};
 
@@ -17,11 +17,11 @@ const LEFT: f64 = 64.0;
 const TOP: f64 = 58.0;
 const BOTTOM: f64 = HEIGHT - 50.0;
 const MOST_TICKS: usize = 9;
-/// Space between the frame and the highest peak with the halo of the ideal curve.
+/// Space between the frame and the highest peak, relative to the peak. It includes the halo of the ideal curve.
 const HEADROOM: f64 = 1.02;
-/// From this stiffness on, the axis is in kN/m.
+/// Stiffness from which on the axis is in kN/m.
 const KILO_FROM_N_PER_M: f64 = 2e3;
-/// From this stiffness on, the axis is in MN/m.
+/// Stiffness from which on the axis is in MN/m.
 const MEGA_FROM_N_PER_M: f64 = 2e6;
 
 const CURVE_WIDTH: f64 = 1.4;
@@ -29,9 +29,9 @@ const IDEAL_WIDTH: f64 = 2.4;
 const IDEAL_HALO: f64 = 4.0;
 const DOT_RADIUS: f64 = 1.9;
 const IDEAL_DOT_RADIUS: f64 = 2.6;
-/// Curves whose points are closer than this on average are drawn without dots.
+/// Mean distance of a curve's points below which it is drawn without dots.
 const DOT_SPACING: f64 = 4.0;
-/// From this number of curves on, dots are smaller by [`CROWD_SHARE`].
+/// Number of curves from which on dots are smaller, by [`CROWD_SHARE`].
 const CROWD: usize = 16;
 const CROWD_SHARE: f64 = 0.7;
 
@@ -47,13 +47,10 @@ const NOTE_DROP: f64 = 33.0;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct ZwidthPlot {
-    /// First line above the plot.
     pub title: String,
     /// Second line: scene, resolution, and other facts that identify the run.
     pub subtitle: String,
-    /// Units of the axes.
     pub units: Units,
-    /// Title of the legend.
     pub legend: String,
     /// Word that the legend adds to the ideal curve: `ideal`.
     pub marked: &'static str,
@@ -63,18 +60,17 @@ pub struct ZwidthPlot {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Curve {
-    /// Name in the legend.
     pub name: String,
-    /// Text under the pointer.
+    /// Text that a browser shows under the pointer.
     pub detail: String,
-    /// Whether the curve is drawn in the accent colour and on top.
+    /// Whether the curve is drawn last, in the accent colour.
     pub ideal: bool,
     /// The boundary in the order of the walk; empty if no wall was stable.
     pub points: Vec<BoundaryPoint>,
 }
 
 impl Curve {
-    /// Title of a legend whose curves are named by their cutoff.
+    /// Title of the legend if curves are named by their cutoffs.
     pub const CUTOFF_LEGEND: &str = "Cutoff [Hz]";
 
     /// The boundary of one nominal cutoff. The filter's gain is -3 dB at `true_cutoff_hz`.
@@ -90,9 +86,9 @@ impl Curve {
     }
 }
 
-/// Draws stiffness over damping, both from 0, with a legend of the curves.
+/// Draws stiffness over damping, both from 0, and a legend of the curves.
 ///
-/// With more than 34 curves the legend names every second, third, .. curve, and always the ideal curve.
+/// With more than 34 curves, the legend only names every second, third, .. curve. It always names the ideal curve.
 ///
 /// # Errors
 /// [`FigureError`] if a number is NaN, infinite or negative.
@@ -135,7 +131,7 @@ fn draw(plot: &ZwidthPlot, page: &Page) -> Result<(), FigureError> {
     panel::axes(&mut chart, Grid::Both, titles)?;
     panel.frame(page)?;
 
-    // The ideal curve is drawn last, on top of the others.
+    // The ideal curve is drawn last, over the others.
     let styles = styles(plot);
     for on_top in [false, true] {
         for (curve, style) in plot.curves.iter().zip(&styles) {
@@ -151,7 +147,7 @@ fn draw(plot: &ZwidthPlot, page: &Page) -> Result<(), FigureError> {
     legend.draw(page, panel.right + LEGEND_GAP)
 }
 
-/// Largest damping and stiffness. Each is at least 1, so that the axes have a length.
+/// Largest damping and largest stiffness. Each is at least 1, so that its axis has a length.
 fn largest(plot: &ZwidthPlot) -> Result<[f64; 2], FigureError> {
     let mut largest = [0.0_f64; 2];
     for curve in &plot.curves {
@@ -218,7 +214,7 @@ fn draw_curve(page: &Page, points: Vec<(i32, i32)>, style: Style) -> Result<(), 
 struct Legend {
     title: String,
     entries: Vec<(String, Style)>,
-    /// Interval between the curves that are named.
+    /// The legend names every curve with an index that is a multiple of this number.
     every: usize,
     columns: usize,
     column_width: f64,
@@ -332,7 +328,7 @@ mod tests {
         let figure = look(zwidth, &plot(vec![curve(300.0, 36_000.0, 69)]));
         let pixels = Pixels::of(&figure);
         assert!(pixels.count(ACCENT) > 1000);
-        // The peak of 36 kN/m is at 350 N s/m, in the middle of 0 to 700. The axis ends at 40 kN/m.
+        // The peak of 36 kN/m is at 350 N s/m, in the middle between 0 and 700. The axis ends at 40 kN/m.
         let right = WIDTH - MARGIN - Legend::of(&plot(vec![curve(300.0, 1.0, 1)])).width();
         let peak = BOTTOM - 0.9 * (BOTTOM - TOP);
         assert_eq!(pixels.at(f64::midpoint(LEFT, right), peak), [213, 94, 0]);

@@ -1,4 +1,4 @@
-//! Parquet: one row group, Snappy; units and manifest are key-value pairs of the file.
+//! Parquet: one row group, compressed with Snappy. Units and manifest are key-value pairs of the file.
 
 use std::{collections::BTreeMap, sync::Arc};
 
@@ -12,7 +12,7 @@ use ::parquet::{
 
 use super::{Cells, Column, Table};
 
-/// Keys of these pairs: JSON of columns with their units, and the manifest.
+/// Key of the pair with the units: JSON of the columns with their units. `MANIFEST` is the key of the manifest.
 const UNITS: &str = "zwidth.units";
 const MANIFEST: &str = "zwidth.manifest";
 
@@ -67,7 +67,7 @@ fn field(column: &Column) -> Result<Type, ParquetError> {
         .build()
 }
 
-/// The values that are not null, and for each cell whether it has a value (the definition level).
+/// The values that are not null. For each cell, also whether it has a value (the definition level).
 fn split<T, V>(cells: &[Option<T>], value: impl Fn(&T) -> V) -> (Vec<V>, Vec<i16>) {
     let there = cells.iter().map(|cell| i16::from(cell.is_some())).collect();
     (cells.iter().flatten().map(value).collect(), there)

@@ -1,5 +1,5 @@
 //! The scene's accelerometer in lanes: [`Sensor::read`] over vectors. The noise is the same in every hit. Each lane
-//! looks up the noise by the number of its sample.
+//! looks up its noise by sample number.
 
 use std::sync::Arc;
 
@@ -13,7 +13,6 @@ use crate::{
     simulation::accelerometer::{Readings, Sensor},
 };
 
-/// An accelerometer on each lane's handle.
 pub struct Accelerometer<S: SimdOps> {
     pub scale: Scale<S>,
     pub sensed: Sensed<S>,
@@ -40,7 +39,7 @@ pub struct Scale<S: SimdOps> {
     follows: S::f64s,
     bias: S::f64s,
     full_scale: S::f64s,
-    /// Step of a reading; `None` without steps.
+    /// Step of a reading. `None` without quantisation.
     resolution: Option<S::f64s>,
 }
 
@@ -53,7 +52,7 @@ impl<S: SimdOps> Accelerometer<S> {
         Self { scale, sensed: Sensed { speed: zero, filtered: zero }, drawn, noise, sample }
     }
 
-    /// Puts a sensor that has not read anything into a lane.
+    /// Puts a sensor before its first reading into a lane.
     pub fn start(&mut self, simd: S, lane: usize, readings: &Readings) {
         let Readings { sensor, speed, ref noise } = *readings;
         let splat = |value: f64| simd.splat_f64s(value);
@@ -87,7 +86,7 @@ impl<S: SimdOps> Accelerometer<S> {
 }
 
 impl<S: SimdOps> Sensed<S> {
-    /// Acceleration that a core's observer gets at a sample. `speed` is the handle's speed, m/s.
+    /// Acceleration that the core's observer gets at a sample. `speed` is the handle's speed, m/s.
     #[inline(always)]
     pub fn read(&mut self, simd: S, scale: &Scale<S>, speed: S::f64s, noise: S::f64s) -> S::u64s {
         const LIMIT: f64 = Acceleration::LIMIT as f64 * Sensor::LSB;
@@ -98,7 +97,7 @@ impl<S: SimdOps> Sensed<S> {
         simd.to_integer(simd.mul_f64s(bits, simd.splat_f64s(MORE)))
     }
 
-    /// [`Sensor::shown`], counts per sample^2.
+    /// [`Sensor::shown`] over vectors, counts per sample^2.
     #[inline(always)]
     fn shown(&mut self, simd: S, scale: &Scale<S>, speed: S::f64s, noise: S::f64s) -> S::f64s {
         let last = std::mem::replace(&mut self.speed, simd.mul_f64s(speed, scale.speed));
@@ -125,8 +124,7 @@ mod tests {
     use super::*;
     use crate::{engine::simd_ops::lanes, scene::Accelerometer as Scene};
 
-    /// Compares every lane with its own sensor. The lanes start one after the other, at rest, and read the same
-    /// speeds.
+    /// Compares every lane with a scalar sensor. The lanes start one after the other, at rest, with the same speeds.
     fn hold<S: SimdOps>(simd: Option<S>, readings: &Readings, speeds_m_per_s: &[f64]) {
         let Some(simd) = simd else { return };
         let mut sensors = Accelerometer::none(simd);
@@ -168,7 +166,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(256))]
 
-        /// Readings agree to the last bit, before and after rounding to an LSB.
+        /// The readings agree to the last bit, before and after rounding to an LSB.
         #[test]
         fn every_lane_reads_as_a_sensor_alone(
             (offset, step) in (-8.0..4.0f64, -6.0..1.0f64),
@@ -183,7 +181,7 @@ mod tests {
             let share = |power: Option<f64>| {
                 power.map_or(0.0, |power| full_scale_m_per_s2 * 10f64.powf(power))
             };
-            // A sensor at rest then reads half a step, or half an LSB.
+            // Then a sensor at rest reads half a step, or half an LSB.
             let mut bias_m_per_s2 = bias * full_scale_m_per_s2;
             if tie && resolution.is_some() {
                 bias_m_per_s2 = (0.5 * share(resolution)).copysign(bias);
@@ -198,7 +196,7 @@ mod tests {
                 bias_m_per_s2,
                 bandwidth_hz,
             };
-            // 1 m/s^2 is then one count per sample^2
+            // then 1 m/s^2 is one count per sample^2
             let (rate_hz, resolution_m) = (2f64.powi(13), 2f64.powi(-26));
             let sensor = Sensor::new(&scene, rate_hz, resolution_m);
             let readings = Readings::new(sensor, 1e4, 300); // the product of a speed and 1e4 is rounded

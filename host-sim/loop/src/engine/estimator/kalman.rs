@@ -8,23 +8,21 @@ use super::{
 };
 use crate::engine::simd_ops::{SimdOps, lanes, lanes_mut};
 
-/// Gains of each lane.
 #[derive(Clone, Copy)]
 pub struct Gains<S: SimdOps> {
     filter: velocity::Kalman<LaneGain<S>>,
-    /// All bits are set where the gains do not fit into lanes.
+    /// All bits are set for lanes whose gains are too large for the lane arithmetic.
     without: S::u64s,
 }
 
-/// Estimates of each lane.
 #[derive(Clone, Copy)]
 pub struct Kalman<S: SimdOps> {
     state: KalmanState<Vector<S>>,
-    /// Bitwise OR of all estimates so far. It exceeds twice the limit if one estimate was out of bounds.
+    /// Bitwise OR of all estimates so far. If an estimate was out of bounds, it is above twice the limit.
     seen: [S::u64s; 2],
 }
 
-/// Limit of position and velocity. After a jump of 2^14 counts, the prediction can still be multiplied.
+/// Limit of position and velocity. Below it, the prediction can be multiplied even after a jump of 2^14 counts.
 const LIMIT: u64 = 1 << (FACTOR_BITS - 2);
 /// Limit of the acceleration, which has 12 more fractional bits.
 const ACCELERATION_LIMIT: u64 = 1 << 58;

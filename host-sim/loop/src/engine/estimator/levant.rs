@@ -1,4 +1,4 @@
-//! [`Levant`](zwidth::velocity::Levant) in lanes, for states far inside their ranges.
+//! [`Levant`](zwidth::velocity::Levant) in lanes. The states must be far inside their ranges.
 
 use pulp::bytemuck::cast;
 use zwidth::velocity::{Estimator, Word as _};
@@ -9,29 +9,27 @@ use super::{
 };
 use crate::engine::simd_ops::{SimdOps, lanes, lanes_mut};
 
-/// Parameters of each lane.
 #[derive(Clone, Copy)]
 pub struct Sizes<S: SimdOps> {
     alpha: S::u64s,
     lambda: LaneGain<S>,
     half: S::u64s,
     square: S::u64s,
-    /// All bits are set where lambda does not fit into lanes.
+    /// All bits are set for lanes whose lambda is too large for the lane arithmetic.
     without: S::u64s,
 }
 
-/// Position and velocity of each lane.
 #[derive(Clone, Copy)]
 pub struct Levant<S: SimdOps, const IMPLICIT: bool> {
     ahead: S::u64s,
     velocity: S::u64s,
-    /// Bitwise OR of all states so far. It exceeds 2 [`LIMIT`] if one state was out of bounds.
+    /// Bitwise OR of all states so far. If a state was out of bounds, it is above 2 [`LIMIT`].
     seen: S::u64s,
 }
 
-/// Limit of position and velocity: 2^14 counts, 2^14 counts per sample.
+/// Limit of the position, 2^14 counts, and of the velocity, 2^14 counts per sample.
 const LIMIT: u64 = 1 << (FACTOR_BITS - 2);
-/// The output has this number of bits fewer than the velocity.
+/// Number of fractional bits that the velocity has more than the output.
 const DROPPED: u32 = 16;
 
 impl<S: SimdOps, const IMPLICIT: bool> Recursive<S> for Levant<S, IMPLICIT> {
@@ -103,18 +101,18 @@ impl<S: SimdOps, const IMPLICIT: bool> Recursive<S> for Levant<S, IMPLICIT> {
     }
 }
 
-/// Returns `size`, negated where all bits of `negative` are set.
+/// `size`, with its sign changed in the lanes where `negative` has all bits set.
 #[inline(always)]
 fn with_sign<S: SimdOps>(simd: S, size: S::u64s, negative: S::u64s) -> S::u64s {
     simd.sub_u64s(simd.xor_u64s(size, negative), negative)
 }
 
-/// The core's square root of numbers below 2^50, with 32 fractional bits. The root has at most 31 significant bits.
+/// The core's square root for numbers below 2^50, with 32 fractional bits. The root has at most 31 significant bits.
 #[inline(always)]
 fn root<S: SimdOps>(simd: S, square: S::u64s) -> S::u64s {
     let of = |bits: u64| simd.splat_u64s(bits);
     let float = simd.to_float(square);
-    // n is half the number of leading zeros, at most 16. The exponent gives this number: 63 + 1023 - exponent
+    // n is half the number of leading zeros, at most 16. The number of leading zeros is 63 + 1023 - exponent.
     let exponent = simd.shift_right(cast(float), of(52));
     let n = simd.shift_right(simd.sub_u64s(of(63 + 1023), exponent), of(1));
     let n = simd.smaller(n, of(16));
@@ -123,7 +121,7 @@ fn root<S: SimdOps>(simd: S, square: S::u64s) -> S::u64s {
     let nearest = simd.floor(simd.sqrt_f64s(simd.mul_f64s(float, cast(scale))));
     let bits = simd.to_low(simd.min_of(nearest, simd.splat_f64s(f64::from(u32::MAX))));
     let bits = simd.and_u64s(bits, of(u32::MAX.into()));
-    // the conversion may have rounded up, then the root is too large by one
+    // if the conversion rounded up, the root is too large by one
     let rest = simd.sub_u64s(simd.shift_left(square, twice), simd.unsigned_product(bits, bits));
     let one_less = simd.shift_right(rest, of(63));
     let bits = simd.sub_u64s(bits, one_less);
@@ -134,7 +132,6 @@ fn root<S: SimdOps>(simd: S, square: S::u64s) -> S::u64s {
 mod tests {
     use super::root;
 
-    /// The root as the core computes it.
     fn cores(square: u64) -> u64 {
         let n = square.leading_zeros().min(62) / 2;
         let bits = (square << (2 * n)).isqrt();

@@ -5,14 +5,13 @@ use zwidth::velocity::{Biquad, Estimator, Shaping};
 use super::Recursive;
 use crate::engine::simd_ops::{SimdOps, lanes, lanes_mut};
 
-/// Mask of the fractional bits that the accumulator has beyond the velocity's. A coefficient has as many.
+/// Mask of the fractional bits that the accumulator has more than the velocity. Coefficients have the same number.
 const RESIDUE: u64 = (1 << 30) - 1;
 /// Half an LSB of the output.
 const HALF: u64 = 1 << 29;
-/// Limit of the filter's sums: half of the largest velocity. The core itself runs hits with larger sums.
+/// Limit of the filter's sums: half of the largest velocity. Hits with larger sums are run by the core itself.
 const SUM_LIMIT: u64 = 1 << 60;
 
-/// Coefficients of each lane.
 #[derive(Clone, Copy)]
 pub struct Coefficients<S: SimdOps> {
     b: [S::u64s; 3],
@@ -33,16 +32,16 @@ impl<S: SimdOps> Coefficients<S> {
     }
 }
 
-/// State of each lane after a sample. The upper 32 bits of 32-bit numbers are undefined.
+/// State of each lane after a sample. In 32-bit numbers the upper 32 bits are undefined.
 #[derive(Clone, Copy)]
 pub struct LowPass<S: SimdOps> {
-    /// Past inputs, 32 bits: counts, or LSB if the input is another filter's output.
+    /// Past inputs, 32 bits. They are in counts, or in LSB if the input is the output of another filter.
     x: [S::u64s; 2],
     /// Past velocities, 32 bits.
     y: [S::u64s; 2],
-    /// Past residues plus [`HALF`]: the lower bits of the sums.
+    /// Lower bits of the past sums (residues), plus [`HALF`].
     residue: [S::u64s; 2],
-    /// Bitwise OR of all sums so far. It exceeds 2 [`SUM_LIMIT`] if one sum was out of bounds.
+    /// Bitwise OR of all sums so far. If a sum was out of bounds, it is above 2 [`SUM_LIMIT`].
     sums: S::u64s,
 }
 
@@ -79,7 +78,7 @@ impl<S: SimdOps> Recursive<S> for LowPass<S> {
 }
 
 impl<S: SimdOps> LowPass<S> {
-    /// The output, LSB. The input, counts or LSB, is in the lower 32 bits.
+    /// The output, LSB. The input is in the lower 32 bits, in counts or LSB.
     #[inline(always)]
     fn pass<const COUNTS: bool>(
         &mut self,

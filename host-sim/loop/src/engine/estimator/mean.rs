@@ -1,5 +1,4 @@
-//! [`WindowDifference`]: the count's change over a number of samples, divided by this number. It runs only for
-//! outputs.
+//! [`WindowDifference`] in lanes: the change of the count over a window, divided by its samples; only for outputs.
 
 use pulp::bytemuck::cast_slice;
 use zwidth::velocity::{Estimator, WindowDifference};
@@ -17,11 +16,11 @@ pub struct Mean<S: SimdOps> {
     newest: usize,
     /// Samples of each lane's window, from its oldest to its newest position.
     samples: Vec<usize>,
-    /// The core's factor in two parts: the bits above the last [`LAST`] bits, and the last [`LAST`] bits.
+    /// The core's factor in two parts: its upper bits, and its last [`LAST`] bits.
     factor: [S::u64s; 2],
 }
 
-/// Length of the ring: a power of two, not below the longest window.
+/// Length of the ring: a power of two, at least the longest window.
 const LENGTH: usize = 256;
 /// Number of last bits in the factor's second part. Both parts are below 2^31.
 const LAST: u32 = 16;
@@ -77,7 +76,7 @@ impl<S: SimdOps> VectorForm<S> for Mean<S> {
     }
 }
 
-/// Change of the count over each lane's window. `places` holds the lanes of one sample beside each other.
+/// Change of the count over each lane's window. In `places` the lanes of one sample are side by side.
 fn moved_by(lanes: &[usize], counts: &mut [f64], places: &[f64], newest: usize) {
     for (lane, (samples, counts)) in lanes.iter().zip(counts).enumerate() {
         let at = |age: usize| places[(newest + LENGTH - age) % LENGTH * lanes.len() + lane];
@@ -85,8 +84,7 @@ fn moved_by(lanes: &[usize], counts: &mut [f64], places: &[f64], newest: usize) 
     }
 }
 
-/// The velocity in LSB; it is in the lower 32 bits. The product is below 2^55, because a count moves by less than 2^15
-/// per sample.
+/// The velocity in LSB, in the lower 32 bits. A count changes by less than 2^15 per sample: the product is below 2^55.
 #[inline(always)]
 fn mean<S: SimdOps>(simd: S, counts: S::f64s, [first, last]: [S::u64s; 2]) -> S::u64s {
     const BITS: u32 = WindowDifference::FACTOR_BITS;

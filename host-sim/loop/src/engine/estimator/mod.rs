@@ -22,7 +22,7 @@ mod word;
 pub enum Form {
     /// Difference, first-order and second-order low-passes.
     LowPass,
-    /// Estimators that are a low-pass in fixed point, but not in `f64`.
+    /// Estimators that are low-passes in fixed point, but not in `f64`.
     LikeLowPass,
     /// Two low-passes in a row.
     Cascade,
@@ -31,9 +31,9 @@ pub enum Form {
     Fir,
     /// Change of the count over a number of samples, divided by this number.
     Mean,
-    /// First-order adaptive windowing by the window's ends.
+    /// First-order adaptive windowing, with the slope between the ends of the window.
     FoawEnd,
-    /// Least-squares slope in the window of first-order adaptive windowing.
+    /// First-order adaptive windowing, with the least-squares slope in the window.
     FoawBest,
     LevantExplicit,
     LevantImplicit,
@@ -44,7 +44,7 @@ pub enum Form {
 }
 
 impl Form {
-    /// Form of an estimator, or `None` if it has no lanes.
+    /// Form of an estimator. `None` if the estimator has no lanes.
     pub fn of(estimator: EstimatorName) -> Option<Self> {
         match estimator {
             EstimatorName::Butterworth
@@ -75,12 +75,11 @@ impl Form {
     }
 }
 
-/// Inputs of an estimator in addition to the counts. They are the same in all hits of a scene.
+/// Inputs of an estimator beside the counts. They are the same in all hits of a scene.
 #[derive(Clone, Copy)]
 pub struct Beside<'a> {
-    /// Samples from the grant of a force until the estimator gets the force.
+    /// Samples from the grant of a force until the estimator gets this force.
     pub late: usize,
-    /// The accelerometer, if the estimator reads one.
     pub readings: Option<&'a Readings>,
 }
 
@@ -90,7 +89,6 @@ pub trait VectorForm<S: SimdOps>: Sized {
 
     /// State before the first sample, and coefficients for unused lanes.
     fn at_rest(simd: S) -> (Self, Self::Gains);
-    /// Puts an estimator at rest into a lane.
     fn start(
         &mut self,
         simd: S,
@@ -101,12 +99,11 @@ pub trait VectorForm<S: SimdOps>: Sized {
     );
     /// Whether the estimator reads the handle's speed.
     const LOOKS: bool = false;
-    /// Takes the handle's speeds, m/s, at the samples that come next.
+    /// Takes the handle's speeds, m/s, at the next samples.
     #[inline(always)]
     fn look<const R: usize>(_: &mut [Self; R], _: S, _: &[Row<S, R>]) {}
-    /// Updates estimators with samples; `moved` is the count's change since the sample before. If an output is `due`,
-    /// `velocity` becomes the velocity at the last sample in LSB; it is in the lower 32 bits. Otherwise `velocity` is
-    /// undefined.
+    /// Updates the estimators. `moved` is the change of the count per sample. If an output is `due`, `velocity` becomes
+    /// the velocity at the last sample, LSB, in the lower 32 bits. Otherwise it is undefined.
     fn take<const R: usize>(
         forms: &mut [Self; R],
         simd: S,
@@ -115,23 +112,22 @@ pub trait VectorForm<S: SimdOps>: Sized {
         due: bool,
         velocity: &mut [S::u64s; R],
     );
-    /// Takes the forces, LSB, that the wall granted with the last sample.
+    /// Takes the forces that were granted with the last sample, LSB.
     #[inline(always)]
     fn granted(&mut self, _: S, _: &Self::Gains, _: S::u64s) {}
-    /// Whether the hit has left the range in which these lanes compute the same as the estimator.
+    /// Whether the hit has left the range in which lane and estimator compute the same values.
     fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool;
 }
 
-/// An estimator with feedback: it must take every sample.
+/// An estimator with feedback. It must be updated with every sample.
 pub trait Recursive<S: SimdOps>: Copy {
     type Gains: Copy;
 
     fn at_rest(simd: S) -> (Self, Self::Gains);
-    /// All words of the state.
     fn words(&mut self) -> impl Iterator<Item = &mut S::u64s>;
     /// Puts the coefficients of an estimator into a lane.
     fn tune(gains: &mut Self::Gains, lane: usize, estimator: &Estimator);
-    /// Takes the count's change `moved`. Returns the velocity in LSB; it is in the lower 32 bits.
+    /// Takes the change of the count. Returns the velocity in LSB, in the lower 32 bits.
     fn step(&mut self, simd: S, gains: &Self::Gains, moved: S::f64s) -> S::u64s;
     fn is_lost(&self, gains: &Self::Gains, lane: usize) -> bool;
 }

@@ -20,31 +20,28 @@ use crate::{
     scene::LATENCY_KNOWN_MAX,
 };
 
-/// Gains of each lane.
 #[derive(Clone, Copy)]
 pub struct Gains<S: SimdOps> {
     observer: velocity::Observer<LaneFactor<S>>,
     per_force: GainLanes<S>,
-    /// All bits are set where the gains do not fit into lanes.
+    /// All bits are set for lanes whose gains are too large for the lane arithmetic.
     without: S::u64s,
 }
 
-/// Observer state of each lane.
 #[derive(Clone, Copy)]
 struct Observed<S: SimdOps> {
     state: ObserverState<Vector<S>>,
-    /// Bitwise OR of all states so far. It exceeds twice the limit if one state was out of bounds.
+    /// Bitwise OR of all states so far. If a state was out of bounds, it is above twice the limit.
     seen: S::u64s,
 }
 
-/// Observer with force input: the granted force gives the known part of the acceleration.
+/// Observer with force input. The granted force gives the known part of the acceleration.
 pub struct Observer<S: SimdOps> {
     observed: Observed<S>,
     granted: S::u64s,
-    /// Forces granted but not yet given to the observer, one per sample. The ring is used if the observer knows the
-    /// latency.
+    /// Granted forces that the observer has not received yet, one per sample. Only used with a known latency.
     ring: [S::u64s; LATENCY_KNOWN_MAX as usize],
-    /// Places of the ring in use. 0: the observer gets the force at once.
+    /// Number of used entries of the ring. 0: the observer gets a force at once.
     late: usize,
     next: usize,
 }
@@ -53,14 +50,13 @@ pub struct Observer<S: SimdOps> {
 pub struct Fusion<S: SimdOps> {
     observed: Observed<S>,
     accelerometer: Accelerometer<S>,
-    /// Known acceleration at the samples that come next.
+    /// Known acceleration at the next samples.
     known: [S::u64s; ROWS],
 }
 
-/// Limit of `x - x^` and of the known acceleration: 2^12 counts. After a jump of 2^14 counts the error is below 2^47,
-/// so it can be multiplied.
+/// Limit of `x - x^` and of the known acceleration: 2^12 counts. After a jump of 2^14 counts the error is below 2^47.
 const LIMIT: u64 = 1 << 44;
-/// Additional bits of velocity and disturbance. Both stay below 2^12 counts per sample.
+/// Fractional bits that velocity and disturbance have more than the position. Both are below 2^12 counts per sample.
 const MORE: [u32; 2] = [12, 16];
 
 impl<S: SimdOps> Observed<S> {
@@ -98,7 +94,7 @@ impl<S: SimdOps> Observed<S> {
         }
     }
 
-    /// The velocity after the count changed by `moved`, LSB.
+    /// The velocity, LSB, after a change of the count by `moved`.
     #[inline(always)]
     fn step(&mut self, simd: S, gains: &Gains<S>, moved: S::f64s, known: S::u64s) -> S::u64s {
         let moved = Vector { simd, bits: simd.to_low(moved) };
@@ -179,8 +175,8 @@ impl<S: SimdOps> VectorForm<S> for Observer<S> {
 }
 
 impl<S: SimdOps> Observer<S> {
-    /// Returns the force that the observer gets now, and advances the ring by one sample. The force is zero before a
-    /// hit's first sample.
+    /// Returns the force that the observer gets at this sample, and moves the ring on by one sample. Before the first
+    /// sample of a hit the force is zero.
     #[inline(always)]
     fn tell(&mut self) -> S::u64s {
         let Some(place) = self.ring.get_mut(self.next) else { return self.granted };
@@ -267,7 +263,7 @@ impl<S: SimdOps> VectorForm<S> for Fusion<S> {
     }
 }
 
-/// Exceeds twice [`LIMIT`] where one of the numbers is out of bounds.
+/// A number above twice [`LIMIT`] if one of the states is out of bounds.
 #[inline(always)]
 fn near<S: SimdOps>(simd: S, state: &ObserverState<Vector<S>>) -> S::u64s {
     let above = |word: S::u64s, more: u32| simd.add_u64s(word, simd.splat_u64s(LIMIT << more));

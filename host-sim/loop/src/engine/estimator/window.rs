@@ -1,7 +1,6 @@
-//! Estimators that use only the last differences and have no other state. They run only when an output is due.
+//! Estimators whose only state is the last differences. They are computed only when an output is due.
 //!
-//! Counts, weights and their products are whole numbers far below 2^53. Therefore `f64` lanes hold them exactly, also
-//! with fused operations.
+//! Counts, weights and their products are whole numbers far below 2^53, so they are exact in `f64` lanes.
 
 use zwidth::{
     units::Velocity,
@@ -14,25 +13,24 @@ use crate::engine::{
     simd_ops::{SimdOps, lanes_mut},
 };
 
-/// The last differences of a vector, in counts, and the estimator that uses them.
+/// The last differences of the counts in a vector, and the estimator that uses them.
 pub struct Window<S: SimdOps, K> {
-    /// Differences. The newest is right before `end`; entries from `end` on are old.
+    /// Differences, counts. The newest difference is just before `end`. Entries from `end` on are old.
     past: Vec<S::f64s>,
     end: usize,
     kind: K,
 }
 
 const LENGTH: usize = WINDOW_MAX as usize;
-/// Number of differences that fit before the last ones are copied back to the beginning.
+/// Number of entries. When all are used, the last differences are copied back to the beginning.
 const ROOM: usize = 4 * LENGTH;
 
-/// How an estimator computes a velocity from its window.
+/// Calculation of a velocity from the window.
 pub trait Kind<S: SimdOps>: Sized {
-    /// State with no estimator in any lane.
+    /// State without an estimator in any lane.
     fn none(simd: S) -> Self;
-    /// Puts an estimator into a lane.
     fn set(&mut self, simd: S, lane: usize, estimator: &Estimator);
-    /// The velocity, a whole number of LSB; `past` ends with the newest difference.
+    /// The velocity, a whole number of LSB. The newest difference is the last of `past`.
     fn velocity(&self, simd: S, past: &[S::f64s]) -> S::f64s;
 }
 
@@ -87,7 +85,7 @@ impl<S: SimdOps, K: Kind<S>> VectorForm<S> for Window<S, K> {
 struct Lengths(Vec<usize>);
 
 impl Lengths {
-    /// Sets the length of a lane. Returns the longest length of all lanes.
+    /// Sets the window length of a lane. Returns the longest length of all lanes.
     fn set(&mut self, lane: usize, length: usize) -> usize {
         if self.0.len() <= lane {
             self.0.resize(lane + 1, 0);
@@ -97,7 +95,7 @@ impl Lengths {
     }
 }
 
-/// [`Fir`](zwidth::velocity::Fir). Each lane has as many weights as the longest window.
+/// [`Fir`](zwidth::velocity::Fir) in lanes. The weights of shorter windows are filled up with zeros.
 pub struct Sum<S: SimdOps> {
     weights: Vec<S::f64s>,
     lengths: Lengths,
@@ -131,9 +129,8 @@ impl<S: SimdOps> Kind<S> for Sum<S> {
     }
 }
 
-/// [`Foaw`]. All lanes try the same window lengths together, until each lane has found its longest window.
+/// [`Foaw`] in lanes. All lanes try a window length together, until each lane has found its longest window.
 pub struct Adaptive<S: SimdOps, const BEST: bool> {
-    /// Noise bound of each lane.
     noise: S::f64s,
     /// Longest window of each lane, samples.
     window: S::f64s,
@@ -160,7 +157,7 @@ impl<S: SimdOps, const BEST: bool> Kind<S> for Adaptive<S, BEST> {
         let of = |value: f64| simd.splat_f64s(value);
         let zero = of(0.0);
         let noise = self.noise;
-        // Bounds of the slope in units of the noise bound, as fractions, as in the core
+        // Bounds of the slope in units of the noise bound. They are fractions, as in the core.
         let free = f64::from(Foaw::FREE);
         let ([mut low, mut low_over], [mut high, mut high_over]) =
             ([of(-free), of(1.0)], [of(free), of(1.0)]);
@@ -206,8 +203,8 @@ impl<S: SimdOps, const BEST: bool> Kind<S> for Adaptive<S, BEST> {
             high = simd.choose(falls, upper, high);
             high_over = simd.choose(falls, of(i), high_over);
         }
-        // rounds to nearest, halves away from zero; a quotient is a whole number, or at least 2^-13 below the next
-        // one
+        // rounds to nearest, halves away from zero; a quotient that is not whole is at least 2^-13 below the next whole
+        // number
         let scaled =
             simd.mul_f64s(simd.magnitude(number), of(f64::from(1u32 << Velocity::FRACTION_BITS)));
         let half = simd.floor(simd.mul_f64s(over, of(0.5)));

@@ -1,4 +1,4 @@
-//! The core's [`Word`] as a vector. With it, the core's own code of an estimator runs in lanes.
+//! The core's [`Word`] as a vector. So the core's own code of an estimator can run in lanes.
 
 use std::ops::{Add, Shl, Shr, Sub};
 
@@ -9,15 +9,14 @@ use zwidth::{
 
 use crate::engine::simd_ops::{SimdOps, lanes_mut};
 
-/// A vector of signed 64-bit numbers. Its clamps do nothing. The caller must detect numbers near the limits of the
-/// core, and numbers of 2^[`FACTOR_BITS`] and more before a multiplication.
+/// A vector of signed 64-bit numbers. Its clamps do nothing. The caller must detect two cases: numbers near the limits
+/// of the core, and numbers of 2^[`FACTOR_BITS`] or more that are multiplied.
 #[derive(Clone, Copy)]
 pub struct Vector<S: SimdOps> {
     pub simd: S,
     pub bits: S::u64s,
 }
 
-/// [`Gain`]s of a vector.
 #[derive(Clone, Copy)]
 pub struct LaneGain<S: SimdOps> {
     mantissa: S::u64s,
@@ -31,12 +30,12 @@ impl<S: SimdOps> LaneGain<S> {
         Self { mantissa: zero, half: zero, shift: zero }
     }
 
-    /// Whether the gain fits into lanes: it must be below 2^13.
+    /// Whether lanes can represent the gain: it must be below 2^13.
     pub fn has(gain: Gain) -> bool {
         gain.mantissa() == 0 || i32::from(gain.shift()) + LEFT.cast_signed() > 32
     }
 
-    /// Puts a gain that fits into a lane.
+    /// Puts a gain into a lane. Lanes must be able to represent it.
     pub fn set(&mut self, place: usize, gain: Gain) {
         let shift = (i32::from(gain.shift()) + LEFT.cast_signed() - 32).max(1).unsigned_abs();
         lanes_mut(&mut self.mantissa)[place] = u64::from(gain.mantissa().unsigned_abs());
@@ -45,8 +44,8 @@ impl<S: SimdOps> LaneGain<S> {
     }
 }
 
-/// [`Factor`]s of a vector. Mantissas have 32 bits, so numbers must be positive. `PLUS` is added before the product,
-/// and mantissa times `PLUS` is subtracted after it.
+/// A [`Factor`] for each lane of a vector. Mantissas have 32 bits, so numbers must be positive. Therefore `PLUS` is
+/// added before the product, and mantissa times `PLUS` is subtracted after it.
 #[derive(Clone, Copy)]
 pub struct LaneFactor<S: SimdOps> {
     mantissa: S::u64s,
@@ -54,7 +53,7 @@ pub struct LaneFactor<S: SimdOps> {
     less: S::u64s,
 }
 
-/// Bound of the magnitude of numbers that are multiplied by a [`LaneFactor`].
+/// Limit of the magnitude of numbers that a [`LaneFactor`] multiplies.
 const PLUS: u64 = 1 << 47;
 
 impl<S: SimdOps> LaneFactor<S> {
@@ -63,10 +62,10 @@ impl<S: SimdOps> LaneFactor<S> {
         Self { mantissa: zero, shift: zero, less: zero }
     }
 
-    /// Puts a factor into a lane, for products with `bits` more fractional bits. Returns `false` if the factor does
-    /// not fit: its product with `PLUS` would not be a whole number.
+    /// Puts a factor into a lane, for products with `bits` more fractional bits. Returns `false` if its product with
+    /// `PLUS` is not a whole number. Such a factor cannot be used in lanes.
     pub fn set(&mut self, place: usize, factor: Factor, bits: u8) -> bool {
-        // the product is mantissa * number * 2^LEFT / 2^32; the shift makes up for LEFT and 32
+        // the product is mantissa * number * 2^LEFT / 2^32; the shift corrects for LEFT and 32
         let shift = i32::from(factor.shift()) + LEFT.cast_signed() - i32::from(bits);
         let left = 30 - shift; // 2^47 shifted right by 17 is 2^30
         let has = (0..64).contains(&shift) && (0..32).contains(&left);
@@ -78,10 +77,9 @@ impl<S: SimdOps> LaneFactor<S> {
     }
 }
 
-/// Numbers are shifted left by this before a product. Then the bits below 2^32 of the 96-bit product only affect
-/// rounding.
+/// Bits that numbers are shifted left before a product. Then the product's bits below 2^32 only affect rounding.
 const LEFT: u32 = 15;
-/// Bits of a factor: numbers below 2^48 in magnitude may be multiplied.
+/// Number of bits: numbers below 2^48 in magnitude may be multiplied.
 pub const FACTOR_BITS: u32 = 63 - LEFT;
 
 impl<S: SimdOps> Vector<S> {

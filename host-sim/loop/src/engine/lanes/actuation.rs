@@ -1,14 +1,14 @@
-//! Commands that have not taken effect yet. They take effect at the same time in all lanes.
+//! Commands that have not taken effect yet. Each takes effect at the same time in all lanes.
 
 use super::{Aligned, Row};
 use crate::engine::simd_ops::SimdOps;
 
-/// Time since the last output, the same for all lanes, and the commands that have not taken effect yet.
+/// Commands that have not taken effect yet, and the time since the last output. This time is the same for all lanes.
 pub struct Actuation<S: SimdOps, const R: usize> {
     pub period: u32,
-    /// Samples after an output at which a command takes effect.
+    /// Number of samples from an output to the sample in which a command takes effect, modulo `period`.
     pub arrival: u32,
-    /// Samples since the last output was due. A phase of `period` is the same as 0.
+    /// Samples since the last output was due. The phases `period` and 0 have the same meaning.
     pub phase: u32,
     /// Ring of commands that have not taken effect yet, N.
     pub commands_n: Vec<Row<S, R>>,
@@ -16,7 +16,6 @@ pub struct Actuation<S: SimdOps, const R: usize> {
 }
 
 impl<S: SimdOps, const R: usize> Actuation<S, R> {
-    /// State before the first sample.
     pub fn new(simd: S, period: u32, latency: u32) -> Self {
         let room = (latency / period + 1) as usize;
         let commands_n = vec![Aligned([simd.splat_f64s(0.0); R]); room];
@@ -28,7 +27,7 @@ impl<S: SimdOps, const R: usize> Actuation<S, R> {
         self.phase == 0 || self.phase == self.period
     }
 
-    /// Samples before the next sample in which an output is due or a command arrives.
+    /// Number of samples before the next event: an output that is due, or a command that arrives.
     #[inline(always)]
     pub fn samples_to_event(&self) -> u32 {
         match self.phase {
@@ -38,7 +37,7 @@ impl<S: SimdOps, const R: usize> Actuation<S, R> {
         }
     }
 
-    /// Samples before the next sample in which an output is due.
+    /// Number of samples before the next output that is due.
     pub fn samples_to_output(&self) -> u32 {
         if self.is_due() { 0 } else { self.period - self.phase }
     }

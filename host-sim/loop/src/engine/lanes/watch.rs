@@ -1,4 +1,4 @@
-//! Measurements of the lanes beside the counts: motion, and outputs at the actuator's limit. Operations have the same
+//! Measures of the lanes beside the counts: motion, and outputs at the actuator's limit. The operations have the same
 //! order as in [`Watch`](crate::simulation::window::Watch).
 
 use super::{Aligned, Chunk, Row, each_field};
@@ -7,7 +7,7 @@ use crate::{
     simulation::window::Watch,
 };
 
-/// Sums over the window: the sums of [`Watch`], in the same order.
+/// Sums over the window: those of [`Watch`], in the same order.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub struct Watched<S: SimdOps>([S::f64s; 6]);
@@ -17,7 +17,6 @@ impl<S: SimdOps> Watched<S> {
         Self([simd.splat_f64s(0.0); 6])
     }
 
-    /// Sets the sums of one lane to zero.
     pub fn clear(&mut self, place: usize) {
         for sum in &mut self.0 {
             lanes_mut(sum)[place] = 0.0;
@@ -45,15 +44,14 @@ impl<S: SimdOps> Watched<S> {
     }
 }
 
-/// The last positions of all lanes, m, as many as a window has.
+/// The last positions of all lanes, m. The number of positions is that of a window.
 pub struct Motion<S: SimdOps, const R: usize> {
     rows: Vec<Row<S, R>>,
-    /// Row of the oldest positions. The next positions go there.
+    /// Index of the oldest positions. The next positions replace them.
     next: usize,
 }
 
 impl<S: SimdOps, const R: usize> Motion<S, R> {
-    /// State before the first sample.
     pub fn new(simd: S, window: u32) -> Self {
         let row = Aligned([simd.splat_f64s(0.0); R]);
         Self { rows: vec![row; window as usize], next: 0 }

@@ -65,17 +65,17 @@ fn scenes() -> impl Strategy<Value = Scene> {
     )
 }
 
-/// An accelerometer with or without each of its parts.
+/// An accelerometer. Each of its parts may be present or absent.
 #[derive(Clone, Copy, Debug)]
 struct Sensor {
-    /// 0 is nearly no range, 1 is the core's range.
+    /// 0: nearly no range; 1: the core's range.
     full_scale: f64,
     /// Resolution as a power of ten, relative to full scale.
     resolution: Option<f64>,
     noise: Option<f64>,
     /// Reading at rest, relative to full scale.
     bias: f64,
-    /// The bias is half a step, so a reading at rest lies exactly between two steps.
+    /// Whether the bias is half a step. Then a reading at rest is exactly between two steps.
     tie: bool,
     bandwidth_hz: Option<f64>,
 }
@@ -97,7 +97,7 @@ fn sensors() -> impl Strategy<Value = Sensor> {
 }
 
 impl Sensor {
-    /// `unit`: one count per sample^2 in m/s^2.
+    /// The accelerometer of a scene. `unit` is one count per sample^2, in m/s^2.
     fn of(self, unit: f64) -> Accelerometer {
         let most = 127.0 * unit;
         let full_scale_m_per_s2 = 1e-3 * (most / 1e-3).powf(self.full_scale);
@@ -115,11 +115,11 @@ impl Sensor {
     }
 }
 
-/// Settings of an estimator. `tuning`, 0 to 1, is a place in the tuning's range.
+/// Settings of an estimator. `tuning`, 0 to 1, selects a value in the range of its tuning parameter.
 pub(super) fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> VelocitySettings {
     let settings = name.defaults();
     let (rate_hz, noise_m) = (scene.control.rate_hz, scene.encoder.resolution_m / 12f64.sqrt());
-    // The Kalman filters' u, from 0.001 to 0.94
+    // u of the Kalman filters, from 0.001 to 0.94
     let u = 0.00101 * 930f64.powf(tuning);
     match settings {
         VelocitySettings::Kalman2 { .. } => {
@@ -178,7 +178,7 @@ pub(super) fn tuned(name: EstimatorName, tuning: f64, scene: &Scene) -> Velocity
 fn walls() -> impl Strategy<Value = Vec<WallHit>> {
     let wall = (0.0..1.0f64, 0.0..6.5f64, -1.0..4.0f64, 0.0..1.0f64).prop_map(
         |(cutoff, stiffness, damping, start)| WallHit {
-            velocity: VelocitySettings::Butterworth { cutoff_hz: cutoff }, // 0 to 1, see `spread`
+            velocity: VelocitySettings::Butterworth { cutoff_hz: cutoff }, // 0 to 1; `spread` converts it
             stiffness_n_per_m: 10f64.powf(stiffness),
             damping_n_s_per_m: 10f64.powf(damping),
             start_offset_counts: start,
@@ -208,7 +208,7 @@ proptest! {
     #[test]
     fn random_scenes_are_the_same_bit_for_bit(scene in scenes(), mut hits in walls()) {
         prop_assume!(scene.check().is_ok());
-        // cutoffs from the lowest to the highest that are accepted with and without pre-warping
+        // cutoffs from the lowest to the highest that is accepted, with and without pre-warping
         spread(&mut hits, &scene, 0.379);
         hold_in_lanes(&PreparedScene::new(&scene).unwrap(), &hits);
     }

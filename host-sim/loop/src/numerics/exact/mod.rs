@@ -5,41 +5,39 @@
 //! z(t + dt) = phi z(t) + gamma u,   phi = exp(A dt),   gamma = integral of exp(A s) b ds over 0..dt
 //! ```
 //!
-//! [`oscillator_step`] has closed forms for the mass-spring-damper. [`discretise`] has the general case: also an
-//! amplifier pole, an arm or a second mode. Both give the same bits on every machine, with `libm` and plain IEEE
-//! operations in a fixed order. Neither depends on units: a unit changed by a power of two scales the results
-//! exactly.
+//! [`oscillator_step`] has closed forms for the mass-spring-damper. [`discretise`] has the general case, for example
+//! with an amplifier pole, an arm or a second mode. Both give the same bits on every machine: they use `libm` and plain
+//! IEEE operations in a fixed order. If a unit changes by a power of two, the results are scaled exactly.
 //!
-//! Source: Franklin, Powell, Workman, "Digital Control of Dynamic Systems", 3rd ed., section 4.3; checked
-//! against 50-digit values (`tests/golden/plant_step.csv`).
+//! Source: Franklin, Powell, Workman, "Digital Control of Dynamic Systems", 3rd ed., section 4.3. The results are
+//! checked against 50-digit values (`tests/golden/plant_step.csv`).
 
 use nalgebra::{SMatrix, SVector};
 
 /// Largest `|pole| dt` for which [`oscillator_step`] sums the power series. Up to this limit, cancellation between
-/// terms costs at most one digit. The closed forms would cancel as much as `1 - phi11` does.
+/// terms costs at most one digit. The closed forms would lose as many digits as `1 - phi11` does.
 const SERIES_LIMIT: f64 = 1.0;
-/// Terms of the series. With both poles inside |z| <= 1, |h_n| <= n + 1, and the remainder is below 22 / 22! = 2e-20.
+/// Terms of the series. With both poles inside |z| <= 1, |h_n| <= n + 1. The remainder is below 22 / 22! = 2e-20.
 const SERIES_TERMS: u32 = 21;
-/// Slow pole times dt below which gamma1 is a divided difference, and from which on it is `(1 - phi11) / w^2`. Below
-/// the limit the fast pole is above 0.75, so the difference keeps its digits. Above the limit `1 - phi11` is at least
-/// 0.06.
+/// Limit of slow pole times dt. Below the limit, gamma1 is a divided difference. The fast pole is then above 0.75, so
+/// the difference keeps its digits. From the limit on, gamma1 is `(1 - phi11) / w^2`, and `1 - phi11` is at least 0.06.
 const SLOW_POLE_LIMIT: f64 = 0.25;
 
-/// Increment of one step: `phi - 1` and `gamma`. For a short step phi is near 1, and the small difference holds the
-/// dynamics. Frequency responses near zero frequency need all digits of this difference.
+/// Increment of one step: `phi - 1` and `gamma`. For a short step phi is near 1, and only the small difference contains
+/// the dynamics. Frequency responses near zero frequency need all digits of this difference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Increment {
-    /// `phi - 1`, rows (x, v).
+    /// `phi - 1`, rows x and v.
     pub phi_minus_one: [[f64; 2]; 2],
     /// Response to a unit acceleration, (m, m/s) per m/s^2.
     pub gamma: [f64; 2],
 }
 
-/// One exact step of `x'' = u - stiffness_per_mass x - damping_per_mass x'` for the state (x, v): phi and the
-/// response gamma to a unit acceleration u that is constant over `dt`.
+/// One exact step of `x'' = u - stiffness_per_mass x - damping_per_mass x'`: phi, and the response gamma to a unit
+/// acceleration u. The state is (x, v). u is constant over `dt`.
 ///
 /// Units: the arguments are in 1/s^2, 1/s and s; gamma is in s^2 and s. For a force F on a mass m, `u = F / m`. All
-/// arguments must be finite and not negative; dt may be 0. The digits are kept in every regime: undamped over
+/// arguments must be finite and not negative; dt may be 0. No digits are lost in any of these cases: undamped over
 /// hundreds of oscillations, overdamped with a time constant far below dt, critically damped, without a spring.
 #[must_use]
 pub fn oscillator_step(
@@ -51,20 +49,20 @@ pub fn oscillator_step(
     (phi, gamma)
 }
 
-/// As [`oscillator_step`], with `phi - 1` instead of phi.
+/// [`oscillator_step`] with `phi - 1` instead of phi.
 pub fn oscillator_increment(stiffness_per_mass: f64, damping_per_mass: f64, dt: f64) -> Increment {
     let (_, gamma, phi_minus_one) = solve(stiffness_per_mass, damping_per_mass, dt);
     Increment { phi_minus_one, gamma }
 }
 
-/// phi, gamma, phi - 1. With poles l1, l2 and E(l) = exp(l dt):
+/// phi, gamma and `phi - 1`. With the poles l1, l2 and E(l) = exp(l dt):
 /// `phi12 = (E(l1) - E(l2)) / (l1 - l2)`, `gamma = (integral of phi12, phi12)`.
 fn solve(w2: f64, d: f64, dt: f64) -> ([[f64; 2]; 2], [f64; 2], [[f64; 2]; 2]) {
     let half = 0.5 * d;
     if d * dt <= SERIES_LIMIT && w2 * dt * dt <= SERIES_LIMIT {
         return series(w2, d, dt);
     }
-    // With a single rounding, the difference near critical damping keeps all digits that its inputs have.
+    // The difference has a single rounding. So near critical damping it keeps all digits of its inputs.
     let discriminant = libm::fma(half, half, -w2);
     let (phi11, phi12, phi22, gamma1) = if discriminant < 0.0 {
         let w = libm::sqrt(-discriminant);
@@ -76,7 +74,7 @@ fn solve(w2: f64, d: f64, dt: f64) -> ([[f64; 2]; 2], [f64; 2], [[f64; 2]; 2]) {
     } else {
         let r = libm::sqrt(discriminant);
         let fast = half + r;
-        let slow = w2 / fast; // half - r would cancel
+        let slow = w2 / fast; // half - r would lose digits
         let (z_slow, z_fast, gap) = (-slow * dt, -fast * dt, 2.0 * r * dt);
         let (e_slow, e_fast) = (libm::exp(z_slow), libm::exp(z_fast));
         let phi12 = dt * e_slow * mean_exp(-gap);
@@ -101,7 +99,7 @@ fn mean_exp(z: f64) -> f64 {
     if z == 0.0 { 1.0 } else { libm::expm1(z) / z }
 }
 
-/// Series for short steps: `phi12 = dt sum h_n / (n+1)!`, `gamma1 = dt^2 sum h_n / (n+2)!`. Here h_n is the complete
+/// Series for short steps: `phi12 = dt sum h_n / (n+1)!`, `gamma1 = dt^2 sum h_n / (n+2)!`. h_n is the complete
 /// symmetric polynomial of the two poles times dt: `h_n = -(d dt) h_(n-1) - (w^2 dt^2) h_(n-2)`.
 fn series(w2: f64, d: f64, dt: f64) -> ([[f64; 2]; 2], [f64; 2], [[f64; 2]; 2]) {
     let (sum, product) = (-d * dt, w2 * dt * dt);
@@ -128,20 +126,20 @@ fn series(w2: f64, d: f64, dt: f64) -> ([[f64; 2]; 2], [f64; 2], [[f64; 2]; 2]) 
 
 /// Norm of `A h` at which [`discretise`] stops halving dt.
 const TAYLOR_LIMIT: f64 = 0.5;
-/// Terms of the series in [`discretise`]. With |A h| <= 1/2 the remainder is below 0.5^19 / 20! = 8e-25. The norm
-/// does not include chains of integrators, but their series is finite: it has N terms.
+/// Terms of the series in [`discretise`]. With |A h| <= 1/2 the remainder is below 0.5^19 / 20! = 8e-25. The norm does
+/// not include a chain of integrators. The series of such a chain is finite: it has N terms.
 const TAYLOR_TERMS: u32 = 19;
 
-/// One exact step of `z' = A z + b u` over `dt` seconds with u constant: (phi, gamma).
+/// One exact step of `z' = A z + b u` over `dt` seconds, with constant u. Returns (phi, gamma).
 ///
-/// It sums a series for the short step `h = dt / 2^s`. Then it doubles `phi - 1` and the mean of `exp(A s)` s times.
-/// Using `phi - 1` keeps the digits of slow states.
+/// It sums a series for the short step `h = dt / 2^s`. Then it doubles the step s times, with `phi - 1` and the mean of
+/// `exp(A s)`. `phi - 1` keeps the digits of slow states.
 ///
-/// The error grows as `|A| dt` times the rounding of f64, with |A| in the best units. The number of halvings follows
-/// from A's largest cycle: the largest geometric mean of entries around a loop of states. A change of units does not
-/// alter this mean, so results scale exactly when a state's unit is changed by a power of two.
+/// The error grows as `|A| dt` times the rounding error of f64, with |A| in the best units. The number of halvings
+/// follows from A's largest cycle: the largest geometric mean of the entries around a loop of states. A change of units
+/// does not change this mean. So the results are scaled exactly if the unit of a state changes by a power of two.
 ///
-/// For one mass prefer [`oscillator_step`]. A, b and dt must be finite, dt not negative.
+/// For one mass prefer [`oscillator_step`]. A, b and dt must be finite, and dt must not be negative.
 #[must_use]
 pub fn discretise<const N: usize>(
     a: &SMatrix<f64, N, N>,
@@ -152,7 +150,7 @@ pub fn discretise<const N: usize>(
     (SMatrix::<f64, N, N>::identity() + less, gamma)
 }
 
-/// As [`discretise`], with `phi - 1` instead of phi.
+/// [`discretise`] with `phi - 1` instead of phi.
 pub fn discretise_increment<const N: usize>(
     a: &SMatrix<f64, N, N>,
     b: &SVector<f64, N>,
@@ -181,11 +179,10 @@ pub fn discretise_increment<const N: usize>(
     (less, gamma * dt)
 }
 
-/// Halvings of dt after which `|A h|` is at most [`TAYLOR_LIMIT`], in the units that balance A best. In these units
-/// the largest entry is the largest cycle mean (a theorem of max-plus algebra), and the norm is at most N times the
-/// largest entry.
+/// Number of halvings of dt until `|A h|` is at most [`TAYLOR_LIMIT`], in the units that balance A best. In these units
+/// the largest entry is the largest cycle mean (a theorem of max-plus algebra). The norm is at most N times this entry.
 fn halvings<const N: usize>(a: &SMatrix<f64, N, N>, dt: f64) -> i32 {
-    let mut walks = a.abs(); // heaviest walk of `length` steps between two states
+    let mut walks = a.abs(); // largest product of entries along `length` steps between two states
     let mut cycle = walks.diagonal().max();
     for length in 2..=N {
         let mut longer = SMatrix::<f64, N, N>::zeros();
@@ -209,7 +206,7 @@ fn halvings<const N: usize>(a: &SMatrix<f64, N, N>, dt: f64) -> i32 {
     halvings
 }
 
-/// Matrix product in a fixed order. nalgebra may use fused operations on some processors, and the bits would differ.
+/// Matrix product in a fixed order. On some processors nalgebra may use fused operations, which give other bits.
 fn product<const N: usize>(
     left: &SMatrix<f64, N, N>,
     right: &SMatrix<f64, N, N>,

@@ -4,9 +4,9 @@ use super::*;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 const GOLDEN: &str = include_str!("../../../../../tests/golden/plant_step.csv");
-/// Tolerance. Rounding of the inputs b/m and k/m alone changes phi by about 1e-16 |A| T; the rest is margin.
+/// Tolerance. The rounding of the inputs b/m and k/m alone changes phi by about 1e-16 |A| T. The rest is margin.
 const GOLDEN_TOLERANCE: f64 = 1e-12;
-/// Tolerance of the closed forms: a few roundings.
+/// Tolerance of the closed forms: a few rounding errors.
 const CLOSED_FORM_TOLERANCE: f64 = 4e-15;
 
 struct Row {
@@ -25,7 +25,7 @@ fn golden() -> Vec<Row> {
         .map(|line| {
             let v: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
             let (mass, phi) = (v[0], [[v[4], v[5]], [v[6], v[7]]]);
-            // The table's gamma is per force, the step's gamma per acceleration.
+            // The gamma of the table is per force, the gamma of the step per acceleration.
             let gamma = [v[8] * mass, v[9] * mass];
             Row { mass, damping: v[1], stiffness: v[2], dt: v[3], phi, gamma }
         })
@@ -39,7 +39,7 @@ fn error(row: &Row, phi: [[f64; 2]; 2], gamma: [f64; 2]) -> f64 {
     let w = (row.stiffness / row.mass).sqrt();
     let scale = if w > 0.0 { w } else { 1.0 / row.dt };
     let difference = |r: usize, c: usize| phi[r][c] - row.phi[r][c];
-    assert!(phi.iter().flatten().chain(&gamma).all(|v| v.is_finite())); // max() below ignores a NaN
+    assert!(phi.iter().flatten().chain(&gamma).all(|v| v.is_finite())); // max() below ignores NaN
     [
         difference(0, 0),
         difference(0, 1) * scale,
@@ -99,7 +99,7 @@ fn general_step_matches_fifty_digits() {
 
 #[test]
 fn short_steps_keep_every_entry_to_relative_precision() {
-    // The energy norm hardly shows an error of gamma1 with a soft spring; a frequency response shows it.
+    // With a soft spring, an error of gamma1 is hardly visible in the energy norm. A frequency response shows it.
     for row in golden()
         .iter()
         .filter(|r| r.damping / r.mass * r.dt <= 1.0 && r.stiffness / r.mass * r.dt * r.dt <= 1.0)
@@ -137,7 +137,7 @@ fn increment_agrees_with_phi() {
 
 #[test]
 fn forms_join_without_a_step() {
-    // At each border of two regimes, the formulas on both sides differ only by rounding.
+    // At each border of two regimes, the formulas of both sides differ only by rounding.
     for (w2, d) in [(1.0, 0.5), (1.0, 1.0), (1e-9, 1.0), (0.2, 1.0), (1.0, 1e-9), (0.24, 1.0)] {
         let below = oscillator_step(w2, d, 1.0);
         let above = oscillator_step(w2, d, 1.0 + f64::EPSILON * 4.0);
@@ -147,7 +147,7 @@ fn forms_join_without_a_step() {
             assert!((p - q).abs() <= CLOSED_FORM_TOLERANCE, "{p} {q}");
         }
     }
-    // So it is at critical damping, where the closed forms change.
+    // The same holds at critical damping, where the closed forms change.
     let critical = oscillator_step(4e6, 4e3, 1e-3);
     for d in [4e3 * (1.0 - f64::EPSILON), 4e3 * (1.0 + f64::EPSILON)] {
         let near = oscillator_step(4e6, d, 1e-3);
@@ -165,7 +165,7 @@ fn forms_join_without_a_step() {
 
 #[test]
 fn steps_compose() {
-    // phi(a + b) = phi(b) phi(a). Splitting a step at the latency relies on this equation.
+    // phi(a + b) = phi(b) phi(a). The split of a step at the latency relies on this equation.
     let (w2, d) = (11.0626 / 0.4160, 5.5195 / 0.4160);
     let (whole, gamma) = oscillator_step(w2, d, 1e-4);
     let (first, g1) = oscillator_step(w2, d, 0.3e-4);
@@ -218,7 +218,7 @@ fn general_step_is_the_limit_of_many_small_ones() {
 
 #[test]
 fn fast_amplifier_tends_to_the_plain_oscillator() {
-    // Halving the amplifier's lag halves the loss of velocity: first order, as in theory.
+    // Half the lag of the amplifier gives half the loss of velocity: first order, as in theory.
     let (_, plain) = oscillator_step(26.6, 13.3, 1e-4);
     let deficit = [1e6, 2e6, 4e6, 8e6].map(|pole| {
         let (a, b) = amplified(26.6, 13.3, pole);
@@ -246,7 +246,7 @@ fn powers_of_two_scale_exactly() {
             }
         }
     }
-    // A step of the oscillator depends only on the ratios k/m and b/m. Scaling time is exact too.
+    // A step of the oscillator depends only on the ratios k/m and b/m. A scaling of time is exact too.
     let (phi, gamma) = oscillator_step(26.6, 13.3, 1e-4);
     let (other, g) = oscillator_step(26.6 * 16.0, 13.3 * 4.0, 1e-4 / 4.0);
     assert_eq!(

@@ -21,9 +21,9 @@ const ERROR: [f64; 7] = [
     11.0 / 84.0 - 187.0 / 2100.0,
     -1.0 / 40.0,
 ];
-/// Part of the allowed step length that is used.
+/// Factor below 1 on the allowed step length.
 const SAFETY: f64 = 0.9;
-/// Smallest and largest factor between two step lengths.
+/// Smallest and largest ratio of the lengths of two successive steps.
 const CHANGE: (f64, f64) = (0.2, 5.0);
 
 /// One step of length h with the fifth-order weights, and its estimated error.
@@ -52,9 +52,9 @@ const fn powi5(x: f64) -> f64 {
     x * x * x * x * x
 }
 
-/// Factor for the length of the next step; `error` is relative to the tolerance.
+/// Factor for the length of the next step. `error` is the error divided by the tolerance.
 pub fn change(error: f64) -> f64 {
-    /// Error below which the factor reaches its bound. The comparison is faster than the power.
+    /// Below this error the factor is at its upper bound. The comparison is faster than the power.
     const SMALL: f64 = 1e-4;
     const { assert!(SMALL < powi5(SAFETY / CHANGE.1)) };
     if error < SMALL {

@@ -1,5 +1,4 @@
-//! Semi-implicit (symplectic) Euler. Speeds and force use the rates at the step's start, then positions use the new
-//! speeds.
+//! Semi-implicit (symplectic) Euler. Speeds and force use the rates at the start; then positions use the new speeds.
 
 use super::Field;
 

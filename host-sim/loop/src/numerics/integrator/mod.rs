@@ -1,4 +1,4 @@
-//! One-step integrators, for plants that are not linear and for comparison with the exact step.
+//! One-step integrators. They serve for plants that are not linear, and for comparison with the exact step.
 //!
 //! | method | order | source |
 //! |--------|-------|--------|
@@ -6,8 +6,8 @@
 //! | [`rk4`] classical | 4 | Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 2nd ed., II.1 |
 //! | [`dormand_prince`] 5(4), adaptive | 5 | Dormand, Prince, J. Comp. Appl. Math. 6, 1980; step control: Hairer, Norsett, Wanner, II.4 |
 //!
-//! The methods need smooth fields. Where a field is not smooth (sticking, stops), the plant locates the instant and
-//! starts a new step there ([`crate::plant::IntegratedStep`]).
+//! The methods need smooth rates. At an instant without smooth rates (sticking, stops), the plant starts a new step
+//! ([`crate::plant::IntegratedStep`]).
 
 pub mod dormand_prince;
 pub mod euler;
@@ -21,8 +21,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::range::{refused, within};
 
-/// `z' = f(z)`, smooth. The state is ordered as in [`crate::scene::element::Chain`]: position and speed of each body.
-/// An odd number of states has a force at its last place.
+/// `z' = f(z)` with a smooth f. The state is that of [`crate::scene::element::Chain`]: position and speed of each body.
+/// If the number of states is odd, the last state is a force.
 pub trait Field<const N: usize> {
     fn rate(&self, z: &[f64; N]) -> [f64; N];
 }
@@ -31,21 +31,22 @@ pub trait Field<const N: usize> {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "method", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Integrator {
-    /// Speeds first, then positions with the new speeds. Steps of equal length.
+    /// Speeds are computed first, then positions from the new speeds. All steps are of equal length.
     SemiImplicitEuler {
-        /// Steps in a sample, at least as many as stability needs.
+        /// Steps in a sample; stability needs a smallest number.
         steps_per_sample: u32,
     },
-    /// Classical Runge-Kutta of order 4. Steps of equal length.
+    /// Classical Runge-Kutta of order 4. All steps are of equal length.
     Rk4 {
-        /// Steps in a sample, at least as many as stability needs.
+        /// Steps in a sample; stability needs a smallest number.
         steps_per_sample: u32,
     },
-    /// Adaptive; the error of a step is kept below `relative |z| + absolute`.
+    /// Adaptive: the error of a step is kept below `relative |z| + absolute`.
     DormandPrince {
-        /// Error of a step, as a share of the state.
+        /// Largest error of a step, as a fraction of the state.
         relative_tolerance: f64,
-        /// Error of a step in positions; in speeds this per sample; in the amplifier's force what moves the mass so far in a sample.
+        /// Largest error of a step in positions. Speeds: this length per sample. Amplifier's force: the force that
+        /// moves the mass by this length in a sample.
         absolute_tolerance_m: f64,
     },
 }
@@ -54,8 +55,8 @@ pub enum Integrator {
 pub const STEPS_MAX: u32 = 10_000;
 /// Largest number of steps in a sample that [`Integrator::DormandPrince`] may need for stability.
 const ADAPTIVE_STEPS_MAX: f64 = 1000.0;
-/// Largest `|eigenvalue| step` for which a method is stable, for every eigenvalue in the left half plane. The
-/// half-disk of this radius lies inside the method's stability region.
+/// Largest `|eigenvalue| step` for which a method is stable. This holds for every eigenvalue in the left half plane:
+/// the half-disk of this radius is inside the method's stability region.
 const RK4_STABLE: f64 = 2.5;
 const DORMAND_PRINCE_STABLE: f64 = 3.0;
 
@@ -70,7 +71,6 @@ impl Integrator {
         }
     }
 
-    /// Order of the method.
     pub fn order(&self) -> u32 {
         match self {
             Self::SemiImplicitEuler { .. } => 1,
@@ -79,10 +79,10 @@ impl Integrator {
         }
     }
 
-    /// Checks the values, and whether the method is stable on a plant with this `demand`.
+    /// Checks the values. Checks also that the method is stable on a plant with this `demand`.
     ///
     /// # Errors
-    /// Key, value and allowed range; also the reason if the method would be unstable.
+    /// Key, value and allowed range. If the method would be unstable, the message says so.
     pub fn check(&self, demand: &StepDemand, sample_s: f64) -> Result<(), String> {
         let fastest_per_s = demand.fastest_per_s();
         let (steps, least) = match *self {

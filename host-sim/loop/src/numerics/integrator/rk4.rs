@@ -2,7 +2,7 @@
 
 use super::Field;
 
-/// `z + h rate`.
+/// The state moved along `rate` for a time h: `z + h rate`.
 #[inline]
 pub(super) fn along<const N: usize>(z: &[f64; N], h: f64, rate: &[f64; N]) -> [f64; N] {
     core::array::from_fn(|i| z[i] + h * rate[i])

@@ -1,24 +1,23 @@
-//! Largest step of an integrator: the fastest motion of a plant, and the stability limit of each method.
+//! Largest stable step of an integrator, from the fastest motion of a plant and the stability limit of the method.
 //!
-//! A chain without force is `M x'' + D x' + K x = 0`, with symmetric matrices without negative eigenvalues. A motion
-//! `q exp(s t)` of the chain satisfies `m s^2 + d s + k = 0` with the numbers `m = q* M q`, `d = q* D q`,
-//! `k = q* K q`. So with `D1`, `K1` the largest eigenvalues of `D` and `K` relative to `M`
+//! A chain without force is `M x'' + D x' + K x = 0`. The matrices are symmetric and have no negative eigenvalues. A
+//! motion `q exp(s t)` of the chain satisfies `m s^2 + d s + k = 0` with `m = q* M q`, `d = q* D q`, `k = q* K q`.
+//! Let `D1` and `K1` be the largest eigenvalues of `D` and `K` relative to `M`. Then
 //! ```text
 //! |s| <= max(D1, sqrt(K1))
 //! ```
-//! Stops, cogging and friction add to K and D, and can only raise the bound. Sticking removes a body, and can only
-//! lower the bound. So the bound at the steepest slope of all elements holds in every combination of contacts.
+//! Stops, cogging and friction add to K and D, so they can only raise the bound. Sticking removes a body, so it can
+//! only lower the bound. So the bound at the steepest slope of all elements holds in every combination of contacts.
 //!
-//! Semi-implicit Euler, `v1 = v - h M^-1 (K x + D v)`, `x1 = x + h v1`, has solutions `q g^n` with
-//! `m (g - 1)^2 + h d (g - 1) + h^2 k g = 0`. Both roots g lie inside the unit circle if `2 h d + h^2 k < 4 m`. So
-//! the method is stable if
+//! Semi-implicit Euler is `v1 = v - h M^-1 (K x + D v)`, `x1 = x + h v1`. Its solutions are `q g^n` with
+//! `m (g - 1)^2 + h d (g - 1) + h^2 k g = 0`. Both g are inside the unit circle if `2 h d + h^2 k < 4 m`. So it is
+//! stable if
 //! ```text
 //! 4 M - 2 h D - h^2 K   is positive definite
 //! ```
 //! and unstable otherwise. This matrix is the matrix of the equation at g = -1. For g towards minus infinity the
-//! equation's matrix is positive definite. If it is not positive definite at g = -1, there is a real root g at or
-//! below -1. More stiffness or damping again only needs shorter steps. Nothing acts back on the amplifier, so the
-//! amplifier only needs `h pole < 2`.
+//! equation's matrix is positive definite. If it is not positive definite at g = -1, there is a real root g <= -1. More
+//! stiffness or damping needs shorter steps. Nothing acts back on the amplifier, so it only needs `h pole < 2`.
 //!
 //! Source: Tisseur, Meerbergen, "The quadratic eigenvalue problem", SIAM Review 43(2), 2001, section 3 (the numbers
 //! m, d, k of a motion). The rest is derived above.
@@ -28,7 +27,7 @@ use nalgebra::SMatrix;
 /// A symmetric matrix over the bodies of a plant.
 pub type Bodies = SMatrix<f64, 3, 3>;
 
-/// Properties of the plant that limit an integrator's step.
+/// Plant properties that limit the step of an integrator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepDemand {
     /// `M^-1/2 K M^-1/2` at the steepest slope of the elements, 1/s^2. Rows of absent bodies are 0.
@@ -44,13 +43,13 @@ fn largest(matrix: Bodies) -> f64 {
 }
 
 impl StepDemand {
-    /// Demand of a plant with these `M^-1/2 K M^-1/2`, 1/s^2, and `M^-1/2 D M^-1/2`, 1/s, at the steepest slope of
-    /// its elements, and with this pole of an amplifier, 1/s (0: no amplifier).
+    /// The demand of a plant: `M^-1/2 K M^-1/2`, 1/s^2, and `M^-1/2 D M^-1/2`, 1/s, both at the steepest slope of its
+    /// elements. `pole_per_s` is the pole of the amplifier, 1/s (0: no amplifier).
     pub fn new(stiffness: Bodies, damping: Bodies, pole_per_s: f64) -> Self {
         Self { stiffness, damping, pole_per_s }
     }
 
-    /// Upper bound of the rates of all motions, 1/s.
+    /// Upper bound of |s| over all motions, 1/s.
     pub fn fastest_per_s(&self) -> f64 {
         let stiffness = largest(self.stiffness).max(0.0).sqrt();
         largest(self.damping).max(stiffness).max(self.pole_per_s)

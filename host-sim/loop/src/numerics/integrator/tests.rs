@@ -1,4 +1,4 @@
-//! Each method has its order on the linear plant, compared with the exact step.
+//! Tests that each method has its order on the linear plant. The reference is the exact step.
 
 use super::*;
 use crate::{
@@ -32,7 +32,7 @@ fn order<const N: usize>(chain: &Chain, method: Integrator, time_s: f64, steps: 
     let start: [f64; N] = core::array::from_fn(|i| [0.02, -0.1, 0.015, 0.2, 0.03, 0.05, 1.0][i]);
     let (phi, gamma) = discretise(&a, &(b * 3.0), time_s);
     let exact = phi * SVector::from(start) + gamma;
-    // The error of a speed is multiplied by the time, and so becomes a length.
+    // An error of a speed is multiplied by the time, so that it is a length.
     let error = |steps: u32| {
         let h = time_s / f64::from(steps);
         let mut z = start;
@@ -92,7 +92,7 @@ fn the_estimated_error_is_that_of_the_fourth_order() {
     let field = Linear(a * 40.0, b * 3.0);
     let error = |h: f64| dormand_prince::step(&field, &[0.02, 0.3], h).1[1].abs();
     let order = (error(2e-4) / error(1e-4)).log2();
-    assert!((order - 5.0).abs() < 0.1, "{order}"); // order of a single step: one more than the order of a run
+    assert!((order - 5.0).abs() < 0.1, "{order}"); // order of a single step: the order of a run plus one
 }
 
 #[test]
@@ -110,7 +110,7 @@ fn the_stable_half_disk_lies_inside_the_region_of_rk4() {
     }
 }
 
-/// A slow device with a fast amplifier. The amplifier's pole alone limits the step.
+/// A slow device with a fast amplifier. Only the amplifier's pole limits the step.
 fn demand(pole_per_s: f64) -> StepDemand {
     let amplifier = Some(Amplifier { bandwidth_hz: pole_per_s / core::f64::consts::TAU });
     let plain = NamedScene::load("paper-1um").unwrap().scene.chain();
@@ -139,8 +139,8 @@ fn refuses_what_would_blow_up() {
 
 const SAMPLE_S: f64 = 1e-4;
 
-/// Three bodies and an amplifier, with any values from 1 g, 1 N/m, 1 N s/m to 100 kg, 1e9 N/m, 1e6 N s/m. The pair
-/// has the spring and damper of the stops.
+/// Three bodies and an amplifier, with values from 1 g, 1 N/m, 1 N s/m to 100 kg, 1e9 N/m, 1e6 N s/m. The pair is the
+/// spring and damper of the stops.
 fn any_chain() -> impl Strategy<Value = (Chain, (f64, f64))> {
     let log = |low: f64, high: f64| (low..high).prop_map(|x| 10f64.powf(x));
     let body = move || (log(-3.0, 2.0), log(0.0, 9.0), log(0.0, 6.0));
@@ -173,7 +173,7 @@ fn any_chain() -> impl Strategy<Value = (Chain, (f64, f64))> {
     )
 }
 
-/// Matrices of the chain when it is free, on a stop, and stuck.
+/// Matrices of the chain in three regimes: free, on a stop, and stuck.
 fn regimes(chain: &Chain, stop: (f64, f64)) -> [SMatrix<f64, 7, 7>; 3] {
     let (free, _) = chain.system::<7>();
     let mut pushed = *chain;
@@ -198,7 +198,7 @@ fn on_springs(stop: (f64, f64)) -> Nonlinear {
     }
 }
 
-/// Spectral radius from the growth of the powers 2, 4, .. 2^50. An iteration for eigenvalues may not converge.
+/// Spectral radius from the growth of the powers 2, 4, .. 2^50. An iteration for eigenvalues might not converge.
 fn radius(mut matrix: SMatrix<f64, 7, 7>) -> f64 {
     let (mut log, mut share) = (0.0, 1.0);
     for _ in 0..50 {
@@ -227,7 +227,7 @@ proptest! {
     fn semi_implicit_euler_is_stable_from_the_least_number_of_steps_on((chain, stop) in any_chain()) {
         let demand = chain.step_demand(&on_springs(stop));
         let least = demand.euler_steps(SAMPLE_S);
-        // Matrix of one step, from the code under test: one column for each state.
+        // Matrix of one step, column by column from the code under test. A column belongs to one state.
         let step = |regime: &SMatrix<f64, 7, 7>, steps: f64| {
             let field = Linear(*regime, SVector::zeros());
             SMatrix::<f64, 7, 7>::from_fn(|row, column| {

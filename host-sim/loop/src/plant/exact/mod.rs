@@ -1,4 +1,4 @@
-//! The exact step of a device, alone (two states) or with linear elements (up to seven).
+//! The exact step of a device: alone (two states), or with linear elements (up to seven states).
 
 use super::{AnyState, Plant};
 use crate::{
@@ -9,19 +9,17 @@ use crate::{
     },
 };
 
-/// The exact step of N states over one sample. The states are each body's position from rest and speed, the handle
-/// first. If N is odd, the last state is the amplifier's force.
+/// The exact step of N states over one sample. For each body the states are its position relative to rest, and its
+/// speed. The device is the first body. If N is odd, the last state is the amplifier's force.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExactStep<const N: usize> {
     pub(crate) phi: [[f64; N]; N],
-    /// Effect of a force over the whole sample (`gamma`), until the split (`before`), and from the split on
-    /// (`after`).
+    /// Effect of a force: over the whole sample (`gamma`), until the split (`before`), from the split on (`after`).
     pub(crate) gamma: [f64; N],
     pub(crate) before: [f64; N],
     pub(crate) after: [f64; N],
     /// Change of the state in a sample by a hand's constant force.
     pub(crate) hand: [f64; N],
-    /// Rest positions of the bodies, m.
     pub(crate) rest_m: [f64; 3],
 }
 
@@ -38,7 +36,7 @@ pub(super) fn still<const N: usize>(rest_m: &[f64; 3], position_m: f64) -> [f64;
 }
 
 impl ExactStep<2> {
-    /// The step over `sample_s`, split at `fraction` (0 to below 1) of the sample.
+    /// The step over `sample_s`. The split is at `fraction` (0 to below 1) of the sample.
     pub fn new(device: &Device, sample_s: f64, fraction: f64) -> Self {
         let stiffness = device.stiffness_n_per_m / device.mass_kg;
         let damping = device.damping_n_s_per_m / device.mass_kg;
@@ -63,7 +61,7 @@ impl<const N: usize> ExactStep<N> {
     /// states.
     ///
     /// # Panics
-    /// If N is another number.
+    /// If N is not the chain's number of states.
     pub fn of_chain(chain: &Chain, sample_s: f64, fraction: f64) -> Self {
         let (a, b) = chain.system::<N>();
         let (phi, whole) = discretise(&a, &b, sample_s);
@@ -83,7 +81,7 @@ impl<const N: usize> ExactStep<N> {
         }
     }
 
-    /// The same step with more states. Added states stay 0 and do not change any bit of the others.
+    /// The same step with more states. The added states stay 0 and change no bit of the others.
     pub(crate) fn padded<const M: usize>(&self) -> ExactStep<M> {
         fn longer<T: Copy, const N: usize, const M: usize>(short: [T; N], rest: T) -> [T; M] {
             core::array::from_fn(|place| short.get(place).copied().unwrap_or(rest))
@@ -105,7 +103,7 @@ impl<const N: usize> ExactStep<N> {
         for (next, row) in next.iter_mut().zip(&self.phi) {
             for (term, (entry, value)) in row.iter().zip(state).enumerate() {
                 let product = entry * value;
-                let first = N == 2 && term == 0; // only with more states is 0 added first
+                let first = N == 2 && term == 0; // a sum with more states begins with 0, a sum with two states does not
                 *next = if first { product } else { *next + product };
             }
         }

@@ -1,4 +1,4 @@
-//! The gap of [`Backlash`], as the integrator needs it: the plant without the transmission, and the forces of a flank.
+//! The gap of [`Backlash`] for the integrator: the plant without the transmission, and the forces at a flank.
 
 use super::{Event, Linear, Play};
 use crate::scene::element::{Backlash, Chain, End, Mode};
@@ -8,17 +8,17 @@ use crate::scene::element::{Backlash, Chain, End, Mode};
 pub(super) struct Gap<const N: usize> {
     half_m: f64,
     mode: Mode,
-    /// Distance of the two bodies in their rest positions, m.
+    /// Distance of the two bodies when both are in their rest positions, m.
     rest_m: f64,
-    /// The chain without its transmission, and its rates in the rest positions.
+    /// The matrix of the chain without its transmission, and the constant part of the rates.
     apart: [[f64; N]; N],
     apart_rate: [f64; N],
-    /// Rates by a flank half a gap away, for the end `High`.
+    /// Constant part of the rates if the flank `High` is touched.
     flank_rate: [f64; N],
 }
 
 impl<const N: usize> Gap<N> {
-    /// The gap in a chain; `None` if the chain has no second mass.
+    /// The gap of a chain. `None` if the chain has no second mass.
     pub(super) fn new(chain: &Chain, backlash: Backlash) -> Option<Self> {
         let mode = chain.mode?;
         let loose = Mode { stiffness_n_per_m: 0.0, damping_n_s_per_m: 0.0, ..mode };
@@ -43,7 +43,7 @@ impl<const N: usize> Gap<N> {
         })
     }
 
-    /// The linear plant in this state of the gap, `a` with the transmission.
+    /// The linear plant in this state of the gap. `a` is the matrix of the chain with its transmission.
     #[inline]
     pub(super) fn linear<'a>(
         &'a self,
@@ -61,17 +61,17 @@ impl<const N: usize> Gap<N> {
         Linear { a, constant }
     }
 
-    /// What is left of a stretch after a time without a force.
+    /// Remaining stretch of the transmission after a time without force, m.
     #[inline]
     pub(super) fn relaxed_m(&self, stretch_m: f64, duration_s: f64) -> f64 {
         if stretch_m == 0.0 {
-            return 0.0; // also without a damper, where the rate is infinite
+            return 0.0; // without a damper the rate would be infinite
         }
         let Mode { stiffness_n_per_m, damping_n_s_per_m, .. } = self.mode;
         stretch_m * libm::exp(-stiffness_n_per_m / damping_n_s_per_m * duration_s)
     }
 
-    /// The guard of this state of the gap.
+    /// The guard of this state of the gap: its value, and the event when it becomes negative.
     #[inline]
     pub(super) fn guard(&self, play: Play, z: &[f64; N], elapsed_s: f64) -> (f64, Event) {
         match play {
@@ -89,19 +89,19 @@ impl<const N: usize> Gap<N> {
         }
     }
 
-    /// The state after a flank that no longer presses. Without a damper the transmission relaxes at once.
+    /// The state after a flank is released. Without a damper the transmission relaxes at once.
     pub(super) fn let_go(&self, end: End, z: &[f64; N]) -> Play {
         let damped = self.mode.damping_n_s_per_m > 0.0;
         Play::Apart { stretch_m: if damped { self.stretch_m(end, z) } else { 0.0 } }
     }
 
-    /// How far the second mass is ahead of the device, m.
+    /// Position of the second mass minus position of the device, m.
     #[inline]
     fn ahead_m(&self, z: &[f64; N]) -> f64 {
         z[2] - z[0] + self.rest_m
     }
 
-    /// Stretch of the transmission on a flank, m.
+    /// Stretch of the transmission while a flank is touched, m.
     #[inline]
     fn stretch_m(&self, end: End, z: &[f64; N]) -> f64 {
         self.ahead_m(z) - self.half_m * end.outward()
@@ -147,7 +147,7 @@ mod tests {
         Chain { mode: Some(mode), ..Chain::alone(device) }
     }
 
-    /// Two free bodies on elastic flanks swing with the period `2 (gap / v + pi sqrt(m / k))`, m their reduced mass.
+    /// Two free bodies between elastic flanks have the period `2 (gap / v + pi sqrt(m / k))`, m their reduced mass.
     #[test]
     fn free_bodies_rattle_with_the_known_period() {
         let reduced = 1.0 / (1.0 / DEVICE.mass_kg + 1.0 / MODE.mass_kg);
@@ -180,7 +180,7 @@ mod tests {
         }
     }
 
-    /// A slow push that turns moves the second mass by the gap and the stretch on both flanks.
+    /// A slow push changes its direction. The second mass moves by the gap and by the stretch on both flanks.
     #[test]
     fn a_slow_push_moves_it_by_the_gap() {
         let device = Device { stiffness_n_per_m: 300.0, damping_n_s_per_m: 5.0, ..DEVICE };
@@ -198,7 +198,7 @@ mod tests {
         assert!((way_m / expected_m - 1.0).abs() < 1e-6, "{way_m} {expected_m}");
     }
 
-    /// Between the flanks the device moves as one alone, and the second mass as one on the arm.
+    /// Between the flanks each body moves by itself: the device alone, and the second mass with the arm.
     #[test]
     fn between_the_flanks_both_move_alone() {
         let device = Device { stiffness_n_per_m: 300.0, damping_n_s_per_m: 5.0, ..DEVICE };
@@ -259,7 +259,7 @@ mod tests {
         }
     }
 
-    /// The model's own equations, with the tooth's place as a state, in steps of a thousandth of a sample.
+    /// Solves the equations of the model in steps of a thousandth of a sample. The tooth's position is a state.
     fn by_small_steps(chain: &Chain, forces_n: impl Fn(u32) -> f64, samples: u32) -> Vec<[f64; 2]> {
         let (device, mode) = (chain.device, chain.mode.unwrap());
         let (k, b) = (mode.stiffness_n_per_m, mode.damping_n_s_per_m);
@@ -289,7 +289,8 @@ mod tests {
     #[test]
     fn it_moves_as_its_equations_say() {
         let device = Device { stiffness_n_per_m: 300.0, damping_n_s_per_m: 5.0, ..DEVICE };
-        // The transmission relaxes within 13 samples, about the time in the gap: its stretch when it touches counts.
+        // The transmission relaxes within 13 samples, about the time in the gap. So some stretch is left at the next
+        // touch.
         let chain = with(Mode { damping_n_s_per_m: 50.0, ..MODE }, device);
         let forces_n = |n: u32| if (n / 25).is_multiple_of(2) { 3.0 } else { -2.5 };
         let known = by_small_steps(&chain, forces_n, 300);
@@ -307,7 +308,7 @@ mod tests {
         }
     }
 
-    /// Energy of both bodies, the device's spring and the transmission. It counts a relaxing stretch too.
+    /// Energy of both bodies, the device's spring and the transmission. It includes the energy of a relaxing stretch.
     #[test]
     fn energy_never_grows() {
         let device = Device { stiffness_n_per_m: 300.0, damping_n_s_per_m: 0.0, ..DEVICE };

@@ -1,14 +1,12 @@
-//! A plant that is integrated step by step: the linear chain with friction, cogging, travel limits and
-//! backlash.
+//! A plant that is integrated step by step: the chain with friction, cogging, travel limits and backlash.
 //!
-//! The plant is smooth between the instants at which its equation changes. Its [`Regime`] selects the equation;
-//! guards limit the regime's duration. If a step violates guards, the first instant is located: the step is shortened
-//! until the guard is zero to the last digits. Then the state is put exactly on the boundary, and the next step
-//! starts in the new regime.
+//! The plant is smooth between the instants at which its equation changes. Its [`Regime`] selects the equation. A guard
+//! is a function that becomes negative when the regime ends. Then the step is shortened until the guard is zero to the
+//! last digits. The state is put exactly on the boundary, and the next step starts in the new regime.
 //!
-//! So each method keeps its order. A device that sticks has speed 0 and does not creep, and it does not pass a rigid
-//! stop. Two violations of the same guard within one step cancel and are not detected. So a step must be short
-//! compared with the motion; a method with error control ensures it.
+//! So each method keeps its order. A sticking device has speed 0 and does not creep. No device passes a rigid stop. If
+//! a guard changes its sign twice within one step, nothing is detected. So a step must be short compared with the
+//! motion. A method with error control ensures it.
 //!
 //! Source: Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 2nd ed., II.6 (discontinuities).
 
@@ -27,12 +25,12 @@ use crate::{
     scene::element::{Chain, Cogging, Friction, Nonlinear, Travel},
 };
 
-/// Largest number of located regime changes in one piece of a sample. After them the plant only stops where it would
-/// pass rest or an end. This ends the infinitely many bounces of a rigid stop.
+/// Largest number of located regime changes in one piece of a sample. After them, regime changes take effect at the
+/// ends of steps, and the device stops at an end. So infinitely many bounces on a rigid stop come to an end.
 const EVENTS_MAX: u32 = 200;
 /// Shortest adaptive step, relative to the sample.
 const SHORTEST: f64 = 1e-6;
-/// Negligible time, relative to the sample.
+/// Time that is treated as 0, relative to the sample.
 const NO_TIME: f64 = 1e-13;
 
 /// The plant of N linear states with its non-linear elements and its integrator.
@@ -50,9 +48,9 @@ pub struct IntegratedStep<const N: usize> {
     gap: Option<Gap<N>>,
     integrator: Integrator,
     sample_s: f64,
-    /// Time in the sample at which a command takes effect, s.
+    /// Time within the sample at which a command takes effect, s.
     split_s: f64,
-    /// Lengths of the steps of a whole sample without regime changes. Empty with error control.
+    /// Lengths of the steps of a whole sample without regime changes. Empty for a method with error control.
     even: Arc<[f64]>,
     /// Absolute tolerance of each state.
     tolerances: [f64; N],
@@ -87,7 +85,7 @@ impl<const N: usize> Field<N> for Linear<'_, N> {
     }
 }
 
-/// The plant in one regime under one force. Its field is smooth.
+/// The plant in one regime under one force. The rates are smooth functions of the state.
 struct Smooth<'a, const N: usize> {
     plant: &'a IntegratedStep<N>,
     regime: Regime,
@@ -120,7 +118,7 @@ impl<const N: usize> IntegratedStep<N> {
     /// be the chain's number of states.
     ///
     /// # Panics
-    /// If N is another number.
+    /// If N is not the chain's number of states.
     pub fn new(
         chain: &Chain,
         nonlinear: &Nonlinear,
@@ -171,7 +169,6 @@ impl<const N: usize> IntegratedStep<N> {
         }
     }
 
-    /// Whether the plant has no non-linear element.
     fn is_linear(&self) -> bool {
         self.friction.is_none()
             && self.cogging.is_none()
@@ -195,7 +192,7 @@ impl<const N: usize> IntegratedStep<N> {
         force_n
     }
 
-    /// One step of at most `left_s`, or of the given length. Returns its length and its end state.
+    /// One step of the given length, or of at most `left_s`. Returns its length and its end state.
     #[inline(always)]
     fn trial(
         &self,
@@ -235,7 +232,7 @@ impl<const N: usize> IntegratedStep<N> {
             }
             let wanted = h * dormand_prince::change(worst);
             if worst <= 1.0 || h <= shortest {
-                // A step that the end of its piece cuts short says little about the length of the next step.
+                // If the end of a piece shortens a step, its length says little about the next step.
                 state.step_s = wanted.max(if h < state.step_s { state.step_s } else { 0.0 });
                 state.step_s = state.step_s.clamp(shortest, self.sample_s);
                 return (h, next);
@@ -244,8 +241,8 @@ impl<const N: usize> IntegratedStep<N> {
         }
     }
 
-    /// Shortens a step that violates guards to the first instant at which a guard is zero. Returns length, end state
-    /// and event, or `None` if no guard is violated.
+    /// Shortens a step to the first instant at which a guard is zero: length, end state, event. `None` without an
+    /// event.
     fn first_event(
         &self,
         field: &Smooth<'_, N>,
@@ -287,7 +284,7 @@ impl<const N: usize> IntegratedStep<N> {
             (value_of(&end, h), end)
         };
         let (mut high, mut at_high) = (step_s, (value, end));
-        // In a new regime the guard may start at zero: search for a point inside the step where the guard is
+        // In a new regime the guard may start at zero. So it searches a point inside the step where the guard is
         // positive.
         let (mut low, mut value_low) = (0.0, value_of(z, 0.0));
         let mut inside = step_s;
@@ -314,7 +311,7 @@ impl<const N: usize> IntegratedStep<N> {
             let here = guard(middle);
             if here.0 < 0.0 {
                 (high, at_high, value_high) = (middle, here, here.0);
-                value_low *= 0.5; // Illinois method: halve the value at the end that stays
+                value_low *= 0.5; // Illinois method: halves the value at the end that is kept
             } else {
                 (low, value_low) = (middle, here.0);
                 value_high *= 0.5;
@@ -327,14 +324,14 @@ impl<const N: usize> IntegratedStep<N> {
         (high, at_high.1)
     }
 
-    /// Lengths of the steps of a piece, if they are known in advance.
+    /// Lengths of the steps of a piece. Empty if they are not known in advance.
     #[inline]
     fn lengths_s(&self, duration_s: f64) -> impl Iterator<Item = f64> {
         let whole = if duration_s == self.sample_s { &self.even[..] } else { &[] };
         whole.iter().copied()
     }
 
-    /// [`piece`](Self::piece) of a linear plant, which has no regimes.
+    /// Does what [`piece`](Self::piece) does, for a linear plant, which has no regimes.
     #[inline]
     fn linear_piece(&self, state: &mut HybridState<N>, force_n: f64, duration_s: f64) {
         let field = self.linear(force_n, Play::default());
@@ -399,11 +396,10 @@ impl<const N: usize> IntegratedStep<N> {
         state
     }
 
-    /// Forces, and the duration of each, in a sample in which a command takes effect.
+    /// The pieces of a sample in which a command takes effect: force and duration of each.
     ///
-    /// Semi-implicit Euler can be unstable with alternating step lengths, even if it is stable with each length
-    /// alone. So the lengths of its steps do not change. The step that contains the split gets the mean of both
-    /// forces.
+    /// Semi-implicit Euler can be unstable with alternating step lengths, even if it is stable with each length alone.
+    /// So all its steps keep one length. The step that contains the split gets the mean of both forces.
     fn split(&self, before_n: f64, after_n: f64) -> [(f64, f64); 3] {
         let (split_s, late_s) = (self.split_s, self.sample_s - self.split_s);
         let Integrator::SemiImplicitEuler { steps_per_sample } = self.integrator else {
@@ -420,7 +416,7 @@ impl<const N: usize> IntegratedStep<N> {
     }
 }
 
-/// Length of the next of `steps_per_sample` equal steps, with `left_s` left of a piece.
+/// Length of the next step, with `steps_per_sample` equal steps in a sample. `left_s` is the rest of the piece.
 fn even_step(steps_per_sample: u32, sample_s: f64, left_s: f64) -> f64 {
     let steps = left_s * f64::from(steps_per_sample) / sample_s;
     left_s / libm::ceil(steps - 1e-9).max(1.0)

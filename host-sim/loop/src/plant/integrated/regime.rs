@@ -1,4 +1,4 @@
-//! Selects the plant's equation, its duration, and the next equation.
+//! The regimes of the plant: which equation holds, when it ends, and which equation follows.
 
 use super::{HybridState, IntegratedStep};
 use crate::{
@@ -6,7 +6,7 @@ use crate::{
     scene::element::{End, REST_SPEED_M_PER_S, Travel},
 };
 
-/// Motion, stop and gap. Together they select the equation.
+/// State of motion, stop and gap. Together they select the equation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Regime {
     pub(super) motion: Motion,
@@ -14,7 +14,6 @@ pub struct Regime {
     pub(super) play: Play,
 }
 
-/// Motion of the device.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) enum Motion {
     /// Free to move. Friction acts against this direction.
@@ -25,24 +24,23 @@ pub(super) enum Motion {
     Held,
 }
 
-/// State of the stops.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) enum Stop {
-    /// The device is not beyond an end.
+    /// The device is inside its travel.
     #[default]
     Clear,
-    /// The stop's spring and damper push.
+    /// The device is beyond the end, and the stop's spring and damper push it.
     Pushing(End),
-    /// The device is beyond the end, and moves back faster than the stop follows.
+    /// The device is beyond the end. It moves back faster than the stop can follow, so the stop does not push.
     Parting(End),
 }
 
 /// State of the gap in the transmission.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Play {
-    /// No flank is touched. The transmission is stretched by this since it let go, and relaxes.
+    /// No flank is touched. The transmission still has this stretch since it left a flank, and relaxes.
     Apart { stretch_m: f64 },
-    /// The transmission presses on this flank: `High` if the second mass is ahead, and pulls the device up.
+    /// The transmission presses on this flank. On `High` the second mass is ahead and pulls the device up.
     Touching(End),
 }
 
@@ -65,24 +63,23 @@ pub(super) enum Event {
     LetsGo,
 }
 
-/// Largest number of guards of a regime.
 pub(super) const GUARDS: usize = 4;
 
 impl<const N: usize> IntegratedStep<N> {
-    /// Sum of all forces on the device, except friction and rigid stops, N.
+    /// Sum of all forces on the device except those of friction and rigid stops, N.
     fn pull_n(&self, state: &HybridState<N>, force_n: f64) -> f64 {
         let smooth = self.linear(force_n, state.regime.play).rate(&state.z)[1] * self.mass_kg;
         smooth + self.position_force_n(&state.z, state.regime.stop)
     }
 
-    /// The rigid stop that the device touches.
+    /// The rigid stop that the device touches, if there is one.
     fn rigid_stop(&self, z: &[f64; N]) -> Option<End> {
         let travel = self.travel.filter(|travel| matches!(travel, Travel::Rigid { .. }))?;
         let position_m = self.absolute_m(z);
         [End::Low, End::High].into_iter().find(|end| travel.depth_m(*end, position_m) >= 0.0)
     }
 
-    /// Additional force that would move the device at rest, N: up and down. Infinite towards a rigid stop.
+    /// Additional force, up and down, that is needed to move a device at rest, N. Infinite towards a rigid stop.
     fn holds_n(&self, state: &HybridState<N>, force_n: f64) -> (f64, f64) {
         let pull_n = self.pull_n(state, force_n);
         let hold_n = self.friction.map_or(0.0, |friction| friction.static_n);
@@ -98,7 +95,7 @@ impl<const N: usize> IntegratedStep<N> {
     /// Sets the motion of a device with speed 0.
     pub(super) fn settle(&self, state: &mut HybridState<N>, force_n: f64) {
         if let Some(end) = self.rigid_stop(&state.z) {
-            // The device may have come to rest beyond the end, by a rounding of the event's time.
+            // A rounding of the event's time may put the device slightly beyond the end.
             self.put_on(&mut state.z, end);
         }
         let can_hold = self.friction.is_some() || self.rigid_stop(&state.z).is_some();
@@ -112,8 +109,8 @@ impl<const N: usize> IntegratedStep<N> {
         };
     }
 
-    /// The guards of a regime. A negative guard is violated; an unused guard is infinite. Guards have different units
-    /// and are never compared with each other. The regime has lasted `elapsed_s`.
+    /// The guards of a regime that has lasted `elapsed_s`. A negative guard ends the regime. An unused guard is
+    /// infinite. Guards have different units and are never compared with each other.
     pub(super) fn guards(
         &self,
         regime: Regime,
@@ -153,7 +150,6 @@ impl<const N: usize> IntegratedStep<N> {
         guards
     }
 
-    /// Changes to the next regime after an event.
     pub(super) fn transit(&self, state: &mut HybridState<N>, event: Event, force_n: f64) {
         match event {
             Event::Rest => {
@@ -199,7 +195,7 @@ impl<const N: usize> IntegratedStep<N> {
         }
     }
 
-    /// Lets the transmission relax for a time, if no flank is touched.
+    /// Lets the transmission relax for a time if no flank is touched.
     #[inline]
     pub(super) fn relax(&self, state: &mut HybridState<N>, duration_s: f64) {
         if let (Some(gap), Play::Apart { stretch_m }) = (&self.gap, &mut state.regime.play) {
@@ -212,7 +208,7 @@ impl<const N: usize> IntegratedStep<N> {
         if let Some(travel) = self.travel {
             let end_m = travel.end_m(end);
             z[0] = end_m - self.rest_m[0];
-            // The difference is rounded. A device on a rigid stop must be on the end or beyond it, not before it.
+            // The difference is rounded. A device on a rigid stop must not be before the end.
             while travel.depth_m(end, self.absolute_m(z)) < 0.0 {
                 z[0] = if end == End::High { z[0].next_up() } else { z[0].next_down() };
             }

@@ -78,8 +78,8 @@ fn a_thrown_device_stops_in_the_known_distance_and_stays() {
 
 #[test]
 fn a_spring_pulls_the_device_into_rest_where_friction_says() {
-    // x'' = -w^2 x -+ g: each half swing loses 2 fc / k. The turning points from 9.5 fc/k on are -7.5, 5.5, -3.5, 1.5
-    // fc/k. Then the device sticks at 0.5 fc/k on its last side.
+    // x'' = -w^2 x -+ g: each half oscillation loses 2 fc / k. From 9.5 fc/k on the turning points are -7.5, 5.5, -3.5,
+    // 1.5 fc/k. Then the device sticks at 0.5 fc/k, on the side of its last turning point.
     let stiffness_n_per_m = 300.0;
     let device = Device { stiffness_n_per_m, ..DEVICE };
     let unit = COULOMB.coulomb_n / stiffness_n_per_m;
@@ -96,7 +96,7 @@ fn a_spring_pulls_the_device_into_rest_where_friction_says() {
 
 #[test]
 fn stick_slip_breaks_away_at_the_static_force() {
-    // An amplifier's force rises as 1 - exp(-p t). So the instant of breakaway and the motion after it are known.
+    // The force of an amplifier rises as 1 - exp(-p t). So breakaway and the motion after it have known formulas.
     let bandwidth_hz = 1.0;
     let chain = Chain { amplifier: Some(Amplifier { bandwidth_hz }), ..Chain::alone(DEVICE) };
     for method in [RK4, DORMAND_PRINCE] {
@@ -111,7 +111,7 @@ fn stick_slip_breaks_away_at_the_static_force() {
         }
         let end_s = f64::from(n) * SAMPLE_S;
         assert!((end_s - SAMPLE_S..end_s).contains(&breaks_s), "{method:?}: {breaks_s} {end_s}");
-        // In such a short time the net force is rate t, and the speed rate t^2 / 2 / m.
+        // For such a short time the net force is rate t, and the speed is rate t^2 / 2 / m.
         let rate = pole * (2.0 - STRIBECK.static_n);
         let expected = 0.5 * rate * (end_s - breaks_s).powi(2) / DEVICE.mass_kg;
         assert!(
@@ -156,7 +156,7 @@ fn energy_falls<const N: usize>(chain: &Chain, nonlinear: &Nonlinear, speed: f64
     for n in 0..30_000 {
         state = plant.advance(&state, 0.0);
         let now = energy(chain, nonlinear, &state.z, state.regime);
-        // The tolerance is the error that the error control allows per sample.
+        // The tolerance is the error per sample that the error control allows.
         assert!(now <= last + 1e-8 * (start - floor), "{nonlinear:?} at {n}: {last} to {now}");
         last = now;
     }
@@ -227,7 +227,7 @@ fn a_spring_stop_is_no_deeper_than_its_energy_bound() {
             }
         }
     }
-    // The rest is missing because the deepest point lies between two samples.
+    // The value is not 1 because the deepest point lies between two samples.
     assert!(least > 0.9999, "{least}");
     figure("sim_loop/stop/least", format!("{least:.6}"));
     figure("sim_loop/stop/most", format!("{most:.6}"));
@@ -244,8 +244,8 @@ fn a_rigid_stop_is_not_passed_and_gives_back_its_share() {
             assert!(plant.position_m(&state) <= 0.08f64.next_up());
         }
         assert!((state.z[1] + 0.6).abs() < 1e-12, "{method:?}: {}", state.z[1]);
-        // A force presses the device on the stop: each bounce is lower, and the device rests after v (1 + e) / (1 -
-        // e) m / F.
+        // A force presses the device on the stop. Each bounce is lower, and the device is at rest after v (1 + e) / (1
+        // - e) m / F.
         let mut state = thrown(&plant, 0.08, -0.3);
         let rests_s = 0.3 * 2.0 / (1.0 - 0.6) * DEVICE.mass_kg / 2.0;
         let mut rested = 0;
@@ -268,7 +268,7 @@ fn a_rigid_stop_is_not_passed_and_gives_back_its_share() {
 
 #[test]
 fn each_method_keeps_its_order_through_rest_and_stops() {
-    // The same run with half the step length, through sticking, breakaway and damped stops.
+    // The same run with half the step length. It includes sticking, breakaway and damped stops.
     let device = Device { damping_n_s_per_m: 0.5, stiffness_n_per_m: 400.0, ..DEVICE };
     let friction = Some(Friction { stribeck_speed_m_per_s: 0.05, ..STRIBECK });
     let nonlinear = Nonlinear { friction, travel: Some(SPRING_STOPS), ..Nonlinear::default() };

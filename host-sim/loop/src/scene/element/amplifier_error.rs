@@ -3,7 +3,7 @@
 //! ```text
 //! F = command (1 + cubic (command / full)^2),   full: the force at full command
 //! ```
-//! It acts before the pole of [`super::Amplifier`]. A negative error is a motor or amplifier that saturates.
+//! The error acts before the pole of [`super::Amplifier`]. A negative `cubic` is a motor or amplifier that saturates.
 //!
 //! The model is the first odd term of a power series: the static non-linearity of a Hammerstein model (Ljung, *System
 //! Identification*, 2nd ed., 1999, 5.1).
@@ -17,7 +17,7 @@ use super::Checker;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AmplifierError {
-    /// Relative error of the force at full command; it grows with the square of the command.
+    /// Relative error of the force at full command. It grows with the square of the command.
     pub cubic: f64,
 }
 

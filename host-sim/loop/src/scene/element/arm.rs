@@ -1,15 +1,15 @@
-//! Human arm: a mass on its own spring and damper. It holds the handle through the spring and damper of the grip.
+//! Human arm: a mass with its own spring and damper. The spring and damper of the grip connect it to the handle.
 //!
-//! With positions x (handle: the device, or the mass of [`super::Mode`] if there is one) and a (arm):
+//! With the positions x of the handle (device, or mass of [`super::Mode`] if there is one) and a of the arm:
 //! ```text
 //! m a'' = -k (a - rest) - b a' - k_grip (a - x) - b_grip (a' - x')     and the opposite force of the grip on the
 //! handle
 //! ```
 //! The arm starts at rest at the handle's start position, with the grip relaxed. Its own spring pulls it to
-//! `rest_position_m`, the posture of the person. The person does not react: the impedance is constant over a hit. The
-//! arm is part of the exact step.
+//! `rest_position_m`, the posture of the person. The person does not react, so the impedance is constant during a hit.
+//! The arm is part of the exact step.
 //!
-//! The model is standard: a passive impedance of second order, behind the compliance of the grip.
+//! The model is standard: a passive impedance of second order behind an elastic grip.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -26,7 +26,7 @@ pub struct Arm {
     pub damping_n_s_per_m: f64,
     /// Stiffness of the arm against the ground.
     pub stiffness_n_per_m: f64,
-    /// Position to which the arm's own spring draws it.
+    /// Rest position of the arm's own spring.
     pub rest_position_m: f64,
     /// Damping of the grip.
     pub grip_damping_n_s_per_m: f64,
@@ -52,9 +52,8 @@ impl Arm {
         Ok(())
     }
 
-    /// Arms for studies of scenes without arms. Their values have the size of published ones, but were not measured
-    /// by us: a heavy arm with a soft grip, and a light arm with a firm grip. Each rests at the handle's start
-    /// position.
+    /// Arms for scenes without arms: a heavy arm with a soft grip, and a light arm with a firm grip. Their values have
+    /// the size of published values; we have not measured them. They are at rest at the handle's start position.
     pub const BUILT_IN: &[(&str, Self)] =
         &[("heavy", Self::model(1.1, 900.0, 15.0)), ("light", Self::model(0.5, 3000.0, 25.0))];
 

@@ -1,13 +1,12 @@
 //! Backlash: a gap in the transmission between the device and the second mass ([`super::Mode`]).
 //!
-//! With positions x (device) and y (second mass), the transmission's spring k and damper b, and the place p of its
-//! tooth in the gap:
+//! Let x be the position of the device and y the position of the second mass. The transmission has the spring k and the
+//! damper b. Its tooth is at the position p in the gap:
 //! ```text
 //! F = k s + b s',   s = y - x - p,   -gap/2 <= p <= gap/2      on the device, and the opposite force on the mass
 //! a flank is touched (p = -gap/2 or gap/2) while F presses on it; between the flanks F = 0, so s' = -(k/b) s
 //! ```
-//! The transmission never pulls over the gap, and a gap of 0 is the mode alone. The hit starts in the middle of the
-//! gap.
+//! The transmission never pulls over the gap. A gap of 0 is the mode alone. A hit starts in the middle of the gap.
 //!
 //! The model is that of Nordin, Galic, Gutman, Int. J. Adaptive Control and Signal Processing 11(1), 1997; survey:
 //! Nordin, Gutman, Automatica 38(10), 2002.
@@ -21,7 +20,7 @@ use super::Checker;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Backlash {
-    /// Free way between the two flanks, at the handle; the contact is the spring and damper of `[mode]`.
+    /// Free travel between the two flanks, at the handle. A touched flank has the spring and damper of `[mode]`.
     pub gap_m: f64,
 }
 

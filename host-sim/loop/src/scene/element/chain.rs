@@ -1,12 +1,12 @@
 //! The device with its linear elements as one system `z' = A z + b u`. u is the commanded force.
 //!
-//! The bodies are in a row: device, [`Mode`], [`Arm`]. Each body is coupled to the body before it. The first and the
-//! last body are also coupled to the ground. The state is position and speed of each body, then the amplifier's force
-//! if there is an amplifier:
+//! The bodies are in a row: device, [`Mode`], [`Arm`]. A spring and a damper couple each body to the body before it.
+//! The first and the last body are also coupled to the ground. The state has position and speed of each body, then the
+//! amplifier's force if there is an amplifier:
 //! ```text
 //! z = (x0, v0, x1, v1, .., F)
 //! ```
-//! Positions are relative to the bodies' rest positions without a force, so the system has no constant term. With an
+//! Positions are relative to the bodies' rest positions without a force. So the system has no constant term. With an
 //! amplifier the number of states is odd.
 
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
@@ -23,10 +23,10 @@ use crate::{
 /// Largest number of states of a chain: three bodies and an amplifier.
 pub const STATES_MAX: usize = 7;
 
-/// Adding it changes no bit of any number; adding 0 would change -0.
+/// Minus zero. Adding it to a number changes no bit; adding +0 would change -0.
 pub const NOTHING: f64 = -0.0;
 
-/// Calls a generic function with a number of states, 2 to [`STATES_MAX`], that is known only at run time.
+/// Calls a generic function whose number of states, 2 to [`STATES_MAX`], is only known at run time.
 macro_rules! of_states {
     ($states:expr, $n:ident => $body:expr) => {
         of_states!($states, $n => $body, [2, 3, 4, 5, 6])
@@ -51,18 +51,16 @@ pub(crate) use of_states;
 pub struct Chain {
     /// The body with motor and encoder.
     pub device: Device,
-    /// A second mass behind the transmission.
     pub mode: Option<Mode>,
-    /// A person's arm on the handle.
     pub arm: Option<Arm>,
     pub amplifier: Option<Amplifier>,
-    /// Constant force of a hand on the last body of the row, N.
+    /// Constant force of a hand on the last body, N.
     pub hand_n: f64,
     /// Constant force on the device, N.
     pub offset_n: f64,
 }
 
-/// One body: mass, coupling to the ground, coupling to the body before it.
+/// One body: its mass, its coupling to the ground, and its coupling to the body before it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Body {
     mass_kg: f64,
@@ -106,10 +104,10 @@ impl Chain {
         (bodies, count)
     }
 
-    /// A and b. N must be [`states`](Self::states).
+    /// A and b of the system. N must be [`states`](Self::states).
     ///
     /// # Panics
-    /// If N is another number.
+    /// If N is not [`states`](Self::states).
     pub fn system<const N: usize>(&self) -> (SMatrix<f64, N, N>, SVector<f64, N>) {
         assert_eq!(N, self.states(), "states of the chain");
         let (mut a, mut b) = (SMatrix::<f64, N, N>::zeros(), SVector::<f64, N>::zeros());
@@ -143,8 +141,8 @@ impl Chain {
         (a, b)
     }
 
-    /// Acceleration of the last body by the hand's force and of the device by its offset, by state. All other values
-    /// are -0, so adding them to a sum changes no bit of it.
+    /// Acceleration of each state by the constant forces: the hand's force on the last body, the offset on the device.
+    /// All other values are -0, so adding them changes no bit of a sum.
     pub fn hand(&self) -> [f64; STATES_MAX] {
         let mut rates = [NOTHING; STATES_MAX];
         if self.hand_n != 0.0 {
@@ -157,7 +155,7 @@ impl Chain {
         rates
     }
 
-    /// Change of the state over `dt` by these constant forces, by state; -0 without forces.
+    /// Change of each state over `dt` by these constant forces. -0 without forces.
     pub fn hand_moves(&self, dt: f64) -> [f64; STATES_MAX] {
         if self.hand_n == 0.0 && self.offset_n == 0.0 {
             return [NOTHING; STATES_MAX];
@@ -175,16 +173,16 @@ impl Chain {
         })
     }
 
-    /// Rest position of each body without a force, m. Unused places repeat the device's position.
+    /// Rest position of each body without a force, m. Unused entries are the device's position.
     ///
-    /// The springs are in a row from the device's rest position to the arm's. All springs carry the same force.
-    /// Springs of stiffness 0 divide the row: bodies behind the last of them rest at the arm's end, the other bodies
-    /// at the device's end.
+    /// The springs are in a row from the device's rest position to the arm's rest position. All springs carry the same
+    /// force. A spring of stiffness 0 interrupts the row. Bodies behind the last interruption rest at the arm's rest
+    /// position, all others at the device's.
     pub fn rest_m(&self) -> [f64; 3] {
         let origin = self.device.rest_position_m;
         let (bodies, count) = self.bodies();
         let Some(arm) = self.arm else { return [origin; 3] };
-        // Springs in their order: the device's own, the joints, the arm's own.
+        // The springs in their order: the device's own spring, the joints, the arm's own spring.
         let mut springs = [self.device.stiffness_n_per_m; 4];
         for i in 1..count {
             springs[i] = bodies[i].joint[0];
@@ -217,8 +215,8 @@ impl Chain {
         })
     }
 
-    /// `M^-1/2 X M^-1/2` for the bodies' stiffness, 1/s^2, and damping, 1/s, with the given stiffness and damping
-    /// added to the device. Rows of absent bodies are 0.
+    /// `M^-1/2 X M^-1/2` for the bodies' stiffness, 1/s^2, and damping, 1/s. The given stiffness and damping are added
+    /// to the device. Rows of absent bodies are 0.
     pub fn per_mass(
         &self,
         (stiffness_n_per_m, damping_n_s_per_m): (f64, f64),
@@ -242,7 +240,7 @@ impl Chain {
         })
     }
 
-    /// Properties that limit an integrator's step, with the `nonlinear` elements at their steepest slope.
+    /// Plant properties that limit the step of an integrator. The `nonlinear` elements count with their steepest slope.
     pub fn step_demand(&self, nonlinear: &Nonlinear) -> StepDemand {
         let [stiffness, damping] = self.per_mass(nonlinear.steepest());
         let pole_per_s = self.amplifier.map_or(0.0, |amplifier| amplifier.pole_per_s());
@@ -291,7 +289,7 @@ mod tests {
     };
     const MODE: Mode = Mode { mass_kg: 0.2, stiffness_n_per_m: 4e4, damping_n_s_per_m: 3.0 };
 
-    /// Accelerations at a state, from the forces on each body. It does not use the row of bodies.
+    /// Accelerations at a state, from the forces on each body. They are computed without the chain's row of bodies.
     fn accelerations(chain: &Chain, at_m: [f64; 3], speeds: [f64; 3], force_n: f64) -> Vec<f64> {
         let device = chain.device;
         let mut forces = [

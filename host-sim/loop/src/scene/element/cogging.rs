@@ -21,7 +21,7 @@ use super::Checker;
 pub struct Cogging {
     /// Amplitude of `amplitude sin(2 pi x / pitch + phase)`.
     pub amplitude_n: f64,
-    /// Travel of the handle from cog to cog.
+    /// Travel of the handle from one cog to the next.
     pub pitch_m: f64,
     /// Phase at position 0.
     pub phase_rad: f64,

@@ -3,11 +3,10 @@
 //! ```text
 //! reading = x + first sin(p) + second sin(2 p),   p = 2 pi x / cycle + phase
 //! ```
-//! An offset of the two signals gives an error once per cycle. Unequal amplitudes, or a phase between the signals
-//! other than 90 degrees, give an error twice per cycle. Quantisation follows.
+//! An offset of the two signals gives an error once per cycle. An error twice per cycle has two possible causes:
+//! unequal amplitudes, or a phase other than 90 degrees between the signals. The result is then quantised.
 //!
-//! These are the first two terms of the error's Fourier series. To first order in small errors, the arctangent of the
-//! two signals has no other terms.
+//! These are the first two terms of the error's Fourier series. The arctangent has no other terms of first order.
 
 use core::f64::consts::TAU;
 
@@ -22,23 +21,23 @@ use super::Checker;
 pub struct EncoderError {
     /// Travel per cycle of the signals.
     pub cycle_m: f64,
-    /// Amplitude of the error once per cycle.
+    /// Amplitude of the error with one period per cycle.
     pub first_m: f64,
-    /// Amplitude of the error twice per cycle.
+    /// Amplitude of the error with two periods per cycle.
     pub second_m: f64,
     /// Phase at position 0.
     pub phase_rad: f64,
 }
 
 impl EncoderError {
-    /// Error of a reading, m.
+    /// Error of the reading, m.
     #[inline]
     pub fn error_m(&self, position_m: f64) -> f64 {
         let phase = TAU * position_m / self.cycle_m + self.phase_rad;
         self.first_m * libm::sin(phase) + self.second_m * libm::sin(2.0 * phase)
     }
 
-    /// Relative error of a speed: the slope of the error over the position.
+    /// Relative error of a speed: the derivative of the error with respect to the position.
     pub fn slope(&self, position_m: f64) -> f64 {
         let phase = TAU * position_m / self.cycle_m + self.phase_rad;
         let sum = self.first_m * libm::cos(phase) + 2.0 * self.second_m * libm::cos(2.0 * phase);

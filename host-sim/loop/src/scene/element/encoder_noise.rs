@@ -1,9 +1,9 @@
 //! Encoder noise: a white Gaussian error of every reading, before quantisation.
 //!
-//! The noise is a function of seed, start of the hit and sample number. So it does not depend on the number of
-//! threads. All compared walls get the same noise, each repeat of a sweep gets another.
+//! The noise is a function of seed, start of the hit and sample number. So it does not depend on the number of threads.
+//! All walls of a comparison get the same noise. Each repeat of a sweep gets another noise.
 //!
-//! The model is the white measurement noise of Kalman filters; quantisation is separate.
+//! The model is the white measurement noise of Kalman filters. Quantisation is a separate step.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -17,7 +17,7 @@ use crate::numerics::random;
 pub struct EncoderNoise {
     /// Standard deviation of the noise.
     pub rms_m: f64,
-    /// Seed of its random numbers.
+    /// Seed of the random numbers.
     pub seed: u32,
 }
 

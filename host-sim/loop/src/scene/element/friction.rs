@@ -4,8 +4,8 @@
 //! sliding:  F = -sign(v) (coulomb + (static - coulomb) exp(-(v / stribeck_speed)^2))
 //! sticking: v = 0 exactly, for as long as the other forces stay within +-static
 //! ```
-//! Viscous friction is the device's damping. The instants at which the device comes to rest and breaks away are
-//! located. So rest means speed 0 exactly, not a band of speeds around 0.
+//! Viscous friction is the device's damping. The instants of coming to rest and of breakaway are located. So rest means
+//! exactly speed 0, not a band of speeds around 0.
 //!
 //! The curve is the standard Stribeck curve in its Gaussian form. Sticking is a separate state, as in Karnopp's
 //! model, but without Karnopp's band of speeds.
@@ -25,7 +25,7 @@ pub struct Friction {
     pub coulomb_n: f64,
     /// Largest friction at rest; at least `coulomb_n`.
     pub static_n: f64,
-    /// Speed over which friction falls from static to Coulomb.
+    /// Width of the fall from static to Coulomb friction, in speed.
     pub stribeck_speed_m_per_s: f64,
 }
 
@@ -41,7 +41,7 @@ impl Friction {
         self.coulomb_n + beyond * libm::exp(-ratio * ratio)
     }
 
-    /// Steepest decrease of friction with speed, N s/m. It is at 1/sqrt(2) of the Stribeck speed.
+    /// Steepest decrease of friction with speed, N s/m. It occurs at 1/sqrt(2) of the Stribeck speed.
     pub fn steepest_n_s_per_m(&self) -> f64 {
         let steepest = core::f64::consts::SQRT_2 * libm::exp(-0.5);
         (self.static_n - self.coulomb_n) / self.stribeck_speed_m_per_s * steepest

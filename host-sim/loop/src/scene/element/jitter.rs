@@ -1,11 +1,11 @@
 //! Sample jitter: the encoder is read late. The delay varies from sample to sample.
 //!
-//! Sample n is read at `n T + d`, with d uniform over 0, peak/256, .., peak. The controller assumes a reading at n T.
-//! Commands are not delayed, because a timer sets the time of the output. So the peak must not exceed the latency,
-//! and must be shorter than a sample. The 256 steps represent the timer's ticks. With them the position is computed
-//! exactly, from a table.
+//! Sample n is read at `n T + d`. The delay d has the values 0, peak/256, .., peak with equal probability. The
+//! controller assumes a reading at n T. Commands are not delayed, because a timer sets the time of the output. So the
+//! peak must not exceed the latency, and must be shorter than a sample.
 //!
-//! The distribution is uniform because nothing more is known of it.
+//! The 256 steps represent the ticks of the timer. With fixed steps the position is computed exactly, from a table. The
+//! distribution is uniform because nothing more is known about it.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -15,20 +15,20 @@ use crate::numerics::random;
 
 /// Number of delay levels above 0.
 const LEVELS: u64 = 256;
-/// Makes these random numbers different from the noise's.
+/// Makes these random numbers differ from those of the encoder noise.
 const STREAM: u64 = 0x6a69_7474_6572;
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Jitter {
-    /// Largest delay of a reading, up to the latency and below a sample; evenly spread over 257 values.
+    /// Largest delay of a reading, at most the latency, and below a sample. Delays are uniform over 257 values.
     pub peak_s: f64,
-    /// Seed of its random numbers.
+    /// Seed of the random numbers.
     pub seed: u32,
 }
 
-/// Position at a delay in a sample. It is a sum over the state at the sample's beginning and the forces before and
-/// after the sample's split.
+/// Weights that give the position after a delay within a sample: a sum over the state at the sample's beginning, and
+/// over the forces before and after the split.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Glimpse {
     state: [f64; STATES_MAX],
@@ -50,7 +50,7 @@ impl Glimpse {
         Self { state, before: gamma[0] - after, after, hand_m }
     }
 
-    /// Distance from the device's rest position, m.
+    /// Position after the delay, relative to the device's rest position, m.
     #[inline]
     pub fn offset_m(&self, z: &[f64; STATES_MAX], before_n: f64, after_n: f64) -> f64 {
         let free: f64 = self.state.iter().zip(z).map(|(weight, value)| weight * value).sum();
@@ -59,20 +59,20 @@ impl Glimpse {
 }
 
 impl Jitter {
-    /// Level of the delay at a sample, 0 to 256. `hit` distinguishes hits.
+    /// Index of a sample's delay, 0 to 256. `hit` distinguishes hits.
     #[inline]
     pub fn level(&self, hit: u64, sample: u64) -> usize {
         let seed = hit ^ (u64::from(self.seed) << 32) ^ STREAM;
         (random::bits(seed, sample) % (LEVELS + 1)) as usize
     }
 
-    /// Delay of a level, s.
+    /// Delay with this index, s.
     #[inline]
     pub fn delay_s(&self, level: usize) -> f64 {
         self.peak_s * (level as f64 / LEVELS as f64)
     }
 
-    /// Position that the encoder reads at each level, with a command that takes effect at `split_s` of the sample.
+    /// The weights for each delay, if a command takes effect at `split_s` of the sample.
     pub fn glimpses(&self, chain: &Chain, split_s: f64) -> Vec<Glimpse> {
         let levels = usize::try_from(LEVELS).unwrap_or(0);
         (0..=levels).map(|level| Glimpse::new(chain, self.delay_s(level), split_s)).collect()

@@ -1,5 +1,5 @@
-//! The optional elements of a scene, one file each: table of the scene file, equation, source, tests. An absent
-//! element is not modelled and costs no time.
+//! The optional elements of a scene. Each file has one element: table of the scene file, equation, source, tests. An
+//! absent element is not modelled and costs no time.
 //!
 //! | element | table | advanced |
 //! |---------|-------|----------|
@@ -58,7 +58,7 @@ pub struct Nonlinear {
     pub friction: Option<Friction>,
     pub cogging: Option<Cogging>,
     pub travel: Option<Travel>,
-    /// A gap of 0 is none.
+    /// A gap of 0 is stored as `None`.
     pub backlash: Option<Backlash>,
 }
 

@@ -1,10 +1,9 @@
-//! A constant force on the device: gravity on a handle that is not balanced, or an amplifier with an offset.
+//! A constant force on the device. Causes: gravity on a handle that is not balanced, or an amplifier with an offset.
 //!
 //! ```text
 //! F = force
 //! ```
-//! On a device with a spring the force has the same effect as a rest position moved by `force / stiffness`. It is
-//! part of the exact step.
+//! On a device with a spring it acts as a rest position moved by `force / stiffness`. It is part of the exact step.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -14,7 +13,7 @@ use super::Checker;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Offset {
-    /// Constant force on the device: gravity, or an amplifier whose zero is not zero.
+    /// Constant force on the device: gravity, or the offset of an amplifier.
     pub force_n: f64,
 }
 

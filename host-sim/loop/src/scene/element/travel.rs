@@ -4,14 +4,14 @@
 //! ```text
 //! F = max(0, stiffness d + damping d')   against the motion, while d > 0; a stop never pulls
 //! ```
-//! Let a device of mass m, without other bodies, arrive with speed v while a force of at most F presses it on the
-//! stop. From the energy, its depth is `d <= F/k + sqrt((F/k)^2 + m v^2 / k)`.
+//! Let a device of mass m, without other bodies, arrive with speed v. A force of at most F presses it on the stop. From
+//! the energy, its depth is `d <= F/k + sqrt((F/k)^2 + m v^2 / k)`.
 //!
-//! `stop = "rigid"`: the device turns back with `restitution` times its speed and never passes the end. After a
-//! bounce slower than [`REST_SPEED_M_PER_S`] it rests on the stop until a force moves it away.
+//! `stop = "rigid"`: the device turns back with `restitution` times its speed and never passes the end. After a bounce
+//! slower than [`REST_SPEED_M_PER_S`] it rests on the stop until a force moves it away.
 //!
-//! Sources: the standard coefficient of restitution, and a Kelvin-Voigt contact. The force of the contact is clamped,
-//! because the damper would pull when the device leaves.
+//! Sources: the standard coefficient of restitution, and a Kelvin-Voigt contact. The contact force is limited to values
+//! from 0 on, because the damper would pull when the device leaves.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -19,10 +19,10 @@ use serde::{Deserialize, Serialize};
 use super::Checker;
 use crate::scene::{Device, ranges};
 
-/// Speed after a bounce below which the device stays at a rigid stop, m/s.
+/// Speed after a bounce, m/s, below which the device stays at a rigid stop.
 pub const REST_SPEED_M_PER_S: f64 = 1e-6;
 
-/// The ends of the way.
+/// The limits of the device's travel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "stop", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Travel {
@@ -37,18 +37,17 @@ pub enum Travel {
         /// Damping of both stops.
         damping_n_s_per_m: f64,
     },
-    /// Both ends are rigid; a speed below 1e-6 m/s does not bounce.
+    /// Both ends are rigid. Below 1e-6 m/s the device does not bounce.
     Rigid {
         /// Lower end, below the start of a hit.
         low_m: f64,
         /// Upper end, above the start of a hit.
         high_m: f64,
-        /// Speed after a bounce over that before it.
+        /// Ratio of the speed after a bounce to the speed before it.
         restitution: f64,
     },
 }
 
-/// One of the two ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
     Low,
@@ -56,7 +55,7 @@ pub enum End {
 }
 
 impl End {
-    /// Sign of the direction out of the travel.
+    /// Sign of the outward direction.
     #[inline]
     pub fn outward(self) -> f64 {
         match self {

@@ -1,4 +1,4 @@
-//! A scene prepared for wall hits: all values that are the same for every hit.
+//! A scene prepared for wall hits: all values that are the same in every hit.
 
 mod run;
 mod varied;
@@ -31,23 +31,20 @@ use crate::{
 
 pub use super::hit::{HitError, HitReport, Numeric, WallHit};
 
-/// A scene prepared for wall hits.
 #[derive(Clone, Debug)]
 pub struct PreparedScene {
     scene: Scene,
     design: Design,
     plan: HitPlan,
     parts: Parts<AnyPlant>,
-    /// Start position of a hit, m.
     start_m: f64,
     judge: Judge,
     /// The wall's passivity controller, if the scene has one.
     passivity: Option<Passivity>,
-    /// Whether the wall uses the true velocity.
     is_told: bool,
-    /// The accelerometer's readings of a hit, computed when lanes first need them.
+    /// The accelerometer's readings of a hit. They are computed when lanes first need them.
     readings: Arc<OnceLock<Option<Readings>>>,
-    /// The scene at each of its pushes, if its criterion needs several pushes.
+    /// If the criterion needs several pushes: the scene at each push.
     pushes: Vec<PreparedScene>,
 }
 
@@ -115,7 +112,7 @@ impl PreparedScene {
         AnyPlant::of(scene, 1.0 / scene.control.rate_hz, scene.actuator.latency.fract())
     }
 
-    /// The scene at each push of a wall's test.
+    /// The scene at each push that the test of a wall needs.
     pub(crate) fn pushes(&self) -> &[Self] {
         if self.pushes.is_empty() { std::slice::from_ref(self) } else { &self.pushes }
     }
@@ -126,21 +123,21 @@ impl PreparedScene {
         Self { pushes: pushes.into_iter().map(&change).collect(), ..change(self) }
     }
 
-    /// Adds the sensation level of every whole hit, if the window has a suitable length.
+    /// Also computes the sensation level of every whole hit, if the length of the window allows it.
     pub fn with_felt(self) -> Self {
         self.each(|of| Self { judge: of.judge.clone().with_felt(&of.scene), ..of })
     }
 
-    /// Adds the measures of the window, for any criterion.
+    /// Also computes the measures of the window, for any criterion.
     pub fn with_measures(self) -> Self {
         self.each(|of| Self { judge: of.judge.clone().with_measures(), ..of })
     }
 
-    /// The scene with the true velocity instead of an estimate, always run by the core itself. It corresponds to a
-    /// velocity sensor without noise, quantisation or delay; the counts stay the same.
+    /// The scene with the true velocity instead of an estimate. It is always run by the core itself. This corresponds
+    /// to a velocity sensor without noise, quantisation or delay. The counts stay the same.
     ///
     /// # Errors
-    /// As [`new`](Self::new).
+    /// Those of [`new`](Self::new).
     pub fn told(scene: &Scene) -> Result<Self, Error> {
         let velocity = VelocitySettings::Difference {}.into();
         let prepared = Self::new(&Scene { velocity, ..scene.clone() })?;
@@ -152,12 +149,11 @@ impl PreparedScene {
         self.is_told
     }
 
-    /// The judge of the windows.
     pub(crate) fn judge(&self) -> &Judge {
         &self.judge
     }
 
-    /// Checks that the handle does not reach the wall faster than the core's velocity can represent.
+    /// Checks the speed of the handle at the wall. It must not be larger than the core's velocity can represent.
     ///
     /// # Errors
     /// [`Error::Input`] names the largest speed.
@@ -196,12 +192,12 @@ impl PreparedScene {
         &self.design
     }
 
-    /// The loop without the controller.
+    /// The loop without its controller.
     pub fn parts(&self) -> &Parts<AnyPlant> {
         &self.parts
     }
 
-    /// Times of the hit in samples.
+    /// Times of a hit, in samples.
     pub fn plan(&self) -> &HitPlan {
         &self.plan
     }
@@ -232,7 +228,7 @@ impl PreparedScene {
         Full::new(&self.scene, hit.velocity.name().sense())
     }
 
-    /// The scene's accelerometer for lanes, computed once.
+    /// Noise and sensor of the scene's accelerometer, for lanes. They are computed once.
     pub(crate) fn readings(&self) -> Option<&Readings> {
         let readings = || Full::new(&self.scene, None).readings(self.samples());
         self.readings.get_or_init(readings).as_ref()
@@ -262,14 +258,13 @@ impl PreparedScene {
         self.parts.encoder.count(plant.reading_m(&state, &Moment { index, before_n, after_n }))
     }
 
-    /// Energy at the port, before sample 0 of a hit.
+    /// The measurement of energy at the port, before sample 0 of a hit.
     pub(in crate::simulation) fn port_watch(&self, hit: &WallHit, surface: i32) -> PortWatch {
         let design = &self.design;
         let latency = self.scene.actuator.latency_samples();
         PortWatch::new(design, latency, surface, self.first_count(hit))
     }
 
-    /// Number of samples of a whole hit.
     fn samples(&self) -> u32 {
         self.plan.settle + self.plan.window
     }

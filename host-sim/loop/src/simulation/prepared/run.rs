@@ -1,4 +1,4 @@
-//! Runs hits of a prepared scene, to their end or until the verdict is certain.
+//! Runs hits of a prepared scene: to the end, or until the verdict is certain.
 
 use std::ops::ControlFlow;
 
@@ -20,14 +20,14 @@ use crate::{
     },
 };
 
-/// Gets every sample of a hit.
+/// Function that gets every sample of a hit.
 pub(super) type Observer<'a> = dyn FnMut(&Sample) + 'a;
 
-/// Samples between two checks for an early verdict.
+/// Samples between two checks whether the verdict is certain.
 const EARLY_CHECK_SAMPLES: u32 = 256;
 
 impl PreparedScene {
-    /// Runs a whole hit. `observe` gets every sample; with several pushes, only the samples of the scene's own push.
+    /// Runs a whole hit. `observe` gets every sample; with several pushes, only those of the scene's own push.
     ///
     /// # Errors
     /// A setting is out of range, or the handle leaves the core's range.
@@ -43,7 +43,7 @@ impl PreparedScene {
             of.by(numeric, hit, observe, false)
         }))?;
         if observe.is_some() {
-            self.observed_hit(numeric, hit, observe)?; // a smaller push was unstable before this push was run
+            self.observed_hit(numeric, hit, observe)?; // a smaller push was unstable before the scene's own push was run
         }
         report.ok_or(HitError::OutOfRange(0)) // never an error: each hit was run to its end
     }
@@ -51,17 +51,17 @@ impl PreparedScene {
     /// [`hit`](Self::hit) without an observer.
     ///
     /// # Errors
-    /// As [`hit`](Self::hit).
+    /// Those of [`hit`](Self::hit).
     pub fn report(&self, numeric: Numeric, hit: &WallHit) -> Result<HitReport, HitError> {
         let report = self.at_pushes(numeric, hit, false)?;
         report.ok_or(HitError::OutOfRange(0)) // never an error: each hit was run to its end
     }
 
-    /// Runs a whole hit at each push of the wall's test. Returns each push, N, and its report. `observe` gets every
-    /// sample of the hit with the scene's own push.
+    /// Runs a whole hit at each push that the test of the wall needs. Returns each push, N, and its report. `observe`
+    /// gets every sample of the hit with the scene's own push.
     ///
     /// # Errors
-    /// As [`hit`](Self::hit).
+    /// Those of [`hit`](Self::hit).
     pub fn reports(
         &self,
         numeric: Numeric,
@@ -80,12 +80,12 @@ impl PreparedScene {
         self.scene.wall_hit.push_n.to_bits() == other.scene.wall_hit.push_n.to_bits()
     }
 
-    /// Whether the handle touches the wall, in the window or before.
+    /// Whether the handle touches the wall, in the window or before it.
     pub fn touches(&self, numeric: Numeric, hit: &WallHit) -> bool {
         self.report(numeric, hit).is_ok_and(|report| report.peak_penetration_m > 0.0)
     }
 
-    /// Takes `observe` as a pointer, so that the loops are compiled once and not for each caller.
+    /// `observe` is a pointer, so the loops are compiled once and not for each caller.
     fn observed_hit(
         &self,
         numeric: Numeric,
@@ -96,10 +96,10 @@ impl PreparedScene {
         whole.ok_or(HitError::OutOfRange(0)) // never an error: it was run to its end
     }
 
-    /// Report of a hit, or `None` as soon as the hit is certain to be unstable.
+    /// Report of a hit. `None` as soon as the hit is certain to be unstable.
     ///
     /// # Errors
-    /// As [`verdict`](Self::verdict).
+    /// Those of [`verdict`](Self::verdict).
     pub fn bounded(&self, numeric: Numeric, hit: &WallHit) -> Result<Option<HitReport>, HitError> {
         self.at_pushes(numeric, hit, true)
     }
@@ -113,7 +113,7 @@ impl PreparedScene {
         deciding(self.pushes().iter().map(|of| of.by(numeric, hit, None, bounded)))
     }
 
-    /// Runs a hit with the controller for this arithmetic.
+    /// Runs a hit. The arithmetic selects the controller.
     fn by(
         &self,
         numeric: Numeric,
@@ -136,7 +136,7 @@ impl PreparedScene {
         }
     }
 
-    /// Whether the scene has a passivity controller or a varying push. Few scenes have them.
+    /// Whether the scene has a passivity controller or a varying push. Such scenes are rare.
     fn is_rare(&self) -> bool {
         self.passivity.is_some() || self.scene.wall_hit.protocol.varies()
     }
@@ -170,8 +170,8 @@ impl PreparedScene {
         }
     }
 
-    /// Selects the plant's type here, once per run and outside the loop. With senses, which few scenes need, one loop
-    /// runs all plants.
+    /// Runs a whole hit. The type of the plant is selected here, once per run and outside the loop. Few scenes have
+    /// inputs beside the count. Their hits share one loop for all plants.
     fn whole_hit<C: Controller + Copy>(
         &self,
         hit: &WallHit,
@@ -193,7 +193,7 @@ impl PreparedScene {
         })
     }
 
-    /// The same for any plant and any senses, compiled once. It is for rare cases.
+    /// [`whole_hit`](Self::whole_hit) for any plant and any inputs. It is compiled once, for rare cases.
     fn any_hit<C: Controller>(
         &self,
         hit: &WallHit,
@@ -209,7 +209,7 @@ impl PreparedScene {
         self.run_whole(hit, simulation, observe, bounded)
     }
 
-    /// The verdict with any controller that is at rest at the hit's start.
+    /// The verdict with any controller. The controller must be at rest at the hit's start.
     pub fn early_verdict<C: Controller + Copy>(
         &self,
         hit: &WallHit,
@@ -221,11 +221,11 @@ impl PreparedScene {
         self.counted(hit, controller, true).map(|(verdict, _)| verdict)
     }
 
-    /// Verdict of a whole hit and the RMS of its counts, m, at half the time of a [`report`](Self::report). `None` if
-    /// the verdict needs more than counts.
+    /// Verdict of a whole hit, and the RMS of its counts, m. It takes half the time of [`report`](Self::report). `None`
+    /// if the verdict needs more than counts.
     ///
     /// # Errors
-    /// As [`verdict`](Self::verdict).
+    /// Those of [`verdict`](Self::verdict).
     pub fn rms(&self, numeric: Numeric, hit: &WallHit) -> Result<Option<(Verdict, f64)>, HitError> {
         if !self.judge.is_plain() || self.is_told || self.passivity.is_some() {
             return Ok(None);
@@ -237,7 +237,7 @@ impl PreparedScene {
         Ok(Some((verdict, whole.scatter().rms_counts() * self.design.resolution_m)))
     }
 
-    /// Runs a hit and evaluates only its counts.
+    /// Runs a hit, and evaluates only its counts.
     fn counted<C: Controller>(
         &self,
         hit: &WallHit,
@@ -318,7 +318,7 @@ impl PreparedScene {
         Ok((!bounded || verdict != Verdict::Unstable).then_some(report))
     }
 
-    /// Runs to the hit's end, or until the verdict is certain.
+    /// Runs to the end of the hit, or until the verdict is certain.
     fn run_counted<C: Controller, S: Sensing, P: Plant>(
         &self,
         mut simulation: Simulation<C, S, P>,
@@ -343,8 +343,8 @@ impl PreparedScene {
     }
 }
 
-/// Runs hits at one push after another. Returns the first hit that is not stable, without running the rest, or else
-/// the hit with the largest force RMS.
+/// Runs a hit at each push, one after another. Returns the first hit that is not stable, without running the rest. If
+/// all are stable, returns the hit with the largest force RMS.
 fn deciding(
     hits: impl Iterator<Item = Result<Option<HitReport>, HitError>>,
 ) -> Result<Option<HitReport>, HitError> {
@@ -360,7 +360,7 @@ fn deciding(
     Ok(worst)
 }
 
-/// The verdict of a hit that was run until its verdict was certain.
+/// The verdict from a bounded run. `None` means that the hit is certain to be unstable.
 fn judged(bounded: Option<HitReport>) -> Verdict {
     bounded.map_or(Verdict::Unstable, |report| report.verdict)
 }

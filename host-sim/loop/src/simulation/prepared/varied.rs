@@ -1,12 +1,11 @@
 //! Walls under a varying push: taps, and an unsteady hand.
 //!
-//! | protocol | push, share of the scene's | window |
+//! | protocol | push divided by the scene's push | window |
 //! |----------|----------------------------|--------|
-//! | `taps` | 1 for the first half of [`TAP_S`]. Then a force that pulls the handle back to its start, at most 1 in magnitude: a critically damped spring whose force at the wall is the push. From the start the push takes 50 ms to the wall. | The second half of the time from contact to the push's end, for each tap but the first. The worst tap decides. Motion and force are measured about the polynomial of degree 5 that fits them best, so that slow creep of the wall does not count as bouncing. |
-//! | `hand` | `1 + 0.3 (sin + sin + sin) / 3` at 0.7, 1.9 and 4.3 Hz | The scene's window. The RMS of motion and force count only frequencies above 20 Hz, from a spectrum with Hann's window. |
+//! | `taps` | 1 for the first half of [`TAP_S`]. Then a critically damped spring pulls the handle back to its start. Its force is at most 1, and 1 at the wall. A push from the start reaches the wall in 50 ms. | For each tap but the first: the second half of the time from contact to the end of the push. The worst tap decides. Motion and force are measured relative to the best-fitting polynomial of degree 5. So slow creep of the wall does not count as bouncing. |
+//! | `hand` | `1 + 0.3 (sin + sin + sin) / 3` at 0.7, 1.9 and 4.3 Hz | The scene's window. The RMS of motion and force includes only frequencies above 20 Hz, from a spectrum with Hann's window. |
 //!
-//! The scene selects who pushes. The push is constant between two outputs. The force is evaluated as the output holds
-//! it.
+//! The scene selects whether motor or hand pushes. Push and force are held between two outputs.
 
 use std::f64::consts::TAU;
 
@@ -31,16 +30,16 @@ use crate::{
 
 /// Time of a tap from its start to the wall, s.
 const TO_WALL_S: f64 = 0.05;
-/// Frequencies at which a hand's push sways, Hz.
+/// Frequencies of a hand's sway, Hz.
 const SWAY_HZ: [f64; 3] = [0.7, 1.9, 4.3];
-/// A hand's wall must be quiet above this frequency, Hz.
+/// Frequency above which a wall must be quiet under a hand's push, Hz.
 const REST_HZ: f64 = 20.0;
-/// Degree of the polynomial that a tapped wall may follow. In a window of a tenth of a second it follows up to about
-/// 25 Hz.
+/// Degree of the polynomial that is subtracted from the motion of a tapped wall. In a window of a tenth of a second the
+/// polynomial follows motion up to about 25 Hz.
 const DEGREE: usize = 5;
 
-/// Start position of a tap, m. From rest there, the push takes [`TO_WALL_S`] to the wall. It is the scene's start
-/// position if that is nearer.
+/// Start position of a tap, m. From rest at this position, the push needs [`TO_WALL_S`] to the wall. If the scene's
+/// start position is nearer to the wall, it is used instead.
 pub(super) fn tap_start_m(scene: &Scene, plant: &AnyPlant) -> f64 {
     let push_n = scene.push_n(PushBy::Motor); // a hand's push is part of the plant
     let (wall_m, start_m) = (scene.wall.position_m, scene.device.start_position_m);
@@ -53,7 +52,6 @@ pub(super) fn tap_start_m(scene: &Scene, plant: &AnyPlant) -> f64 {
     (wall_m - (plant.position_m(&state) - wall_m).max(scene.encoder.resolution_m)).max(start_m)
 }
 
-/// A push over time.
 enum Push {
     Taps { back_m: f64, per_m: f64, per_m_per_s: f64 },
     Hand,
@@ -72,7 +70,7 @@ impl Push {
         }
     }
 
-    /// Push relative to the scene's push.
+    /// Push at this time, divided by the scene's push.
     fn share(&self, time_s: f64, position_m: f64, speed_m_per_s: f64) -> f64 {
         match self {
             Self::Taps { .. } if is_pressed(time_s) => 1.0,
@@ -87,17 +85,16 @@ impl Push {
     }
 }
 
-/// Whether the time is in the first half of a tap.
+/// Whether the time is in the first half of a tap, while the push acts.
 fn is_pressed(time_s: f64) -> bool {
     (time_s / TAP_S).fract() < 0.5
 }
 
-/// Samples of a window.
 #[derive(Clone, Debug, Default)]
 struct Seen {
     counts: Vec<i32>,
     positions_m: Vec<f64>,
-    /// Index of the sample; output and push, fractions of full scale.
+    /// For each output: index of its sample, then output and push as fractions of full scale.
     outputs: Vec<(usize, f64, f64)>,
 }
 
@@ -124,7 +121,7 @@ impl Seen {
 }
 
 impl PreparedScene {
-    /// Runs a hit whose push varies. With `bounded`, returns `None` as soon as the hit is certain to be unstable.
+    /// Runs a hit with a varying push. With `bounded`, returns `None` as soon as the hit is certain to be unstable.
     pub(super) fn varied_hit<C: Controller>(
         &self,
         of: &WallHit,
@@ -166,7 +163,7 @@ impl PreparedScene {
             }
             let begun = index >= self.plan.settle;
             if taps {
-                // from the first contact to the end of the push, also if contact is lost in between
+                // from the first contact to the end of the push, even if contact is lost in between
                 let contact = !seen.counts.is_empty() || sample.count > surface;
                 if begun && is_pressed(time_s) && contact {
                     seen.push(&sample);
@@ -213,7 +210,7 @@ impl PreparedScene {
         }
     }
 
-    /// The worse of two taps: the unstable one, else the one with the larger RMS of the criterion.
+    /// The worse of two taps. An unstable tap is worse than a stable one; else the larger RMS of the criterion decides.
     fn worse(&self, kept: Option<HitReport>, next: HitReport) -> HitReport {
         let loud = |report: &HitReport| match self.scene.wall_hit.criterion {
             Criterion::Quiet => report.force_rms_n,
@@ -226,7 +223,7 @@ impl PreparedScene {
         }
     }
 
-    /// Judges one window of the hit.
+    /// Judges one window of a hit.
     fn judged(&self, of: &WallHit, surface: i32, seen: Seen) -> HitReport {
         let Seen { counts, positions_m, outputs } = seen;
         let mut watch =
@@ -272,7 +269,7 @@ impl PreparedScene {
     }
 }
 
-/// The outputs over `samples` samples, each held until the next one.
+/// The outputs at `samples` samples. Each output is held until the next output.
 fn held(outputs: &[(usize, f64, f64)], samples: usize) -> Vec<f64> {
     let ends = outputs.iter().skip(1).map(|(place, ..)| *place).chain([samples]);
     outputs
@@ -282,10 +279,10 @@ fn held(outputs: &[(usize, f64, f64)], samples: usize) -> Vec<f64> {
         .collect()
 }
 
-/// RMS of values about the polynomial of [`DEGREE`] that fits them best, computed with orthogonal polynomials.
+/// RMS of values about the best-fitting polynomial of [`DEGREE`]. It is computed with orthogonal polynomials.
 fn about_polynomial(mut values: Vec<f64>) -> f64 {
     let length = values.len();
-    let degree = DEGREE.min(length / 4); // for few values a lower degree
+    let degree = DEGREE.min(length / 4); // a lower degree for few values
     let at = |n: usize| 2.0 * (n as f64 + 0.5) / length as f64 - 1.0;
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let mut basis: Vec<Vec<f64>> = vec![];

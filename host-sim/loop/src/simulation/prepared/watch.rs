@@ -1,4 +1,4 @@
-//! Sums over the blocks of a hit, for its verdict and its report.
+//! Sums over the blocks of a hit, for the verdict and the report.
 
 use std::ops::ControlFlow;
 
@@ -20,11 +20,9 @@ pub(super) struct Judged {
     scatter: RunningVariance,
 }
 
-/// Bound of counts. If all counts are below it in magnitude, the squares of their differences in a block sum up
-/// within 64 bits.
+/// Limit of counts. Below it, the sum of the squared differences of a block's counts fits into 64 bits.
 const NEAR: u32 = 1 << 26;
 
-/// Number of samples of a block as `u32`.
 #[inline]
 fn few(samples: usize) -> u32 {
     #[expect(clippy::cast_possible_truncation, reason = "a block is short")]
@@ -32,7 +30,7 @@ fn few(samples: usize) -> u32 {
     few
 }
 
-/// Bitwise OR of the magnitudes. No magnitude is larger.
+/// Bitwise OR of the magnitudes. It is at least as large as each magnitude.
 #[inline]
 fn magnitudes(numbers: impl Iterator<Item = i32>) -> u32 {
     numbers.fold(0, |bits, number| bits | (number ^ (number >> 31))).cast_unsigned()
@@ -49,12 +47,12 @@ impl Judged {
         self.plan.settle.into()
     }
 
-    /// The hit, as if it had started with its window.
+    /// The hit, as if its window had been its start.
     pub fn hit(&self) -> Hit {
         Hit::in_window(self.plan, self.contact_samples, self.scatter)
     }
 
-    /// Adds a block. Breaks if the handle leaves the core's range.
+    /// Adds a block. Breaks if the handle has left the core's range.
     #[inline(never)] // compiled once for all loops
     pub fn block(&mut self, block: &Block) -> ControlFlow<HitError> {
         let counts = block.counts();
@@ -93,11 +91,11 @@ impl Judged {
     }
 }
 
-/// Sums for the report of a whole hit, beside its counts.
+/// Sums for the report of a whole hit, without those for the verdict.
 #[derive(Clone, Debug)]
 pub(super) struct Shown {
     pub watch: Watch,
-    /// Positions of the window, m, if `listens`.
+    /// Positions in the window, m. They are only stored if `listens`.
     pub motion: Vec<f64>,
     listens: bool,
     pub outputs: u32,
@@ -105,19 +103,18 @@ pub(super) struct Shown {
     pub deepest_m: f64,
     /// Samples at which the count changed by more than the core's velocity can represent.
     pub clipped: u32,
-    /// Last count so far.
     pub last: i32,
 }
 
 impl Shown {
-    /// Starts with a handle at rest at the count `last`.
+    /// Sums before sample 0, for a handle at rest at the count `last`.
     pub fn new(listens: bool, last: i32) -> Self {
         let (outputs, saturated, clipped, deepest_m) = (0, 0, 0, f64::NEG_INFINITY);
         let (watch, motion) = (Watch::default(), vec![]);
         Self { watch, motion, listens, outputs, saturated, deepest_m, clipped, last }
     }
 
-    /// Adds a block of a hit whose window begins with sample `settle`.
+    /// Adds a block. The window of the hit begins with sample `settle`.
     #[inline(never)] // compiled once for all loops
     pub fn block(&mut self, block: &Block, settle: u64) {
         self.outputs += few(block.outputs().len());

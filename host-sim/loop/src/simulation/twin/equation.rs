@@ -1,4 +1,4 @@
-//! The equation of every estimator. The twin runs these equations, and linear theory uses their frequency response.
+//! The equations of all estimators. The twin runs them, and linear theory uses their frequency responses.
 
 use zwidth::{
     Design, SettingsError, VelocitySettings,
@@ -10,7 +10,7 @@ use zwidth::{
 
 use super::{foaw::Foaw, levant::Levant};
 
-/// An estimator's equation, from differences of counts to a velocity. Its state is stored elsewhere.
+/// The equation of an estimator, from differences of counts to a velocity. It has no state.
 #[derive(Clone, Copy, Debug)]
 #[expect(clippy::large_enum_variant, reason = "copied once per run")]
 pub enum Equation {
@@ -18,7 +18,7 @@ pub enum Equation {
     Cascade([LowPass; 2]),
     /// Weighted sum of the last differences.
     Sum(FirDesign),
-    /// Change of the count over this number of samples, divided by the number.
+    /// Change of the count over a window, divided by the number of its samples. The value is this number.
     Ends(u32),
     Tracking(TrackingLoop),
     Kalman(KalmanDesign),
@@ -26,7 +26,7 @@ pub enum Equation {
     Observer(ObserverDesign),
     /// Observer that gets the acceleration.
     Fusion(ObserverDesign),
-    /// Shortest time between the two edges, in samples.
+    /// Time stamping. The value is the shortest time between the two edges, in samples.
     TimeStamps(u32),
     Foaw(Foaw),
     Levant(Levant),
@@ -42,7 +42,7 @@ pub struct LowPass {
 }
 
 impl LowPass {
-    /// Passes the difference without filtering.
+    /// Returns the difference without filtering.
     const NOTHING: Self = Self { b: [1.0, 0.0, 0.0], a: [0.0; 2], order: 0 };
 }
 

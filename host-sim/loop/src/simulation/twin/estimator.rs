@@ -1,4 +1,4 @@
-//! The estimators in `f64`: runs their [equations](Equation).
+//! The estimators in `f64`. They run their [equations](Equation).
 
 use zwidth::{
     Design, SettingsError, VelocitySettings,
@@ -18,7 +18,7 @@ use super::{
 /// An estimator in `f64`. Velocities are in counts per sample.
 #[derive(Clone, Copy, Debug)]
 pub struct TwinEstimator {
-    /// The common estimators in one form, so small that it fits into registers.
+    /// One form for all common estimators. It is so small that it fits into registers.
     low_pass: Option<Section>,
     equation: Equation,
     memory: Memory,
@@ -32,7 +32,7 @@ struct Memory {
     outputs: [f64; 2],
 }
 
-/// State of the other estimators.
+/// State of all other estimators.
 #[derive(Clone, Copy, Debug)]
 struct Rest {
     /// Last differences, newest first.
@@ -42,12 +42,12 @@ struct Rest {
     loops: Loop,
     stamps: Stamps,
     sections: [Memory; 2],
-    /// Counts at the last samples, and the index of the newest.
+    /// Counts at the last samples, with the index of the newest count.
     counts: [i32; 256],
     newest: u8,
 }
 
-/// A [`LowPass`] in the form that is computed: `y = b0 (x + past[0] x1 + past[1] x2) - a[0] y1 - a[1] y2`.
+/// A [`LowPass`] in the form of its calculation: `y = b0 (x + past[0] x1 + past[1] x2) - a[0] y1 - a[1] y2`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Section {
     pub past: [f64; 2],
@@ -75,7 +75,7 @@ impl Section {
 }
 
 impl TwinEstimator {
-    /// The common estimators in one form; `None` for other estimators.
+    /// The form of the common estimators. `None` for other estimators.
     pub(crate) fn low_pass(&self) -> Option<Section> {
         self.low_pass
     }
@@ -103,7 +103,7 @@ impl TwinEstimator {
         Ok(Self { low_pass, equation, memory: Memory::default(), rest })
     }
 
-    /// The velocity after the count changed by `difference`.
+    /// The velocity after a change of the count by `difference`.
     #[inline]
     pub fn update(&mut self, difference: i32, senses: &Senses) -> f64 {
         match &self.low_pass {
@@ -114,7 +114,7 @@ impl TwinEstimator {
 }
 
 impl Rest {
-    #[inline(never)] // so that the other estimators' state stays in registers
+    #[inline(never)] // keeps the state of the other estimators in registers
     fn update(&mut self, equation: &Equation, difference: i32, senses: &Senses) -> f64 {
         let input = f64::from(difference);
         match equation {
@@ -130,7 +130,7 @@ impl Rest {
                 let count = self.counts[usize::from(self.newest)].wrapping_add(difference);
                 self.newest = self.newest.wrapping_add(1);
                 self.counts[usize::from(self.newest)] = count;
-                let [.., samples] = window.to_be_bytes(); // the window is at most 255 samples
+                let [.., samples] = window.to_be_bytes(); // the window has at most 255 samples
                 let before = self.counts[usize::from(self.newest.wrapping_sub(samples))];
                 f64::from(count.wrapping_sub(before)) / f64::from(*window)
             }
@@ -155,7 +155,7 @@ impl Rest {
     }
 }
 
-#[inline(never)] // so that the other estimators' state stays in registers
+#[inline(never)] // keeps the state of the other estimators in registers
 fn weighted(weights: &[f64], past: &mut [f64; LENGTH], input: f64) -> f64 {
     past.rotate_right(1);
     past[0] = input;

@@ -4,7 +4,7 @@ use super::LENGTH;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Foaw {
-    /// Whether the line is a fit to all samples of the window, or else goes through the window's ends.
+    /// Whether the line is the least-squares fit to all samples of the window. Otherwise it goes through its two ends.
     pub best: bool,
     /// Longest window, samples.
     pub window: u32,
@@ -13,12 +13,12 @@ pub struct Foaw {
 }
 
 impl Foaw {
-    /// The noise is rounded to 1/16 count, as the setting's documentation says.
+    /// The noise bound is rounded to 1/16 count, as the documentation of the setting says.
     pub(super) fn new(best: bool, window: u32, noise_counts: f64) -> Self {
         Self { best, window, noise: (16.0 * noise_counts).round() / 16.0 }
     }
 
-    /// The velocity after the count changed by `input`. `past` holds the differences, newest first.
+    /// The velocity after a change of the count by `input`. `past` has the last differences, newest first.
     #[inline(never)] // so that the other estimators' state stays in registers
     pub(super) fn update(&self, past: &mut [f64; LENGTH], input: f64) -> f64 {
         past.rotate_right(1);
@@ -31,7 +31,7 @@ impl Foaw {
         let mut velocity = past[0];
         for i in 2..=self.window {
             let (number, over) = self.slope(&s, i);
-            // whole numbers, so that a sample exactly at the noise bound is inside
+            // all numbers are whole, so a sample exactly at the noise bound counts as inside
             let within = (0..i)
                 .zip(&s)
                 .all(|(j, s)| (s * over - f64::from(j) * number).abs() <= self.noise * over);

@@ -11,7 +11,7 @@ pub(super) struct KalmanState {
 }
 
 impl KalmanState {
-    /// The velocity after the count changed by `input`.
+    /// The velocity after a change of the count by `input`.
     #[inline(never)] // so that the other estimators' state stays in registers
     pub(super) fn update(&mut self, gains: &KalmanDesign, input: f64) -> f64 {
         let predicted = self.distance + self.velocity + self.acceleration / 2.0 - input;

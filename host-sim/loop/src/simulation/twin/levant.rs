@@ -17,7 +17,7 @@ pub(super) struct LevantState {
 }
 
 impl Levant {
-    /// The velocity after the count changed by `input`.
+    /// The velocity after a change of the count by `input`.
     #[inline(never)] // so that the other estimators' state stays in registers
     pub(super) fn update(&self, state: &mut LevantState, input: f64) -> f64 {
         let LevantDesign { alpha, lambda } = self.sizes;

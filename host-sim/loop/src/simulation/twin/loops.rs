@@ -1,14 +1,13 @@
-//! Tracking loop and observer in `f64`, in their textbook form. The core has a low-pass of the same transfer
-//! function, or integers.
+//! Tracking loop and observer in `f64`, in textbook form. The core has a low-pass of the same response, or integers.
 //!
-//! The state has the position error `x - x^` instead of x^. So the twin keeps all digits at any count.
+//! The state is the position error `x - x^`, not x^. So the twin keeps all digits at any count.
 
 use zwidth::velocity::{ObserverDesign, TrackingLoop};
 
 /// A state below this is set to zero, because subnormal numbers would make the loop slow.
 const FLUSH_BELOW: f64 = 1e-30;
 
-/// `x - x^`, v^, d^ in counts and samples. The tracking loop has no d^.
+/// `x - x^`, v^ and d^, in counts and samples. The tracking loop has no d^.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Loop {
     error: f64,
@@ -25,7 +24,7 @@ impl Loop {
         self.velocity + gains.lead * (self.velocity - before)
     }
 
-    /// `known` is the known acceleration, counts per sample^2.
+    /// Updates the state with a sample. `known` is the known acceleration, counts per sample^2.
     pub fn observe(&mut self, design: &ObserverDesign, difference: f64, known: f64) -> f64 {
         let [l1, l2, l3] = design.gains;
         let acceleration = known + self.disturbance;

@@ -1,5 +1,5 @@
-//! The controller's twin in `f64`: the same equations without quantised coefficients, velocities, gains or forces. A
-//! difference between twin and core is the effect of fixed point.
+//! The controller's twin in `f64`. It has the same equations, but does not quantise coefficients, velocities, gains or
+//! forces. A difference between twin and core is the effect of fixed point.
 
 mod equation;
 mod estimator;
@@ -21,7 +21,7 @@ use zwidth::{
 
 use crate::simulation::controller::{Controller, ControllerOutput};
 
-/// A filter state below this is set to zero. Subnormal numbers would make the loop seven times slower.
+/// A filter state below this value is set to zero. Subnormal numbers would make the loop seven times slower.
 pub(crate) const FLUSH_BELOW: f64 = 1e-30;
 
 /// Largest number of differences in an estimator's state.
@@ -30,14 +30,13 @@ const LENGTH: usize = WINDOW_MAX as usize;
 /// Whether the twin rounds its velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rounding {
-    /// No rounding other than that of `f64`.
+    /// Only the rounding of `f64`.
     Exact,
-    /// The filter's output is rounded to the fixed-point LSB, 2^-16 counts per sample. The filter's state is not
-    /// rounded. This rounding is the smallest change that any fixed-point filter with this output format makes.
+    /// The output of the filter is rounded to the LSB of fixed point, 2^-16 counts per sample. The state of the filter
+    /// is not rounded. No fixed-point filter with this output format makes a smaller change.
     VelocityLsb,
 }
 
-/// The controller in `f64`.
 #[derive(Clone, Copy, Debug)]
 pub struct Twin {
     estimator: TwinEstimator,
@@ -56,11 +55,11 @@ pub struct Twin {
     until_due: u32,
 }
 
-/// Adding and subtracting this number rounds to a multiple of 2^-16 (ties to even).
+/// Addition and subtraction of this number round to a multiple of 2^-16 (ties to even).
 pub(crate) const ROUND_TO_LSB: f64 = 1.5 * (1u64 << 36) as f64;
 
 impl Twin {
-    /// The twin of the core with these settings, at rest at `count`. `push` is a fraction of full scale.
+    /// The twin of a core with these settings, at rest at `count`. `push` is a fraction of full scale.
     ///
     /// # Errors
     /// A setting is out of range.
@@ -71,7 +70,7 @@ impl Twin {
         push: f64,
         count: i32,
     ) -> Result<Self, SettingsError> {
-        let control = settings.build(design)?; // checks the ranges, and gives the surface in counts
+        let control = settings.build(design)?; // checks the ranges, and gives the position of the surface in counts
         let wall = &settings.wall;
         let per_count = design.resolution_m / design.full_scale_n;
         Ok(Self {
@@ -97,7 +96,7 @@ impl Twin {
 }
 
 impl Twin {
-    /// The common estimators in one form; `None` for other estimators.
+    /// The form of the common estimators. `None` for other estimators.
     pub(crate) fn low_pass(&self) -> Option<Section> {
         self.estimator.low_pass()
     }

@@ -2,9 +2,9 @@
 
 use zwidth::velocity::{Edge, SPAN_MAX};
 
-/// Number of stored edges: the newest of each sample of the longest span, and an older one.
+/// Number of stored edges: one for each sample of the longest span, and one older edge.
 const LENGTH: usize = SPAN_MAX as usize + 2;
-/// The handle is at rest after this number of samples without an edge.
+/// Number of samples without an edge after which the handle is at rest.
 const STANDSTILL: f64 = 32_768.0;
 
 #[derive(Clone, Copy, Debug)]
@@ -29,7 +29,7 @@ impl Stamps {
             Some(edge) if difference != 0 || edge.age < Edge::SAMPLE => {
                 Some((f64::from(edge.age.min(Edge::SAMPLE - 1)) / sample, edge.up))
             }
-            // the edge's age is unknown: assume half the time of one count
+            // the age of the edge is unknown: assume half the time of one count
             None if difference != 0 => {
                 let age = 0.5 / f64::from(difference).abs();
                 Some(((age * sample).floor() / sample, difference > 0))
@@ -54,8 +54,8 @@ impl Stamps {
         self.measured.clamp(-bound, bound).clamp(-32_767.0, 32_767.0)
     }
 
-    /// Velocity from the newest edge that is older than the latest by at least a span less half a sample. If there is
-    /// none, from the oldest edge.
+    /// Velocity from the latest edge and an older edge. The older edge is the newest one that is older by at least the
+    /// span minus half a sample. If there is none, it is the oldest edge.
     fn measure(&self, span: f64) -> f64 {
         let span = span - 0.5;
         let edges = &self.edges[..self.known];

@@ -1,4 +1,4 @@
-//! The cutoff axes of the area figure: ticks, and the numbers that fit.
+//! The cutoff axes of the area figure: ticks, and numbers where there is space.
 
 use crate::notation::number;
 use std::ops::Range;
@@ -21,24 +21,24 @@ use super::{
 };
 
 const CUTOFF_SIZE: f64 = 11.0;
-/// Distance from the frame to the middle of the first row of numbers, and between rows.
+/// Distance from the frame to the middle of the first row of numbers. It is also the distance between rows.
 pub(super) const ROW_DROP: f64 = 12.5;
 pub(super) const ROW_PITCH: f64 = 13.0;
-/// Number of rows. A cutoff whose number fits in no row has only a tick.
+/// Number of rows. If there is no space for a number in any row, its cutoff has only a tick.
 const MOST_ROWS: usize = 2;
 /// Smallest space between two numbers in a row.
 const LABEL_SPACE: f64 = 4.0;
 
 const TICK_WIDTH: f64 = 1.0;
-/// Line from a tick to its number in the second row. It is light, because it passes close to other numbers.
+/// Colour of the line from a tick to its number in the second row. It is light, because it passes close to other
+/// numbers.
 const LEADER: RGBColor = RGBColor(190, 190, 190);
 
-/// Space left and right of the outermost cutoffs, as a part of the whole axis, and at least as a factor.
+/// Space left and right of the outermost cutoffs, as a fraction of the axis; `LEAST_PAD` is its minimum, as a factor.
 const PAD_SHARE: f64 = 0.04;
 const LEAST_PAD: f64 = 1.06;
 const LONE_PAD: f64 = 2.0;
 
-/// The range of the axis.
 pub(super) fn cutoff_range(points: &[AreaPoint]) -> Range<f64> {
     let cutoffs = || points.iter().map(|point| point.cutoff_hz);
     let low = cutoffs().fold(f64::INFINITY, f64::min);
@@ -50,13 +50,13 @@ pub(super) fn cutoff_range(points: &[AreaPoint]) -> Range<f64> {
     low / pad..high * pad
 }
 
-/// The numbers at a cutoff: nominal below the plot, true above it.
+/// The numbers at a cutoff: the nominal cutoff below the plot, the true cutoff above it.
 pub(super) struct Label {
     x: f64,
     cutoff_hz: f64,
     nominal: String,
     true_hz: String,
-    /// `None` if the number fits in no row.
+    /// Row of the number. `None` if no row has space.
     row: Option<usize>,
 }
 
@@ -84,8 +84,8 @@ impl Label {
     }
 }
 
-/// Assigns labels to rows without overlap. The ideal cutoff comes first, then the ends of the axis and of the ideal
-/// range, then the roundest numbers.
+/// Assigns labels to rows without overlap. Order: ideal cutoff, ends of the axis, ends of the ideal range, round
+/// numbers.
 pub(super) fn labels(plot: &AreaPlot) -> Vec<Label> {
     let ends = [plot.points.first(), plot.points.last()];
     let rank = |label: &Label| {
@@ -120,7 +120,7 @@ pub(super) fn rows(labels: &[Label]) -> usize {
     filled.max().map_or(0, |row| row + 1)
 }
 
-/// Draws ticks at all cutoffs, up to their numbers.
+/// Draws the ticks of all cutoffs. Ticks end at their numbers.
 pub(super) fn draw_labels(
     page: &Page,
     panel: &Panel,

@@ -1,4 +1,4 @@
-//! The area figure: Z-width area over the cutoff.
+//! The area figure: Z-width area over cutoff.
 
 use plotters::{
     coord::{
@@ -39,7 +39,7 @@ const KEY_MIDDLE: f64 = 60.0;
 const KEY_SWATCH: f64 = 20.0;
 const KEY_GAP: f64 = 6.0;
 const KEY_SPACE: f64 = 16.0;
-/// Distance up from the uppermost row of numbers above the plot.
+/// Distance from the uppermost row of numbers up to the title of the upper axis.
 const TOP_TITLE_RISE: f64 = 16.0;
 const CAPTION_DROP: f64 = 52.0;
 const CAPTION_PITCH: f64 = 16.0;
@@ -48,31 +48,28 @@ const LINE_WIDTH: f64 = 1.6;
 const BAR_WIDTH: f64 = 1.1;
 const CAP_HALF: f64 = 3.5;
 const DOT_RADIUS: f64 = 2.8;
-/// The ring around the ideal mean. It is open, so that its error bar is visible.
+/// Radius of the ring around the ideal mean. The ring is open, so its error bar is visible.
 const IDEAL_RADIUS: f64 = 6.0;
 const IDEAL_HOLE: f64 = 4.2;
 const BAND_OPACITY: f64 = 0.18;
 const RANGE_OPACITY: f64 = 0.13;
-/// Distance of the shade beyond the cutoffs at its ends, so that their points lie inside.
+/// Distance from the end of the shaded range to its outermost cutoff, so that all its points are inside.
 const RANGE_MARGIN: f64 = 6.0;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct AreaPlot {
-    /// First line above the plot.
     pub title: String,
     /// Second line: scene, resolution, and other facts that identify the run.
     pub subtitle: String,
-    /// Units of the axis.
     pub units: Units,
     /// One point per cutoff, in ascending order of the cutoff.
     pub points: Vec<AreaPoint>,
-    /// Nominal cutoff that gets a mark.
     pub ideal_cutoff_hz: Option<f64>,
     /// First and last nominal cutoff of the shaded range.
     pub ideal_range_hz: Option<[f64; 2]>,
-    /// Names of the range and of the cutoff.
+    /// Names of the shaded range and of the marked cutoff.
     pub names: [&'static str; 2],
-    /// Meaning of the cutoff, printed below the axis.
+    /// Meaning of the cutoff as a sentence below the axis.
     pub convention: String,
 }
 
@@ -83,7 +80,7 @@ impl AreaPlot {
     pub const DIAL_IN: [&str; 2] = ["as good", "dial in"];
 }
 
-/// The result of one cutoff, over its repeats.
+/// The result for one cutoff, over its repeats.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct AreaPoint {
     /// Nominal cutoff of the filter, Hz.
@@ -105,7 +102,7 @@ pub struct AreaPoint {
     pub damping_max_n_s_per_m: f64,
 }
 
-/// Draws the area from 0 over the logarithm of the cutoff. The upper axis has the true frequencies.
+/// Draws the area, from 0, over the logarithm of the cutoff. The upper axis has the true frequencies.
 ///
 /// # Errors
 /// [`FigureError`] if an area is NaN, infinite or negative, or a cutoff is not greater than 0.
@@ -149,7 +146,7 @@ fn draw(plot: &AreaPlot, page: &Page) -> Result<(), FigureError> {
         Ticks::nothing()
     };
     let cutoffs = cutoff_range(&plot.points).log_scale();
-    let cutoffs = cutoffs.with_key_points(vec![]); // the cutoffs have their own ticks
+    let cutoffs = cutoffs.with_key_points(vec![]); // cutoffs have their own ticks
     let mut chart = panel.chart(page, cutoffs, y, x_title_drop(rows))?;
     shade_range(page, &panel, plot)?;
     let titles = ["Cutoff, nominal [Hz]", &format!("Z-width area [{unit}]")];
@@ -173,7 +170,7 @@ fn draw(plot: &AreaPlot, page: &Page) -> Result<(), FigureError> {
     Ok(())
 }
 
-/// Checks the numbers; returns the largest area.
+/// Checks the numbers. Returns the largest area.
 fn check(plot: &AreaPlot) -> Result<f64, FigureError> {
     let mut largest = 0.0_f64;
     for point in &plot.points {
@@ -244,7 +241,7 @@ fn ring(page: &Page, at: (i32, i32)) -> Result<(), FigureError> {
     Ok(page.draw(&Circle::new(at, grid(IDEAL_HOLE), WHITE.filled()))?)
 }
 
-/// One line above the plot with the legend, so that no text is on the data.
+/// Draws the legend in one line above the plot, so that no text covers data.
 fn key(page: &Page, plot: &AreaPlot) -> Result<(), FigureError> {
     let y = KEY_MIDDLE;
     let mut x = LEFT;
