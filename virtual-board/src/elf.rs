@@ -1,4 +1,4 @@
-//! The firmware's ELF file, in the form that is flashed.
+//! The firmware's ELF file. Only its parts for flash are used.
 
 use std::path::Path;
 
@@ -23,7 +23,7 @@ pub struct Elf {
     pub sections: Vec<(String, u32, u32)>,
 }
 
-/// Part of the symbol name of the static in which `sample` keeps its data between two samples.
+/// Part of the symbol name of the static variable in which `sample` keeps its data between two samples.
 pub const SAMPLE_STATE: &str = "task6sample5PLACE";
 
 impl Elf {
@@ -78,7 +78,6 @@ impl Elf {
         self.flash.iter().any(|(_, data)| data.windows(text.len()).any(|part| part == text))
     }
 
-    /// Address of a symbol.
     pub fn address_of(&self, name: &str) -> Option<u32> {
         self.symbols.iter().find(|(n, ..)| n == name).map(|(_, address, _)| *address)
     }
@@ -94,7 +93,7 @@ impl Elf {
             .ok_or_else(|| format!("the ELF has no symbol {part}"))
     }
 
-    /// Writes the checksum into the present contents of `flash`. The file's bytes stay the same.
+    /// Writes the checksum into `flash`. `bytes` stays the same.
     ///
     /// # Errors
     /// The ELF is not an image of this firmware.
@@ -107,7 +106,7 @@ impl Elf {
         Ok(())
     }
 
-    /// Address and size of the section with this name.
+    /// Address and size of a section.
     pub fn section(&self, name: &str) -> Option<(u32, u32)> {
         self.sections.iter().find(|(n, ..)| n == name).map(|(_, address, size)| (*address, *size))
     }

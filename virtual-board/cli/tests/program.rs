@@ -1,4 +1,5 @@
-//! Tests the command line without a firmware: bad input, output files, interruption. tests/elf has the other tests.
+//! Tests the command line without a firmware: bad input, output files, interruption. `tests/elf` has the tests with
+//! one.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "a test fails loudly")]
 

@@ -1,6 +1,4 @@
-//! A person's finger.
-
-/// A finger on the handle: a spring and a damper to the finger's target. Its force acts where the motor's force acts.
+/// A finger at the handle: a spring and a damper from the handle to a target. The force acts where the motor's acts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Finger {
     /// Target position of the finger, m.
