@@ -125,7 +125,7 @@ impl<T: Float + Signal> Step for StateVariable<T> {
 pub struct Delta<T> {
     b0: T,
     alpha1: T,
-    /// Coefficient alpha2, which is equal to `4 b0`.
+    /// Coefficient alpha2, equal to `4 b0`.
     alpha2: T,
     s: [T; 2],
 }
