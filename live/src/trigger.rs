@@ -1,4 +1,4 @@
-//! Triggers: a view stops some time after an event.
+//! Triggers: after an event, the view stops.
 
 use serde::Deserialize;
 use zwidth::telemetry::Flags;
@@ -21,13 +21,13 @@ pub enum Trigger {
         signal: usize,
         /// The level as an integer of the control loop.
         level: i32,
-        /// Whether the signal must cross the level upwards.
+        /// Whether the signal must cross the level upwards; otherwise downwards.
         rising: bool,
     },
 }
 
 impl Trigger {
-    /// Whether the trigger's values are allowed.
+    /// Whether the values of the trigger are allowed.
     pub fn is_valid(&self) -> bool {
         !matches!(self, Self::Level { signal, .. } if *signal >= SIGNALS)
     }
@@ -47,22 +47,20 @@ impl Trigger {
     }
 }
 
-/// Checks each row once for the trigger.
+/// Checks each row once for the event.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Watch {
     trigger: Trigger,
     next: u64,
-    /// Number of the row at which the trigger was met.
+    /// Number of the row with the event.
     pub met: Option<u64>,
 }
 
 impl Watch {
-    /// Arms the trigger from now on.
     pub fn arm(&mut self, trigger: Trigger, history: &History) {
         *self = Self { trigger, next: history.rows()[1], met: None };
     }
 
-    /// Checks the new rows.
     pub fn look(&mut self, history: &History) {
         let [begin, end] = history.rows();
         if self.next > end {
