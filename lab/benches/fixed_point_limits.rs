@@ -19,7 +19,7 @@ use zwidth::{VelocitySettings, experiment::Verdict};
 const RESOLUTIONS_M: [f64; 6] = [1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3];
 const CUTOFFS_HZ: [f64; 13] =
     [0.36, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 4900.0];
-/// Steps of K (100 to 1e6 N/m) and of B (0.1 to 1000 N s/m), both in equal ratios; then the number of starts.
+/// Steps of K (100 to 1e6 N/m) and of B (0.1 to 1000 N s/m), both in equal ratios. `STARTS` is the number of starts.
 const STEPS: u64 = 12;
 const STARTS: u64 = 2;
 

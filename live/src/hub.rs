@@ -31,10 +31,10 @@ pub use known::{From, Known, Line, Stopped};
 
 /// Time between two turns.
 const LOOK: Duration = Duration::from_millis(1);
-/// Longest wait for a reply; then the wait for the reply to `save`, which erases flash.
+/// Longest wait for a reply. `SAVED` is for the reply to `save`, which erases flash.
 const REPLY: Duration = Duration::from_millis(500);
 const SAVED: Duration = Duration::from_secs(3);
-/// Time after which the board switches off without `alive`, ms; then the time between two `alive` commands.
+/// Time after which the board switches off without `alive`, ms. `WORD` is the time between two `alive` commands.
 const PROMISE_MS: u32 = 200;
 const WORD: Duration = Duration::from_millis(50);
 /// Time between two `status` commands.

@@ -80,7 +80,7 @@ struct Looks {
     view: View,
     paused: bool,
     watch: Watch,
-    /// Number of the last line that the page has received. The next fields: number of stops, and of ticks.
+    /// Number of the last line that the page has received. `stops` and `ticks` are counts.
     line: u64,
     stops: u64,
     ticks: u32,

@@ -19,7 +19,7 @@ use crate::{
     spectrum,
 };
 
-/// Rows for a spectrum; then rows for a phase plane.
+/// Rows for a spectrum. `PHASE_ROWS` are those for a phase plane.
 const SPECTRUM_ROWS: u16 = 8192;
 const PHASE_ROWS: u64 = 2048;
 const BANDS: u32 = 240;

@@ -81,7 +81,7 @@ pub fn predict(
 pub const SPEED: f64 = 0.02;
 /// Acceleration for the measurement of the delay, m/s^2.
 const RISE: f64 = 1.0;
-/// Samples before the measurement; then samples of the measurement.
+/// Samples before the measurement. `LOOKED_AT` are the samples of the measurement.
 const SETTLE: u32 = 5_000;
 const LOOKED_AT: u32 = 5_000;
 

@@ -8,8 +8,8 @@ use super::{Bench, LSB_PER_COUNT, larger, reference::Reference};
 /// overshoot comes after 0.7 periods.
 const BEFORE: f64 = 2.0;
 const AFTER: f64 = 1.2;
-/// Tried speeds: the lowest as a share of Q15's full scale, the highest in counts per sample, then the ratio of
-/// neighbouring speeds.
+/// Lowest tried speed, as a share of Q15's full scale. The highest is in counts per sample. Neighbouring speeds have a
+/// constant ratio.
 const SLOWEST: f64 = 1.0 / 16.0;
 const FASTEST_COUNTS: f64 = 32_767.0;
 const STEP: f64 = 1.25;

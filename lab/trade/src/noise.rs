@@ -7,7 +7,7 @@ use super::{Bench, larger, reference::Reference};
 
 /// Speed of the ramp, counts per sample. Like the speed of a hand, it is no simple fraction.
 pub const RAMP_COUNTS: f64 = 0.123_606_797_749_978_97;
-/// Smallest number of samples; then the smallest number of periods of the cutoff.
+/// Smallest number of samples. `PERIODS` is the smallest number of periods of the cutoff.
 const SAMPLES_MIN: u32 = 100_000;
 const PERIODS: f64 = 8.0;
 

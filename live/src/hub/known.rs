@@ -42,7 +42,7 @@ pub struct Stopped {
 pub struct Known {
     /// The newest record of an output; records from the black box do not count.
     pub record: Option<Record>,
-    /// The last reply to `get`. The next fields: to `status` and to `version`.
+    /// The last reply to `get`. The last replies to `status` and `version` have these names.
     pub settings: String,
     /// Number of the last line before the reply to `get`.
     pub settings_after: u64,

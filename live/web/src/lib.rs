@@ -16,7 +16,7 @@ use std::{cell::RefCell, sync::Once};
 pub use question::answer;
 
 thread_local! {
-    /// Data from the worker. The next field: answers to the worker.
+    /// `IN` is the data from the worker, `OUT` the answers to it.
     static IN: RefCell<Vec<Vec<u8>>> = const { RefCell::new(vec![]) };
     static OUT: RefCell<Vec<Vec<u8>>> = const { RefCell::new(vec![]) };
 }

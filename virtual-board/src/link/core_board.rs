@@ -47,8 +47,7 @@ pub struct CoreBoard {
     samples: u64,
     disabled_at: Option<u64>,
     stop_open: bool,
-    /// Forces on the way to the plant, N, each with the sample in which it begins to act. The next field is the force
-    /// that acts now.
+    /// Forces on the way to the plant, N, each with the sample in which it begins to act. `acting_n` acts now.
     on_the_way: VecDeque<(u64, f64)>,
     acting_n: f64,
     finger: Option<Finger>,

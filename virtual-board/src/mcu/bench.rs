@@ -98,7 +98,7 @@ pub(super) struct PacePort {
     pub(super) clock: Arc<Clock>,
     pub(super) bench: Arc<Bench>,
     pub(super) core_hz: u64,
-    /// The option register OR. The next field is the number of the edge that was read last.
+    /// The option register OR. `read` is the number of the edge that was read last.
     pub(super) option: AtomicU32,
     pub(super) read: AtomicU64,
 }

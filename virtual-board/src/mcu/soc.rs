@@ -47,7 +47,7 @@ pub(super) struct Soc {
     pub(super) pwm: Lazy,
     pub(super) encoder: Arc<EncoderInput>,
     pub(super) flash: Arc<Flash>,
-    /// The flash's registers. The next field is the count of their accesses.
+    /// The flash's registers. `flash_touched` is the number of their accesses.
     pub(super) flash_registers: Lazy,
     pub(super) flash_touched: Arc<AtomicU64>,
     pub(super) rcc: Lazy,

@@ -34,7 +34,7 @@ pub const EVENTS: [(Event, &str); 3] =
 const SLEEP: u64 = 500;
 /// Time limit of the supply detector, s (docs/faults.md).
 const SUPPLY_S: f64 = 60e-6;
-/// Samples within which the fault must be reported; then the samples within which the board must start.
+/// Samples within which the fault must be reported. `STARTED` is for a board that starts.
 const TOLD: u64 = 25;
 const STARTED: u64 = 600;
 /// A supply that is too low, mV.

@@ -127,7 +127,7 @@ pub struct Oracle {
     library: Said,
     counts: VecDeque<u32>,
     entries: VecDeque<Entry>,
-    /// Bytes that the image has not read yet. The next field has the offsets of the image's last entry.
+    /// Bytes that the image has not read yet. `words` has the three offsets of the image's last entry.
     sent: VecDeque<u8>,
     words: [u32; 3],
     /// Whether the image has given the same order as the library.

@@ -21,10 +21,10 @@ const LOW_MV: u32 = 2_800;
 /// State of the rules.
 #[derive(Clone, Debug, Default)]
 pub struct Properties {
-    /// Number of lines without a reply. The next field is the number of samples since the first of them.
+    /// Number of lines without a reply. `waited` is the number of samples since the first of them.
     asked: u64,
     waited: u64,
-    /// Whether `arm` is one of these lines. The next field is the same for `save`.
+    /// Whether `arm` is one of these lines. `saves` is the same for `save`.
     arms: bool,
     saves: bool,
     /// Whether the board has obeyed `arm`, and no `disarm` after it.

@@ -35,7 +35,7 @@ use crate::{
 pub const COARSER: f64 = 4.0;
 /// Number of starts of the walks.
 const REPEATS: u32 = 2;
-/// Number of points of the boundary; then the distances of the compared hits from each point, in steps of K.
+/// Number of points of the boundary. `BESIDE` are the distances of the compared hits from each point, in steps of K.
 const POINTS: usize = 8;
 const BESIDE: [f64; 4] = [-2.0, -1.0, 1.0, 2.0];
 /// Change of the reference's start, counts. It shows the effect of chaos.

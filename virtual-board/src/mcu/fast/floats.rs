@@ -6,8 +6,7 @@ use rsemu::cpu::arm::v7m::ArmV7m;
 #[derive(Debug, Default)]
 pub(super) struct Floats {
     values: [u32; 32],
-    /// Bit n stands for register Sn: set if it was fetched. The bits of the next field: set if it is newer than the
-    /// emulator's.
+    /// Bit n stands for register Sn. It is set if Sn was fetched; in `newer`, if Sn is newer than the emulator's.
     fetched: u32,
     newer: u32,
 }

@@ -37,8 +37,7 @@ use run::{Batch, Core};
 #[derive(Default)]
 pub(super) struct Fast {
     code: Code,
-    /// A copy of flash. The next field is the count of accesses to the flash registers at the last check of the copy,
-    /// if flash was then locked and equal to it.
+    /// A copy of flash. `same_at` is the number of accesses to the flash registers when the copy was last found equal.
     flash: Vec<u8>,
     same_at: Option<u64>,
     floats: Floats,
