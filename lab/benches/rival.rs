@@ -69,7 +69,6 @@ fn line(prepared: &PreparedScene, cutoff_hz: f64) -> String {
     numbers.map(|number| format!("{number:e}")).join(" ")
 }
 
-/// Compiles the C program, and returns its path.
 fn compiled(folder: &Path, options: &[&str]) -> PathBuf {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("rival/rival.c");
     let program = folder.join(format!("rival{}", options.len()));

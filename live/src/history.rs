@@ -5,7 +5,6 @@
 pub const KEPT: usize = 1_200_000;
 /// Rows per bin, for each level of bins.
 const LEVELS: [usize; 4] = [1, 8, 64, 512];
-/// Number of signals in a row.
 pub const SIGNALS: usize = 3;
 
 /// One sample: position, velocity and force as the integers of the control loop.

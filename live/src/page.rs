@@ -103,7 +103,6 @@ pub struct Page {
 }
 
 impl Page {
-    /// Adds a page.
     pub fn enter(shared: &Arc<Shared>) -> Self {
         let id = shared.seats().enter(shared.hub.now());
         let view = View { span_s: 5.0, columns: 800, end: None };
@@ -112,7 +111,6 @@ impl Page {
         Self { shared: Arc::clone(shared), id, looks: Mutex::new(looks) }
     }
 
-    /// Removes the page.
     pub fn leave(&self) {
         let Shared { hub, scale, .. } = &*self.shared;
         let owned = self.shared.seats().leave(self.id);

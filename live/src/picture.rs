@@ -53,7 +53,6 @@ impl Scale {
 
 #[derive(Clone, Copy, Debug)]
 pub struct View {
-    /// Length of the view, s.
     pub span_s: f64,
     /// Largest number of columns of the plot.
     pub columns: u64,

@@ -5,7 +5,6 @@ use zwidth::telemetry::Flags;
 
 use crate::history::{History, Row, SIGNALS};
 
-/// The event of a trigger.
 #[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Trigger {
@@ -13,7 +12,6 @@ pub enum Trigger {
     Off,
     /// The handle enters the wall.
     Contact,
-    /// A fault is latched.
     Fault,
     /// A signal crosses a level.
     Level {

@@ -46,7 +46,6 @@ fn world_of<'a>(firmware: &'a Firmware, elf: &Elf) -> World<'a> {
     world
 }
 
-/// The byte of flash at an address.
 fn byte_of(elf: &mut Elf, address: u32) -> &mut u8 {
     let mut pieces = elf.flash.iter_mut();
     let found = pieces.find_map(|(from, bytes)| {

@@ -8,7 +8,6 @@ use crate::firmware::Firmware;
 
 each_board!(the_cycles_of_sample_by_instruction, ignored: "prints a table, decides nothing");
 
-/// Number of profiled samples.
 const SAMPLES: u64 = 2000;
 
 /// Free motion, force on. The sum of the lines is less than the whole, because the cycles of the return count for the

@@ -48,7 +48,6 @@ each_board!(
     ignored: "thousands of boots; .ci/long runs it"
 );
 
-/// The record of the image as bytes.
 fn bytes_of(firmware: &Firmware) -> Vec<u8> {
     let (_, bytes) =
         firmware.elf.flash.iter().find(|(address, _)| *address == 0x0800_C000).unwrap();

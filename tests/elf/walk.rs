@@ -157,7 +157,6 @@ fn lines_until(world: &mut World<'_>, what: &str, samples: u64) -> Vec<String> {
     std::mem::take(&mut world.replies).lines().map(str::to_owned).collect()
 }
 
-/// The lines of the next `samples` samples.
 fn lines_after(world: &mut World<'_>, samples: u64) -> Vec<String> {
     world.run(samples).unwrap();
     std::mem::take(&mut world.replies).lines().map(str::to_owned).collect()

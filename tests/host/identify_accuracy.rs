@@ -233,7 +233,6 @@ fn intervals_hold_the_truth_in_every_kind_of_record() {
     }
 }
 
-/// The first seconds of a record.
 fn cut(record: &Record, seconds: f64) -> Record {
     let rows = (seconds * RATE_HZ) as usize;
     Record {

@@ -17,7 +17,6 @@ const STEP_S: f64 = 2e-4;
 /// Number of bisections of a step to find a reversal.
 const HALVINGS: usize = 50;
 
-/// A device and its encoder.
 #[derive(Clone, Copy, Debug, Default)]
 struct Exact {
     pub mass: f64,

@@ -86,7 +86,6 @@ fn envelope(latency: f64, cutoff_hz: f64, damping_n_s_per_m: f64) -> f64 {
 
 #[test]
 fn oscillations_start_to_grow_at_the_multirate_envelope() {
-    /// Relative tolerance.
     const TOLERANCE: f64 = 0.005;
     const BRACKET: f64 = 0.03;
     let mut points = vec![];

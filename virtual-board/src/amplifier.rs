@@ -10,7 +10,6 @@ use crate::{
     wiring::{Force, Wiring},
 };
 
-/// The amplifier's inputs and the integral of the command.
 pub struct Amplifier {
     wiring: Wiring,
     state: Mutex<State>,
@@ -34,7 +33,6 @@ pub struct Changes {
     pub disabled_at: Option<u64>,
     /// Cycle of the last change of the command.
     pub command_at: u64,
-    /// Count of changes of the command.
     pub commands: u64,
 }
 

@@ -80,7 +80,6 @@ impl Board {
         BOARDS.map(|board| board.name).join(between)
     }
 
-    /// Core cycles per sample.
     pub const fn cycles_per_sample(&self) -> u64 {
         self.chip.core_hz / 10_000
     }

@@ -40,7 +40,6 @@ impl Memories {
     }
 }
 
-/// Input and output of the console.
 #[derive(Clone)]
 pub struct Channels {
     /// Bytes that the console has not read yet. The caller appends to them.

@@ -10,10 +10,8 @@ use object::{
 };
 use seal::Linked;
 
-/// A parsed ELF file.
 #[derive(Clone, Debug)]
 pub struct Elf {
-    /// Bytes of the whole file.
     pub bytes: Vec<u8>,
     /// Contents of flash: address and bytes of each piece.
     pub flash: Vec<(u32, Vec<u8>)>,

@@ -111,7 +111,6 @@ fn package(folder: &Path, name: &str, arguments: &[&str]) -> Result<PathBuf, Str
     Ok(built(folder))
 }
 
-/// Folder of the files that `cargo` has built.
 fn built(folder: &Path) -> PathBuf {
     folder.join(TARGET).join("firmware")
 }

@@ -26,7 +26,6 @@ pub fn table(elf: &[u8]) -> Result<Table, String> {
 }
 
 impl<'a> Decoder<'a> {
-    /// A decoder at the start of a stream.
     pub fn new(table: &'a Table) -> Self {
         Self { stream: table.new_stream_decoder(), begun: Vec::new() }
     }

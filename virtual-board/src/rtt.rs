@@ -157,7 +157,6 @@ impl Block {
 pub struct Ring {
     /// Address of the channel's descriptor in the control block.
     at: u32,
-    /// Address of the buffer.
     buffer: u32,
     /// Size of the buffer, bytes.
     size: u32,

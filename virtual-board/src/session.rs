@@ -21,10 +21,8 @@ use crate::{
     world::{Ended, World},
 };
 
-/// A board, its program and its device.
 pub struct Session {
     pub board: Board,
-    /// The device's scene, with its name.
     pub scene: NamedScene,
     pub elf: Elf,
     /// Messages of the firmware's log.
@@ -54,7 +52,6 @@ impl From<String> for Failed {
 /// A hit as the firmware reports it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardHit {
-    /// The line with the result.
     pub line: String,
     pub verdict: Verdict,
     /// RMS of the position about its mean, m.
@@ -96,7 +93,6 @@ impl BoardHit {
 /// Result of one push of a quiet hit, as the firmware reports it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BoardPush {
-    /// The line with the push's result.
     #[serde(skip)]
     pub line: String,
     pub push_n: f64,
@@ -160,7 +156,6 @@ pub struct WalkReport {
 
 /// Samples after which a released handle is at rest.
 const REST_SAMPLES: u64 = 15_000;
-/// Samples that `arm` takes.
 const ARM_SAMPLES: u64 = 4_000;
 /// Longest wait for a line of an experiment, samples. It includes cooling down, the return move and the hit.
 const LINE_SAMPLES: u64 = 3_000_000;

@@ -1,6 +1,5 @@
 use crate::mcu::Pin;
 
-/// The pin of each signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wiring {
     /// Channels A and B of the encoder.
@@ -14,7 +13,6 @@ pub struct Wiring {
     pub stop: Pin,
 }
 
-/// Kind of the force output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Force {
     /// Channel 1 of the DAC.

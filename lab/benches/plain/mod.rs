@@ -4,7 +4,6 @@
 use host_sim::simulation::twin::LowPass;
 use zwidth::velocity::ButterworthDesign;
 
-/// Samples of a hit.
 pub const SAMPLES: usize = 60_000;
 
 /// Equations and state of an estimator. The input is the counts since the last sample. The output is a velocity in

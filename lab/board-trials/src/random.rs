@@ -15,7 +15,6 @@ impl Random {
         bits ^ (bits >> 31)
     }
 
-    /// A number below `end`.
     pub fn below(&mut self, end: u64) -> u64 {
         self.bits() % end
     }

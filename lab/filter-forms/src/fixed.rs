@@ -14,7 +14,6 @@ use crate::{
     word::{Wide as _, Word},
 };
 
-/// Coefficients of a direct form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coefficients<W> {
     /// Numerator: b0, b1 and b2.

@@ -67,7 +67,6 @@ impl core::fmt::Display for Refused {
 
 impl core::error::Error for Refused {}
 
-/// A filter with its state.
 #[derive(Clone, Copy, Debug)]
 pub struct Filter {
     kind: Kind,
@@ -141,7 +140,6 @@ impl<A: Step, B: Step, C: Step, D: Step> Forms<A, B, C, D> {
     }
 }
 
-/// The core's own filter.
 #[derive(Clone, Copy, Debug)]
 pub struct Core {
     filter: Biquad,
@@ -157,7 +155,6 @@ impl Step for Core {
     }
 }
 
-/// A form with its state.
 pub trait Step: Copy {
     /// Number type of input and output.
     type Signal: Signal;

@@ -19,7 +19,6 @@ pub struct Prototype {
 }
 
 impl Prototype {
-    /// The prototype for a cutoff and a sample rate, Hz.
     pub fn new(cutoff_hz: f64, rate_hz: f64) -> Self {
         Self { w: 2.0 * PI * cutoff_hz / rate_hz }
     }

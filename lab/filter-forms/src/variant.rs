@@ -23,11 +23,9 @@ pub enum Format {
     Cmsis32x64,
 }
 
-/// Form of the filter's equations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Form {
     Direct1,
-    /// Transposed direct form 2.
     Direct2Transposed,
     /// State-variable form, trapezoidal integrators.
     StateVariable,

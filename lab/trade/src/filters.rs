@@ -18,11 +18,9 @@ use super::{
 };
 use crate::{error::Error, scene::Scene};
 
-/// A filter at a cutoff.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FilterRow {
     pub variant: Variant,
-    /// Index of the cutoff.
     pub cutoff: usize,
     /// Measured values, or the reason why the format cannot have the cutoff.
     pub measured: Result<Measured, Refused>,
@@ -36,7 +34,6 @@ impl FilterRow {
     }
 }
 
-/// The filter part of a trade.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Filters {
     /// Reference values, one entry per cutoff.

@@ -20,7 +20,6 @@ pub enum From {
 
 #[derive(Clone, Debug, Serialize)]
 pub struct Line {
-    /// Ascending number.
     pub number: u64,
     pub from: From,
     pub text: String,
@@ -57,7 +56,6 @@ pub struct Known {
     /// Numbers of received frames, of missing frames, and of bytes outside frames.
     pub counts: [u64; 3],
     pub stopped: VecDeque<Stopped>,
-    /// Number of stops so far.
     pub stops: u64,
 }
 

@@ -80,7 +80,6 @@ fn session(board: Board, scene: NamedScene, elf: Vec<u8>) -> Result<Session, Err
     Session::of(board, Elf::parse(elf, "the image")?, "the image", scene, record)
 }
 
-/// Switches the board on.
 pub fn start(question: &Question, elf: Vec<u8>) -> Answered {
     let (board, scene) = (question.board()?, question.scene()?);
     let (runs, elf) = match question.core {

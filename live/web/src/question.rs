@@ -22,7 +22,6 @@ pub struct Question {
     board: Option<String>,
     /// Whether the board is the core without a chip.
     pub core: bool,
-    /// Message of the page.
     pub message: String,
     pub ms: u32,
     /// Simulated seconds per second of real time.

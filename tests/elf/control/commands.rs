@@ -65,7 +65,6 @@ fn garbage(random: &mut Random) -> String {
     format!("#{}", (0..length).map(|_| random.of(&PIECES)).collect::<String>())
 }
 
-/// Whether a line is a report of an experiment.
 fn is_report(line: &str) -> bool {
     const STARTS: [&str; 6] =
         ["ok ", "error: ", "walk ", "hit push ", "calibrate holds ", "selftest "];

@@ -5,7 +5,6 @@ use host_sim::study::loops::boards;
 use super::*;
 use crate::figure::figure;
 
-/// Stiffness of the wall, N/m.
 const STIFFNESS_N_PER_M: f64 = 20_000.0;
 const CUTOFFS_HZ: [f64; 9] = [70.0, 100.0, 150.0, 200.0, 300.0, 500.0, 700.0, 1000.0, 2000.0];
 /// Number of resolutions per octave. `COARSEST_M` is the coarsest one, m.

@@ -70,7 +70,6 @@ impl Dice {
         choices[self.below(choices.len() as u32) as usize]
     }
 
-    /// A normally distributed number.
     pub fn normal(&mut self) -> f64 {
         let (u, v) = (self.part(), self.part());
         (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
@@ -187,7 +186,6 @@ impl Dice {
     }
 }
 
-/// Every sample of a hit.
 pub fn trace(scene: &Scene, hit: &WallHit, numeric: Numeric) -> Vec<Sample> {
     let prepared = PreparedScene::new(scene).unwrap_or_else(|error| panic!("{error}: {scene:?}"));
     let mut samples = vec![];

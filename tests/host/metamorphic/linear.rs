@@ -26,7 +26,6 @@ fn identity(n: usize) -> Matrix {
     one
 }
 
-/// Adds a multiple of a row.
 fn add(sum: &mut [Double], times: Double, row: &[Double]) {
     if times != number(0.0) {
         sum.iter_mut().zip(row).for_each(|(sum, x)| *sum = *sum + times * *x);

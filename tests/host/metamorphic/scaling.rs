@@ -122,7 +122,6 @@ fn numeric(dice: &mut Dice) -> Numeric {
     dice.one_of(&[Numeric::Fixed, Numeric::F64, Numeric::F64Rounded])
 }
 
-/// Any scene with any elements.
 fn any(dice: &mut Dice) -> Scene {
     let mut scene = dice.scene();
     dice.linear_elements(&mut scene);

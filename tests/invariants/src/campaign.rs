@@ -14,7 +14,6 @@ use crate::Property;
 #[derive(Clone, Debug)]
 pub struct Campaign {
     pub extent: Extent,
-    /// Seed of all cases.
     pub seed: u64,
     pub properties: Vec<&'static Property>,
 }

@@ -84,7 +84,6 @@ struct Bench {
     rig: Rig,
     velocity: VelocitySettings,
     wall: WallSettings,
-    /// Whether all walls only push.
     push_only: bool,
     /// Number of accepted changes of the settings.
     changes: u32,

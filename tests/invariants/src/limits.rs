@@ -15,7 +15,6 @@ use crate::{any, rig::NO_WALL};
 /// Number of digits of a printed limit.
 const DIGITS: i32 = 9;
 
-/// The error for a number, if the number is refused.
 type Refusal<'a> = dyn Fn(f64) -> Option<SettingsError> + 'a;
 
 type With<T> = fn(T, f64) -> T;

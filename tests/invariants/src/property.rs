@@ -8,7 +8,6 @@ pub struct Property {
     pub name: &'static str,
     /// The statement that must hold.
     pub states: &'static str,
-    /// Number of cases in a batch.
     pub cases: u32,
     /// Tries the property. The error is the smallest failing case.
     pub(crate) run: fn(&mut TestRunner) -> Result<(), String>,

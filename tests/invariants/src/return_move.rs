@@ -11,7 +11,6 @@ use zwidth::{
 
 use crate::any::{self, Random};
 
-/// An accepted return move.
 #[derive(Clone, Copy)]
 struct Move {
     design: Design,
@@ -44,7 +43,6 @@ impl Move {
         (samples / self.design.period).max(1)
     }
 
-    /// Largest number of outputs of the move.
     fn outputs_max(&self) -> u32 {
         (self.settings.timeout_s / self.output_s()).ceil() as u32
     }

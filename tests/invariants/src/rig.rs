@@ -110,7 +110,6 @@ impl Rig {
         (step, rendered)
     }
 
-    /// Runs up to the next output.
     pub fn output(&mut self) -> Rendered {
         loop {
             if let (_, Some(rendered)) = self.sample() {

@@ -27,7 +27,6 @@ const SIMULATOR: &[&[&str]] = &[
     &["numerics", "input", "interrupt", "range", "notation", "table", "error"],
 ];
 
-/// The layers of core and firmware.
 const CORE: &[&[&str]] = &[
     &["task"],
     &["board", "sync"],

@@ -166,7 +166,6 @@ struct Pace {
 }
 
 impl Pace {
-    /// Length of a slice.
     const SLICE: Duration = Duration::from_millis(1);
 
     fn new() -> Self {

@@ -25,11 +25,8 @@ pub use wires::{Seen, WiredLink, Wires};
 
 /// Up channels of the firmware: log, telemetry, replies.
 pub const UP_CHANNELS: usize = 3;
-/// Up channel of the defmt log.
 pub const LOG: usize = 0;
-/// Up channel of the telemetry.
 pub const TELEMETRY: usize = 1;
-/// Up channel of the replies.
 pub const REPLIES: usize = 2;
 pub const COMMANDS: usize = 0;
 

@@ -35,7 +35,6 @@ pub struct Ports {
 pub struct Server {
     /// Port of channel 0. The other channels have the ports after it.
     pub port: u16,
-    /// Port of gdb, if there is one.
     pub gdb: Option<u16>,
     pub board: Arc<LiveBoard>,
     over: Arc<AtomicBool>,

@@ -31,7 +31,6 @@ pub struct Seen {
     pub position_m: f64,
     /// Force of the finger on the handle, N.
     pub finger_n: f64,
-    /// Whether the amplifier is enabled.
     pub enabled: bool,
     /// Time of the last drop of enable, s of the board's time.
     pub disabled_s: Option<f64>,
@@ -39,7 +38,6 @@ pub struct Seen {
     pub speed: f64,
 }
 
-/// The wires of a virtual board.
 #[derive(Default)]
 pub struct Wires {
     up: [Mutex<VecDeque<u8>>; UP_CHANNELS],
@@ -67,7 +65,6 @@ impl Wires {
         }
     }
 
-    /// A new link for a host.
     pub fn link(self: &Arc<Self>) -> WiredLink {
         WiredLink(Arc::clone(self))
     }
@@ -85,7 +82,6 @@ impl Wires {
         *lock(&self.seen)
     }
 
-    /// Marks the board as lost.
     pub fn lose(&self, why: String) {
         *lock(&self.lost) = Some(why);
     }

@@ -17,7 +17,6 @@ use super::{
     gate::Block,
 };
 
-/// Both converters and the values that they share.
 #[derive(Debug)]
 pub(super) struct Converters {
     pub(super) registers: Arc<Storage>,

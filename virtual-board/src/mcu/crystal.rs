@@ -40,7 +40,6 @@ const SLEEP_DEEP: u32 = 1 << 2;
 
 #[derive(Debug, Default)]
 pub(super) struct Crystal {
-    /// Whether the crystal has failed.
     pub(super) dead: AtomicBool,
     /// Whether the clock security system has switched HSE and PLL off.
     pub(super) switched: AtomicBool,

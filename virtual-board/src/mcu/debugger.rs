@@ -46,7 +46,6 @@ pub struct Stops {
 pub enum Met {
     /// The next instruction has a breakpoint.
     Breakpoint(u32),
-    /// The step has ended.
     Step,
 }
 
@@ -58,7 +57,6 @@ pub struct Registers {
     pub xpsr: u32,
     /// MSP, PSP, PRIMASK, BASEPRI, FAULTMASK, CONTROL.
     pub system: [u32; 6],
-    /// Registers S0 to S31.
     pub float: [u32; 32],
     pub fpscr: u32,
 }
@@ -113,7 +111,6 @@ impl Mcu {
         self.service(); // the watchdog may reset the core before it runs on
     }
 
-    /// Ends a halt: the core runs again.
     pub fn end_halt(&mut self, halt: &Halt, moe: AfterHalt) {
         // If DMA2 stored during the halt, this store has switched the outputs off. They stay off until the program
         // acts.
@@ -158,7 +155,6 @@ impl Mcu {
         Ok(None)
     }
 
-    /// The core's registers, as a debugger reads them.
     pub fn core_registers(&self) -> Registers {
         let cpu = &self.soc.cpu;
         let from = cpu.regs();

@@ -62,7 +62,6 @@ struct Edges {
     last: i32,
     /// Channels whose level does not change.
     dead: [bool; 2],
-    /// Levels of A and B.
     levels: [bool; 2],
 }
 

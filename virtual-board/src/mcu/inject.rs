@@ -148,7 +148,6 @@ impl Mcu {
         self.look_anew();
     }
 
-    /// Sets the program counter to `address`.
     pub fn jump(&mut self, address: u32) {
         let cpu = &self.soc.cpu;
         cpu.set_xpsr(cpu.xpsr() & !IT_BITS);

@@ -89,13 +89,10 @@ impl Pin {
     }
 }
 
-/// A callback for changes of a pin.
 pub trait PinListener: Send + Sync {
-    /// `pin` has the level `high` from `cycle` on.
     fn level(&self, cycle: u64, pin: Pin, high: bool);
 }
 
-/// A callback for changes of the DAC.
 pub trait DacListener: Send + Sync {
     /// The DAC gives `code` from `cycle` on; `None`: the DAC is off.
     fn code(&self, cycle: u64, code: Option<u32>);
@@ -106,9 +103,7 @@ pub trait DacListener: Send + Sync {
 pub struct Listeners {
     /// TIM1's channels, `"ch1"` to `"ch4"`, and the output pin of each.
     pub channels: Vec<(&'static str, Pin)>,
-    /// Pins and their listeners.
     pub pins: Vec<(Pin, Arc<dyn PinListener>)>,
-    /// Listener of the DAC.
     pub dac: Option<Arc<dyn DacListener>>,
     /// Whether the encoder's A and B are also connected to TIM3's channels 1 and 2.
     pub captured: bool,
@@ -129,7 +124,6 @@ pub enum Stopped {
 /// Pins that are driven from outside: the level, and the level of the alternate function if it is driven too.
 type Outside = BTreeMap<Pin, (bool, Option<bool>)>;
 
-/// A microcontroller that runs a program.
 pub struct Mcu {
     chip: Chip,
     listeners: Listeners,
@@ -454,7 +448,6 @@ impl Mcu {
         self.instructions
     }
 
-    /// Whether the core sleeps until an interrupt.
     pub fn is_asleep(&self) -> bool {
         self.soc.cpu.is_asleep()
     }
@@ -505,7 +498,6 @@ impl Mcu {
         let _ = self.memories.ram.write_at(u64::from(address.wrapping_sub(RAM)), from);
     }
 
-    /// A copy of the flash.
     pub fn flash(&self) -> Vec<u8> {
         self.soc.flash.contents()
     }

@@ -122,7 +122,6 @@ impl WireSink for ToPort {
     }
 }
 
-/// Connects a pin to a listener.
 struct ToListener(Arc<dyn PinListener>, Arc<Clock>, Pin);
 
 impl WireSink for ToListener {
@@ -496,7 +495,6 @@ impl Soc {
         }
     }
 
-    /// RCC, PWR and EXTI.
     pub(super) fn rcc_and_power(&self) -> impl Iterator<Item = &dyn Device> {
         self.others[..2].iter().chain([&self.exti]).map(|lazy| &*lazy.device)
     }

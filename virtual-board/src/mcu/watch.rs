@@ -20,13 +20,11 @@ const SAMPLE_PRIORITY: u8 = 0x10;
 /// Cycles of one exception, from entry to return, except for the cycles of tasks that preempt it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cycles {
-    /// Count of runs.
     pub runs: u64,
     /// Cycles of the shortest run.
     pub least: u64,
     /// Cycles of the longest run.
     pub most: u64,
-    /// Cycles of all runs together.
     pub total: u64,
 }
 
@@ -44,7 +42,6 @@ impl Cycles {
         self.total += cycles;
     }
 
-    /// Mean cycles of a run.
     #[expect(clippy::cast_precision_loss, reason = "for people to read")]
     pub fn mean(&self) -> f64 {
         self.total as f64 / self.runs.max(1) as f64
@@ -104,14 +101,12 @@ pub struct Entry {
     pub words: [u32; 3],
 }
 
-/// One step of the core.
 pub(super) struct Step {
     pub(super) cycles: u64,
     pub(super) exception: u16,
     pub(super) primask: bool,
     pub(super) basepri: u8,
     pub(super) stack: u32,
-    /// Address of the instruction.
     pub(super) pc: u32,
 }
 
@@ -176,7 +171,6 @@ impl Watch {
         self.fed_at = None;
     }
 
-    /// Notes that the watchdog is fed.
     pub(super) fn feed(&mut self, cycle: u64) {
         let since = self.fed_at.replace(cycle).map_or(0, |last| cycle - last);
         self.longest_unfed = self.longest_unfed.max(since);

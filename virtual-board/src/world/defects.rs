@@ -7,7 +7,6 @@ use super::World;
 /// Defects of encoder, amplifier and converters.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Defects {
-    /// Defect of the encoder's count.
     pub count: Option<CountDefect>,
     /// The fraction of full scale that the amplifier gives while it is enabled, whatever the command is.
     pub stuck: Option<f64>,
@@ -20,7 +19,6 @@ pub struct Defects {
 /// A wrong count: `at + offset + ratio (count - at) + per_sample (samples - since)` in place of `count`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CountDefect {
-    /// The count at which the defect began.
     pub at: i32,
     /// The sample at which the defect began.
     pub since: u64,
@@ -39,7 +37,6 @@ pub struct Swing {
     pub centre_m: f64,
     /// Largest distance from the middle, m.
     pub amplitude_m: f64,
-    /// Frequency of the swing, Hz.
     pub rate_hz: f64,
     /// Step of the plant at which the swing begins.
     pub since: u64,
@@ -100,7 +97,6 @@ impl World<'_> {
         self.swing = Some(Swing { centre_m, amplitude_m, rate_hz, since });
     }
 
-    /// Sets a defect of the encoder's count from now on.
     pub fn count_wrongly(&mut self, offset: i32, ratio: f64, per_sample: f64) {
         let at = self.encoder.count(self.shown_m());
         let defect = CountDefect { at, since: self.samples, offset, ratio, per_sample };

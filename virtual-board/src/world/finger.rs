@@ -1,11 +1,9 @@
 /// A finger at the handle: a spring and a damper from the handle to a target. The force acts where the motor's acts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Finger {
-    /// Target position of the finger, m.
     pub target_m: f64,
     pub stiffness_n_per_m: f64,
     pub damping_n_s_per_m: f64,
-    /// Largest force of the finger, N.
     pub limit_n: f64,
 }
 

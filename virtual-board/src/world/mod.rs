@@ -55,7 +55,6 @@ pub struct World<'a> {
     samples: u64,
     stepped: u64,
     full_scale_n: f64,
-    /// Settings of the amplifier's current signal.
     current: CurrentSettings,
     /// The current signal after its filter, fraction of full scale.
     filtered: f64,
@@ -304,7 +303,6 @@ impl<'a> World<'a> {
         Ok(())
     }
 
-    /// Opens or closes the emergency stop.
     pub fn emergency_stop(&mut self, open: bool) {
         self.powered.mcu.set_break(open);
     }
@@ -322,7 +320,6 @@ impl<'a> World<'a> {
         self.log.begun.clear();
     }
 
-    /// Position of the handle, m.
     pub fn position_m(&self) -> f64 {
         self.plant.position_m(&self.state)
     }

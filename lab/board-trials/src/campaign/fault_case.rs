@@ -28,14 +28,12 @@ impl Before {
 pub type Begin = fn(&Elf, &mut World<'_>) -> Result<u64, Failed>;
 /// Causes the fault at once, between two outputs.
 pub type Cause = fn(&Elf, &mut World<'_>) -> Result<(), Failed>;
-/// Ends the cause of the fault.
 pub type End = fn(&mut World<'_>) -> Result<(), Failed>;
 
 /// A named fault with its expected results.
 pub struct FaultCase {
     /// Name in reports, unique among the cases.
     pub name: &'static str,
-    /// Expected fault code.
     pub code: u32,
     /// All codes that `faults` must list; empty if only `code`.
     pub all: &'static [u32],
@@ -53,7 +51,6 @@ pub struct FaultCase {
     pub stays: bool,
     /// Whether the fault ends in a reset, which clears RAM.
     pub resets: bool,
-    /// Whether the case is in the short campaign.
     pub short: bool,
 }
 

@@ -18,7 +18,6 @@ pub const PASS_S: f64 = 0.2;
 /// Samples for which a flip is watched. The firmware needs fewer to find that passes of the check do not end.
 pub const WATCHED: u64 = LONGEST as u64 + 1_000;
 
-/// Part of the image in flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Part {
@@ -26,7 +25,6 @@ pub enum Part {
     Vectors,
     /// Instructions, and data between instructions.
     Code,
-    /// Constants.
     Constants,
     /// Initial values that are copied to RAM at boot.
     Variables,
@@ -49,7 +47,6 @@ impl Part {
     }
 }
 
-/// Result of a flip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum End {
@@ -95,7 +92,6 @@ impl End {
     }
 }
 
-/// One flip.
 pub struct ImageFlip {
     pub part: Part,
     /// Place and time of the flip, for printed results.

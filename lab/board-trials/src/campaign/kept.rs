@@ -69,7 +69,6 @@ fn record(world: &World<'_>, sequence: u32, stiffness_n_per_m: f64) -> [u32; REC
 struct Booted {
     /// Reply that names the source of the settings.
     loaded: String,
-    /// The stiffness that the board uses.
     stiffness: String,
     status: String,
 }

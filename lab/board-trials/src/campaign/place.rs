@@ -22,9 +22,7 @@ pub enum Region {
     Other,
     /// The stack, from the stack pointer to its end.
     Stack,
-    /// Registers of the core.
     Core,
-    /// Registers of the peripherals.
     Peripheral,
 }
 
@@ -71,7 +69,6 @@ impl Region {
 }
 
 pub struct Places {
-    /// Words of RAM, by region.
     words: [Vec<u32>; REGIONS.len()],
     /// Bits of the peripherals' registers that can change.
     pub bits: Vec<(u32, u8)>,

@@ -18,7 +18,6 @@ const TIM8: u32 = 0x4001_0400;
 const DMA2_STREAM1: u32 = 0x4002_6428;
 const NVIC_PRIORITIES: u32 = 0xE000_E400;
 
-/// Change of a register.
 #[derive(Clone, Copy, Debug)]
 pub enum Change {
     /// These bits are flipped.
@@ -38,7 +37,6 @@ pub struct RegisterRow {
     pub says: bool,
 }
 
-/// All register faults of a board.
 pub fn register_rows(board: Board) -> Vec<RegisterRow> {
     let cycles = u32::try_from(board.cycles_per_sample()).unwrap_or_default();
     let mut rows = vec![

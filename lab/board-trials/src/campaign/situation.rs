@@ -49,7 +49,6 @@ const SWING_HZ: f64 = 20.0;
 const PUSH_N: f64 = 2.835;
 /// Samples for which a fault is watched at the full force.
 pub const FULL_SAMPLES: u64 = 250;
-/// Samples that `arm` takes.
 const ARM_SAMPLES: u64 = 4_000;
 
 /// Switches on a board whose simulation continues after a lock-up of the core.

@@ -4,7 +4,6 @@ use std::{fmt, str::FromStr};
 
 use serde::{Serialize, Serializer};
 
-/// An action on a board.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
     /// Type these lines at once, and wait for the replies.

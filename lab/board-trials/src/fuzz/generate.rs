@@ -76,7 +76,6 @@ impl<'a> Situation<'a> {
     }
 }
 
-/// The next actions of a session.
 pub fn next(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     if random.once_in(30) {
         return say("stream on");

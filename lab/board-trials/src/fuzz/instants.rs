@@ -15,7 +15,6 @@ use zwidth::telemetry::Decoder;
 use super::rule;
 use crate::threads::on_threads;
 
-/// An event at the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
     /// The emergency stop opens.
@@ -26,7 +25,6 @@ pub enum Event {
     Reset,
 }
 
-/// All events with their names.
 pub const EVENTS: [(Event, &str); 3] =
     [(Event::Stop, "stop"), (Event::Supply, "supply"), (Event::Reset, "reset")];
 

@@ -34,7 +34,6 @@ pub struct Observed {
     /// Starts of tasks. Each has three offsets: read offset of commands, read offset of reports, write offset of
     /// orders.
     pub entries: Vec<Entry>,
-    /// Bytes of replies.
     pub replies: Vec<u8>,
     pub telemetry: Vec<u8>,
     /// Whether flash may be busy with a save.
@@ -189,7 +188,6 @@ impl Oracle {
         *self = Self { memories, cause, stop_open, supply_low, ..Self::new(device) };
     }
 
-    /// Opens or closes the emergency stop.
     pub fn emergency_stop(&mut self, open: bool) {
         self.stop_open = open;
         self.program.iter_mut().for_each(|program| program.emergency_stop(open));

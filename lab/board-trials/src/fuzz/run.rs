@@ -54,7 +54,6 @@ pub struct Checks {
     samples: u64,
 }
 
-/// A board and its checks.
 pub struct Run<'a> {
     world: World<'a>,
     pub checks: Checks,

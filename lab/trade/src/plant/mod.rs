@@ -45,7 +45,6 @@ const STEPS: [u32; 6] = [1, 2, 5, 10, 20, 50];
 /// Pairs of a relative tolerance and an absolute tolerance of positions, m.
 const TOLERANCES: [[f64; 2]; 4] = [[1e-3, 1e-9], [1e-6, 1e-12], [1e-9, 1e-15], [1e-12, 1e-18]];
 
-/// A method to advance the plant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Method {
     /// Exact, by the matrix exponential.
@@ -148,7 +147,6 @@ pub struct PlantRow {
     pub measured: Result<PlantMeasured, String>,
 }
 
-/// The plant part of a trade.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plants {
     /// One row per method, the reference first.

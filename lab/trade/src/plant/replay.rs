@@ -11,7 +11,6 @@ use crate::{
 #[derive(Clone, Debug)]
 pub struct Recorded {
     start_m: f64,
-    /// Position at each sample, m.
     positions_m: Vec<f64>,
     /// Command that takes effect within each sample, N. `None` if there is none.
     commands_n: Vec<Option<f64>>,

@@ -39,7 +39,6 @@ const EFAULT: u8 = 14;
 const EROFS: u8 = 30;
 const MONITOR: &str = "monitor halt, monitor reset, monitor watchdog stop|run";
 
-/// A board that gdb halts and runs.
 pub(super) struct Debugged<'a, 'b> {
     pub(super) world: &'a mut World<'b>,
     /// The halt, its start in real time, and how many cycles of it have been simulated.
@@ -60,7 +59,6 @@ impl<'a, 'b> Debugged<'a, 'b> {
         target
     }
 
-    /// Halts the core.
     pub(super) fn stop(&mut self) {
         if self.halt.is_none() {
             if self.watchdog_stops {
@@ -80,7 +78,6 @@ impl<'a, 'b> Debugged<'a, 'b> {
         self.world.stay_halted(new);
     }
 
-    /// The core runs again.
     pub(super) fn go_on(&mut self) {
         self.stay();
         if let Some((halted, ..)) = self.halt.take() {

@@ -85,7 +85,6 @@ impl Code {
     }
 }
 
-/// Whether this module runs the instruction.
 fn runs(instruction: &Insn) -> bool {
     match *instruction {
         Insn::DataProc { .. }

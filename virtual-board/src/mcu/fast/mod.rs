@@ -33,7 +33,6 @@ use floats::Floats;
 use memory::{Guard, Memory};
 use run::{Batch, Core};
 
-/// State of this module.
 #[derive(Default)]
 pub(super) struct Fast {
     code: Code,
