@@ -1,6 +1,7 @@
-//! Limits of fixed point: how many verdicts of the core differ from its exact `f64` twin's, over encoder resolution and
-//! cutoff. A second number is for a twin whose velocity alone is rounded to the core's LSB. Walls at the boundary are
-//! chaotic. So no arithmetic with this velocity format can have fewer differences than the second number.
+//! Limits of fixed point, over encoder resolution and cutoff. The first result is the number of verdicts in which the
+//! core differs from its exact `f64` twin. The second is the same number for a twin that rounds only the velocity, to
+//! the core's LSB. Walls at the boundary are chaotic. So no arithmetic with this velocity format can have a smaller
+//! number than the second one.
 //!
 //! `cargo run --release -p host-sim-bench --bin fixed_point_limits` writes
 //! `docs/figures/fixed-point-limits.{csv,png}`.

@@ -135,7 +135,7 @@ impl History {
             .then(|| Row { values: bin.ends.map(|[value, _]| value), flags: bin.flags })
     }
 
-    /// Smallest power of two that is enough rows per bin to put `rows` rows into at most `columns` bins.
+    /// Smallest number of rows per bin, a power of two, with which `rows` rows fit into `columns` bins.
     pub fn stride(rows: u64, columns: u64) -> u64 {
         rows.div_ceil(columns.max(1)).max(1).next_power_of_two()
     }

@@ -56,7 +56,7 @@ struct Cli {
     #[arg(long)]
     elf: Option<PathBuf>,
     /// The board's device record, a file from `cargo sim prepare` [default: made from the scene, with its envelope; for
-    /// the board's own scene: the image's record]. A real board must have this record.
+    /// the board's own scene: the image's record]. If a real board has another record, the page shows an error.
     #[arg(long, value_name = "FILE")]
     device: Option<PathBuf>,
     /// Port on 127.0.0.1; 0: any.

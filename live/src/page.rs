@@ -135,7 +135,8 @@ impl Page {
         self.shared.seats().is_gone(self.id, self.shared.hub.now())
     }
 
-    /// Reads a message and carries it out. Returns a question for a prediction to the caller.
+    /// Reads a message and carries it out. If the message asks for a prediction, returns the question for the caller to
+    /// answer.
     ///
     /// # Errors
     /// The message is not valid, not allowed for this page, or not possible now; text for the page.

@@ -151,7 +151,7 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
         "zwidth_guarded_sample",
         "zwidth_supervised_render",
     ];
-    // Includes called functions of this project, except for functions named for rare cases.
+    // Includes called functions of this project, except for functions whose name marks a rare case.
     let total = |name: &str| -> usize {
         let called = reachable(&graph, name);
         let often = called.iter().filter(|function| {
@@ -168,7 +168,7 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
     // The code has no loop, so its length limits the number of instructions that run. DESIGN allows 150 cycles per
     // sample for the core's part.
     assert!((80..=150).contains(&total("zwidth_sample")));
-    // The guard, its record and its rare work are inlined and add to it. tests/elf/control counts the cycles of a
-    // sample.
+    // The guard, its record and its rare work are inlined and add to the core's part. tests/elf/control counts the
+    // cycles of a sample.
     assert!((130..=300).contains(&total("zwidth_guarded_sample")));
 }

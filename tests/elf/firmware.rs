@@ -148,8 +148,8 @@ impl<'a> Replay<'a> {
         Self { sampler, controls, control: controls[0], number: 0, zeroed: false }
     }
 
-    /// Runs sample `n`. `next` is the first record at or after this sample. A setting from an output is used from the
-    /// next sample on, and the next record shows it. A zero is used in this sample already.
+    /// Runs sample `n`. `next` is the first record at or after this sample. A setting from an output acts from the next
+    /// sample on, and the next record shows it. A zero already acts in this sample.
     pub fn sample(
         &mut self,
         n: u64,

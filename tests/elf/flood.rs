@@ -218,8 +218,8 @@ fn a_flood_changes_nothing_and_the_watchdog_is_fed(board: Board) {
     });
 }
 
-/// Lines that are accepted only with the force off: designs of estimators, flash, the self-test. Also an order in each
-/// line.
+/// Texts of lines that are accepted only with the force off: flash, designs of estimators, the self-test. The last text
+/// has an order in each line.
 const OFF: [&str; 5] = [
     "load\n",
     "save\n",

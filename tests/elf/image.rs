@@ -206,7 +206,8 @@ fn add(world: &mut World<'_>, address: u32, much: u32) {
     world.powered.mcu.write(address, &more.to_le_bytes());
 }
 
-/// Address of the counter of passes. It is the word with a symbol of a counter that grows by [`RIGHT`] in each pass.
+/// Address of the counter of passes. Of the words with a counter's symbol, it is the word that grows by [`RIGHT`] in
+/// each pass.
 fn counter(firmware: &Firmware, world: &mut World<'_>) -> u32 {
     let symbols = firmware.elf.symbols.iter().filter(|(name, ..)| name.contains("task5FLAGS"));
     let words: Vec<u32> = symbols.flat_map(|(_, at, size)| (*at..at + size).step_by(4)).collect();

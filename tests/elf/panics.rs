@@ -1,4 +1,4 @@
-//! After the tasks have started, no panic can be reached. Checked by the call graph of the release ELF, from every
+//! After the tasks have started, no panic can be reached. The test follows the call graph of the release ELF from every
 //! entry of the vector table and from `idle`.
 //!
 //! Direct calls and jumps are read from the machine code. Formatting calls through registers, from tables of functions.

@@ -1,5 +1,5 @@
 //! The output period, set on the console of one image. At each period, every frame of a hit equals the core's own
-//! tasks. Also checked are the time of the tasks, and which estimators have enough time.
+//! tasks. The tests also check the time of the tasks, and which estimators have enough time.
 
 use virtual_board::{
     board::{BOARDS, Board, Force},

@@ -44,7 +44,7 @@ fn margin(scene: &Scene, stiffness_n_per_m: f64, report: &HitReport) -> f64 {
     of_limits.into_iter().fold(f64::INFINITY, f64::min)
 }
 
-/// Hits on random walls. Returns how many were held, not held, and left out.
+/// Hits on random walls. Returns the numbers of hits that were held, not held, and left out.
 fn hits(board: Board, seconds: [f64; 2], walls: u64, seed: u64) -> [usize; 3] {
     let session = session(board, seconds);
     let scene = &session.scene.scene;

@@ -36,7 +36,8 @@ fn tunings(name: EstimatorName) -> Vec<VelocitySettings> {
     values.iter().map(|&value| name.defaults().with_tuning(value)).collect()
 }
 
-/// Largest documented error at constant speed, counts per sample. `whole`: only for whole counts per sample.
+/// Largest documented error at constant speed, counts per sample. `whole`: for whole counts per sample; otherwise for
+/// any speed.
 fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
     match *settings {
         _ if whole => 0.0,

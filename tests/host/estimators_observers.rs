@@ -126,8 +126,8 @@ fn response(settings: &VelocitySettings, w: f64) -> [f64; 2] {
     out
 }
 
-/// Measures a chirp at each frequency by correlation. The delay equals that of the loop's own response, and the
-/// documented delay if there is one.
+/// Measures a chirp at each frequency by correlation. The delay equals the delay of the loop's own response. If a delay
+/// is documented, both equal it.
 #[test]
 fn the_delay_is_the_stated_one() {
     const AMPLITUDE: f64 = 20_000.0;
@@ -159,8 +159,8 @@ fn the_delay_is_the_stated_one() {
             let expected = [re.hypot(im) / w, -(im.atan2(re) - PI / 2.0) / w];
             assert!((magnitude / expected[0] - 1.0).abs() < 2e-4, "{settings:?} {hz}: {magnitude}");
             assert!((delay - expected[1]).abs() < 2e-3, "{settings:?} {hz}: {delay} {expected:?}");
-            // The documented delay is for DC. At other frequencies, with x = frequency over bandwidth, the phase
-            // contains 2 atan x = 2 x - 2/3 x^3 .., 3 atan x - atan 3 x = 8 x^3 ..
+            // The documented delay is for DC. At other frequencies the phase differs by terms in x^3, with x =
+            // frequency over bandwidth: 2 atan x = 2 x - 2/3 x^3 .., and 3 atan x - atan 3 x = 8 x^3 ..
             let bandwidth_hz = settings.tuning().unwrap().1;
             let cubed = (hz / bandwidth_hz).powi(3) / w;
             let expected = match settings {

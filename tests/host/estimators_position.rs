@@ -41,7 +41,8 @@ fn c(acceleration_max_m_per_s2: f64) -> f64 {
     acceleration_max_m_per_s2 / (DESIGN.resolution_m * DESIGN.rate_hz * DESIGN.rate_hz)
 }
 
-/// Largest documented error at constant speed, counts per sample. `whole`: only for whole counts per sample.
+/// Largest documented error at constant speed, counts per sample. `whole`: for whole counts per sample; otherwise for
+/// any speed.
 fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
     match *settings {
         _ if whole && !chatters(settings) => 0.0,

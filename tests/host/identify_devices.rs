@@ -457,9 +457,8 @@ fn campaign(seeds: std::ops::Range<u64>, verbose: bool) -> Counts {
     counts
 }
 
-/// Smallest fraction of parameters inside their intervals. Then, per hundred devices, the largest number with a
-/// parameter far outside and no warning. These are the limits that hold today. The intervals themselves promise 0.95
-/// and 1.
+/// Smallest fraction of parameters inside their intervals. `SILENT` limits the devices with a parameter far outside and
+/// no warning, as a fraction of all devices. Both limits hold today. The intervals themselves promise 0.95 and 1.
 const INSIDE: f64 = 0.8;
 const SILENT: f64 = 0.03;
 

@@ -273,7 +273,7 @@ impl CoreProgram {
         let since = up.motion.sample.saturating_sub(self.rendered);
         self.rendered = up.motion.sample;
         let port = self.console.port();
-        // Samples later than the one of this output belong to the next output.
+        // Samples after this output's sample belong to the next output.
         let after = port.sampler.sampler().next() - 1 - up.motion.sample;
         let [since, after] = [since, after].map(|n| usize::try_from(n).unwrap_or(POSITIONS));
         let end = port.positions.len().saturating_sub(after);
@@ -315,7 +315,7 @@ impl CoreProgram {
         true
     }
 
-    /// Runs the last part of the task `link`.
+    /// Runs the last part of the task `link`: the console.
     pub fn pass(&mut self, listens: bool) {
         self.console.pass(listens);
     }

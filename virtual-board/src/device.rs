@@ -16,7 +16,7 @@ use crate::{
     elf::Elf,
 };
 
-/// Symbol of the record's address in the image (memory.x), and the size reserved for the record, bytes.
+/// Symbol of the record's address in the image (memory.x). `SECTOR` is the size reserved for the record, bytes.
 const SYMBOL: &str = "_device_record";
 const SECTOR: usize = 16 * 1024;
 

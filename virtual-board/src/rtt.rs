@@ -1,5 +1,5 @@
-//! RTT as a debug probe uses it: it reads and writes the control block in RAM. The RAM may be a virtual board's or a
-//! real board's behind a probe.
+//! RTT by reading and writing the control block in RAM, as a debug probe does. The board may be virtual, or real and
+//! behind a probe.
 
 use crate::mcu::Mcu;
 

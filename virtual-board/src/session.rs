@@ -61,8 +61,8 @@ pub struct BoardHit {
     /// Energy that the wall has absorbed in the last contact, and the largest energy that it has supplied in one
     /// contact, J.
     pub port_j: [f64; 2],
-    /// Results of each push of a quiet hit, in order. The fields above are those of the deciding push. Empty for
-    /// another hit.
+    /// Result of each push of a quiet hit, in order; empty for other hits. The fields above have the results of the
+    /// deciding push.
     pub pushes: Vec<BoardPush>,
 }
 
@@ -170,7 +170,7 @@ impl Session {
         Self::open_with(board, elf, scene, record)
     }
 
-    /// As [`open`](Self::open), but with this record in the image's flash, or with the image's own record.
+    /// As [`open`](Self::open), but with this record in the image's flash. Without a record, the image's own is used.
     ///
     /// # Errors
     /// As [`open`](Self::open).
@@ -187,8 +187,8 @@ impl Session {
         Self::of(board, Elf::load(&path)?, &path.display().to_string(), scene, record)
     }
 
-    /// A session with this image, and with this record in its flash or the image's own record. `origin` is the image's
-    /// name in errors.
+    /// A session with this image and this record in its flash. Without a record, the image's own is used. `origin` is
+    /// the image's name in errors.
     ///
     /// # Errors
     /// The image is for another board, or it is not of this firmware.
@@ -360,7 +360,7 @@ impl Session {
 const K: &str = "stiffness_n_per_m";
 const B: &str = "damping_n_s_per_m";
 
-/// The commands that set a scene's grid: the largest values first, since a step must be below its largest value.
+/// The commands that set a scene's grid. The largest values come first, since a step must be below its largest value.
 fn grid(scene: &Scene) -> [String; 6] {
     let walk = &scene.walk;
     let said = |key: &str, value: f64| scene.units.command(key, value);

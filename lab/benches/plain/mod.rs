@@ -6,8 +6,8 @@ use zwidth::velocity::ButterworthDesign;
 
 pub const SAMPLES: usize = 60_000;
 
-/// Equations and state of an estimator. The input is the counts since the last sample. The output is a velocity in
-/// counts per sample.
+/// Equations and state of an estimator. The input is the number of counts since the last sample. The output is a
+/// velocity in counts per sample.
 pub trait Filter {
     fn update(&mut self, moved: f64) -> f64;
     /// Gives the filter the speed of the handle at the next sample, m/s.

@@ -2,8 +2,8 @@
 //! coefficients are accurate even at a low cutoff.
 //!
 //! The equations are in [`crate::float`]. The delta form feeds its rounded output back through both integrators. This
-//! is second-order error feedback by structure. The state-variable form continues with the value before rounding. So
-//! its rounding error is not fed back and not shaped.
+//! acts as second-order error feedback. The state-variable form continues with the value before rounding. So its
+//! rounding error is not fed back and not shaped.
 
 use crate::{
     Prototype, Refused, Signal, Step,

@@ -6,12 +6,13 @@
 //! velocity bits -> signal of the format -> form -> velocity bits
 //! ```
 //!
-//! The core's own filter is called from the core. Some combinations are left out, because they would show nothing new:
+//! For the core's own filter, the core's code is called. Some combinations are left out, because they would show
+//! nothing new:
 //!
 //! * error feedback in the transposed form: its sums are those of direct form 1. So the outputs would be equal to the
 //!   core's, bit for bit. [`fixed::Direct2Transposed`] shows this without feedback.
 //! * error feedback in the state-variable form: its rounded output is not fed back, so no error is carried on.
-//! * error feedback in the delta form: the form has error feedback by structure, see [`integrators`].
+//! * error feedback in the delta form: the form itself acts as error feedback, see [`integrators`].
 //! * the state-variable form of Chamberlin (1980): it has another transfer function, and is unstable from about a sixth
 //!   of the rate on. The state-variable form here has the same bilinear transform as all other forms.
 //! * 32-bit sums with 32-bit words, and 16-bit sums with 16-bit words: the first product would overflow.

@@ -1,5 +1,5 @@
-//! The same filter from other libraries. The biquads of idsp are called from idsp. CMSIS-DSP's in Q31 are written here
-//! from their published arithmetic.
+//! The same filter from other libraries. The biquads of idsp are called from idsp. The biquads of CMSIS-DSP in Q31 are
+//! written here from their published arithmetic.
 //!
 //! All filters have the coefficients of the core's rule ([`Coefficients::exact_at_dc`]). `a1` and `a2` have the
 //! opposite sign, because these libraries add the feedback terms. CMSIS-DSP has the format 1.31 with a `postShift` of

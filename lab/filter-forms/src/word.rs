@@ -6,8 +6,8 @@ use core::{
     ops::{Add, BitAnd, Neg, Shl, Shr, Sub},
 };
 
-/// A word of twice the size, for sums of products. No plain sum of the forms can overflow. A right shift rounds towards
-/// minus infinity.
+/// A word of twice the size, for sums of products. The forms are designed so that a plain sum does not overflow. A
+/// right shift rounds towards minus infinity.
 pub trait Wide:
     Copy
     + Add<Output = Self>

@@ -44,7 +44,7 @@ pub struct Filters {
     pub host_ns: Vec<f64>,
 }
 
-/// The filter nearest to the exact one, the reference of the areas.
+/// The reference of the areas: the filter nearest to the exact filter.
 pub const REFERENCE: Variant = Variant { format: Format::F64, form: Form::StateVariable };
 
 /// Cutoff for the time on this machine, as a share of the rate. Every format can have it.

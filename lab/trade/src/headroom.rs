@@ -4,7 +4,7 @@ use filter_forms::Filter;
 
 use super::{Bench, LSB_PER_COUNT, larger, reference::Reference};
 
-/// Periods of the cutoff before the reversal of the speed, and then the periods that are measured after it. The
+/// Periods of the cutoff before the reversal of the speed. `AFTER` are the periods that are measured after it. The
 /// overshoot comes after 0.7 periods.
 const BEFORE: f64 = 2.0;
 const AFTER: f64 = 1.2;

@@ -8,7 +8,7 @@
 //! |------|-----|--------|
 //! | error of the response | largest `abs(H - H_exact)` for a DC gain of 1, from sines of half the full scale of Q15. Their frequencies are 1/4 to 2 times the -3 dB frequency, up to 0.45 of the rate. Whole periods after the transient are measured | [`response`] |
 //! | error of the -3 dB frequency | the frequency at which the measured gain is 0.707 | [`response`] |
-//! | DC drift and bias | span of `sum(out - in)` over 10^6 samples at constant speeds, of which the counts' ripple is about 1 count; bias is the drift per sample | [`drift`] |
+//! | DC drift and bias | span of `sum(out - in)` over 10^6 samples at constant speeds. It includes about 1 count for the ripple of the counts. Bias is the drift per sample | [`drift`] |
 //! | noise | RMS distance from the exact filter on a flickering count and on a quantised ramp, including the first sample | [`noise`] |
 //! | limit cycle | largest output later than 20 / fc after the stop of the input | [`rest`] |
 //! | headroom | largest speed at which a sudden reversal neither wraps nor clips | [`headroom`] |

@@ -37,7 +37,7 @@ pub struct Options {
     /// Clock of the probe's wires, kHz [default: the probe's].
     #[arg(long, value_name = "KHZ", requires = "probe", value_parser = clap::value_parser!(u32).range(1..))]
     speed: Option<u32>,
-    /// Do not ask whether the wired stop is open or the board is disarmed.
+    /// Confirms that the wired stop is open or the board is disarmed, so that no question is asked.
     #[arg(long, requires = "probe")]
     force_is_off: bool,
 }

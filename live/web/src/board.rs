@@ -60,7 +60,7 @@ struct Running {
     talk: Talk,
     shared: Arc<Shared>,
     page: Page,
-    /// The board's time, us, which is the only clock. So in a suspended tab no `alive` can be missed.
+    /// The board's time, us, which is the only clock. So a suspended tab misses no `alive`.
     time_us: Arc<AtomicU64>,
 }
 

@@ -82,7 +82,8 @@ impl Question {
     }
 }
 
-/// Answers a question with its data. For bad input the answer is `error` with one line.
+/// Answers a question. `given` is the question's JSON, then its data. For bad input the answer is `error` with one
+/// line.
 pub fn answer(given: Vec<Vec<u8>>) -> Vec<Vec<u8>> {
     let (value, mut bytes) =
         asked(given).unwrap_or_else(|error| (json!({ "error": error.to_string() }), vec![]));

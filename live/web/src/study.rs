@@ -103,8 +103,7 @@ impl Walked {
     }
 }
 
-/// The settings that a board must have for studies of the scene to apply to it, as console commands. The cutoff may be
-/// another.
+/// The settings with which studies of the scene are valid for a board, as console commands. The cutoff may differ.
 pub fn scene(question: &Question) -> Answered {
     let NamedScene { name, scene, .. } = question.scene()?;
     let has_cutoff = scene.velocity.has_cutoff();

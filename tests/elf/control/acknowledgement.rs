@@ -79,8 +79,8 @@ fn nothing_changes_without_an_acknowledgement(board: Board) {
     assert!(status.contains("ok status off"), "{status}");
 }
 
-/// A walk whose lines no host reads ends after its present hit, so that no result is lost. A host that reads again gets
-/// a message about this.
+/// If no host reads the lines of a walk, the walk ends after its present hit, since further results would be lost. A
+/// host that reads again gets a message about this.
 #[test]
 fn a_walk_ends_when_nobody_reads() {
     let firmware = Firmware::of(NUCLEO_F446RE);

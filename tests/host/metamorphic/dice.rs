@@ -22,7 +22,7 @@ fn environment(name: &str) -> Option<u64> {
     Some(text.parse().unwrap_or_else(|_| panic!("{name} is {text}, allowed a whole number")))
 }
 
-/// Runs a relation `usual` times, or the number of times that the environment sets for `usual`.
+/// Runs a relation `usual` times. The environment can set a factor for this number.
 pub fn cases(usual: u64, mut relation: impl FnMut(&mut Dice)) {
     let times = environment("METAMORPHIC_CASES").unwrap_or(1);
     let seed = environment("METAMORPHIC_SEED").unwrap_or(0);

@@ -12,8 +12,8 @@ use zwidth::{units::Force, velocity::EstimatorName};
 
 use crate::dice::{cases, trace};
 
-/// Position from rest and speed after `time_s` under a constant force, by the power series of the equation of motion.
-/// The steps are so short that twenty terms are exact up to rounding.
+/// Distance from the rest position, and speed, after `time_s` under a constant force. They follow from the power series
+/// of the equation of motion. The steps are so short that twenty terms are exact up to rounding.
 fn moved(scene: &Scene, [mut x, mut v]: [f64; 2], force_n: f64, time_s: f64) -> [f64; 2] {
     let device = &scene.device;
     let steps = 4;

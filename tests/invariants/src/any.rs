@@ -219,8 +219,8 @@ impl Random {
     }
 }
 
-/// Changes of some words that a CRC-32 after them detects with certainty: of one word, or of up to three bits. Of other
-/// changes it misses one in 2^32.
+/// Changes of some words that a CRC-32 always detects: of one word, or of up to three bits. Of other changes it misses
+/// one in 2^32.
 pub fn noticed(words: usize) -> impl Strategy<Value = Vec<(usize, u32)>> + Clone {
     prop_oneof![
         prop::collection::vec((0..words, 1u32..), 1),

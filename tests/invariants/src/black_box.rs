@@ -44,9 +44,9 @@ crate::properties! {
         }
     }
 
-    /// A fault's record in backup RAM is read back unchanged. After a change that a CRC-32 detects with certainty (of
-    /// one word, or of up to three bits) there is no record. In a RAM that has lost its supply there is no record
-    /// either.
+    /// A fault's record in backup RAM is read back unchanged. After a change of one word, or of up to three bits, no
+    /// record is found, because a CRC-32 always detects these changes. In a RAM that has lost its supply no record is
+    /// found either.
     remembered(1000, (code, causes, sample, words, flips) in (
         any::<prop::sample::Index>(),
         any::<u32>(),

@@ -143,8 +143,8 @@ fn report(record: Record) -> Report {
 }
 
 crate::properties! {
-    /// A frame has the bytes of the documentation's table, and is read back unchanged. After a change that a CRC-32
-    /// detects with certainty (of one word, or of up to three bits) no frame is read.
+    /// A frame has the bytes of the documentation's table, and is read back unchanged. After a change of one word, or
+    /// of up to three bits, no frame is read, because a CRC-32 always detects these changes.
     as_on_the_page(1000, (sequence, record, flips) in (
         any::<u32>(),
         record(),

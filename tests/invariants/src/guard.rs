@@ -13,9 +13,9 @@ use crate::{
 };
 
 crate::properties! {
-    /// A move or a speed above its limit, by one count or one LSB, and a missing output are found in their sample. From
-    /// then on every sample switches off until the fault is cleared. Only a due sample does not: its output reports the
-    /// fault.
+    /// A move above its limit by one count, a speed above its limit by one LSB, and a missing output are found in their
+    /// sample. From then on every sample switches off until the fault is cleared. Only a due sample does not: its
+    /// output reports the fault.
     found_at_once(400, (period, jump, speed, samples, seed) in (
         prop_oneof![1u32..4, Just(10u32)],
         1u32..40,
@@ -31,7 +31,8 @@ crate::properties! {
         let start = GuardCommand::start(&wide(&design).build(&design).unwrap());
         let mut down = GuardCommand { jump, speed: speed << 16, ..start };
         let mut count = 0i64;
-        // Faults that were found and are not cleared yet; faults that were found and are not noted yet.
+        // `open` are the faults that were found and not cleared. `since` are the faults that were found and not noted
+        // yet.
         let (mut open, mut since) = (FaultSet::EMPTY, FaultSet::EMPTY);
         let mut zeros = 0;
         for n in 0..samples {

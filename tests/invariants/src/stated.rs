@@ -21,8 +21,8 @@ pub struct Stated {
     pub whole: f64,
     /// Whether an error is stated for these settings.
     pub holds: bool,
-    /// Samples until a change of speed by one count per sample has settled; then the samples for each further count per
-    /// sample.
+    /// Samples until a change of speed by one count per sample has settled. The second value is for each further count
+    /// per sample.
     pub settles: [f64; 2],
     /// First velocity after a restart. It depends on the difference between the next counts and the old velocity.
     pub first: First,
@@ -42,7 +42,8 @@ pub struct Resonance {
     pub coefficients: f64,
     /// Largest gain from input to output.
     pub gain: f64,
-    /// Largest gain before the last section, where a value may saturate unseen; 0 with one section.
+    /// Largest gain before the last section; 0 with one section. There a value may saturate although the output is in
+    /// range.
     pub inside: f64,
 }
 

@@ -1,7 +1,7 @@
 //! Checks the layers of core, simulator, virtual board and live page. No file imports from a layer above its own. Files
 //! do not import each other in a circle, unless one is the other's child. Kernel and product name no crate of the
 //! laboratory, except in the files that lend it a command. `cargo run --package layers` names each offence with file
-//! and line. It ends with 1 if there is any.
+//! and line. Its exit code is 1 if there is an offence.
 #![allow(clippy::unwrap_used, reason = "a source file that cannot be read ends the check")]
 
 mod source;

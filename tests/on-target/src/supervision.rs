@@ -1,4 +1,5 @@
-//! The supervision of the control path, and its communication, for the same check of machine code.
+//! Functions that supervise the control path, and functions of its communication. Their machine code is checked in the
+//! same way.
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use zwidth::{

@@ -24,11 +24,11 @@ mod channels;
 #[cfg(test)]
 mod tests;
 
-/// A board that shows no activity for so long is lost. A reset takes less time.
+/// A board with nothing but errors for so long is lost. A reset takes less time.
 const PATIENCE: Duration = Duration::from_secs(1);
 /// Longest wait for an answer. An answer usually takes some milliseconds; after a `save` it takes a second.
 const ANSWER: Duration = Duration::from_secs(2);
-/// Longest wait for the last answer: an interrupted program has 0.4 s in all.
+/// Longest wait for the last answer. After Ctrl-C a program has 0.4 s in all.
 const LEAVE: Duration = Duration::from_millis(200);
 /// Time between two checks of an idle board.
 const LOOK: Duration = Duration::from_millis(1);

@@ -1,6 +1,6 @@
-//! Values that a self-test measures beyond the control: option bytes, the watchdog's oscillator, errors of DAC and
-//! converter, and the amplifier's current signal. Two wires may also connect output pins to the encoder's inputs.
-//! Neither a reset nor a loss of supply changes these values.
+//! Values that only a self-test measures: option bytes, the watchdog's oscillator, errors of DAC and converter, and the
+//! amplifier's current signal. Two wires may also connect output pins to the encoder's inputs. Neither a reset nor a
+//! loss of supply changes these values.
 
 use std::sync::{
     Arc,

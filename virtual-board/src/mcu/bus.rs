@@ -27,7 +27,8 @@ pub(super) struct Clock {
     touched: AtomicBool,
     /// Whether the chip's clock differs from the clock that was set up.
     changed: AtomicBool,
-    /// State of a changed clock: cycle of the change, cycles lost before it, present and set-up frequency in MHz.
+    /// State of a changed clock, in four fields: cycle of the change, cycles lost before it, present frequency and
+    /// set-up frequency, MHz.
     since: AtomicU64,
     lost: AtomicU64,
     mhz: AtomicU64,

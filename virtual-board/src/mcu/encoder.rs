@@ -50,7 +50,8 @@ pub struct EdgeNotes {
     pub read_at: Vec<u64>,
     /// Cycle of each reading of the capturing timer's counter.
     pub captures_read_at: Vec<u64>,
-    /// Cycles at which the captures of A and of B were read after each reading of the counter; `None` if not read.
+    /// For each reading of the counter: the cycles at which the captures of A and B were read afterwards; `None` if not
+    /// read.
     pub captured_at: Vec<[Option<u64>; 2]>,
 }
 

@@ -1,7 +1,7 @@
 //! The emulated microcontroller. No other module uses the emulator crate.
 //!
 //! Instructions are exact; their cycles are approximate. The core's cycle model has zero wait states. An exception's
-//! entry takes 12 cycles and 8 stacking accesses, and its return takes about 18 cycles. So each interrupt takes some 16
+//! entry takes 12 cycles and 8 stacking accesses. Its return takes about 18 cycles. So each interrupt takes some 16
 //! cycles more than on silicon. No cycle count was compared with silicon.
 //!
 //! This module adds what the emulator lacks: four priority bits, the vector table's address, TIM1's break input and
@@ -98,7 +98,7 @@ pub trait DacListener: Send + Sync {
     fn code(&self, cycle: u64, code: Option<u32>);
 }
 
-/// What is connected to the chip, and what is noted about it.
+/// Connections of the chip, and where its observations are stored.
 #[derive(Clone, Default)]
 pub struct Listeners {
     /// TIM1's channels, `"ch1"` to `"ch4"`, and the output pin of each.

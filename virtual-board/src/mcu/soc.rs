@@ -136,7 +136,7 @@ const DBGMCU_APB1_FZ: u64 = 0x08;
 const DBGMCU_APB2_FZ: u64 = 0x0C;
 
 impl Soc {
-    /// Sets the break input. While it is active, a break that is enabled keeps MOE clear.
+    /// Sets the break input. While the input is active and the break is enabled, MOE stays clear.
     pub(super) fn set_break(&self, open: bool) {
         self.stop.store(open, Relaxed);
         if open && self.input.as_ref().is_some_and(BreakInput::is_connected) {

@@ -217,7 +217,7 @@ impl Watch {
         }
     }
 
-    /// Notes a step. `still_active` says for an exception number whether this exception is still active.
+    /// Notes a step. `still_active` tells whether the exception with a given number is still active.
     pub(super) fn step(&mut self, step: &Step, still_active: impl Fn(u16) -> bool) {
         self.lowest_stack = self.lowest_stack.min(step.stack);
         if step.exception == SAMPLE

@@ -8,7 +8,7 @@ use super::World;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Defects {
     pub count: Option<CountDefect>,
-    /// The fraction of full scale that the amplifier gives while it is enabled, whatever the command is.
+    /// If set, the enabled amplifier gives this fraction of full scale, whatever the command is.
     pub stuck: Option<f64>,
     /// Offset of the DAC's output, fraction of full scale.
     pub dac: f64,

@@ -18,8 +18,8 @@ impl World<'_> {
         Ok(())
     }
 
-    /// Sends a line and returns its reply: the next line with `ok` or `error` at its start that is no report of an
-    /// experiment.
+    /// Sends a line and returns its reply. The reply is the next line that begins with `ok` or `error`, except for
+    /// reports of experiments.
     ///
     /// # Errors
     /// There was no reply within 0.1 s, or as [`sample`](Self::sample).

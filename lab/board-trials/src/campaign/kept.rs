@@ -1,6 +1,6 @@
-//! Damages data that the board stores without a supply or over a reset: the backup RAM, and the settings in flash.
-//! Power cuts during a save are included. The force is off at the start and must stay off. The board must then use the
-//! default settings, or settings that were saved.
+//! Damages data that survives a reset or a loss of supply: the backup RAM, and the settings in flash. Power cuts during
+//! a save are included. The force is off at the start and must stay off. The board must then use the default settings,
+//! or settings that were saved.
 
 use virtual_board::{
     board::{Board, Powered},
@@ -115,7 +115,7 @@ fn booted(world: &mut World<'_>) -> Result<Booted, Failed> {
     Ok(Booted { loaded, stiffness, status })
 }
 
-/// Flips all bits of each byte of the newest record. An older record exists or not.
+/// Flips all bits of each byte of the newest record. This is done with an older record in flash, and without one.
 ///
 /// # Errors
 /// The board uses other settings than the older ones or the defaults, or does not report the damage.

@@ -1,5 +1,5 @@
-//! The processor, its interrupts or the sampling stop. The cause is a fault, or a debugger that halts the core. Only
-//! hardware can then switch the force off.
+//! Faults that stop the processor, its interrupts or the sampling, and halts of the core by a debugger. Only hardware
+//! can then switch the force off.
 
 use virtual_board::{
     elf::{Elf, SAMPLE_STATE},
@@ -21,9 +21,9 @@ const TIM5: u32 = 0x4000_0C00;
 const CR1: u32 = 0x00;
 const DIER: u32 = 0x0C;
 const ARR: u32 = 0x2C;
-/// Address of the register with the vector table's address.
+/// The register that holds the address of the vector table.
 const VTOR: u32 = 0xE000_ED08;
-/// Erased flash: as a vector table, it has words of ones as all vectors.
+/// Erased flash. If it is used as the vector table, all vectors are words of ones.
 const ERASED: u32 = 0x0807_0000;
 /// PendSV, and the interrupt of TIM7. The firmware has no task for them.
 const PEND_SV: u16 = 14;
@@ -64,7 +64,7 @@ pub(super) const NO_PROCESSOR: [FaultCase; 18] = [
     })
     .halted(30_000.0),
     FaultCase::of("debugger halt, 200 ms", 22, AT_ONCE_US, |_, world| {
-        // A debugger's script stops the watchdog when it connects. Soon the program sets the bit again.
+        // A debugger's script sets the watchdog's bit when it connects. The program soon restores its own setting.
         world.powered.mcu.stop_in_halts(WATCHDOG_STOPS);
         world.run(20)?;
         halt(world, 2_000, AfterHalt::Kept)

@@ -14,7 +14,8 @@ use super::{
     row::{Row, SOON_S},
 };
 
-/// Limit for an encoder whose count does not change, s: the check of a push without motion, and an output.
+/// Limit for an encoder whose count does not change, s: the time of the check for a push without motion, and one
+/// output.
 const STUCK_S: f64 = 0.0525;
 /// Limit for a count that moves too little, s: the rest of a span of 50 ms, and the next span.
 const SHORT_OF_S: f64 = 0.1025;

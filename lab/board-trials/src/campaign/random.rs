@@ -21,7 +21,7 @@ pub const STARTS: usize = 16;
 /// Longest time for which a wrong force is allowed, s.
 const ALLOWED_S: f64 = 3e-3;
 
-/// One of `FURTHER` flips in the core is in S0 to S31, FPSCR or CONTROL, each with the same probability. One of
+/// One in `FURTHER` flips in the core is in S0 to S31, FPSCR or CONTROL, each with the same probability. One in
 /// `WATCHDOG` flips in the peripherals is in the watchdog, whose share of the bits is about the same. The other flips
 /// do not depend on these two numbers.
 const FURTHER: u64 = 8;

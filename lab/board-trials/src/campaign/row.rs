@@ -4,7 +4,7 @@ use virtual_board::{elf::Elf, session::Failed, world::World};
 
 use super::situation::Situation;
 
-/// Time limit of a fault whose time does not depend on the plant's motion, s. It includes one sample of the simulation.
+/// Time limit of a fault that is found whatever the plant's motion is, s. It includes one sample of the simulation.
 pub const SOON_S: f64 = 3e-3;
 pub(super) const GRID_S: f64 = 1e-4;
 

@@ -128,7 +128,7 @@ const SAMPLE_S: f64 = 1e-4;
 /// Largest allowed gain of speed since the fault, if the force is off within [`SOON_S`], m/s.
 const GAIN_MOST_M_PER_S: f64 = 0.1;
 
-/// Samples watched after off: the smallest number, and the largest while the board has not reported its fault.
+/// Smallest number of samples watched after off. `TOLD` is the largest number, if the board reports no fault.
 const AFTER: u64 = 60;
 const TOLD: u64 = 2_000;
 /// Samples watched after off if the program was damaged: an output period, and the time of the output watchdog.

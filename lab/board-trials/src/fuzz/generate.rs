@@ -153,7 +153,7 @@ fn several(random: &mut Random, seen: &Situation<'_>, most: u64) -> String {
     lines.join("\n")
 }
 
-/// Many lines without a pause, with the force off or on. If it is off, the output period is often changed before.
+/// Many lines without a pause, with the force off or on. With the force off, the output period is often changed first.
 fn burst(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     let mut actions = Vec::new();
     if random.once_in(2) {

@@ -1,6 +1,6 @@
 //! Tries stop, supply drop and reset at each instant of an output period: between every two instructions, and at some
-//! instants of sleep. The board is armed and its handle is in the wall. Each event must cause its own fault, with
-//! enable inactive in time.
+//! instants of sleep. The board is armed and its handle is in the wall. Each event must cause its own fault, and enable
+//! must be inactive in time.
 
 use std::time::Instant;
 

@@ -40,7 +40,7 @@ pub struct Observed {
     pub saves: bool,
 }
 
-/// A frame and the parts of it that are not outputs.
+/// The outputs and the other parts of a frame.
 #[derive(Clone)]
 struct Told {
     sequence: u32,
@@ -56,8 +56,8 @@ struct Told {
 
 impl Told {
     /// Describes how the image's frame differs. Two differences are allowed, since they depend on when `link` was
-    /// preempted: the sample of a key, and which of two frames has a key. A third difference depends on how long flash
-    /// is busy: a frame that waited for a save has no positions.
+    /// preempted: the sample of a key, and which of two frames has a key. A third difference is allowed, since it
+    /// depends on how long flash is busy: a frame that waited for a save has no positions.
     fn difference(&self, library: &Self) -> Option<String> {
         let keys = self.key.as_ref().zip(library.key.as_ref());
         let keys = keys.filter(|(key, its)| key.sample == its.sample);

@@ -35,7 +35,7 @@ pub struct Fuzz {
     /// Total number of commands; the last session may add a few.
     #[arg(long, default_value_t = 2_000, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
     commands: u64,
-    /// Run the session of this file, as a failing session was printed.
+    /// Run the session in this file. A failing session is printed in the same form.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["seed", "commands"])]
     script: Option<PathBuf>,
     /// In place of sessions: stop, supply drop and reset between every two instructions of an output period, and in

@@ -2,10 +2,10 @@
 //!
 //! | what | how |
 //! |------|-----|
-//! | trajectory | the commands of one wall hit inside the boundary are replayed; largest distance from the reference's position |
-//! | verdicts | hits at one and two steps of K on both sides of the boundary: number of verdicts that differ from the reference's |
-//! | boundary | area of the walks from two starts on a grid [`COARSER`] times the scene's, compared with the reference's |
-//! | cost | tried steps (an adaptive method repeats some, an event takes several) times the additions and multiplications of a step, per simulated second |
+//! | trajectory | the commands of one wall hit inside the boundary are replayed. The result is the largest distance from the reference's position |
+//! | verdicts | number of verdicts that differ from the reference's, for hits at one and two steps of K on both sides of the boundary |
+//! | boundary | area of the walks from two starts, compared with the reference's. The grid is [`COARSER`] times as coarse as the scene's |
+//! | cost | tried steps times the additions and multiplications of a step, per simulated second. An adaptive method repeats some steps, and an event takes several |
 //!
 //! The reference is the exact step. On a non-linear plant the reference is the adaptive method with its smallest
 //! tolerance. At the boundary a hit is chaotic. So a second reference starts [`NUDGE_COUNTS`] away, as the repeats of a

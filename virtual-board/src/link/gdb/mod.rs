@@ -39,7 +39,7 @@ pub(super) trait Board {
     fn slice(&mut self, world: &mut World<'_>, stops: &Stops) -> Result<Option<Met>, Ended>;
     /// Serves the channels in a halt. Returns false if the board is to be switched off.
     fn stands(&mut self, world: &mut World<'_>) -> bool;
-    /// Called when the board runs again. The board does not make up for the time of the halt.
+    /// Called when the board runs again. The time of the halt is not simulated afterwards.
     fn goes_on(&mut self);
 }
 

@@ -1,10 +1,10 @@
 //! Runs most instructions without the emulator, whose step takes some ten times as long.
 //!
 //! This module runs instructions that access only the core's registers, flash and RAM. The emulator's own decoder
-//! decodes each of them once. They take as many cycles as in the emulator. [`Mcu::may_run`] checks that no exception is
-//! due and that no other event needs the emulator. The emulator runs all other instructions, and instructions that
-//! would fault. Both ways give the same result, bit for bit and cycle for cycle. Tests run random code and whole
-//! sessions in both ways.
+//! decodes each instruction once. Each takes as many cycles as in the emulator. [`Mcu::may_run`] checks that no
+//! exception is due and that no other event needs the emulator. The emulator runs all other instructions, and
+//! instructions that would fault. Both ways give the same result, bit for bit and cycle for cycle. Tests run random
+//! code and whole sessions in both ways.
 
 mod arithmetic;
 mod code;
@@ -134,7 +134,7 @@ impl Mcu {
     }
 
     /// Whether the next instruction can run here. The core must be awake, privileged and on its main stack. No
-    /// exception may be due. No watch or event may need single instructions.
+    /// exception may be due. No observation or event may need single instructions.
     fn may_run(&mut self) -> Option<Permit> {
         let Regs { xpsr: state, faultmask, control: control_bits, r, .. } = self.registers;
         let exception = exception_of(state);
@@ -232,8 +232,8 @@ fn is_due(sys: &Sys, registers: &Regs, asserted: [Option<u16>; 2]) -> bool {
     priority < running
 }
 
-/// The addresses that the protection unit refuses: an empty range, or one region of RAM. `None` if its settings are
-/// others than these, such as sub-regions.
+/// The addresses that the protection unit refuses: an empty range, or one region of RAM. `None` for other settings of
+/// the unit, such as sub-regions.
 fn guard(sys: &Sys) -> Option<Guard> {
     const ON: u32 = 1;
     const BACKGROUND: u32 = 1 << 2;

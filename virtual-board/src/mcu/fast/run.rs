@@ -24,7 +24,7 @@ pub(super) struct Core<'a> {
     pub(super) memory: Memory<'a>,
     pub(super) floats: &'a mut Floats,
     pub(super) cpu: &'a ArmV7m,
-    /// Whether instructions that move S0 to S31 can run here.
+    /// Whether this module can run instructions that move S0 to S31.
     pub(super) moves_floats: bool,
     /// Bits of CONTROL that an instruction on S0 to S31 sets.
     pub(super) float_control: u32,
