@@ -1,7 +1,7 @@
 //! Throughput of every estimator with lanes, on one core and for each backend of this machine. A plain scalar `f64`
 //! loop with the same equations is measured beside them. The result is docs/data/batch-estimators.csv. The rounds of
-//! all backends are interleaved. The best round of each counts, because other work on the machine can only slow a round
-//! down.
+//! all backends are interleaved. Only the best round of a backend counts, because other work on the machine can only
+//! slow a round down.
 //!
 //! With `-- --core`, only the scalar loop is measured, for all estimators.
 #![allow(

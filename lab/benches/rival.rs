@@ -3,8 +3,8 @@
 //! that both programs find the same boundaries in `f64`.
 //!
 //! The sweep without `--plain` is measured too. It also walks to a limit of 1 um, by motor and by hand. The rounds of
-//! all programs are interleaved, and the best round of each counts. The benchmark needs a C compiler named `cc`. The
-//! result is docs/data/batch-rival.csv.
+//! all programs are interleaved. Only the best round of a program counts. The benchmark needs a C compiler named `cc`.
+//! The result is docs/data/batch-rival.csv.
 #![allow(clippy::unwrap_used, reason = "a benchmark fails loudly")]
 
 use std::{

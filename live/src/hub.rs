@@ -430,7 +430,7 @@ impl Talk {
         } else if on && self.promised {
             self.hub.note("nobody is there who may command: force off");
             self.hub.stop(0);
-            self.word_at = now + 20 * WORD; // later sends the stop again if the force is still on, or ends the time limit
+            self.word_at = now + 20 * WORD; // the next try if the force is still on; else the end of the time limit
         } else if self.promised && !on && now.saturating_sub(self.word_at) > 10 * WORD {
             self.promise(0, now);
         }

@@ -103,7 +103,7 @@ fn constant_speed_is_measured_within_the_stated_error() {
 
 /// Weights by independent closed expressions: the derivative of the parabola through three points, and of the cubic
 /// through four. A regression's slope has the weight 6 (j + 1) (w - j) / (w (w + 1) (w + 2)) for difference j. A
-/// quadratic fit follows every parabola. Of all sums that do, it has the least sum of squares.
+/// quadratic fit follows every parabola. Of all such weights, its weights have the least sum of squares.
 #[test]
 fn weights_are_those_of_the_polynomials() {
     let close = |ours: &[f64], theirs: &[f64]| {

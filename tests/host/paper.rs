@@ -178,7 +178,7 @@ fn up_to_200_hz_fixed_point_boundaries_are_identical_but_where_the_twin_is_chaot
     assert!(chaotic <= 1, "{chaotic}");
 }
 
-/// Fraction of the boundary's points that differ from the exact twin's by more than one step of K.
+/// Fraction of the boundary's points that differ from the exact twin's points by more than one step of K.
 fn share_off(numeric: Numeric) -> f64 {
     let (mut off, mut all) = (0.0, 0.0);
     for (other, exact) in default_sweep(numeric).iter().zip(default_sweep(Numeric::F64)) {

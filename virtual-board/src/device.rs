@@ -48,7 +48,7 @@ impl Elf {
     }
 }
 
-/// The device that the board's image has as its record.
+/// The device of the record in the board's image.
 ///
 /// # Panics
 /// Never: tests check that the record is valid.

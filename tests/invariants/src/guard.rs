@@ -91,7 +91,7 @@ crate::properties! {
         }
     }
 
-    /// The output task's view of the guard is never newer than the sample that it answers. A zero belongs to this
+    /// The output task's view of the guard is never newer than the sample that the output answers. A zero is for this
     /// sample.
     never_newer(500, (first, told) in (
         any::<u32>(),

@@ -17,8 +17,8 @@ fn number(text: &str) -> Option<f64> {
 }
 
 /// Whether the documentation allows a text as a number: an optional sign, digits with at most one point, at most 15
-/// significant digits, at most three digits of exponent. With its digits as a whole number, the power of ten is at most
-/// 22.
+/// significant digits, at most three digits of exponent. Written as a whole number times a power of ten, the power is
+/// at most 22.
 fn is_offered(text: &str) -> bool {
     let unsigned = text.strip_prefix(['+', '-']).unwrap_or(text);
     let lower = unsigned.to_ascii_lowercase();

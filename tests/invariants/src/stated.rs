@@ -218,7 +218,7 @@ fn kalman_u(ratio: f64, states: i32) -> f64 {
     (low + high) / 2.0
 }
 
-/// The documentation's statements for these settings.
+/// Statements of docs/estimators.md for these settings.
 pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
     use VelocitySettings as V;
     let exact = |error: f64, lsb: f64, settles: f64, first: First| Stated {
