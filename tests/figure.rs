@@ -1,14 +1,14 @@
-//! Figures of the pages, as the tests measure them.
+//! Figures of the pages that tests measure.
 
 use std::{fmt::Display, fs, path::Path};
 
-/// Unit tests of a crate of the simulator are not told where that is.
+/// Folder of the figures. For unit tests of a crate, cargo does not set `CARGO_TARGET_TMPDIR`.
 const FOLDER: &str = match option_env!("CARGO_TARGET_TMPDIR") {
     Some(folder) => folder,
     None => concat!(env!("CARGO_MANIFEST_DIR"), "/../../target/tmp"),
 };
 
-/// Leaves a figure where `.ci/pages` finds it: `key` is the test program, the room and what it is.
+/// Writes a figure to a file for `.ci/pages`. `key` has the form `test program/module/name`.
 pub fn figure(key: &str, value: impl Display) {
     let file = Path::new(FOLDER).join("figures").join(key);
     fs::create_dir_all(file.parent().expect("a key has a room")).expect("target is there");

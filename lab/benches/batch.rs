@@ -1,7 +1,9 @@
-//! Throughput of the lanes on one core, for each backend of this machine, beside a plain scalar `f64` loop with the
-//! same equations. `cargo bench -p host-sim-bench --bench batch -- --figure STEM` writes STEM.csv and STEM.png instead:
-//! time and memory against the number of hits and of samples. The rounds of all backends are interleaved. The best
-//! round of each counts, because other work on the machine can only slow a round down.
+//! Throughput of the lanes on one core, for each backend of this machine. A plain scalar `f64` loop with the same
+//! equations is measured beside them. The rounds of all backends are interleaved. Only the best round of a backend
+//! counts, because other work on the machine can only slow a round down.
+//!
+//! `cargo bench -p host-sim-bench --bench batch -- --figure STEM` writes STEM.csv and STEM.png instead: time and memory
+//! against the number of hits and of samples.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -31,7 +33,7 @@ const ROUNDS: usize = 25;
 const HITS: u32 = 16;
 const FILTER: VelocitySettings = VelocitySettings::Butterworth { cutoff_hz: 1500.0 };
 
-/// Hits near the boundary. None ends early. Their limit cycles keep the states away from subnormal numbers.
+/// Hits near the boundary, where limit cycles keep the states away from subnormal numbers. No hit ends early.
 struct Hits {
     left: u32,
     unstable: u32,
@@ -76,7 +78,7 @@ fn plain_throughput() -> f64 {
     8.0 * SAMPLES as f64 / began.elapsed().as_secs_f64()
 }
 
-/// The largest value, from the round with the least disturbance by other work on the machine.
+/// The largest value. It comes from the round with the least disturbance by other work on the machine.
 fn best(values: &[f64]) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
 }

@@ -1,4 +1,4 @@
-//! Cost of each optional element: the same wall hit with one element, beside the plain scene. The throughput is in
+//! Cost of each optional element: a wall hit with this element alone, beside the hit of the plain scene. Throughput in
 //! samples.
 #![allow(clippy::unwrap_used, reason = "a benchmark fails loudly")]
 

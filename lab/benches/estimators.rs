@@ -1,7 +1,9 @@
-//! Throughput of every estimator with lanes, on one core and for each backend of this machine, beside a plain scalar
-//! `f64` loop with the same equations. The result is docs/data/batch-estimators.csv. The rounds of all backends are
-//! interleaved. The best round of each counts, because other work on the machine can only slow a round down.
-//! `-- --core` measures only the scalar loop, for all estimators.
+//! Throughput of every estimator with lanes, on one core and for each backend of this machine. A plain scalar `f64`
+//! loop with the same equations is measured beside them. The result is docs/data/batch-estimators.csv. The rounds of
+//! all backends are interleaved. Only the best round of a backend counts, because other work on the machine can only
+//! slow a round down.
+//!
+//! With `-- --core`, only the scalar loop is measured, for all estimators.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -32,7 +34,7 @@ const ROUNDS: usize = 15;
 /// Hits of a round, a multiple of every number of lanes.
 const HITS: u32 = 16;
 
-/// Hits beyond the boundary. None ends early. Their limit cycles keep the states away from subnormal numbers.
+/// Hits beyond the boundary, where limit cycles keep the states away from subnormal numbers. No hit ends early.
 struct Hits(u32, VelocitySettings);
 
 impl Work for Hits {
@@ -78,7 +80,7 @@ fn plain_throughput(settings: &VelocitySettings, prepared: &PreparedScene) -> f6
     f64::from(runs) * SAMPLES as f64 / began.elapsed().as_secs_f64() / 1e6
 }
 
-/// The largest rate, from the run with the least disturbance.
+/// The largest rate. It comes from the run with the least disturbance.
 fn best(values: &[f64]) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
 }

@@ -1,6 +1,7 @@
-//! Limits of fixed point: the number of verdicts of the core that differ from its exact `f64` twin, over encoder
-//! resolution and cutoff. Beside it is the same number for a twin with only its velocity rounded to the core's LSB. No
-//! arithmetic in this velocity format can have fewer differences, because walls at the boundary are chaotic.
+//! Limits of fixed point, over encoder resolution and cutoff. The first result is the number of verdicts in which the
+//! core differs from its exact `f64` twin. The second is the same number for a twin that rounds only the velocity, to
+//! the core's LSB. Walls at the boundary are chaotic. So no arithmetic with this velocity format can have a smaller
+//! number than the second one.
 //!
 //! `cargo run --release -p host-sim-bench --bin fixed_point_limits` writes
 //! `docs/figures/fixed-point-limits.{csv,png}`.
@@ -19,7 +20,7 @@ use zwidth::{VelocitySettings, experiment::Verdict};
 const RESOLUTIONS_M: [f64; 6] = [1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3];
 const CUTOFFS_HZ: [f64; 13] =
     [0.36, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 4900.0];
-/// Steps of K (100 to 1e6 N/m) and of B (0.1 to 1000 N s/m), both in equal ratios, and the number of starts.
+/// Steps of K (100 to 1e6 N/m) and of B (0.1 to 1000 N s/m), both in equal ratios. `STARTS` is the number of starts.
 const STEPS: u64 = 12;
 const STARTS: u64 = 2;
 
@@ -66,7 +67,7 @@ fn run() -> Result<(), Error> {
     for (colour, resolution_m) in RESOLUTIONS_M.into_iter().enumerate() {
         let mut scene = NamedScene::load("paper-1um")?.scene;
         scene.encoder.resolution_m = resolution_m;
-        // The limit is 15 um, or 15 counts if a count is longer than 1 um.
+        // The RMS limit is 15 um, or 15 counts if a count is longer than 1 um.
         scene.wall_hit.rms_limit_m = 15.0 * resolution_m.max(1e-6);
         let prepared = PreparedScene::new(&scene)?;
         let mut points = vec![vec![], vec![]];

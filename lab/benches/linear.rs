@@ -1,4 +1,4 @@
-//! Throughput of the linear analysis: figure 2 of the paper, 10 cutoffs by 200 dampings. Budget: 0.2 s.
+//! Throughput of the linear analysis, for figure 2 of the paper: 10 cutoffs, 200 dampings. Budget: 0.2 s.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use host_sim::analysis::linear::{Boundary, Device, Loop, TransferFunction};

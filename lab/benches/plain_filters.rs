@@ -1,4 +1,4 @@
-//! The equations of every estimator with lanes, for the plain loop.
+//! The equations of each estimator that has lanes, for the plain loop.
 
 use std::{f64::consts::PI, sync::LazyLock};
 
@@ -49,7 +49,7 @@ impl Filter for Sum {
     }
 }
 
-/// The tracking loop. Smoothing is also a tracking loop.
+/// The tracking loop. It also serves for smoothing.
 struct Tracking {
     gains: TrackingLoop,
     error: f64,
@@ -99,7 +99,7 @@ impl Filter for Levant {
     }
 }
 
-/// First-order adaptive windowing in one pass, with narrowing bounds of the slope.
+/// First-order adaptive windowing in one pass. The bounds of the slope become narrower with each older sample.
 struct Adaptive {
     best: bool,
     window: usize,
@@ -161,7 +161,7 @@ impl Filter for Section {
     }
 }
 
-/// The observer that gets the motor's force.
+/// The observer with the motor's force as its input.
 struct Observer {
     design: ObserverDesign,
     known: f64,
@@ -197,11 +197,11 @@ pub const ACCELEROMETER: Accelerometer = Accelerometer {
     bandwidth_hz: Some(1600.0),
 };
 
-/// Noise of the accelerometer over a hit, RMS 1. It is computed only once, as for the lanes.
+/// Noise of the accelerometer over a hit, with RMS 1. Computed once, as for the lanes.
 static NOISE: LazyLock<Vec<f64>> =
     LazyLock::new(|| (0..SAMPLES).map(|n| 2f64.sqrt() * (n as f64 * n as f64).sin()).collect());
 
-/// The observer that gets the acceleration, in counts and samples.
+/// The observer with the acceleration as its input, in counts and samples.
 struct Fusion {
     observer: Observer,
     per_speed: f64,
@@ -260,7 +260,7 @@ impl Filter for Fusion {
     }
 }
 
-/// The counts of a window divided by its length.
+/// The sum of counts in a window, divided by the window's length.
 struct Window {
     past: [f64; 256],
     newest: usize,

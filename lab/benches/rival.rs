@@ -1,8 +1,10 @@
 //! Processor time of `cargo sim sweep --repeat 1 --plain` of both paper scenes, with figures and envelope. It is
 //! compared with a C program that walks the same boundaries hit by hit (`rival/rival.c`). First the benchmark checks
-//! that the two programs find the same boundaries in `f64`. The sweep without `--plain` also walks to a limit of 1 um,
-//! by motor and by hand. Its time is measured too. The benchmark needs a C compiler named `cc`. The rounds of all
-//! programs are interleaved, and the best round of each counts. The result is docs/data/batch-rival.csv.
+//! that both programs find the same boundaries in `f64`.
+//!
+//! The sweep without `--plain` is measured too. It also walks to a limit of 1 um, by motor and by hand. The rounds of
+//! all programs are interleaved. Only the best round of a program counts. The benchmark needs a C compiler named `cc`.
+//! The result is docs/data/batch-rival.csv.
 #![allow(clippy::unwrap_used, reason = "a benchmark fails loudly")]
 
 use std::{
@@ -67,7 +69,6 @@ fn line(prepared: &PreparedScene, cutoff_hz: f64) -> String {
     numbers.map(|number| format!("{number:e}")).join(" ")
 }
 
-/// Compiles the C program, and returns its path.
 fn compiled(folder: &Path, options: &[&str]) -> PathBuf {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("rival/rival.c");
     let program = folder.join(format!("rival{}", options.len()));
@@ -94,7 +95,7 @@ fn simulator() -> PathBuf {
     here.ancestors().nth(2).unwrap().join("host-sim")
 }
 
-/// Processor time of all ended children of this process, s.
+/// Processor time of all child processes that have ended, s.
 fn children_s() -> f64 {
     const TICKS_PER_S: f64 = 100.0; // Linux uses this unit on every machine
     let text = fs::read_to_string("/proc/self/stat").unwrap();
@@ -139,7 +140,7 @@ fn main() {
     let simulator = simulator();
     let mut sweeps = 0;
     let mut sweep = |more: &[&str]| {
-        sweeps += 1; // each sweep gets its own folder, because the command overwrites none
+        sweeps += 1; // each sweep gets its own folder, because the command does not overwrite files
         let mut sweep = Command::new(&simulator);
         sweep.args(["sweep", "--repeat", "1"]).args(more);
         sweep.arg("--out").arg(folder.join(format!("sweep{sweeps}")));

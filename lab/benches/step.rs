@@ -1,6 +1,6 @@
-//! Cost of one sample of the loop: the fixed-point core and its `f64` twin in the simulator, beside a plain scalar
-//! `f64` loop with the same equations. The plain loop uses no part of the simulator. Each runs whole wall hits. The
-//! throughput is in samples.
+//! Cost of one sample of the loop: the fixed-point core, its `f64` twin in the simulator, and a plain scalar `f64` loop
+//! with the same equations. The plain loop uses no part of the simulator. Each of them runs whole wall hits. Throughput
+//! in samples.
 #![allow(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,

@@ -1,10 +1,10 @@
-//! Access rules: only the page of this server, on this machine, gets answers.
+//! Access rules: only this server's own page gets answers, and only on this machine.
 
 /// Longest message from a page, bytes.
 pub const MESSAGE_MAX: usize = 4096;
-/// Largest count of open pages.
+/// Largest number of open pages.
 pub const PAGES_MAX: usize = 16;
-/// Largest count of messages of a page per second: a mouse sends 125.
+/// Largest number of messages from a page per second: a mouse sends 125.
 pub const MESSAGES_PER_S: u32 = 400;
 
 /// The secret token of this run, and the server's port.
@@ -20,23 +20,25 @@ impl Access {
         Self { token, port }
     }
 
-    /// The address that a person opens.
+    /// The address to open in a browser.
     pub fn address(&self) -> String {
         format!("http://127.0.0.1:{}/?token={}", self.port, self.token)
     }
 
-    /// Whether the request's host name is this machine's own name. So no foreign name can point to this server.
+    /// Whether the request's host name is a name of this machine. So a page under a foreign name cannot use this
+    /// server.
     pub fn is_our_host(&self, host: Option<&str>) -> bool {
         let ours = |name: &str| host == Some(format!("{name}:{}", self.port).as_str());
         ours("127.0.0.1") || ours("localhost")
     }
 
-    /// Whether the request comes from this server's page. A browser sends the origin when it opens a socket.
+    /// Whether the request comes from this server's page. A browser sends the origin of the page when it opens a
+    /// socket.
     pub fn is_our_origin(&self, origin: Option<&str>) -> bool {
         self.is_our_host(origin.and_then(|origin| origin.strip_prefix("http://")))
     }
 
-    /// Whether the token is right. The comparison takes the same time for every token.
+    /// Compares the token in the same time for every token.
     pub fn is_our_token(&self, token: Option<&str>) -> bool {
         let token = token.unwrap_or_default().as_bytes();
         let differs = self.token.bytes().enumerate().fold(0, |differs, (n, byte)| {

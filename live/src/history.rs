@@ -1,11 +1,10 @@
-//! Every sample of the last minutes, with smallest and largest values of bins of 8, 64 and 512 samples. The bins make
-//! plots of long times fast.
+//! Every sample of the last minutes, with the smallest and largest values of bins of 8, 64 and 512 samples. The bins
+//! make plots of long times fast.
 
-/// Rows that are kept: two minutes at 10 kHz.
+/// Number of rows that are stored: two minutes at 10 kHz.
 pub const KEPT: usize = 1_200_000;
-/// Rows of a bin of each level.
+/// Rows per bin, for each level of bins.
 const LEVELS: [usize; 4] = [1, 8, 64, 512];
-/// Signals of a row.
 pub const SIGNALS: usize = 3;
 
 /// One sample: position, velocity and force as the integers of the control loop.
@@ -17,10 +16,10 @@ pub struct Row {
     pub flags: u16,
 }
 
-/// Bin of consecutive rows.
+/// A bin of consecutive rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bin {
-    /// Smallest and largest value of each signal. In an empty bin the smallest value is larger than the largest.
+    /// Smallest and largest value of each signal. In an empty bin the smallest value is above the largest.
     pub ends: [[i32; 2]; SIGNALS],
     /// Flags that any row of the bin has.
     pub flags: u16,
@@ -29,7 +28,6 @@ pub struct Bin {
 impl Bin {
     pub const EMPTY: Self = Self { ends: [[i32::MAX, i32::MIN]; SIGNALS], flags: 0 };
 
-    /// Whether the bin has no row.
     pub fn is_empty(&self) -> bool {
         self.ends[0][0] > self.ends[0][1]
     }
@@ -47,10 +45,10 @@ impl Bin {
     }
 }
 
-/// The rows by number. The number of a row is its sample divided by [`step`](Self::step).
+/// The rows by number. A row's number is its sample divided by [`step`](Self::step).
 #[derive(Debug)]
 pub struct History {
-    /// Samples from row to row.
+    /// Samples from one row to the next.
     step: u64,
     /// Number after the newest row.
     end: u64,
@@ -67,12 +65,11 @@ impl Default for History {
 }
 
 impl History {
-    /// Clears the history. Rows come every `step` samples from now on.
+    /// Clears the history. From now on there is a row every `step` samples.
     pub fn restart(&mut self, step: u64) {
         *self = Self { step: step.max(1), ..Self::default() };
     }
 
-    /// Samples from row to row.
     pub fn step(&self) -> u64 {
         self.step
     }
@@ -82,8 +79,8 @@ impl History {
         [self.begin, self.end]
     }
 
-    /// Adds the row of a sample. Missing rows before it become gaps. A smaller sample number means that the board was
-    /// reset, and clears the history.
+    /// Adds the row of a sample. Missing rows before it become gaps. If the sample number is smaller than the last one,
+    /// the board was reset, and the history is cleared.
     pub fn push(&mut self, sample: u64, row: &Row) {
         let number = sample / self.step;
         if number < self.end || number - self.end > KEPT as u64 {
@@ -103,7 +100,7 @@ impl History {
         let number = self.end;
         for (level, rows) in self.levels.iter_mut().zip(LEVELS) {
             let place = &mut level[place_of(number, rows)];
-            // The first row of a bin replaces a bin that is two minutes old.
+            // The first row of a bin replaces the bin of two minutes ago.
             if number.is_multiple_of(rows as u64) || number == self.begin {
                 *place = Bin::EMPTY;
             }
@@ -132,14 +129,13 @@ impl History {
         (0..count as u64).map(bin).collect()
     }
 
-    /// The row with this number.
     pub fn row(&self, number: u64) -> Option<Row> {
         let bin = self.bins(number, 1, 1)[0];
         (!bin.is_empty())
             .then(|| Row { values: bin.ends.map(|[value, _]| value), flags: bin.flags })
     }
 
-    /// Smallest power of two that puts `rows` rows into at most `columns` bins.
+    /// Smallest number of rows per bin, a power of two, with which `rows` rows fit into `columns` bins.
     pub fn stride(rows: u64, columns: u64) -> u64 {
         rows.div_ceil(columns.max(1)).max(1).next_power_of_two()
     }
@@ -161,7 +157,7 @@ mod tests {
         Row { values: [value, -value, value / 3], flags: 1 << (n % 5) }
     }
 
-    /// Bins equal the extremes of their rows: at every stride, across the ends of the history, and after it has
+    /// Bins have the extremes of their rows: at every stride, at both ends of the history, and after the memory has
     /// wrapped.
     #[test]
     fn bins_are_the_ends_of_their_rows() {
@@ -204,7 +200,7 @@ mod tests {
         history.push(20, &row(20));
         assert_eq!((history.rows(), history.step()), ([2, 3], 10));
         assert_eq!(history.row(0), None);
-        // A jump beyond the whole history leaves no old row.
+        // A jump by more than the whole history leaves no old row.
         history.push(10 * (KEPT as u64 + 100), &row(7));
         assert_eq!(history.rows()[1] - history.rows()[0], 1);
     }

@@ -1,6 +1,6 @@
-//! The board's side. A [`Talk`] sends commands over a [`Link`], one at a time, and the [`Hub`] keeps what the board
-//! sends. A server runs it in a thread of its own. In a page without threads the caller runs it together with the
-//! board.
+//! The communication with a board. A [`Talk`] sends commands over a [`Link`], one at a time, and the [`Hub`] stores
+//! what the board sends. A server runs the [`Talk`] in its own thread. In a page without threads the caller runs it
+//! together with the board.
 
 use std::{
     collections::VecDeque,
@@ -29,43 +29,43 @@ mod tests;
 
 pub use known::{From, Known, Line, Stopped};
 
-/// Time between two looks at the link.
+/// Time between two turns.
 const LOOK: Duration = Duration::from_millis(1);
-/// Longest wait for a reply. `save` has a longer wait, since it erases flash.
+/// Longest wait for a reply. `SAVED` is for the reply to `save`, which erases flash.
 const REPLY: Duration = Duration::from_millis(500);
 const SAVED: Duration = Duration::from_secs(3);
-/// Time after which the board switches off without `alive`, and the period of `alive`.
+/// Time after which the board switches off without `alive`, ms. `WORD` is the time between two `alive` commands.
 const PROMISE_MS: u32 = 200;
 const WORD: Duration = Duration::from_millis(50);
 /// Time between two `status` commands.
 const STATUS: Duration = Duration::from_millis(500);
-/// Largest count of waiting commands.
+/// Largest number of waiting commands.
 const WAITING: usize = 64;
-/// Ends an incomplete line so that it is not a command.
+/// Ends an incomplete line, so that the line is no valid command.
 const NO_COMMAND: &[u8] = b"?\n";
-/// A command with an unknown estimator, and the beginning of its refusal. The refusal lists the image's estimators.
+/// A command with an unknown estimator, and the beginning of its error reply. The reply lists the image's estimators.
 const ESTIMATORS: [&str; 2] = ["estimator ?", "error: unknown estimator, allowed "];
-/// Commands that are sent first, and after a reset of the board.
+/// The first commands to a board. They are repeated after a reset of the board.
 const GREETING: [&str; 4] = ["version", ESTIMATORS[0], "get", "status"];
-/// A person's finger: stiffness and damping of a light grip, and its largest force.
+/// A person's finger: a light grip, and the finger's largest force.
 const FINGER: Finger =
     Finger { target_m: 0.0, stiffness_n_per_m: 400.0, damping_n_s_per_m: 3.0, limit_n: 12.0 };
 
 /// Access to the virtual board behind the link, if the board is virtual.
 pub type Virtual = Option<Arc<Wires>>;
 
-/// Receives the telemetry as it comes.
+/// A receiver of the telemetry's bytes.
 pub type Tape = Box<dyn FnMut(&[u8]) -> Result<(), String> + Send>;
 
-/// Clock: returns the time since it was started.
+/// A clock: returns the time since its start.
 pub type Clock = Box<dyn Fn() -> Duration + Send + Sync>;
 
-/// The board's side of the program.
+/// The state that pages and the communication with the board share.
 pub struct Hub {
     history: Mutex<History>,
     known: Mutex<Known>,
     asked: Mutex<Asked>,
-    /// Time until which the board may get the `alive` command.
+    /// Time until which `alive` may be sent to the board.
     attended: Mutex<Duration>,
     ended: AtomicBool,
     board: Virtual,
@@ -76,7 +76,7 @@ pub struct Hub {
 struct Asked {
     lines: VecDeque<String>,
     stops: Vec<(u64, Duration)>,
-    /// Count of stops.
+    /// Number of stops so far.
     stopped: u64,
 }
 
@@ -86,8 +86,8 @@ pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Hub {
-    /// Talks to a board from now on, in a thread of its own. `elf`: the program, needed to read its log. `record`: an
-    /// additional receiver of the telemetry.
+    /// Starts the communication with a board in a new thread. `elf`: the program, needed to read the board's log.
+    /// `record`: an additional receiver of the telemetry.
     pub fn start(
         link: Box<dyn Link>,
         board: Virtual,
@@ -101,7 +101,7 @@ impl Hub {
         (hub, thread)
     }
 
-    /// A hub without a thread of its own: each [`Talk::turn`] sends and receives.
+    /// A hub without a thread: each [`Talk::turn`] sends and receives.
     pub fn new(
         link: Box<dyn Link>,
         board: Virtual,
@@ -121,7 +121,7 @@ impl Hub {
         let talk = Talk {
             hub: Arc::clone(&hub),
             link,
-            // The table of messages is never freed: the decoder borrows it, and each program has only one.
+            // The memory of the table is never freed: the decoder borrows it, and each program has only one.
             log: elf
                 .and_then(|elf| log::table(elf).ok())
                 .map(|table| log::Decoder::new(Box::leak(Box::new(table)))),
@@ -150,20 +150,20 @@ impl Hub {
         (self.clock)()
     }
 
-    /// The present knowledge of the board.
+    /// What is known about the board now.
     pub fn known(&self) -> MutexGuard<'_, Known> {
         lock(&self.known)
     }
 
-    /// All rows that have come.
     pub fn history(&self) -> MutexGuard<'_, History> {
         lock(&self.history)
     }
 
-    /// Queues a line for the console. `stopped`: the count of [stops](Self::stopped) that its author knows.
+    /// Queues a line for the console. `stopped`: the number of [stops](Self::stopped) that the sender of the line
+    /// knows.
     ///
     /// # Errors
-    /// The queue is full, or there was a stop that the author does not know.
+    /// The queue is full, or there was a stop that the sender does not know.
     pub fn command(&self, line: &str, stopped: Option<u64>) -> Result<(), &'static str> {
         let mut asked = lock(&self.asked);
         if stopped.is_some_and(|known| known != asked.stopped) {
@@ -176,7 +176,7 @@ impl Hub {
         Ok(())
     }
 
-    /// Switches the force off before everything else. Waiting lines are not sent.
+    /// Sends `disarm` before everything else. Waiting lines are dropped.
     pub fn stop(&self, id: u64) {
         let forgotten = {
             let mut asked = lock(&self.asked);
@@ -190,20 +190,20 @@ impl Hub {
         }
     }
 
-    /// Count of stops.
+    /// Number of stops so far.
     pub fn stopped(&self) -> u64 {
         lock(&self.asked).stopped
     }
 
-    /// Sets the finger on a virtual board's handle. `target_m` is in the board's positions.
+    /// Sets the finger at a virtual board's handle. `target_m` is a position of the board.
     pub fn touch(&self, target_m: Option<f64>, resolution_m: f64) {
         let Some(board) = &self.board else { return };
         let offset_m = self.offset_m(resolution_m);
         board.touch(target_m.map(|target_m| Finger { target_m: target_m + offset_m, ..FINGER }));
     }
 
-    /// The owner's page is there until this time. If nobody calls it again, because the page is gone or the server hangs,
-    /// the force goes off.
+    /// Says that the owner's page is open until this time. If no later time follows, because the page has closed or the
+    /// server hangs, the force goes off.
     pub fn attend(&self, until: Duration) {
         *lock(&self.attended) = until;
     }
@@ -215,13 +215,13 @@ impl Hub {
         }
     }
 
-    /// The visible state of a virtual board.
+    /// State of a virtual board's device for the display.
     pub fn seen(&self) -> Option<Seen> {
         self.board.as_ref().map(|board| board.seen())
     }
 
-    /// Offset from the board's positions to the scene's, rounded to 1 mm, since the handle moves between the two
-    /// readings.
+    /// Offset from the board's positions to the scene's. It is rounded to 1 mm, because the handle moves between the
+    /// two readings.
     fn offset_m(&self, resolution_m: f64) -> f64 {
         let record = self.known().record;
         let (Some(seen), Some(record)) = (self.seen(), record) else { return 0.0 };
@@ -229,7 +229,6 @@ impl Hub {
         (offset_m * 1e3).round() / 1e3
     }
 
-    /// Sends a message to all pages.
     pub fn note(&self, text: &str) {
         self.known().say(From::Server, text.to_owned(), None);
     }
@@ -240,13 +239,13 @@ impl Hub {
     }
 }
 
-/// The last command, which waits for its reply.
+/// The last command, whose reply has not come.
 struct Pending {
     line: String,
-    /// Beginning of the reply; none: any reply counts. It is given for a question of this program, so that replies to
-    /// earlier commands are not taken for its reply.
+    /// Beginning of the reply; `None` if any reply counts. Only questions of this program have it. So a reply to an
+    /// earlier command is not taken for theirs.
     begins: Option<String>,
-    /// Whether a person gets the reply.
+    /// Whether the reply is shown to a person.
     loud: bool,
     since: Duration,
 }
@@ -269,18 +268,18 @@ pub struct Talk {
     hub: Arc<Hub>,
     link: Box<dyn Link>,
     log: Option<log::Decoder<'static>>,
-    /// Bytes of the log that have come since it was last read.
+    /// Bytes of the log that were received in the last turn.
     logged: Vec<u8>,
     record: Option<Tape>,
     decoder: telemetry::Decoder,
     pending: Option<Pending>,
-    /// Bytes that the board had no room for.
+    /// Bytes for which the board had no room.
     unsent: Vec<u8>,
-    /// Whether the board has an incomplete line. At first it may come from an earlier host.
+    /// Whether the board has received an incomplete line. At first an earlier host may have sent it.
     begun: bool,
     /// Bytes of an incomplete reply.
     replies: Vec<u8>,
-    /// Count of `alive` commands without a reply.
+    /// Number of `alive` commands without a reply.
     words: u32,
     /// Whether the board expects `alive`.
     promised: bool,
@@ -288,7 +287,7 @@ pub struct Talk {
     status_at: Duration,
     quiet: VecDeque<&'static str>,
     stops: Vec<(u64, Duration)>,
-    /// Console lines whose copies in the log have not come yet.
+    /// Console lines that the log has not repeated yet.
     twice: VecDeque<String>,
     settings: Option<u16>,
     last: Option<Record>,
@@ -303,8 +302,8 @@ impl Talk {
             thread::sleep(LOOK);
         }
         self.disarm();
-        // Wait until all bytes are sent, since the board may have little room. A board that reads nothing switches off
-        // without `alive`.
+        // All bytes must be sent, and the board may have little room. If the board reads nothing, it switches off by
+        // itself when `alive` is missing.
         let end = Instant::now() + REPLY;
         while !self.unsent.is_empty() && Instant::now() < end {
             thread::sleep(LOOK);
@@ -313,7 +312,7 @@ impl Talk {
         thread::sleep(10 * LOOK);
     }
 
-    /// Reads the board's bytes and sends the next command. Returns whether the board is still there.
+    /// Reads the board's bytes and sends the next command. Returns false if the board is lost.
     pub fn turn(&mut self) -> bool {
         let lost = self.link.lost();
         if lost.is_some() {
@@ -327,7 +326,7 @@ impl Talk {
         true
     }
 
-    /// Sends `disarm` before all waiting bytes.
+    /// Sends `disarm` in place of all waiting bytes.
     fn disarm(&mut self) {
         self.unsent.clear();
         self.send("disarm");
@@ -388,7 +387,7 @@ impl Talk {
         if loud {
             self.hub.known().say(From::Person, line.clone(), None);
             if line.trim() == "arm" {
-                // `alive` is sent before `arm`, so that the force is never on without its time limit.
+                // `alive` comes before `arm`, so that the force is never on without a time limit.
                 self.promise(PROMISE_MS, now);
             }
         } else if line == "status" {
@@ -403,14 +402,14 @@ impl Talk {
         self.pending = Some(Pending { line, begins, loud, since: now });
     }
 
-    /// Stops waiting for the reply.
+    /// Ends the wait for the reply.
     fn give_up(&mut self, why: &str) {
         if let Some(Pending { line, .. }) = self.pending.take().filter(|pending| pending.loud) {
             self.hub.known().say(From::Server, format!("no reply to {line}: {why}"), Some(line));
         }
     }
 
-    /// Handles a reset of the board: it has lost the last command, and its old state is not valid any more.
+    /// Handles a reset of the board. It has lost the last command, and its old state is not valid any more.
     fn meet_again(&mut self) {
         self.give_up("the board was reset");
         self.hub.note("the board was reset");
@@ -418,8 +417,8 @@ impl Talk {
         (self.settings, self.promised, self.words) = (None, false, 0);
     }
 
-    /// Sends `alive` while the force is on and the owner is there. Without the owner, switches the force off. If this
-    /// program ends, the board switches off without `alive`.
+    /// Sends `alive` while the force is on and the owner is present. Without the owner, switches the force off. If this
+    /// program ends, the board gets no `alive` and switches off.
     fn keep_the_promise(&mut self, now: Duration) {
         if now.saturating_sub(self.word_at) < WORD {
             return;
@@ -431,7 +430,7 @@ impl Talk {
         } else if on && self.promised {
             self.hub.note("nobody is there who may command: force off");
             self.hub.stop(0);
-            self.word_at = now + 20 * WORD; // send it again if the force is still on, or end the time limit
+            self.word_at = now + 20 * WORD; // the next try if the force is still on; else the end of the time limit
         } else if self.promised && !on && now.saturating_sub(self.word_at) > 10 * WORD {
             self.promise(0, now);
         }
@@ -490,7 +489,7 @@ impl Talk {
             _ => {}
         }
         if let Some(names) = line.strip_prefix(ESTIMATORS[1]) {
-            // The last name of a list that is cut off may be incomplete.
+            // If the list is cut off, its last name may be incomplete.
             let whole = names
                 .strip_suffix('~')
                 .map_or(names, |cut| cut.rsplit_once(' ').unwrap_or_default().0);
@@ -504,7 +503,7 @@ impl Talk {
                 }
             }
             Some(_) => {}
-            // A reply to an earlier host's command.
+            // This is a reply to an earlier host's command.
             None if is_answer
                 && self.pending.as_ref().is_some_and(|asked| asked.line == GREETING[0]) => {}
             None => known.say(From::Board, line, None),
@@ -512,13 +511,13 @@ impl Talk {
     }
 
     fn read_log(&mut self) {
-        // Decode only the bytes of the previous look: the replies that came with them have been read by now.
+        // Only the bytes of the previous turn are decoded: the replies that came with them have been read by now.
         let bytes = std::mem::take(&mut self.logged);
         self.link.read(LOG, &mut self.logged);
         let Some(log) = &mut self.log else { return };
-        // Log bytes that cannot be decoded are ignored: they may be another program's, or begin inside a frame.
+        // Log bytes that cannot be decoded are ignored: they may be from another program, or may start within a frame.
         for line in log.feed(&bytes).unwrap_or_default() {
-            // The log repeats the console's lines. A long line comes in pieces there.
+            // The log repeats the console's lines, long lines in pieces.
             let piece = line.strip_suffix('~').unwrap_or(&line);
             if let Some(place) = self.twice.iter().position(|known| known.contains(piece)) {
                 let rest = self.twice[place].replacen(piece, "", 1);

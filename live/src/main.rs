@@ -42,8 +42,8 @@ use virtual_board::{
     session::Session,
 };
 
-/// Shows a board in the browser: see, turn and push the wall. Opens nothing by itself: the first line on stdout is the
-/// address. Nobody but this machine can reach it.
+/// Shows a board in the browser: see, turn and push the wall. It does not open the browser. The first line on stdout is
+/// the address, which only this machine can reach.
 #[derive(Parser)]
 #[command(name = "live", version)]
 struct Cli {
@@ -52,18 +52,18 @@ struct Cli {
     scene: String,
     #[arg(long, default_value = NUCLEO_F446RE.name, help = Board::names(" or "))]
     board: String,
-    /// The firmware of the virtual board, or the program whose log is read; built if not given.
+    /// The firmware of the virtual board, or the program that a real board runs, to read its log; built if not given.
     #[arg(long)]
     elf: Option<PathBuf>,
-    /// The board's device record, of `cargo sim prepare` [default: made of the scene with its envelope; of the board's own
-    /// scene that of the image]. A real board says whether it has this one.
+    /// The board's device record, a file from `cargo sim prepare` [default: made from the scene, with its envelope; for
+    /// the board's own scene: the image's record]. If a real board has another record, the page shows an error.
     #[arg(long, value_name = "FILE")]
     device: Option<PathBuf>,
     /// Port on 127.0.0.1; 0: any.
     #[arg(long, default_value_t = 0)]
     port: u16,
-    /// A real board behind RTT over TCP (OpenOCD, J-Link, `cargo board serve`), in place of the virtual one: channel n
-    /// on port PORT + n.
+    /// A real board behind RTT over TCP (OpenOCD, J-Link, `cargo board serve`), in place of the virtual one. Channel n
+    /// is on port PORT + n.
     #[arg(long, value_name = "HOST:PORT")]
     rtt_tcp: Option<String>,
     #[command(flatten)]
@@ -121,7 +121,7 @@ fn execute(cli: Cli) -> Result<(), Error> {
                 Ok::<_, Error>((LiveBoard::start(session, begin)?, elf))
             };
             let started = start(&record_bytes).or_else(|error| {
-                // The image may lack an estimator of the scene.
+                // The image may not have the scene's estimator.
                 if cli.device.is_some() {
                     return Err(error);
                 }
@@ -155,8 +155,8 @@ fn execute(cli: Cli) -> Result<(), Error> {
     tape.map_or(Ok(()), Outputs::commit).and(served)
 }
 
-/// The record of a scene on that board, as `cargo sim prepare` makes it. If `prepare` refuses the scene, the record has
-/// no envelope. `None` for the board's own scene.
+/// The record of a scene on that board, as `cargo sim prepare` makes it. It has no envelope if `prepare` refuses the
+/// scene. `None` for the board's own scene.
 fn made(scene: &NamedScene, board: Board) -> Result<Option<Vec<u8>>, Error> {
     if device::is_built_in(scene, board) {
         return Ok(None);

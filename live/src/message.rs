@@ -1,51 +1,48 @@
-//! Messages from a page, in JSON.
-
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use crate::trigger::Trigger;
 
-/// A message from a page.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum FromPage {
-    /// A line for the console; only from the owner. `stopped`: the count of stops that the page knows. After a further
-    /// stop the line is refused.
+    /// A line for the console, from the owner only. `stopped`: the number of stops that the page knows. If there were
+    /// more stops, the line is refused.
     Command { line: String, stopped: Option<u64> },
-    /// Switches the force off at once; from any page. `id` identifies the answer.
+    /// Switches the force off at once; from any page. The answer has the same `id`.
     Stop { id: u64 },
-    /// Target of the finger in the board's positions, m; none releases the handle. Only from the owner, for a virtual
+    /// Target of the finger in the board's positions, m; `None` releases the handle. From the owner only, for a virtual
     /// board.
     Finger { target_m: Option<f64> },
-    /// Opens or closes the emergency stop. Only from the owner, for a virtual board.
+    /// Opens or closes the emergency stop. From the owner only, for a virtual board.
     EmergencyStop { open: bool },
-    /// The page asks for control.
+    /// The page asks for control of the board.
     Ask {},
-    /// The owner gives control to the page that asked.
+    /// The owner gives control to the page that has asked for it.
     Give {},
-    /// Rows to plot: their time span, the largest count of bins, and whether the view stays at the same time.
+    /// Rows to plot: their time span, the largest number of bins, and whether the view stops at the present time.
     View { span_s: f64, columns: u64, paused: bool },
-    /// The trigger that stops the view.
+    /// Sets the trigger that stops the view.
     Trigger { on: Trigger },
     /// Asks for the boundary that the simulator predicts.
     Predict(Question),
 }
 
-/// The boundary for which a page asks.
+/// The estimator whose predicted boundary a page wants.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Question {
     pub estimator: String,
-    /// Tuning of the estimator, Hz.
+    /// Cutoff or other tuning of the estimator, Hz.
     pub cutoff_hz: f64,
 }
 
 impl FromPage {
-    /// Reads a message. Its key `type` gives its kind.
+    /// Reads a message. Its key `type` names its kind.
     ///
     /// # Errors
-    /// The text is not a message, or a value is not allowed; one line.
+    /// The text is not a message, or a value is not allowed; one line of text.
     pub fn read(text: &str) -> Result<Self, String> {
-        // serde's tagged enum is not used. It reads numbers as maps if any crate of the build enables serde_json's
+        // A tagged enum of serde is not used: it reads numbers as maps if any crate of the build enables serde_json's
         // arbitrary precision.
         let mut keys: Map<String, Value> =
             serde_json::from_str(text).map_err(|error| error.to_string())?;

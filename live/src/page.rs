@@ -1,4 +1,4 @@
-//! Messages to a page and requests from a page. The code is the same behind a server and in a worker of the page.
+//! Messages to and from a page. The code is the same in a server and in a worker of the page.
 
 use std::{
     sync::{Arc, Mutex, MutexGuard},
@@ -21,18 +21,15 @@ use crate::{
 
 /// Time between two calls of [`Page::tick`].
 pub const TICK: Duration = Duration::from_millis(30);
-/// Fraction of a triggered view before the trigger.
+/// Fraction of a triggered view that is before the trigger.
 const BEFORE: f64 = 0.25;
 
-/// State that all pages share.
 pub struct Shared {
     pub hub: Arc<Hub>,
     pub scene: NamedScene,
-    /// Which board it is.
     pub board: Board,
-    /// Device of the record that the board should have. `None`: the board may have any record.
+    /// Device of the record that the board must have. `None`: the board may have any record.
     pub device: Option<Device<'static>>,
-    /// Factors from the control loop's integers to SI units.
     pub scale: Scale,
     seats: Mutex<Seats>,
 }
@@ -48,8 +45,8 @@ impl Shared {
         Self { hub, scene, board, device, scale, seats: Mutex::default() }
     }
 
-    /// Error text if the board has another device record or cannot run with its record, according to its `version`
-    /// reply.
+    /// Error text if the board's reply to `version` names another device record, or says that the board cannot run with
+    /// its record.
     fn other_record(&self, version: &str) -> Option<String> {
         let device = self.device.as_ref()?;
         let (scene, envelope) = (device.scene_hash, device.envelope.hash());
@@ -72,18 +69,18 @@ impl Shared {
         lock(&self.seats)
     }
 
-    /// Rows as text of a table.
+    /// Rows as text of a table, in the units of the scene.
     pub fn table(&self, from: u64, count: u64) -> String {
         picture::table(&self.hub, &self.scale, self.scene.scene.units, from, count)
     }
 }
 
-/// View of a page, and what the page has received.
+/// View of a page, and what the page has already received.
 struct Looks {
     view: View,
     paused: bool,
     watch: Watch,
-    /// The last line that the page received, the count of stops, and the count of ticks.
+    /// Number of the last line that the page has received. `stops` and `ticks` are counts.
     line: u64,
     stops: u64,
     ticks: u32,
@@ -95,7 +92,7 @@ pub struct Tick {
     pub pictures: Vec<Vec<u8>>,
     /// State of the board as JSON.
     pub state: Option<String>,
-    /// Whether to check that the page is still there.
+    /// Whether to check that the page still answers.
     pub ping: bool,
 }
 
@@ -106,7 +103,6 @@ pub struct Page {
 }
 
 impl Page {
-    /// Adds a page.
     pub fn enter(shared: &Arc<Shared>) -> Self {
         let id = shared.seats().enter(shared.hub.now());
         let view = View { span_s: 5.0, columns: 800, end: None };
@@ -115,12 +111,11 @@ impl Page {
         Self { shared: Arc::clone(shared), id, looks: Mutex::new(looks) }
     }
 
-    /// Removes the page.
     pub fn leave(&self) {
         let Shared { hub, scale, .. } = &*self.shared;
         let owned = self.shared.seats().leave(self.id);
         if owned {
-            // Without an owner, the force goes off at once, and not only when `alive` is missing.
+            // Without an owner, the force goes off at once. The board does not wait for a missing `alive`.
             hub.touch(None, scale.resolution_m);
             let on = hub.known().is_on();
             if on {
@@ -130,17 +125,18 @@ impl Page {
         }
     }
 
-    /// Notes an answer of the page.
+    /// Notes that the page has answered.
     pub fn hear(&self) {
         self.shared.seats().hear(self.id, self.shared.hub.now());
     }
 
-    /// Whether the page has not answered for so long that it counts as gone.
+    /// Whether the page has not answered for so long that it counts as closed.
     pub fn is_gone(&self) -> bool {
         self.shared.seats().is_gone(self.id, self.shared.hub.now())
     }
 
-    /// Reads a message and carries it out. A prediction is left to the caller.
+    /// Reads a message and carries it out. If the message asks for a prediction, returns the question for the caller to
+    /// answer.
     ///
     /// # Errors
     /// The message is not valid, not allowed for this page, or not possible now; text for the page.
@@ -182,7 +178,7 @@ impl Page {
                 if !given {
                     return Err("nobody asks for control");
                 }
-                // A new owner begins with the force off.
+                // Under a new owner the force is off at first.
                 hub.touch(None, scale.resolution_m);
                 hub.stop(0);
             }
@@ -208,7 +204,7 @@ impl Page {
         Ok(None)
     }
 
-    /// Messages since the last tick.
+    /// Messages for the page since the last tick.
     pub fn tick(&self) -> Tick {
         let mut looks = lock(&self.looks);
         looks.ticks = looks.ticks.wrapping_add(1);
@@ -241,7 +237,7 @@ impl Page {
         made
     }
 
-    /// Constant data: values in m and N at the handle, and the distance of the handle's axis.
+    /// Data that does not change: values in m and N at the handle, and the handle's distance from its axis.
     pub fn hello(&self) -> String {
         let Shared { scene, board, scale, hub, .. } = &*self.shared;
         let limits = scene.scene.on_board().safety;
@@ -328,7 +324,7 @@ impl Page {
     }
 }
 
-/// The remedy of a fault: the last column of its row in the documentation.
+/// The remedy of a fault: the last column of its row in docs/faults.md.
 fn remedy(code: u8) -> &'static str {
     const PAGE: &str = include_str!("../../docs/troubleshooting.md");
     let is_its = |line: &&str| {

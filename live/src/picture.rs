@@ -1,4 +1,4 @@
-//! Plots of a page, made from the history: values in SI units, in short binary messages.
+//! Plots of a page from the history: values in SI units, in short binary messages.
 #![expect(
     clippy::cast_possible_truncation,
     clippy::cast_precision_loss,
@@ -19,7 +19,7 @@ use crate::{
     spectrum,
 };
 
-/// Rows of a spectrum and of a phase plane.
+/// Rows for a spectrum. `PHASE_ROWS` are those for a phase plane.
 const SPECTRUM_ROWS: u16 = 8192;
 const PHASE_ROWS: u64 = 2048;
 const BANDS: u32 = 240;
@@ -27,11 +27,11 @@ const BANDS: u32 = 240;
 /// Factors from the control loop's integers to SI units.
 #[derive(Clone, Copy, Debug)]
 pub struct Scale {
-    /// One LSB of position, velocity, force: m, m/s, N.
+    /// LSB of position, velocity and force: m, m/s, N.
     pub lsb: [f64; SIGNALS],
-    /// Samples in a second.
+    /// Samples per second, Hz.
     pub rate_hz: f64,
-    /// Length of a count, m per count.
+    /// Length of a count, m.
     pub resolution_m: f64,
     /// Force at full command, N.
     pub full_scale_n: f64,
@@ -51,24 +51,22 @@ impl Scale {
     }
 }
 
-/// View of a page.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
-    /// Length of the view, s.
     pub span_s: f64,
-    /// Largest count of columns of the picture.
+    /// Largest number of columns of the plot.
     pub columns: u64,
-    /// Number of the row at the end of the view; none: the newest row.
+    /// Number of the row at the end of the view; `None`: the newest row.
     pub end: Option<u64>,
 }
 
-/// Count of rows in a time span.
+/// Number of rows in a time span.
 pub fn rows_of(history: &History, scale: &Scale, span_s: f64) -> u64 {
     (span_s * scale.rate_hz / history.step() as f64).ceil() as u64
 }
 
-/// Smallest and largest values in columns: a head of 32 bytes (1, columns, first row, rows per column, samples per
-/// row), then six arrays of f32, then the flags as f32.
+/// Smallest and largest values in columns. The message has a head of 32 bytes (1, columns, first row, rows per column,
+/// samples per row), then six arrays of f32, then the flags as f32.
 pub fn curves(history: &History, scale: &Scale, view: &View) -> Vec<u8> {
     let rows = rows_of(history, scale, view.span_s);
     let stride = History::stride(rows, view.columns);
@@ -94,8 +92,8 @@ pub fn curves(history: &History, scale: &Scale, view: &View) -> Vec<u8> {
     bytes
 }
 
-/// Amplitudes of velocity and force before `end`: a head (2, count for velocity, count for force, 0), then pairs of
-/// frequency and amplitude.
+/// Amplitudes of velocity and force before `end`. The message has a head (2, number for velocity, number for force, 0),
+/// then pairs of frequency and amplitude.
 pub fn spectra(history: &History, scale: &Scale, end: Option<u64>) -> Option<Vec<u8>> {
     let end = end.unwrap_or(history.rows()[1]);
     let bins = history.bins(end.checked_sub(SPECTRUM_ROWS.into())?, 1, SPECTRUM_ROWS.into());
@@ -120,7 +118,7 @@ pub fn spectra(history: &History, scale: &Scale, end: Option<u64>) -> Option<Vec
     Some(bytes)
 }
 
-/// The last positions and velocities: a head (3, count), then both arrays.
+/// The last positions and velocities. The message has a head (3, number), then both arrays.
 pub fn phase(history: &History, scale: &Scale, end: Option<u64>) -> Vec<u8> {
     let [begin, newest] = history.rows();
     let end = end.unwrap_or(newest);

@@ -1,4 +1,4 @@
-//! The simulator's prediction for the page's (K, B) plane: the boundary of one estimator and tuning, by the walk of
+//! The simulator's prediction for the page's (K, B) plane: the boundary of an estimator with one tuning, by the walk of
 //! `cargo sim walk`, and the board's envelope.
 
 use std::sync::atomic::AtomicBool;
@@ -22,25 +22,25 @@ use zwidth::{
 pub struct Predicted {
     pub estimator: String,
     pub cutoff_hz: f64,
-    /// B, K of each point, N s/m and N/m.
+    /// B, N s/m, and K, N/m, of each point.
     pub points: Vec<[f64; 2]>,
     /// Area under the boundary, N^2 s/m^2.
     pub area: f64,
-    /// Boundary of the quiet walls, whatever the scene's criterion; empty if the grid has no quiet wall.
+    /// Boundary of the quiet walls, whatever the scene's criterion is; empty if the grid has no quiet wall.
     pub quiet: Vec<[f64; 2]>,
     /// Area under the quiet boundary, N^2 s/m^2.
     pub quiet_area: f64,
-    /// B, lowest and highest K of the rows of the board's envelope.
+    /// B, lowest K and highest K of each row of the board's envelope.
     pub envelope: Vec<[f64; 3]>,
     /// Delay of the estimated velocity at constant acceleration, s.
     pub delay_s: Option<f64>,
-    /// RMS error of the estimated velocity at 20 mm/s, from whole counts alone, m/s.
+    /// RMS error of the estimated velocity at 20 mm/s, caused by whole counts alone, m/s.
     pub noise_m_per_s: Option<f64>,
     /// Reason why there is no boundary.
     pub error: Option<String>,
 }
 
-/// Walks in the simulator, in about a second. `device`: the device of the board's record; none if the record has no
+/// Walks in the simulator, in about a second. `device`: the device of the board's record; `None` if the record has no
 /// envelope.
 pub fn predict(
     scene: &NamedScene,
@@ -77,15 +77,15 @@ pub fn predict(
     predicted
 }
 
-/// Speed at which the noise is measured, m/s.
+/// Speed for the measurement of the noise, m/s.
 pub const SPEED: f64 = 0.02;
 /// Acceleration for the measurement of the delay, m/s^2.
 const RISE: f64 = 1.0;
-/// Samples before the measurement, and samples of the measurement.
+/// Samples before the measurement. `LOOKED_AT` are the samples of the measurement.
 const SETTLE: u32 = 5_000;
 const LOOKED_AT: u32 = 5_000;
 
-/// B, lowest and highest K of a filter's rows in a device's envelope, at the device's own output period.
+/// B, lowest K and highest K of a filter's rows in a device's envelope, for the device's own output period.
 fn envelope(device: &Device<'_>, estimator: &str, cutoff_hz: f64) -> Vec<[f64; 3]> {
     let same = |other: f64| (other - cutoff_hz).abs() <= 1e-9 * other.abs().max(cutoff_hz.abs());
     let is_its = |key: &Key| {
@@ -100,7 +100,7 @@ fn envelope(device: &Device<'_>, estimator: &str, cutoff_hz: f64) -> Vec<[f64; 3
         .collect()
 }
 
-/// Delay and noise of the core's estimator for a motion that is read as counts.
+/// Delay and noise of the core's estimator for a motion that it gets as counts.
 fn quality(scene: &Scene, velocity: VelocitySettings) -> Option<(f64, f64)> {
     let (rate_hz, resolution_m) = (scene.control.rate_hz, scene.encoder.resolution_m);
     let wall = WallSettings {
@@ -152,8 +152,8 @@ mod tests {
     use super::*;
     use virtual_board::{board::NUCLEO_F446RE, device};
 
-    /// A second-order Butterworth lags by sqrt 2 / w at low frequencies, and the difference lags by half a sample. The
-    /// prediction equals the simulator's walk.
+    /// At low frequencies a second-order Butterworth lags by sqrt 2 / w, and the difference by half a sample. The
+    /// predicted boundary equals the simulator's walk.
     #[test]
     fn delay_and_noise_are_the_filters() {
         let scene = NamedScene::load("nucleo-f446re").unwrap();

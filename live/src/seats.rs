@@ -1,16 +1,16 @@
-//! Control of the board: one page owns the board, and the others watch. Control changes only by a person's action or
-//! when a page leaves.
+//! Control of the board: one page is the owner, and the others watch. The owner changes only by a person's action, or
+//! when the owner's page is closed.
 
 use std::time::Duration;
 
-/// A page without an answer for so long counts as absent: the force goes off.
+/// After so long without an answer of the owner's page, the force goes off.
 pub const ABSENT: Duration = Duration::from_secs(1);
-/// A page without an answer for so long counts as gone and loses control, even if its socket is still open.
+/// After so long without an answer, a page counts as closed and loses control, even if its socket is still open.
 pub const GONE: Duration = Duration::from_secs(2);
 
 #[derive(Debug, Default)]
 pub struct Seats {
-    /// Pages, and the time of each page's last answer.
+    /// Number of each page, and the time of its last answer.
     pub pages: Vec<(u64, Duration)>,
     last: u64,
     pub owner: Option<u64>,
@@ -19,7 +19,7 @@ pub struct Seats {
 }
 
 impl Seats {
-    /// Adds a page. It owns the board if no other page does.
+    /// Adds a page. It becomes the owner if there is no owner.
     pub fn enter(&mut self, now: Duration) -> u64 {
         self.last += 1;
         self.pages.push((self.last, now));
@@ -29,8 +29,8 @@ impl Seats {
         self.last
     }
 
-    /// Removes a page. Returns whether it was the owner. If it was, the page that asked for control becomes
-    /// the owner. If no page asked, there is no owner.
+    /// Removes a page. Returns whether it was the owner. The page that has asked for control then becomes the owner. If
+    /// no page has asked, there is no owner.
     pub fn leave(&mut self, page: u64) -> bool {
         self.pages.retain(|(other, _)| *other != page);
         self.asking = self.asking.filter(|other| *other != page);
@@ -41,7 +41,7 @@ impl Seats {
         owned
     }
 
-    /// Notes that a page asks for control. Returns whether it has to wait for the owner.
+    /// Notes that a page asks for control. Returns whether it must wait for the owner.
     pub fn ask(&mut self, page: u64) -> bool {
         let waits = self.owner.is_some_and(|owner| owner != page);
         match waits {
@@ -51,7 +51,7 @@ impl Seats {
         waits
     }
 
-    /// Gives control from the owner to the page that has asked for it. Returns whether it changed.
+    /// Passes control from the owner to the page that has asked for it. Returns whether the owner has changed.
     pub fn give(&mut self, page: u64) -> bool {
         let gives = self.owns(page) && self.asking.is_some();
         if gives {
@@ -64,29 +64,27 @@ impl Seats {
         (self.owner, self.asking) = (page, None);
     }
 
-    /// Notes an answer of a page.
     pub fn hear(&mut self, page: u64, now: Duration) {
         self.pages.iter_mut().filter(|(other, _)| *other == page).for_each(|seat| seat.1 = now);
     }
 
-    /// Time of the page's last answer; none: there is no such page.
+    /// Time of the page's last answer; `None` if there is no such page.
     fn heard(&self, page: u64) -> Option<Duration> {
         self.pages.iter().find(|(other, _)| *other == page).map(|(_, heard)| *heard)
     }
 
-    /// Time until which the owner counts as there, so that the board may get `alive`; 0 without an owner.
+    /// Time until which the owner counts as present, so that the board may get `alive`; 0 without an owner.
     pub fn attended_until(&self) -> Duration {
         self.owner
             .and_then(|owner| self.heard(owner))
             .map_or(Duration::ZERO, |heard| heard + ABSENT)
     }
 
-    /// Whether the page is gone, even if its socket is open.
+    /// Whether the page counts as closed, even if its socket is open.
     pub fn is_gone(&self, page: u64, now: Duration) -> bool {
         self.heard(page).is_none_or(|heard| now.saturating_sub(heard) >= GONE)
     }
 
-    /// Whether the page owns the board.
     pub fn owns(&self, page: u64) -> bool {
         self.owner == Some(page)
     }
@@ -109,7 +107,7 @@ mod tests {
         assert!(seats.owns(first));
         assert!(seats.give(first));
         assert!(seats.owns(second) && !seats.owns(first));
-        // A page that leaves passes control to the page that has asked for it. Otherwise no page owns the board.
+        // The closed page passes control to the page that has asked for it. Without such a page, there is no owner.
         assert!(seats.ask(first));
         assert!(seats.leave(second));
         assert!(seats.owns(first));

@@ -36,14 +36,14 @@ use tokio::sync::Semaphore;
 
 /// Time between two checks of the pages.
 const LOOK: Duration = Duration::from_millis(20);
-/// Largest count of rows in a saved table.
+/// Largest number of rows in a saved table.
 const ROWS_MAX: u64 = 200_000;
-/// Largest count of kept predictions.
+/// Largest number of stored predictions.
 const PREDICTIONS: usize = 200;
 
 macro_rules! assets {
     ($($name:literal: $kind:literal),*) => {
-        /// Name, media type and bytes of each file.
+        /// Name, media type and content of each file.
         const ASSETS: &[(&str, &str, &[u8])] = &[
             $(($name, $kind, include_bytes!(concat!("../assets/", $name)))),*
         ];
@@ -62,11 +62,10 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'u
                       img-src 'self' data: blob:; connect-src 'self'; form-action 'none'; base-uri 'none'; \
                       frame-ancestors 'none'";
 
-/// State that the requests share.
 pub struct App {
     shared: Arc<Shared>,
     access: Access,
-    /// Count of further sockets that may be opened.
+    /// Limits the number of sockets.
     room: Arc<Semaphore>,
     predictions: Mutex<HashMap<String, Arc<Predicted>>>,
     predicting: Semaphore,
@@ -74,7 +73,7 @@ pub struct App {
 }
 
 impl App {
-    /// The simulator's prediction. Each estimator and cutoff is walked only once.
+    /// The simulator's prediction. Each combination of estimator and cutoff is walked only once.
     async fn predict(self: &Arc<Self>, question: Question) -> Option<Arc<Predicted>> {
         let Question { estimator, cutoff_hz } = question;
         let key = format!("{estimator} {cutoff_hz}");
@@ -144,7 +143,7 @@ async fn listen(shared: Shared, port: u16) -> Result<(), Error> {
     }
 }
 
-/// Checks the pages, and whether to continue.
+/// Checks the pages. Returns when the program is to end.
 async fn attend(app: &App) -> Result<(), Error> {
     let mut look = tokio::time::interval(LOOK);
     loop {
@@ -158,7 +157,7 @@ async fn attend(app: &App) -> Result<(), Error> {
     }
 }
 
-/// Refuses each request whose host is not this machine's name.
+/// Refuses each request whose host is not a name of this machine.
 async fn only_here(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
     if !app.access.is_our_host(text(request.headers(), header::HOST)) {
         return (StatusCode::FORBIDDEN, "another host").into_response();
@@ -182,7 +181,7 @@ fn text(headers: &HeaderMap, name: header::HeaderName) -> Option<&str> {
 
 type Words = Query<HashMap<String, String>>;
 
-/// Requires the secret token for everything except the public files.
+/// Requires the secret token for all files but the public ones.
 async fn with_token(
     State(app): State<Arc<App>>,
     words: Words,
@@ -203,7 +202,7 @@ async fn asset(Path(name): Path<String>) -> Response {
     }
 }
 
-/// The rows of a view; the query has `from` and `rows`.
+/// The rows of a view. The query has `from` and `rows`.
 async fn rows(State(app): State<Arc<App>>, words: Words) -> Response {
     let number = |name: &str| words.get(name).and_then(|word| word.parse::<u64>().ok());
     let (Some(from), Some(count)) = (number("from"), number("rows").filter(|n| *n <= ROWS_MAX))
@@ -214,7 +213,7 @@ async fn rows(State(app): State<Arc<App>>, words: Words) -> Response {
     ([(header::CONTENT_TYPE, "text/csv")], app.shared.table(from, count)).into_response()
 }
 
-/// Opens a socket only to a page of this server.
+/// Opens a socket to pages of this server only.
 async fn upgrade(
     State(app): State<Arc<App>>,
     headers: HeaderMap,

@@ -1,11 +1,10 @@
-//! Triggers: a view stops some time after an event.
+//! Triggers: after an event, the view stops.
 
 use serde::Deserialize;
 use zwidth::telemetry::Flags;
 
 use crate::history::{History, Row, SIGNALS};
 
-/// The event of a trigger.
 #[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Trigger {
@@ -13,7 +12,6 @@ pub enum Trigger {
     Off,
     /// The handle enters the wall.
     Contact,
-    /// A fault is latched.
     Fault,
     /// A signal crosses a level.
     Level {
@@ -21,13 +19,13 @@ pub enum Trigger {
         signal: usize,
         /// The level as an integer of the control loop.
         level: i32,
-        /// Whether the signal must cross the level upwards.
+        /// Whether the signal must cross the level upwards; otherwise downwards.
         rising: bool,
     },
 }
 
 impl Trigger {
-    /// Whether the trigger's values are allowed.
+    /// Whether the values of the trigger are allowed.
     pub fn is_valid(&self) -> bool {
         !matches!(self, Self::Level { signal, .. } if *signal >= SIGNALS)
     }
@@ -47,22 +45,20 @@ impl Trigger {
     }
 }
 
-/// Checks each row once for the trigger.
+/// Checks each row once for the event.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Watch {
     trigger: Trigger,
     next: u64,
-    /// Number of the row at which the trigger was met.
+    /// Number of the row with the event.
     pub met: Option<u64>,
 }
 
 impl Watch {
-    /// Arms the trigger from now on.
     pub fn arm(&mut self, trigger: Trigger, history: &History) {
         *self = Self { trigger, next: history.rows()[1], met: None };
     }
 
-    /// Checks the new rows.
     pub fn look(&mut self, history: &History) {
         let [begin, end] = history.rows();
         if self.next > end {

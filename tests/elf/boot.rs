@@ -77,7 +77,7 @@ fn a_handle_that_moves_at_a_boot_has_not_jumped(board: Board) {
     }
 }
 
-/// From `zero` to `status`: the visible state, the telemetry, and the handle's last position.
+/// Runs a hit. Returns the lines of the log, the telemetry, the handle's last position, and the number of instructions.
 fn session(firmware: &Firmware) -> (Vec<String>, Vec<u8>, u64, u64) {
     let mut world = firmware.armed();
     ok(&mut world, "hit");
@@ -121,7 +121,7 @@ fn an_unknown_board_has_no_name() {
     assert_eq!(Board::named("nucleo"), None);
 }
 
-/// The encoder's signals include the errors of the scene's encoder.
+/// The encoder's signals include the errors of the scene's encoder. Elements that the board lacks are refused.
 #[test]
 fn the_encoders_error_and_noise_reach_the_board_and_what_it_has_not_is_refused() {
     let mut firmware = Firmware::of(NUCLEO_F446RE);

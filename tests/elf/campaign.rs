@@ -1,4 +1,4 @@
-//! A small `cargo board campaign`: its classes on the image, and equal results with any count of threads.
+//! A short `cargo board campaign`. Its results do not depend on the number of threads.
 
 use board_trials::campaign::{
     row::Row,
@@ -31,7 +31,7 @@ fn a_fault_is_off_in_time_bounded_or_unnoticed_as_the_plant_says() {
     let chosen: Vec<_> = rows(board, false).into_iter().filter(named).collect();
     let ground = Ground::new(&session, &chosen).unwrap();
     let verdicts = ground.rows(&chosen, 2).unwrap();
-    // In contact without the rows that begin with the force off; at full force only rows that must be off soon.
+    // In contact, rows that begin with the force off are not run. At full force, only rows with a short limit are run.
     let each = |situation| verdicts.iter().filter(|(_, at, _)| *at == situation).count();
     assert_eq!(SITUATIONS.map(each), [wanted.len(), wanted.len() - 2, wanted.len() - 3]);
     for (row, situation, verdict) in verdicts {
@@ -41,7 +41,7 @@ fn a_fault_is_off_in_time_bounded_or_unnoticed_as_the_plant_says() {
         let expected = if situation.is_free() { free } else { contact };
         println!("{} {situation:?}: {class:?}, {off_s:?}, {speed_m_per_s}, {travel_m}", row.name);
         assert_eq!(class, expected, "{} {situation:?}", row.name);
-        // A row has a reason exactly if its fault is never found.
+        // Only a row whose fault is never found has a reason.
         let stays = class == Class::Unnoticed;
         assert_eq!(row.reason(situation).is_some(), stays, "{} {situation:?}", row.name);
         assert_eq!(off_s.is_none(), matches!(class, Class::Unnoticed | Class::NoEffect));

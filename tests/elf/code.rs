@@ -1,5 +1,5 @@
-//! Reads the machine code of an ELF: the targets of a function's branches, and the functions whose address is taken.
-//! Armv7-M architecture reference manual, A5.
+//! Reads the machine code of an ELF: the targets of a function's branches, and the functions whose address is stored.
+//! See the Armv7-M architecture reference manual, A5.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,19 +13,18 @@ pub struct Instruction {
     pub second: u16,
 }
 
-/// The functions of an ELF.
 pub struct Code<'a> {
     elf: &'a Elf,
     /// Size and name of each function, by its address.
     functions: BTreeMap<u32, (u32, &'a str)>,
 }
 
-/// Targets of a function.
+/// What a function calls or jumps to.
 #[derive(Debug, Default)]
 pub struct Flow {
-    /// Functions that the function calls or jumps to.
+    /// Functions that it calls or jumps to directly.
     pub to: BTreeSet<u32>,
-    /// Whether the function calls or jumps through a register.
+    /// Whether it calls or jumps through a register.
     pub indirect: bool,
 }
 
@@ -43,7 +42,7 @@ impl<'a> Code<'a> {
         Self { elf, functions }
     }
 
-    /// Name of the function in the linker's form.
+    /// Name of the function, as the linker writes it.
     pub fn name(&self, function: u32) -> &'a str {
         self.functions.get(&function).map_or("?", |&(_, name)| name)
     }
@@ -67,8 +66,8 @@ impl<'a> Code<'a> {
         &bytes[(from - base) as usize..(from - base + length) as usize]
     }
 
-    /// All words in flash that are not code: constants, tables, the image of `.data`. Without the vector table, which
-    /// only the hardware uses.
+    /// All words in flash that are not code: constants, tables, initial values of `.data`. The vector table is left
+    /// out, since only the hardware uses it.
     pub fn constants(&self) -> Vec<u32> {
         let (vectors, size) = self.elf.section(".vector_table").unwrap();
         let mut words = Vec::new();
@@ -83,7 +82,7 @@ impl<'a> Code<'a> {
         words
     }
 
-    /// The handlers in the vector table without the reset handler, each once.
+    /// The handlers in the vector table, each once, without the reset handler.
     pub fn handlers(&self) -> BTreeSet<u32> {
         let (base, size) = self.elf.section(".vector_table").unwrap();
         let words = self.bytes(base, size).chunks_exact(4);
@@ -110,7 +109,7 @@ impl<'a> Code<'a> {
         all
     }
 
-    /// Targets of the function at `start`, without branches inside the function.
+    /// Targets of the function at `start`. Branches within the function are left out.
     pub fn flow(&self, start: u32) -> Flow {
         let mut flow = Flow::default();
         for instruction in self.instructions(start) {
@@ -121,7 +120,7 @@ impl<'a> Code<'a> {
         flow
     }
 
-    /// Functions whose address is built in code (`movw`, `movt`), or is in a literal after code or in a constant.
+    /// Functions whose address is in a constant, in a literal after code, or built in code (`movw`, `movt`).
     pub fn address_taken(&self) -> BTreeSet<u32> {
         let mut words: BTreeSet<u32> = self.constants().into_iter().collect();
         for (&start, &(size, _)) in &self.functions {
@@ -145,8 +144,8 @@ impl<'a> Code<'a> {
 }
 
 impl Instruction {
-    /// Whether the instruction is `blx` or `bx` with a register other than the return address, or a load of the program
-    /// counter that is not a return.
+    /// Whether the instruction branches through a register and is no return: `blx`, `bx`, a move to the program counter
+    /// or a load of it.
     pub fn is_indirect(self) -> bool {
         let register = (self.first >> 3) & 0xF;
         let branch = self.first & 0xFF00 == 0x4700 && register != 14;
@@ -185,7 +184,7 @@ impl Instruction {
         Some(self.at.wrapping_add(4).wrapping_add_signed(offset))
     }
 
-    /// A move of 16 bits into a register: whether it is the upper half, the register, the value.
+    /// A move of 16 bits into a register, as (whether it is the upper half, register, value).
     fn move_16(self) -> Option<(bool, usize, u32)> {
         let (first, second) = (u32::from(self.first), u32::from(self.second));
         let upper = match first & 0xFBF0 {

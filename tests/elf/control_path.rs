@@ -1,5 +1,5 @@
-//! The compiled control path has no panic, no formatting and no soft-float call. The test follows every function that
-//! the three entry points can reach, through the relocations of the object files.
+//! The compiled control path has no panic, no formatting and no soft-float call. The test follows the relocations of
+//! the object files to every function that the three entry points can reach.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -9,7 +9,7 @@ use std::{
 use object::{Object, ObjectSection, ObjectSymbol, RelocationTarget, read::archive::ArchiveFile};
 use virtual_board::image;
 
-/// Symbols that must not be reachable: panics and their messages, formatting, soft-float.
+/// Parts of symbols that must not be reachable: panics and their messages, formatting, soft-float.
 const FORBIDDEN: [&str; 8] =
     ["panic", "core3fmt", "_fail", "unwrap", "__aeabi_d", "__aeabi_f", "__aeabi_l2", "rust_begin"];
 
@@ -29,7 +29,7 @@ fn call_graph(archive: &[u8]) -> BTreeMap<String, BTreeSet<String>> {
             let Some(index) = symbol.section_index() else { continue };
             let section = file.section_by_index(index).unwrap();
             let callees = graph.entry(symbol.name().unwrap().to_owned()).or_default();
-            // each function has its own section, so all relocations of the section belong to it
+            // Each function has its own section, so all relocations of the section belong to the function.
             for (_, relocation) in section.relocations() {
                 if let RelocationTarget::Symbol(target) = relocation.target() {
                     let target = file.symbol_by_index(target).unwrap();
@@ -47,7 +47,7 @@ fn call_graph(archive: &[u8]) -> BTreeMap<String, BTreeSet<String>> {
     graph
 }
 
-/// All functions that `entry` can reach, with `entry` itself.
+/// All functions that `entry` can reach, including `entry`.
 fn reachable(graph: &BTreeMap<String, BTreeSet<String>>, entry: &str) -> BTreeSet<String> {
     assert!(graph.contains_key(entry), "{entry} is not in the object files");
     let mut found = BTreeSet::from([entry.to_owned()]);
@@ -85,7 +85,7 @@ fn the_control_path_has_no_panic_no_formatting_and_no_soft_float() {
         println!("{entry}: {names:?}");
         assert_eq!(forbidden(&names), Vec::<&String>::new(), "{entry}");
     }
-    // the search finds what exists
+    // The search does find a call that exists.
     let settings = reachable(&graph, "zwidth_build");
     assert!(settings.iter().any(|name| name.contains("__aeabi_d")), "{settings:?}");
 }
@@ -115,7 +115,7 @@ fn no_estimator_has_a_panic_formatting_or_soft_float() {
     assert_eq!(forbidden(&names), Vec::<&String>::new());
 }
 
-/// Count of Thumb-2 instructions of a function, without the literals after its code.
+/// Number of Thumb-2 instructions of a function, without the literals after its code.
 fn instructions(archive: &[u8], function: &str) -> usize {
     for member in ArchiveFile::parse(archive).unwrap().members() {
         let Ok(file) = object::File::parse(member.unwrap().data(archive).unwrap()) else {
@@ -151,7 +151,7 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
         "zwidth_guarded_sample",
         "zwidth_supervised_render",
     ];
-    // The count includes called functions of this project, except for functions with a name for rare cases.
+    // Includes called functions of this project, except for functions whose name marks a rare case.
     let total = |name: &str| -> usize {
         let called = reachable(&graph, name);
         let often = called.iter().filter(|function| {
@@ -165,10 +165,10 @@ fn the_filter_costs_little_more_than_the_peers_that_do_less() {
         println!("{name}: {} instructions", total(name));
         crate::figure::figure(&format!("elf/control_path/{name}"), total(name));
     }
-    // The code has no loop, so its length limits the count of instructions that run. DESIGN allows the core's part 150
-    // cycles per sample.
+    // The code has no loop, so its length limits the number of instructions that run. DESIGN allows 150 cycles per
+    // sample for the core's part.
     assert!((80..=150).contains(&total("zwidth_sample")));
-    // The guard, its record and its rare work are inlined and come on top. tests/elf/control counts the cycles of a
-    // sample.
+    // The guard, its record and its rare work are inlined and add to the core's part. tests/elf/control counts the
+    // cycles of a sample.
     assert!((130..=300).contains(&total("zwidth_guarded_sample")));
 }

@@ -1,5 +1,4 @@
-//! The designs of a record, selected on the console. With each design, every frame of a hit equals the core's own
-//! tasks.
+//! Designs of a record, selected on the console. With each design, every frame of a hit equals the core's own tasks.
 
 use host_sim::scene::{
     NamedScene,
@@ -22,7 +21,7 @@ each_board!(
     ignored: "images of their own, with every estimator; low-passes run by default"
 );
 
-/// Designs for every image, and designs that need the feature of all estimators.
+/// Designs for every image. `DESIGNED` are designs that need the feature `estimators`.
 const LOW_PASSES: &str = "\n[designs.paper]\nestimator = \"butterworth\"\ncutoff_hz = 1500\n\
     [designs.quiet]\nestimator = \"first-order\"\ncutoff_hz = 456.7\n";
 const DESIGNED: &str = "\n[designs.stiff]\nestimator = \"biquad\"\ncutoff_hz = 555\ndamping = 0.561\n\
@@ -31,7 +30,7 @@ const DESIGNED: &str = "\n[designs.stiff]\nestimator = \"biquad\"\ncutoff_hz = 5
     second_ratio = 2.5\nsecond_damping = 0.9\nsecond_lead_s = 2e-5\nsecond_zero = 0.1\n\
     [designs.kalman]\nestimator = \"kalman-3\"\njerk_rms_m_per_s3 = 27691\n";
 
-/// The firmware with a record of these designs, and its device. Each design has rows at periods 10 and 5.
+/// The firmware with a record of these designs, and the record's device. Each design has rows at periods 10 and 5.
 fn with_designs(firmware: Firmware, designs: &str) -> (Firmware, Device<'static>) {
     let board = firmware.board;
     let own = NamedScene::load(board.name).unwrap();
@@ -68,8 +67,8 @@ fn low_passes_of_a_record_are_chosen_by_name_and_the_cores() {
     }
 }
 
-/// The rows of a design allow its walls. A filter that is tuned by hand needs the envelope unlocked. A change of design
-/// needs the force off.
+/// The rows of a design decide which walls are allowed. A filter that is tuned by hand needs an unlocked envelope. A
+/// design can be changed only with the force off.
 #[test]
 fn an_image_keeps_to_the_rows_of_a_design() {
     let (firmware, _) = with_designs(Firmware::of(BOARDS[0]), &format!("{LOW_PASSES}{DESIGNED}"));

@@ -1,5 +1,5 @@
-//! The estimator time stamps on the release ELF of the board that captures the encoder's edges: the edge of each count,
-//! velocities equal to the core's bit for bit, the error at slow speed, and the cycles.
+//! The estimator `time-stamps` on the board that captures the encoder's edges: the edge of each count, velocities that
+//! equal the core's bit for bit, the error at slow speed, and the cycles.
 
 use host_sim::{
     scene::NamedScene,
@@ -31,7 +31,8 @@ const NUCLEO: Board = NUCLEO_F446RE;
 /// Speed of one count per sample in the scene, m/s.
 const PER_SAMPLE_M_PER_S: f64 = 1e-6 * 1e4;
 const SPAN: u32 = 8;
-/// Count of simulated hits, and the distance of their starts, counts: a return ends within 50 counts of the start.
+/// Number of simulated hits, and the distance of their starts, counts. A return move ends within 50 counts of the
+/// start.
 const STARTS: u8 = 200;
 const AWAY: f64 = 100.0;
 
@@ -45,7 +46,7 @@ fn settings(velocity: VelocitySettings) -> Settings {
     Settings { velocity, wall }
 }
 
-/// A booted board whose handle is moved by hand and whose estimator is `time-stamps`, and the settings in the order in
+/// A booted board with the estimator `time-stamps`, whose handle is moved by hand. Also the settings in the order in
 /// which they took effect.
 fn chosen(firmware: &Firmware) -> (World<'_>, Vec<LoopParameters>) {
     let mut world = firmware.boot_with_edge_times();
@@ -71,7 +72,7 @@ fn records(world: &mut World<'_>) -> Vec<Record> {
     records
 }
 
-/// Speeds in counts per sample, each with its count of samples.
+/// Speeds in counts per sample, each with its number of samples.
 const MOTION: [(f64, u32); 24] = [
     (0.017, 400), // about 60 samples per count
     (0.31, 200),
@@ -107,7 +108,7 @@ fn velocities_are_the_cores_fed_with_the_edges_as_they_are_bit_for_bit() {
     bit_for_bit(&firmware, true);
 }
 
-/// The whole motion. `turned`: with the encoder's sign changed, so that it counts in the opposite direction.
+/// The whole motion. `turned`: the encoder's sign is changed, so it counts in the opposite direction.
 fn bit_for_bit(firmware: &Firmware, turned: bool) {
     let (mut world, taken) = chosen(firmware);
     if turned {
@@ -122,14 +123,14 @@ fn bit_for_bit(firmware: &Firmware, turned: bool) {
             if n % 50 == 49 {
                 world.probe().unwrap();
             }
-            // Log lines and replies come all the time.
+            // Log lines and replies are sent all the time.
             if n % 50 == 20 {
                 world.send(["status\n", "get\n", "help\n"][n as usize / 50 % 3]).unwrap();
             }
         }
         samples += length;
     }
-    // A handle that reverses at an edge, and one that swings over thousands of counts.
+    // A handle that reverses at an edge, and a handle that swings over thousands of counts.
     for n in 0..1_200u32 {
         let phase = f64::from(n) * 0.037;
         let amplitude = if n < 600 { 0.05 } else { 90.0 };
@@ -185,7 +186,7 @@ fn bit_for_bit(firmware: &Firmware, turned: bool) {
     assert!(near > 100, "{near}");
 }
 
-/// Largest shift of a sample's time, core cycles, and a tick of the capturing timer.
+/// Largest shift of a sample's time, core cycles. `TICK` is a tick of the capturing timer.
 const JITTER: f64 = 8.0;
 const TICK: f64 = 2.0;
 
@@ -228,7 +229,7 @@ fn a_slow_handle_has_its_speed_where_the_finite_difference_has_nothing() {
     }
 }
 
-/// Without the feature, the board does not know the estimator.
+/// Without the feature, the board refuses the estimator.
 fn an_image_without_the_estimator_does_not_know_it(board: Board) {
     let unknown = Firmware::of(board).boot().ask("estimator time-stamps").unwrap();
     println!("{unknown}");
@@ -244,8 +245,8 @@ fn a_board_without_edge_times_says_so() {
     assert!(sense.starts_with("error") && sense.contains("needs edge times"), "{sense}");
 }
 
-/// In closed loop with the velocity from edges, hits end as in the simulator, whose edges come directly from the
-/// motion.
+/// In closed loop with the velocity from edges, hits end as in the simulator. The simulator takes its edges directly
+/// from the motion.
 #[test]
 #[ignore = "an image of its own; CI runs it"]
 fn hits_end_as_in_the_simulator() {
@@ -269,7 +270,7 @@ fn hits_end_as_in_the_simulator() {
     for (k, b, stable) in
         [(20_000.0, 30.0, true), (20_000.0, 900.0, true), (300_000.0, 30.0, false)]
     {
-        // Limit cycles of a few counts may start anywhere. So many starts give the spread of their results.
+        // Limit cycles of a few counts depend on the start. So many starts give the spread of their results.
         let simulated = |start: u8| {
             let wall = WallHit {
                 velocity: prepared.scene().velocity.at(1500.0),

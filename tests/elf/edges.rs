@@ -1,4 +1,4 @@
-//! The true ages of the encoder's edges, from the edges of the virtual board.
+//! The true ages of the encoder's edges, as the virtual board knows them.
 
 use virtual_board::{board::Board, mcu::EdgeNotes};
 use zwidth::velocity::Edge;
@@ -8,13 +8,13 @@ const TICK: u64 = 2;
 /// Delay of the input filter in ticks: 8 equal samples.
 const FILTER: u64 = 8;
 
-/// The latest edge in the count of each sample, in order, and the count of edges within `near` ticks of the reading.
+/// For each sample: the latest edge of its count. Also the number of edges within `near` ticks of a reading.
 ///
-/// Samples are taken at equal intervals, and ages count from the sample, in whole ticks. The first samples come when
-/// the program is ready.
+/// Samples have equal intervals. Ages are from the edge to the sample, in whole ticks. The first samples come when the
+/// program is ready.
 ///
 /// An edge is `None` if the handle reverses and crosses the last edge again between the readings. The firmware drops
-/// that edge (`src/velocity/edge_timer.rs`).
+/// such an edge (`src/velocity/edge_timer.rs`).
 ///
 /// With `turned` the counter counts in the opposite direction.
 pub fn latest(
@@ -49,7 +49,7 @@ pub fn latest(
             count = Some(to);
             edges.next();
         }
-        // A return over the last edge replaces that edge, if it comes before the reading.
+        // If the handle crosses the last edge again before the reading, the new crossing replaces the old one.
         let lost = edges.peek().zip(count).is_some_and(|(&&(at, to), count)| {
             let back = (to > count) ^ turned != new.is_some_and(|(_, up)| up);
             let read_at = captured_at[usize::from((count + 1) >> 1 & 1 == (to + 1) >> 1 & 1)];

@@ -1,6 +1,6 @@
-//! Every estimator on the board's core. The image has no panic, the velocities equal the host's bit for bit, and no
-//! update takes more than a quarter of the sample period. The cycles are the emulator's: zero wait states, not compared
-//! with silicon.
+//! Every estimator on the board's core. The image has no panic. The velocities equal the host's bit for bit. No update
+//! takes more than a quarter of the sample period. The cycles are the emulator's, with zero wait states. They were not
+//! compared with silicon.
 
 use zwidth::{
     Design, Output, VelocitySettings,
@@ -11,10 +11,10 @@ use zwidth::{
 use crate::figure::figure;
 use crate::mailbox::{Mailbox, assert_cost};
 
-/// A quarter of 100 us at 168 MHz, the clock of the slower board.
+/// Cycles in a quarter of 100 us at 168 MHz, the clock of the slower board.
 const CYCLES_MAX: u32 = 4200;
 const SAMPLES: usize = 4096;
-/// The table for `cargo sim compare`.
+/// The table that `cargo sim compare` uses.
 pub const TABLE: &str = include_str!("../../host-sim/data/estimator_cost.csv");
 const DESIGN: Design = Design {
     rate_hz: 1e4,
@@ -41,7 +41,7 @@ impl Random {
         self.0
     }
 
-    /// Random inputs beside the count: any force, and an edge of this sample, an older edge or none.
+    /// Random inputs in addition to the count: any force, and an edge of this sample, an older edge or no edge.
     fn senses(&mut self) -> Senses {
         let [force, acceleration, age, kind] = [(); 4].map(|()| self.next());
         let up = kind & 8 != 0;
@@ -56,7 +56,8 @@ impl Random {
         }
     }
 
-    /// Each kind of motion for some time: at rest, slow, fast, at the limit, jumping, reversing.
+    /// Difference of counts at sample `n`. Each kind of motion lasts for some time: rest, slow, fast, the limit, jumps,
+    /// reversals.
     fn difference(&mut self, n: u32) -> i32 {
         let random = self.next();
         match n / 70 % 7 {
@@ -92,7 +93,7 @@ fn inputs() -> Vec<i32> {
     all.extend([-32_767; 150]);
     all.extend((0..200).map(|n| if n % 2 == 0 { 32_767 } else { -32_767 }));
     all.extend([0; 300]);
-    // a line with bounds around it that come closer and closer
+    // A line whose bounds come closer and closer.
     all.extend((0..64).map(|n| 100 + if n % 2 == 0 { 1 } else { -1 } * (64 - n) / 8));
     all.extend((0..200).map(|n| n * n / 40));
     for bits in 1..16 {
@@ -106,7 +107,7 @@ fn inputs() -> Vec<i32> {
     all
 }
 
-/// Smallest, usual and largest values of a tuning.
+/// Smallest, default and largest values of a tuning.
 fn tunings(name: EstimatorName) -> Vec<VelocitySettings> {
     let usual = name.defaults();
     let tuning = usual.tuning().map_or(0.0, |(_, value)| value);
@@ -172,7 +173,7 @@ fn on_the_target_every_estimator_is_as_on_the_host_and_takes_a_quarter_of_the_pe
         assert!(most > 0 && most <= CYCLES_MAX, "{name:?}: {most} cycles");
         measured.push((name, most));
     }
-    // last, so that all rows are printed before a check fails
+    // Checked last, so that all rows are printed before a check fails.
     for (name, most) in measured {
         assert_cost("estimator_cost.csv", TABLE, name.text(), most);
     }

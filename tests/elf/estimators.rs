@@ -1,5 +1,5 @@
 //! Every estimator of each board on the release ELF: selected, tuned and used in contact over RTT. Its velocities equal
-//! those of the core on the host, bit for bit.
+//! the core's on the host, bit for bit.
 
 use virtual_board::{
     board::{Board, Force as Wired},
@@ -22,7 +22,7 @@ each_board!(
     ignored: "images of their own; CI runs it"
 );
 
-/// Samples with each estimator: twice in and out of the wall.
+/// Samples with each estimator: the handle moves in and out of the wall twice.
 const SAMPLES: u32 = 1_000;
 
 fn with(velocity: VelocitySettings) -> Settings {
@@ -57,14 +57,14 @@ fn every_estimator_runs_on_the_board_and_is_the_cores(board: Board) {
     }
     let mut table: Vec<(&str, Cycles)> = vec![];
     for &name in EstimatorName::ALL {
-        // The Nucleo also has edge times. Without them, `time-stamps` is refused.
+        // The NUCLEO also has edge times. Without them, `time-stamps` is refused.
         let senses = &[Sense::Force, Sense::Edge][..1 + usize::from(captured)];
         if let Some(sense) = name.missing(senses) {
             let refused = world.ask(&format!("estimator {}", name.text())).unwrap();
             assert!(refused.contains(sense.text()), "{refused}");
             continue;
         }
-        // Outside the wall: select the estimator, then set parameters that differ from the defaults.
+        // Outside the wall: selects the estimator, then sets parameters that differ from the defaults.
         ok(&mut world, &format!("estimator {}", name.text()));
         velocity = name.following(&velocity);
         settings.push(with(velocity));
@@ -119,7 +119,7 @@ fn every_estimator_runs_on_the_board_and_is_the_cores(board: Board) {
     assert!(compared > 2_000, "{compared}");
 }
 
-/// Runs the core on the board's counts, with the edge times if the board has them. It uses each record's settings, and
+/// Runs the core on the board's counts, with edge times if the board has them. It uses the settings of each record, and
 /// the force of the record before. Returns how many velocities were equal.
 fn compare(
     readings: &[u32],

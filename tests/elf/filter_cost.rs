@@ -1,13 +1,13 @@
-//! The velocity filter in every number format and form on the board's core. The image has no panic, the velocities
-//! equal the host's bit for bit, and the cycles equal those of `cargo sim trade`. The cycles are the emulator's: zero
-//! wait states, not compared with silicon.
+//! The velocity filter in every number format and form, on the board's core. The image has no panic. The velocities
+//! equal the host's bit for bit, and the cycles equal the table of `cargo sim trade`. The cycles are the emulator's,
+//! with zero wait states. They were not compared with silicon.
 
 use filter_forms::{Filter, Form, Format, Variant};
 
 use crate::mailbox::{Mailbox, assert_cost};
 
 const RATE_HZ: f64 = 1e4;
-/// Full scale of Q15: 128 counts per sample.
+/// Fractional bits of a signal in Q15: full scale is 128 counts per sample.
 const Q15_FRACTION: u32 = 8;
 
 /// Motions: at rest, slow, at the largest speed of Q15, reversing, at the core's limit, and of any size.
@@ -30,7 +30,7 @@ fn inputs() -> Vec<i32> {
     all
 }
 
-/// Its columns are `variant,cycles,ram_bytes`.
+/// Columns: `variant,cycles,ram_bytes`.
 const TABLE: &str = include_str!("../../host-sim/data/filter_cost.csv");
 
 #[test]

@@ -1,4 +1,4 @@
-//! Functions that the tests of the ELF share.
+//! Shared functions of the tests of the ELF.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -25,7 +25,7 @@ use zwidth::{
     velocity::Senses,
 };
 
-/// Addresses, each with the bytes from there on.
+/// Addresses, each with its bytes.
 type Flash = Vec<(u32, Vec<u8>)>;
 
 /// A board's release ELF; it is built if needed.
@@ -37,12 +37,11 @@ pub struct Firmware {
 }
 
 impl Firmware {
-    /// The firmware of that board.
     pub fn of(board: Board) -> Self {
         Self::variant(board, &[])
     }
 
-    /// The firmware of that board with further features.
+    /// The firmware of a board with more features.
     pub fn variant(board: Board, features: &[&str]) -> Self {
         let path = image::build_variant(board.name, features).unwrap();
         let elf = Elf::load(&path).unwrap();
@@ -64,8 +63,8 @@ impl Firmware {
         Context::from_dwarf(dwarf.unwrap()).unwrap()
     }
 
-    /// Addresses of the sampling task's instructions that come from [`zwidth::Sampler::sample`], by the debug
-    /// information. That function is inlined.
+    /// Addresses of the sampling task's instructions that come from the inlined [`zwidth::Sampler::sample`]. The debug
+    /// information has them.
     pub fn core_of_sample(&self) -> BTreeSet<u32> {
         let lines = self.lines();
         let of_core = |address: u32| {
@@ -86,7 +85,7 @@ impl Firmware {
         marks
     }
 
-    /// A booted board, with the handle at rest where the device rests.
+    /// A booted board. The handle rests at the device's rest position.
     pub fn boot(&self) -> World<'_> {
         self.booted(self.switched_on())
     }
@@ -96,13 +95,12 @@ impl Firmware {
         World::new(*board, elf, table, scene, scene.device.rest_position_m).unwrap()
     }
 
-    /// The filter at the start.
+    /// The filter after boot.
     pub fn first(&self) -> VelocitySettings {
         device::built_in(self.board).settings.velocity
     }
 
-    /// A booted board that is armed by [`arm`]. Arming takes a third of a second of the board's time, so it is done
-    /// once.
+    /// A booted board that [`arm`] has armed. Arming takes a third of a second of the board's time, so it is done once.
     pub fn armed(&self) -> World<'_> {
         static ARMED: Mutex<BTreeMap<Flash, Arc<Snapshot>>> = Mutex::new(BTreeMap::new());
         let kept = ARMED.lock().unwrap().get(&self.elf.flash).cloned();
@@ -134,26 +132,24 @@ impl Firmware {
     }
 }
 
-/// The core on the host. It gets the firmware's inputs and commands.
+/// The core on the host, with the firmware's inputs and commands.
 pub struct Replay<'a> {
     sampler: Sampler,
     /// Settings in the order in which they took effect in the firmware.
     controls: &'a [LoopParameters],
-    /// Settings that are in force.
     control: LoopParameters,
     number: u16,
     zeroed: bool,
 }
 
 impl<'a> Replay<'a> {
-    /// Starts at the first reading of the counter.
     pub fn new(first: u32, controls: &'a [LoopParameters]) -> Self {
         let sampler = Sampler::new(first, CounterWidth::Bits32);
         Self { sampler, controls, control: controls[0], number: 0, zeroed: false }
     }
 
-    /// Runs sample `n`. `next` is the first record at or after it. A setting from an output holds from the next sample
-    /// on, and the next record shows it. A zero acts with that sample.
+    /// Runs sample `n`. `next` is the first record at or after this sample. A setting from an output acts from the next
+    /// sample on, and the next record shows it. A zero already acts in this sample.
     pub fn sample(
         &mut self,
         n: u64,
@@ -182,7 +178,6 @@ impl<'a> Replay<'a> {
     }
 }
 
-/// A word of memory.
 pub fn word(world: &World<'_>, address: u32) -> u32 {
     let mut bytes = [0; 4];
     world.powered.mcu.read(address, &mut bytes);
@@ -197,7 +192,7 @@ pub fn ok(world: &mut World<'_>, line: &str) -> String {
     reply
 }
 
-/// Arms at full force, with the handle free and 5 mm in front of a wall.
+/// Arms at full force. The handle is free, 5 mm in front of a wall.
 #[track_caller]
 pub fn arm(world: &mut World<'_>) {
     for line in ["zero", "unlock envelope", "wall 0.005", "k 8000", "b 30", "push 2.835", "arm"] {

@@ -1,5 +1,5 @@
-//! A host that sends without a pause, in contact during a hit. The watchdog is fed, outputs come in time and are right,
-//! no data is lost, and `disarm` after the flood is obeyed in time.
+//! A host that sends without a pause, during a hit in contact. The watchdog must be fed, outputs must be right and in
+//! time, and no data may be lost. `disarm` after the flood must be obeyed in time.
 
 use rayon::prelude::*;
 use virtual_board::{
@@ -30,16 +30,16 @@ each_board!(
 const FED_S: f64 = 0.02;
 /// Largest fraction of the time that `link` may take.
 const LOAD: f64 = 0.3;
-/// Longest time from the sampling event to the force's register: the logger masks, then `render` runs.
+/// Longest time from the sampling event to the write of the force, s: the logger masks, then `render` runs.
 const OUTPUT_S: f64 = 80e-6;
-/// Longest time from the last byte of `disarm` in a full channel to enable inactive, s (docs/faults.md).
+/// Longest time from the last byte of `disarm`, in a full channel, until enable is inactive, s (docs/faults.md).
 const BEHIND_S: f64 = 0.4;
-/// Samples for which a host sends: twice the watchdog's time.
+/// Samples for which the host sends: twice the watchdog's time.
 const SENDS: u64 = 1_000;
 
-/// Texts that the host sends again and again.
+/// Texts that the host repeats.
 fn floods() -> [(&'static str, Vec<u8>); 5] {
-    // A multiplicative generator: it gives all bytes, also ends of lines.
+    // A multiplicative generator. It gives all bytes, including ends of lines.
     let noise = (0..4096).scan(1u32, |seed, _| {
         *seed = seed.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
         Some((*seed >> 24) as u8)
@@ -53,7 +53,7 @@ fn floods() -> [(&'static str, Vec<u8>); 5] {
     ]
 }
 
-/// An armed board at that period, with the handle free.
+/// An armed board at this period, with the handle free.
 fn armed(firmware: &Firmware, period: u32) -> World<'_> {
     let mut world = firmware.boot();
     let period = format!("period {period}");
@@ -67,7 +67,7 @@ fn armed(firmware: &Firmware, period: u32) -> World<'_> {
     world
 }
 
-/// A board in a hit at that period, with the handle held at its place in the wall.
+/// A board in a hit at this period. The handle is held inside the wall.
 fn in_contact(firmware: &Firmware, period: u32) -> World<'_> {
     let mut world = armed(firmware, period);
     ok(&mut world, "hit");
@@ -218,8 +218,8 @@ fn a_flood_changes_nothing_and_the_watchdog_is_fed(board: Board) {
     });
 }
 
-/// Lines that are accepted only with the force off: designs of estimators, flash, the self-test, and an order in each
-/// line.
+/// Texts of lines that are accepted only with the force off: flash, designs of estimators, the self-test. The last text
+/// has an order in each line.
 const OFF: [&str; 5] = [
     "load\n",
     "save\n",
@@ -248,7 +248,7 @@ fn the_watchdog_is_fed_with_the_force_off_as_well(board: Board) {
     });
 }
 
-/// Lines with much work for their length, and text that is not a command.
+/// Lines with much work for their length, and text that is no command.
 const BEHIND: [(&str, &[u8]); 8] = [
     ("get", b"get\n"),
     ("help", b"help\n"),
@@ -287,7 +287,7 @@ fn disarm_behind_a_full_channel_is_obeyed_in_time(board: Board) {
     });
 }
 
-/// Count of replies to lines, without the reports of a hit.
+/// Number of replies to lines, without the reports of a hit.
 fn answers(replies: &str) -> usize {
     replies.lines().filter(|reply| !reply.starts_with("ok hit ")).count()
 }

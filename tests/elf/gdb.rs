@@ -1,4 +1,4 @@
-//! gdb's port of `cargo board serve`, packet by packet. .ci/clients tests gdb itself.
+//! gdb's port of `cargo board serve`, packet by packet. .ci/clients tests it with gdb itself.
 
 use std::{
     io::{Read as _, Write as _},
@@ -82,9 +82,8 @@ fn until(link: &mut RttTcp, wanted: &str) -> String {
     String::from_utf8(text).unwrap()
 }
 
-/// A client that sends nothing does not halt the board. A client that sends halts core and plant. It can write what it
-/// can read, except flash. The force is off at once. Fault 32 follows when the core runs again, as after any debugger's
-/// halt.
+/// A client halts the board only if it sends something. It halts core and plant. It can write what it can read, except
+/// flash. The force is off at once. Fault 32 follows when the core runs again, as after any debugger's halt.
 #[test]
 fn a_halt_takes_the_force_away() {
     let server = Server::start(session(), None, Ports { rtt: 0, gdb: Some(0) }).unwrap();
@@ -123,8 +122,8 @@ fn a_halt_takes_the_force_away() {
     assert!(!server.board.wires.seen().enabled);
 }
 
-/// A run with halts gives the same counts, sample by sample, as a run without halts, while a hand moves the handle. The
-/// halts have any length and fall anywhere in a step of the plant.
+/// A hand moves the handle. A run with halts gives the same counts, sample by sample, as a run without halts. The halts
+/// have any length, and begin anywhere in a step of the plant.
 #[test]
 fn core_and_plant_stand_still_together() {
     let session = session();

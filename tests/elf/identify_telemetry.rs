@@ -1,5 +1,5 @@
-//! Identifies the device behind the firmware from the firmware's own telemetry, with the procedure of
-//! docs/identification.md on the release ELF.
+//! Identifies the device of a board from the firmware's own telemetry, by the procedure of docs/identification.md on
+//! the release ELF.
 
 use host_sim::{
     analysis::{
@@ -21,7 +21,7 @@ each_board!(the_device_is_identified_from_the_pulse_train, ignored: "a recording
 /// Largest relative error from the emulator's timing and the rounding of telemetry.
 const ERROR_MAX: f64 = 2e-3;
 
-/// A hit without a wall in reach is a pulse of 0.2 s. The second pulse begins where the first began.
+/// A hit without a reachable wall is a pulse of 0.2 s. The second pulse starts where the first started.
 fn the_device_is_identified_from_the_firmwares_telemetry(board: Board) {
     let found = found_after(board, |world| {
         for line in ["start 0.035", "settle 0.1", "window 0.1"] {
@@ -51,7 +51,7 @@ fn the_device_is_identified_from_the_pulse_train(board: Board) {
     }
 }
 
-/// Latency in samples, and the relative errors of mass, damping and stiffness, identified from the record of `moves`.
+/// Latency in samples, and the relative errors of mass, damping and stiffness, found from the record of `moves`.
 fn found_after(board: Board, moves: impl FnOnce(&mut World)) -> [(&'static str, f64); 4] {
     let firmware = Firmware::of(board);
     let mut scene = firmware.scene.clone();
@@ -101,7 +101,7 @@ fn found_after(board: Board, moves: impl FnOnce(&mut World)) -> [(&'static str, 
         assert!(error.abs() < ERROR_MAX, "{name}: {error}");
         (name, error.abs())
     });
-    // The firmware's zero was at the rest position.
+    // The firmware's zero was the rest position.
     assert!(spring.rest_position_m.value.abs() < 20.0 * resolution_m);
     let [m, b, k] = errors;
     [("latency", latency), m, b, k]

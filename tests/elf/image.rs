@@ -1,4 +1,4 @@
-//! Checks of the image's checksum: at boot, and while the board runs.
+//! Checks of the image's checksum, at boot and while the board runs.
 
 use board_trials::campaign::{
     image_flips::{End, Part},
@@ -46,7 +46,6 @@ fn world_of<'a>(firmware: &'a Firmware, elf: &Elf) -> World<'a> {
     world
 }
 
-/// The byte of flash at an address.
 fn byte_of(elf: &mut Elf, address: u32) -> &mut u8 {
     let mut pieces = elf.flash.iter_mut();
     let found = pieces.find_map(|(from, bytes)| {
@@ -68,14 +67,14 @@ fn everything_that_is_programmed_is_covered(board: Board) {
             assert!(covered || (seal..seal + 4).contains(&address), "{address:#x}");
         }
     }
-    // The board's checksum equals the host's.
+    // The board computes the same checksum as the host.
     let sum = seal::seal_of(&elf).unwrap().1;
     let said = format!("crc {sum:08x}");
     let mut world = world_of(&firmware, &elf);
     world.send("selftest\n").unwrap();
     world.run(RESET).unwrap();
     assert!(world.replies.contains(&format!("selftest image: pass, {said}")), "{}", world.replies);
-    // The file has the same checksum. A second seal changes nothing.
+    // The file has the same checksum. Sealing it again changes nothing.
     let file = object::File::parse(&*elf.bytes).unwrap();
     let (place, _) = file.section_by_name(".text").unwrap().file_range().unwrap();
     drop(file);
@@ -87,7 +86,7 @@ fn everything_that_is_programmed_is_covered(board: Board) {
     assert_ne!(seal::seal_of(&changed).unwrap().1, sum);
 }
 
-/// Checks that the board replies, but takes no command and gives no output.
+/// Checks that the board replies, but obeys no command and gives no output.
 fn is_refused(world: &mut World<'_>, status: &str) {
     let (reason, why) = (world.replies.clone(), status.strip_prefix("ok status off, ").unwrap());
     assert_eq!(reason.trim_end(), format!("error: {why}; nothing runs, see help"));
@@ -127,7 +126,7 @@ fn flip(world: &mut World<'_>, address: u32) {
     world.powered.mcu.program(address, &flipped.to_le_bytes());
 }
 
-/// Runs until enable is inactive. Returns the samples.
+/// Runs until enable is inactive. Returns the number of samples.
 fn until_off(world: &mut World<'_>) -> u64 {
     let mut samples = 0;
     while world.powered.amplifier.is_enabled() {
@@ -161,7 +160,7 @@ fn a_flip_ends_in_off_and_is_refused_from_then_on(board: Board) {
         };
         assert!(said.starts_with(reason), "{address:#x}: {said}");
         assert!(world.ask("arm").unwrap().starts_with("error: "));
-        // After the bit is restored, the fault is still latched, and `clear` ends it.
+        // After the bit is restored, the fault is still latched. `clear` ends it.
         flip(&mut world, address);
         world.reset();
         world.run(BOOT).unwrap();
@@ -174,7 +173,7 @@ fn a_flip_ends_in_off_and_is_refused_from_then_on(board: Board) {
     }
 }
 
-/// Each task watches the other: if `idle` finds nothing, or its passes do not end, `link` finds it.
+/// The two tasks watch each other: if `idle` finds nothing, or its passes do not end, `link` finds this.
 #[test]
 fn passes_that_are_wrong_or_do_not_end_are_found_without_idle() {
     let firmware = Firmware::of(NUCLEO_F446RE);
@@ -184,7 +183,7 @@ fn passes_that_are_wrong_or_do_not_end_are_found_without_idle() {
     world.restore(&kept);
     add(&mut world, passes, 5);
     assert!(until_off(&mut world) <= 11);
-    // The state of `idle` is restored again and again.
+    // The state of `idle` is restored again and again, so that its passes do not end.
     world.restore(&kept);
     let (from, size) = firmware.elf.place_of("local_resource_idle").unwrap();
     let mut state = vec![0; size as usize];
@@ -207,7 +206,8 @@ fn add(world: &mut World<'_>, address: u32, much: u32) {
     world.powered.mcu.write(address, &more.to_le_bytes());
 }
 
-/// Address of the count of passes: among the counters, each with a symbol, the word that grows by [`RIGHT`] in a pass.
+/// Address of the counter of passes. Of the words with a counter's symbol, it is the word that grows by [`RIGHT`] in
+/// each pass.
 fn counter(firmware: &Firmware, world: &mut World<'_>) -> u32 {
     let symbols = firmware.elf.symbols.iter().filter(|(name, ..)| name.contains("task5FLAGS"));
     let words: Vec<u32> = symbols.flat_map(|(_, at, size)| (*at..at + size).step_by(4)).collect();

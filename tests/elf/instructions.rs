@@ -1,4 +1,4 @@
-//! Instructions that the virtual board runs itself have the emulator's results, through a whole session.
+//! Instructions that the virtual board runs without the emulator have the emulator's results, in a whole session.
 
 use virtual_board::{board::Board, mcu::Registers, world::World};
 
@@ -9,7 +9,7 @@ use crate::{
 
 each_board!(a_session_is_the_same_without_the_emulators_steps_as_with_them);
 
-/// Registers, RAM, handle, time, output and observations of the board.
+/// Everything to compare: registers, RAM, handle, time, output and observations of the board.
 fn all_of(world: &mut World<'_>) -> (Registers, Vec<u8>, u64, [u64; 3], String) {
     let mut ram = vec![0; 0x2_0000];
     let position = world.position_m().to_bits();

@@ -1,5 +1,5 @@
-//! A program on the board's emulated core. It gets a job and samples through memory, and returns velocities and the
-//! cycles of each update. `tests/on-target/src/mailbox.rs` is the other side.
+//! A program on the board's emulated core. It gets a job and samples through memory. It returns velocities, and the
+//! cycles of each update. `tests/on-target/src/mailbox.rs` is the program's side.
 
 use virtual_board::{
     elf::Elf,
@@ -7,7 +7,6 @@ use virtual_board::{
     mcu::{Chip, Listeners, Mcu},
 };
 
-/// The program, which waits for a job.
 pub struct Mailbox {
     mcu: Mcu,
     elf: Elf,
@@ -17,7 +16,7 @@ pub struct Mailbox {
 }
 
 impl Mailbox {
-    /// Builds the program and boots it. A panic in its image is an error.
+    /// Builds the program and boots it. Fails if the image contains a panic.
     pub fn of(program: &str, features: &[&str]) -> Self {
         let elf = Elf::load(&image::build_on_target(program, features).unwrap()).unwrap();
         for (name, ..) in &elf.symbols {
@@ -38,8 +37,8 @@ impl Mailbox {
         self.write(address, words);
     }
 
-    /// Returns the velocities and the cycles of each update. `job` has the words after the state; the last one is the
-    /// count of samples. Also returns the word after the job: bytes.
+    /// Returns the velocities, the cycles of each update, and the number of bytes that the program has written after
+    /// the job. `job` has the words after the state. Its last word is the number of samples.
     pub fn run(&mut self, what: &str, job: &[u32], inputs: &[i32]) -> (Vec<i32>, Vec<u32>, u32) {
         let words: Vec<u32> = inputs.iter().map(|input| input.cast_unsigned()).collect();
         self.write(self.sample, &words);
@@ -72,13 +71,13 @@ impl Mailbox {
     }
 }
 
-/// The row with this name in a table of costs: name, cycles, and further cells.
+/// The row with this name in a table of costs: name, cycles, and other cells.
 pub fn cost_row<'a>(file: &str, table: &'a str, name: &str) -> Vec<&'a str> {
     let mut rows = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
     rows.find(|row| row[0] == name).unwrap_or_else(|| panic!("{file} has no row {name}"))
 }
 
-/// Compares the cycles (the second cell) of a table with a measurement, within 2 %. Returns the cells of the row.
+/// Compares the cycles of a table's row (second cell) with a measurement, within 2 %. Returns the cells of the row.
 pub fn assert_cost<'a>(file: &str, table: &'a str, name: &str, cycles: u32) -> Vec<&'a str> {
     let row = cost_row(file, table, name);
     let stated: f64 = row[1].parse().unwrap();

@@ -1,5 +1,5 @@
-//! Flashed programs on the virtual board: the release ELF of each board and of its variants, and programs around parts
-//! of the core that measure the cycles. They are one program, so that its tests can always run in parallel.
+//! Flashed programs on the virtual board: the release ELF of each board and of its variants, and programs that measure
+//! the cycles of parts of the core. The tests are one program, so that they can run in parallel.
 //!
 //! By default only the default board's image is built. `cargo test --test elf -- --include-ignored` builds all images
 //! and runs all tests.
@@ -13,8 +13,8 @@
     reason = "a test fails loudly; small numbers, addresses of 32 bits"
 )]
 
-/// A test on each board. It always runs on the default board. On the other board it runs in CI only, because that needs
-/// another image. With a reason, both run in CI only.
+/// A test on each board. On the default board it always runs. On the other board it needs another image, so it runs in
+/// CI only. If a reason to ignore the test is given, it runs in CI only on both boards.
 macro_rules! each_board {
     ($($test:ident),+) => {$(
         mod $test {

@@ -1,10 +1,10 @@
-//! No panic can be reached after the tasks have started: by the call graph of the release ELF, from every entry of the
-//! vector table and from `idle`.
+//! After the tasks have started, no panic can be reached. The test follows the call graph of the release ELF from every
+//! entry of the vector table and from `idle`.
 //!
-//! Direct calls and jumps are read from the machine code. A call through a register (formatting uses tables of
-//! functions) counts as a call of **every** function whose address is in the image: in a constant, after code, or built
-//! in a register. That is more than can happen, so no call is missed. It also proves that no panic's address is stored
-//! anywhere.
+//! Direct calls and jumps are read from the machine code. Formatting calls through registers, from tables of functions.
+//! A call through a register counts as a call of **every** function whose address is in the image: in a constant, after
+//! code, or built in a register. These are more calls than can happen, so no call is missed. The test also proves that
+//! no panic's address is stored anywhere.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -63,7 +63,7 @@ fn no_panic(board: Board, features: &[&str]) {
     }
     let found = reachable(&code, &entries);
     println!("{} {features:?}: {} functions", board.name, found.len());
-    // The set includes formatting and the logger, so the search is deep enough.
+    // The result includes formatting and the logger, so the search is deep enough.
     for part in ["3fmt5write", "_defmt_release", "pad_integral"] {
         assert!(found.keys().any(|&function| code.name(function).contains(part)), "{part}");
     }
@@ -75,7 +75,7 @@ fn no_panic(board: Board, features: &[&str]) {
     assert!(panics.is_empty(), "{panics:#?}");
 }
 
-/// The same search from the reset handler does find the panics of the set-up.
+/// From the reset handler, the same search does find the panics of the set-up.
 #[test]
 fn the_look_finds_panics_where_there_are_some() {
     let firmware = Firmware::of(NUCLEO_F446RE);

@@ -1,5 +1,5 @@
 //! The output period, set on the console of one image. At each period, every frame of a hit equals the core's own
-//! tasks. The tests also check the time of the tasks, and the estimators that have enough time.
+//! tasks. The tests also check the time of the tasks, and which estimators have enough time.
 
 use virtual_board::{
     board::{BOARDS, Board, Force},
@@ -34,8 +34,8 @@ each_board!(
     ignored: "an image of its own; CI runs it"
 );
 
-/// Largest fraction of the time between two outputs for `sample` and `render` together. The worst case is the slower
-/// board at period 1, in a return move's output that measures the speed.
+/// Largest fraction of the time between two outputs that `sample` and `render` may take together. The worst case is the
+/// slower board at period 1, in an output of a return move that measures the speed.
 const LOAD: f64 = 0.25;
 
 #[test]
@@ -86,7 +86,7 @@ fn every_period_has_the_time_and_its_hit_is_the_cores(board: Board) {
     }
 }
 
-/// An order, and the condition of a frame after the output that carried it out.
+/// An order, and how to see in a frame that an output has carried it out.
 struct Step {
     order: Order,
     told: fn(&Record, &Record) -> bool,
@@ -96,8 +96,8 @@ fn flagged(before: &Record, after: &Record, flag: Flags) -> bool {
     after.flags.contains(flag) && !before.flags.contains(flag)
 }
 
-/// A hit of this device at this period, with the design of this number and name. Returns its tasks and the share of
-/// received frames.
+/// A hit of this device at this period, with the design of this number and name. Returns the core's tasks and the share
+/// of received frames.
 pub fn hit_at(
     firmware: &Firmware,
     device: &Device,
@@ -111,7 +111,7 @@ pub fn hit_at(
     };
     let request = |request, told| Step { order: Order::Request(request), told };
     let mut world = firmware.boot();
-    // the firmware's first settings are the first order
+    // The firmware's first settings are the first order.
     let mut steps = vec![settings(&now)];
     ok(&mut world, "zero");
     steps.push(request(Request::Zero, |before, after| flagged(before, after, Flags::ZEROED)));
@@ -161,7 +161,7 @@ pub fn hit_at(
     let chosen = records.iter().position(|record| record.flags.design() == number).unwrap();
     for (n, record) in records.iter_mut().enumerate() {
         assert_eq!(record.flags.design(), if n < chosen { own } else { number }, "{n}");
-        record.flags = record.flags.with_design(0); // the design number comes from the console, not from the tasks
+        record.flags = record.flags.with_design(0); // the design's number comes from the console, not from the tasks
     }
     let sent = records.len() as f64 / (records.len() as u64 + dropped) as f64;
     assert!(sent > 0.99, "{sent}");
@@ -231,7 +231,7 @@ pub fn records(world: &mut World<'_>) -> (Vec<Record>, u64) {
     (found, decoder.dropped)
 }
 
-/// Cycles of an estimator's longest update, measured by `estimator_cost`.
+/// Cycles of an estimator's longest update, from the table that `estimator_cost` checks.
 fn cycles_of(name: EstimatorName) -> u64 {
     cost_row("estimator_cost.csv", TABLE, name.text())[1].parse().unwrap()
 }
@@ -241,7 +241,7 @@ fn cycles_of(name: EstimatorName) -> u64 {
 fn every_estimator_has_the_time_or_is_refused(board: Board) {
     let firmware = Firmware::variant(board, &["estimators"]);
     let dac = matches!(board.wiring.force, Force::Dac { .. });
-    // the library allows four fifths of the slowest board's cycles; a faster board has more
+    // The library allows four fifths of the slowest board's cycles. A faster board has more.
     let slowest = BOARDS.iter().map(|board| board.cycles_per_sample()).min().unwrap();
     let spare = (board.cycles_per_sample() - slowest) * 4 / 5;
     for period in PERIODS {
@@ -252,7 +252,7 @@ fn every_estimator_has_the_time_or_is_refused(board: Board) {
         world.hold(middle_m, true);
         world.run(300).unwrap();
         let (mut refused, mut worst, mut beside) = (vec![], ("", 0, 0), 0);
-        // the cheapest estimator first: the last sample of the estimator before is watched too
+        // The cheapest estimator comes first, since the last sample of the previous estimator is measured too.
         let mut names = EstimatorName::ALL.to_vec();
         names.sort_by_key(|&name| cycles_of(name));
         for name in names {
@@ -280,7 +280,7 @@ fn every_estimator_has_the_time_or_is_refused(board: Board) {
                         .unwrap();
                 }
             }
-            // until all lines are answered; some of them wait for their time
+            // Until all lines are answered; some of them have to wait.
             world.run(600).unwrap();
             world.replies.clear();
             let status = ok(&mut world, "status");

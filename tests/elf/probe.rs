@@ -1,5 +1,5 @@
-//! The release image behind a debug probe, in the state that `cargo live --probe` expects. The virtual board simulates
-//! the probe's halts and the time of its accesses.
+//! The release image behind a debug probe, as `cargo live --probe` uses it. The virtual board simulates the probe's
+//! halts and the time of its accesses.
 
 use std::{
     sync::mpsc::{Receiver, Sender, channel},
@@ -31,7 +31,7 @@ const FLASH: u32 = 0x0800_0000;
 
 type Act = Box<dyn FnOnce(&mut World<'static>) + Send>;
 
-/// A board in a thread of its own. Its time passes with each access.
+/// A board in its own thread. Its time advances with each access.
 #[derive(Clone)]
 struct Bench(Sender<Act>);
 
@@ -65,7 +65,7 @@ impl Bench {
     }
 }
 
-/// Lets time pass. `run` is not used, since it would also read the channels.
+/// Lets time pass. `run` is not used, since it also reads the channels.
 fn pass(world: &mut World<'_>, samples: u64) {
     for _ in 0..samples {
         world.sample().unwrap();
@@ -138,7 +138,7 @@ impl Core for Opened {
     }
 }
 
-/// Types lines, and waits for the wanted text.
+/// Types lines, and waits for a line that contains `wanted`.
 fn type_until(link: &mut ProbeLink<Attached>, lines: &str, wanted: &str) {
     assert_eq!(link.write(COMMANDS, lines.as_bytes()), lines.len(), "{lines}");
     let mut replies = vec![];
@@ -152,8 +152,8 @@ fn type_until(link: &mut ProbeLink<Attached>, lines: &str, wanted: &str) {
     panic!("{wanted}: {}", String::from_utf8_lossy(&replies));
 }
 
-/// Attaching to a board with its force on causes fault 32, and no other effect. The force is off before the halt of
-/// detaching, so that halt is not a fault.
+/// Attaching to a board with its force on causes fault 32, and has no other effect. When the probe detaches, the force
+/// is off before the halt. So this halt is no fault.
 fn a_board_is_met_with_its_force_on_and_left_with_it_off(board: Board) {
     let firmware: &Firmware = Box::leak(Box::new(Firmware::of(board)));
     let bench = Bench::start(|| firmware.armed());

@@ -1,4 +1,4 @@
-//! Quiet hits by the release ELF, push by push, compared with the simulator's from the same counts.
+//! Quiet hits by the release ELF, push by push. They are compared with the simulator's hits from the same starts.
 
 use host_sim::{
     scene::{Criterion, NamedScene, RmsOf, Scene},
@@ -13,13 +13,13 @@ use zwidth::experiment::{Verdict, quiet::PUSHES};
 
 use crate::firmware::Firmware;
 
-/// Fraction of a limit within which the verdicts may differ. An RMS near one count scatters by a fifth from window to
-/// window, even in a window of 2 s.
+/// Fraction of a limit within which the verdicts may differ. Even in a window of 2 s, an RMS near one count varies by a
+/// fifth from window to window.
 const NEAR: f64 = 0.2;
 /// Fractions of a count at which the simulator's hits start.
 const STARTS: [f64; 4] = [0.0, 0.25, 0.5, 0.75];
 
-/// The board with its own scene, with hits of this length and a short return move.
+/// The board with its own scene. The hits have this length, and the return move is short.
 fn session(board: Board, [settle_s, window_s]: [f64; 2]) -> Session {
     let Firmware { board, elf, table, .. } = Firmware::of(board);
     let mut scene = NamedScene::load(board.name).unwrap();
@@ -31,7 +31,7 @@ fn session(board: Board, [settle_s, window_s]: [f64; 2]) -> Session {
     Session { board, scene, elf, table }
 }
 
-/// Margin of a push to the nearest limit, as a fraction of that limit; below 0 the push was not held.
+/// Margin of a push to the nearest limit, as a fraction of this limit; negative if the push was not held.
 fn margin(scene: &Scene, stiffness_n_per_m: f64, report: &HitReport) -> f64 {
     let count_n = stiffness_n_per_m * scene.encoder.resolution_m;
     let off = (count_n / report.wall_force_n.abs()).max(0.1);
@@ -44,7 +44,7 @@ fn margin(scene: &Scene, stiffness_n_per_m: f64, report: &HitReport) -> f64 {
     of_limits.into_iter().fold(f64::INFINITY, f64::min)
 }
 
-/// Hits on random walls. Returns how many were held, not held, and left out.
+/// Hits on random walls. Returns the numbers of hits that were held, not held, and left out.
 fn hits(board: Board, seconds: [f64; 2], walls: u64, seed: u64) -> [usize; 3] {
     let session = session(board, seconds);
     let scene = &session.scene.scene;
@@ -101,7 +101,7 @@ fn hits(board: Board, seconds: [f64; 2], walls: u64, seed: u64) -> [usize; 3] {
     counts
 }
 
-/// Count of pushes that a hit must have tried.
+/// Number of pushes that a hit must have tried.
 fn tried(told: &BoardHit) -> usize {
     let first = told.pushes.iter().position(|push| push.verdict != Verdict::Stable);
     first.map_or(PUSHES.len(), |first| first + 1)

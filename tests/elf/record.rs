@@ -1,4 +1,4 @@
-//! Device records: one image accepts any valid record, and stays off with a wrong one.
+//! Device records: an image accepts every valid record. With a wrong record its force stays off.
 
 use std::{
     fs,
@@ -48,17 +48,16 @@ each_board!(
     ignored: "thousands of boots; .ci/long runs it"
 );
 
-/// The record of the image as bytes.
 fn bytes_of(firmware: &Firmware) -> Vec<u8> {
     let (_, bytes) =
         firmware.elf.flash.iter().find(|(address, _)| *address == 0x0800_C000).unwrap();
     bytes.clone()
 }
 
-/// Boots with this record and runs some samples. Returns the board's first message. After it, all commands but three
-/// are refused.
+/// Boots with this record and runs some samples. Returns the board's first message. Then all commands but three are
+/// refused.
 ///
-/// Such a board polls its link instead of sleeping, which makes the emulation twenty times slower.
+/// Such a board polls its link and does not sleep. This makes the emulation twenty times slower.
 fn refused(firmware: &Firmware, record: &[u8], samples: u64) -> String {
     let elf = firmware.elf.with_record(record).unwrap();
     let Firmware { board, table, scene, .. } = firmware;
@@ -82,7 +81,7 @@ fn refused(firmware: &Firmware, record: &[u8], samples: u64) -> String {
     why
 }
 
-/// A record with a right checksum, as the host's own encoder would write it.
+/// A record with a right checksum, as the host's own encoder writes it.
 fn signed(board: Board, edit: impl Fn(&mut Device<'static>)) -> Vec<u8> {
     let mut device = *built_in(board);
     edit(&mut device);
@@ -129,7 +128,7 @@ fn an_image_stays_off_with_a_wrong_record_and_names_what_is_wrong(board: Board) 
     }
 }
 
-/// One byte of every 128. The library's tests check each byte.
+/// Tests one byte of every 128. The library's tests check each byte.
 fn a_record_with_a_wrong_byte_or_a_missing_word_is_refused(board: Board) {
     wrong_bytes_and_cuts(board, 128);
 }
@@ -148,7 +147,7 @@ fn wrong_bytes_and_cuts(board: Board, stride: usize) {
         let of_stride = byte / stride % stride;
         bad[(byte + of_stride).min(whole.len() - 1)] ^= 1 << (byte / stride % 8);
         refused(firmware, &bad, 20);
-        // The power was cut while the record was programmed: the rest is erased.
+        // The power was cut while the record was programmed, so the rest is erased.
         if byte.is_multiple_of(4) {
             refused(firmware, &whole[..byte], 20);
             cuts.fetch_add(1, Ordering::Relaxed);
@@ -158,8 +157,8 @@ fn wrong_bytes_and_cuts(board: Board, stride: usize) {
     println!("{}: {bytes} wrong bytes and {} cuts", board.name, cuts.into_inner());
 }
 
-/// A record made from an example is built into the image. The image is then for that device. Another board's record is
-/// refused.
+/// A record that is made from an example is built into the image. The image is then for this device. A record of
+/// another board is refused.
 #[test]
 #[ignore = "an image more; CI runs it"]
 fn an_image_is_built_for_the_record_that_is_named() {
@@ -206,7 +205,7 @@ fn an_image_is_built_for_the_record_that_is_named() {
     assert!(line.contains("ZWIDTH_DEVICE: ") && line.contains(wanted), "{other}");
 }
 
-/// Settings belong to a record's contents, not to its name.
+/// Settings belong to the contents of a record, not to its name.
 fn settings_of_another_record_are_not_taken(board: Board) {
     let firmware = &Firmware::of(board);
     let own = built_in(board).defaults();
@@ -261,13 +260,13 @@ fn devices() -> [NamedScene; 5] {
     ]
 }
 
-/// A wall of equal stiffness for each device, relative to its force and count: K and B.
+/// K and B of a wall with the same stiffness for each device, relative to its force and count.
 fn as_stiff(scene: &Scene) -> [f64; 2] {
     let unit = scene.full_scale_n() / scene.encoder.resolution_m;
     [(2e-3 * unit).round(), (8e-6 * unit).round()]
 }
 
-/// Hits of the simulator and of the board differ only in their start time. RMS and mean belong to the same wall.
+/// Hits of the simulator and of the board differ only in their start time. RMS and mean are those of the same wall.
 fn hits_are_the_simulators(board: Board, devices: &[(NamedScene, [f64; 3])]) {
     let Firmware { board, elf, .. } = Firmware::of(board);
     let facts = board_facts(board.name).unwrap();
@@ -303,7 +302,7 @@ fn hits_are_the_simulators(board: Board, devices: &[(NamedScene, [f64; 3])]) {
             counts(rms),
         );
         assert_eq!((board_hit.verdict, simulated.verdict), (Verdict::Stable, Verdict::Stable));
-        // The sticking position depends on the start time.
+        // The position where friction holds the handle depends on the start time.
         let near = if scene.friction.is_some() { 3.0 } else { 1.0 };
         assert!(counts(mean).abs() < near && counts(rms).abs() < 1.0);
     });

@@ -11,7 +11,7 @@ use crate::firmware::{Firmware, ok};
 
 each_board!(every_velocity_is_the_boards_to_the_last_bit);
 
-/// A hand moves the handle to and fro, from rest on. The board's value in each sample equals the core's.
+/// A hand moves the handle to and fro, starting from rest. The board's value in each sample equals the core's.
 fn every_velocity_is_the_boards_to_the_last_bit(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.boot();

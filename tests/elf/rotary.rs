@@ -1,5 +1,5 @@
 //! A rotary scene, and the linear scene of the same device at its handle, on the same image. The settings in force are
-//! equal bit for bit, so the hit is the same, and the texts differ only in their units. Longer texts take more cycles,
+//! equal bit for bit. So the hit is the same, and the texts differ only in their units. Longer texts take more cycles,
 //! and an interrupt waits for the running instruction. So a count that is about to change may be read a sample later.
 
 use std::{collections::BTreeMap, path::Path};
@@ -24,16 +24,16 @@ const UNITS: [(&str, &str, i32); 5] = [
     (" J", " J", 0),
 ];
 
-/// A scene, and the lines that are typed into its board.
+/// A scene, and the lines that are typed.
 type Typed = (&'static str, [&'static str; 6]);
 const LINEAR: Typed =
     ("by-hand.toml", ["wall 0.035", "k 1000", "b 10", "push 0.7", "rms 2.8e-5", "start 0"]);
 const ROTARY: Typed =
     ("rotary.toml", ["wall 0.5", "k 4.9", "b 0.049", "push 0.049", "rms 4e-4", "start 0"]);
-/// Samples between two lines, whatever time their replies take.
+/// Samples between two lines, whatever the time of their replies.
 const SLOT: u64 = 500;
 
-/// Runs one hit. Returns the replies, the telemetry from `arm` on, and the settings that it names.
+/// Runs one hit. Returns the replies, the telemetry from `arm` on, and the settings in the telemetry.
 fn hit(board: Board, (file, typed): Typed) -> (Vec<String>, Vec<Frame>, Vec<InForce>) {
     let Firmware { elf, table, .. } = Firmware::of(board);
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../host-sim/tests/program/paddle");
@@ -104,7 +104,7 @@ fn a_rotary_device_hits_as_the_same_one_at_its_handle(board: Board) {
     );
     assert!(!settings.is_empty());
     assert_eq!(settings, linear_settings);
-    // Texts of other lengths take other times, so one output may be missing or added at either end.
+    // Texts of another length take another time. So at either end an output may be missing or added.
     let at: BTreeMap<u64, Record> =
         linear_frames.iter().map(|one| (one.record.sample, one.record)).collect();
     let pairs = || {
@@ -120,7 +120,7 @@ fn a_rotary_device_hits_as_the_same_one_at_its_handle(board: Board) {
         let of = |record: &Record| (record.sample, record.settings, record.fault);
         assert_eq!(of(&one), of(&other));
         let apart = one.position.counts().abs_diff(other.position.counts());
-        // A count that is read later gives another impact: some thousandths of the path.
+        // If a count is read later, the impact differs by some thousandths of the path.
         assert!(apart <= 10, "{one:?}, at its handle {other:?}");
     }
     let ([linear @ .., refused], [rotary @ .., rotary_refused]) = (&linear[..], &rotary[..]) else {

@@ -1,4 +1,4 @@
-//! `selftest` on the virtual board: it passes on a good board, and each defect fails its part.
+//! `selftest` on the virtual board: a good board passes, and each defect makes its part fail.
 
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -10,7 +10,7 @@ use crate::firmware::{Firmware, arm, ok};
 each_board!(a_whole_board_passes_and_has_lost_its_zero, a_self_test_is_refused_while_force_acts);
 each_board!(each_part_fails_by_itself, ignored: "a self-test for each defect");
 
-/// A board as the documentation asks for a self-test: option bytes set, and two wires in place of the encoder.
+/// A board that is ready for a self-test: option bytes set, and two wires in place of the encoder.
 fn prepared<'a>(firmware: &'a Firmware, elf: &Elf) -> World<'a> {
     let Firmware { board, table, scene, .. } = firmware;
     let mut world = World::new(*board, elf, table, scene, scene.device.rest_position_m).unwrap();
@@ -25,7 +25,7 @@ fn wanted_level(board: Board) -> u32 {
     u32::from(board.name == "discovery-f407")
 }
 
-/// The lines of a self-test; the last one is the reply.
+/// The lines of a self-test. The last line is the reply.
 fn lines(world: &mut World<'_>) -> Vec<String> {
     world.replies.clear();
     world.send("selftest\n").unwrap();
@@ -98,7 +98,7 @@ fn each_part_fails_by_itself(board: Board) {
         });
         assert!(clock.len() == 1 && clock[0].starts_with("selftest clock: fail, "), "{clock:?}");
     }
-    // The vector of an interrupt that never comes.
+    // Vector of an interrupt that never comes.
     let mut elf = firmware.elf.clone();
     let (_, vectors) = elf.flash.iter_mut().find(|(start, _)| *start == 0x0800_0000).unwrap();
     vectors[4 * 60..4 * 61].copy_from_slice(&0x0900_0001u32.to_le_bytes());
@@ -155,7 +155,7 @@ fn enable_output_and_delay_fail_by_themselves() {
     assert_eq!(failed(&mut world), [""; 0]);
 
     // With the priority of `link`, no sample comes between its instructions. The check of the registers finds this too.
-    // With its fault latched, the amplifier is not enabled.
+    // While its fault is latched, the amplifier is not enabled.
     let parts = ["enable", "output watchdog", "output"];
     let not = parts.map(|part| {
         format!("selftest {part}: fail, not tried: a fault is latched, clear it first")
@@ -167,7 +167,7 @@ fn enable_output_and_delay_fail_by_themselves() {
     expected.push("selftest delay: fail, no samples".into());
     assert_eq!(failed(&mut world), expected);
 
-    // The pin is not connected to the timer any more.
+    // The pin is no longer connected to the timer.
     let mut world = prepared(firmware, &firmware.elf);
     let mode = world.powered.mcu.peek(0x4002_0000);
     world.powered.mcu.poke(0x4002_0000, mode & !(0b11 << 20));

@@ -1,4 +1,4 @@
-//! A restored board continues bit for bit like a board that was never interrupted.
+//! After its state is restored, a board continues bit for bit as an uninterrupted board.
 
 use std::time::Instant;
 
@@ -12,7 +12,6 @@ use crate::firmware::{Firmware, arm, ok};
 
 each_board!(a_board_goes_on_from_a_snapshot_as_it_went_on);
 
-/// An action on a board.
 pub type Act = (&'static str, fn(&mut World<'_>));
 
 pub const ACTS: [Act; 9] = [
@@ -56,7 +55,7 @@ pub const ACTS: [Act; 9] = [
     }),
 ];
 
-/// Memory, registers, devices, handle and all output.
+/// Everything to compare: memory, registers, devices, handle and all output.
 fn all_of(world: &mut World<'_>) -> (Vec<u8>, u64, u64, String) {
     let Snapshot { mcu, .. } = world.snapshot();
     let said = format!("{:?}{}{:?}", world.lines, world.replies, world.telemetry);
@@ -64,7 +63,7 @@ fn all_of(world: &mut World<'_>) -> (Vec<u8>, u64, u64, String) {
     (mcu.bytes().collect(), world.position_m().to_bits(), world.powered.mcu.now(), said + &watch)
 }
 
-/// The third board runs everything again after it was just switched on.
+/// After each action, the first board is restored and repeats it. Then another board, just switched on, repeats it.
 fn a_board_goes_on_from_a_snapshot_as_it_went_on(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.boot();

@@ -10,7 +10,7 @@ each_board!(every_sample_of_a_session_is_the_cores);
 /// Largest rate of telemetry at 10 kHz with an output each millisecond, bytes/s.
 const BYTES_PER_S: f64 = 60e3;
 
-/// Moves the handle to and fro by hand, in and out of the wall at 5 mm, and below zero.
+/// A hand moves the handle to and fro: in and out of the wall at 5 mm, and below zero.
 fn swing(world: &mut World<'_>) {
     for (speed, samples) in [(0.06, 1_000), (-0.08, 1_200), (0.02, 300), (0.3, 150), (-0.2, 300)] {
         world.lead(speed);
@@ -21,7 +21,7 @@ fn swing(world: &mut World<'_>) {
     world.run(30).unwrap();
 }
 
-/// The capture and the computed values. They do not differ.
+/// The telemetry and the values that the core computes from it. They must be equal.
 fn computed(world: &mut World<'_>) -> (Capture, Recomputed) {
     let capture = Capture::decode(&std::mem::take(&mut world.telemetry));
     assert_eq!((capture.dropped, capture.garbage_bytes), (0, 0));

@@ -1,8 +1,8 @@
 //! The firmware's own sampling and output tasks on the host, with the counts that the board read.
 //!
 //! Each typed command becomes an order at an output. Telemetry shows it by the number of the settings or by a flag. So
-//! every frame must equal the host's record bit for bit, from the first one on: velocity, sign test, ramp, return move,
-//! hit, fade, flags.
+//! every frame must equal the host's record bit for bit, from the first frame on: velocity, sign test, ramp, return
+//! move, hit, fade, flags.
 
 use zwidth::{
     CounterWidth, LoopParameters,
@@ -19,7 +19,7 @@ use zwidth::{
     velocity::Senses,
 };
 
-/// Values that the sampling task receives.
+/// Values that the sampling task receives from the output task.
 #[derive(Clone)]
 struct ToSample {
     parameters: LoopParameters,
@@ -38,7 +38,6 @@ impl Sampling for ToSample {
     fn turn_encoder(&mut self, _: bool) {}
 }
 
-/// Both tasks on the host.
 pub struct Twin {
     sampler: GuardedSampler,
     guard: Guard,
@@ -50,7 +49,7 @@ pub struct Twin {
 }
 
 impl Twin {
-    /// A board that starts with these settings and with its counter at `first`.
+    /// A board that starts with these settings, with its counter at `first`.
     pub fn new(device: &Device<'_>, stored: Stored, first: u32) -> Self {
         let loaded = Loaded { stored, source: Source::Empty, damaged: 0 };
         let start = device.start(&loaded, None).unwrap();
@@ -75,7 +74,7 @@ impl Twin {
         }
     }
 
-    /// Runs one sample. If an output is due, returns its record and then carries out the waiting order.
+    /// Runs one sample. If an output is due, returns its record. Then it carries out the waiting order.
     pub fn sample(
         &mut self,
         count: u32,

@@ -28,10 +28,10 @@ each_board!(
 
 const CUTOFF_HZ: f64 = 1500.0;
 
-/// Largest relative difference of the areas. The boundary is chaotic at its edge: a start that is moved by a fraction
-/// of a count changes the area by some 2 %. So the board's area is compared with the mean of the simulator's areas.
+/// Largest relative difference of the areas. The boundary is chaotic at its edge: if the start moves by a fraction of a
+/// count, the area changes by some 2 %. So the board's area is compared with the mean of the simulator's areas.
 const AREA_TOLERANCE: f64 = 0.05;
-/// Count of the simulator's walks, with starts spread over one count.
+/// Number of the simulator's walks. Their starts are spread over one count.
 const REPEATS: u32 = 16;
 
 /// The session of a board with its own scene, after `edit`.
@@ -43,7 +43,7 @@ fn session(board: Board, edit: impl Fn(&mut Scene)) -> Session {
     Session { board, scene, elf, table }
 }
 
-/// Walks on the virtual board and compares with the simulator. Returns the board's walk, and mean and spread of the
+/// Walks on the virtual board and compares with the simulator. Returns the board's walk, and the mean and spread of the
 /// simulator's areas.
 fn both(board: Board, edit: impl Fn(&mut Scene)) -> (WalkReport, [f64; 2]) {
     let session = session(board, edit);
@@ -72,7 +72,7 @@ fn both(board: Board, edit: impl Fn(&mut Scene)) -> (WalkReport, [f64; 2]) {
     );
     let simulated = &simulated[0];
     assert!(difference.abs() <= AREA_TOLERANCE, "{difference}");
-    // `cargo sim walk` gives one walk, which differs from the mean by the spread.
+    // `cargo sim walk` gives a single walk. It differs from the mean by the spread.
     let of_one = walked.area / simulated.area - 1.0;
     assert!(of_one.abs() <= AREA_TOLERANCE + 2.0 * spread, "{of_one}");
     assert_eq!(walked.ended_by, simulated.ended.map(Ended::name).unwrap());
@@ -83,7 +83,7 @@ fn both(board: Board, edit: impl Fn(&mut Scene)) -> (WalkReport, [f64; 2]) {
     (walked, [mean, spread])
 }
 
-/// Sets another grid, and hits that are shorter than the paper's.
+/// Sets another grid, with hits that are shorter than the paper's.
 fn grid(
     scene: &mut Scene,
     [k_start, k_step]: [f64; 2],
@@ -146,7 +146,7 @@ fn armed(session: &Session) -> World<'_> {
     world
 }
 
-/// Lines up to the first that contains `what`, within `samples` samples.
+/// Lines up to the first line that contains `what`, within `samples` samples.
 fn lines_until(world: &mut World<'_>, what: &str, samples: u64) -> Vec<String> {
     for _ in 0..samples / 500 {
         world.run(500).unwrap();
@@ -157,13 +157,12 @@ fn lines_until(world: &mut World<'_>, what: &str, samples: u64) -> Vec<String> {
     std::mem::take(&mut world.replies).lines().map(str::to_owned).collect()
 }
 
-/// Lines that have come after `samples` samples.
 fn lines_after(world: &mut World<'_>, samples: u64) -> Vec<String> {
     world.run(samples).unwrap();
     std::mem::take(&mut world.replies).lines().map(str::to_owned).collect()
 }
 
-/// Largest force over the next `samples` samples, as a fraction of full scale.
+/// Largest force in the next `samples` samples, as a fraction of full scale.
 fn largest_force(world: &mut World<'_>, samples: u64) -> f64 {
     let units = match world.powered.board.wiring.force {
         virtual_board::board::Force::Dac { .. } => 2047.0,
@@ -208,7 +207,7 @@ fn stop_ends_the_way_back_a_hit_a_walk_and_a_calibration_without_a_fault() {
             line
         };
         assert_eq!(line, "ok stop");
-        // the push fades by 5 % of full scale per output
+        // The push fades by 5 % of full scale per output.
         world.run(300).unwrap();
         let status = ok(&mut world, "status");
         assert!(status.contains("ok status armed, fault none, idle"), "{command}: {status}");
@@ -216,7 +215,7 @@ fn stop_ends_the_way_back_a_hit_a_walk_and_a_calibration_without_a_fault() {
         let left = largest_force(&mut world, 200);
         assert!(left < 0.02, "{command}: {left}");
     }
-    // the walk has restored the wall
+    // The walk has restored the wall.
     let get = ok(&mut world, "get");
     assert!(get.contains("k 8000 N/m, b 30 N s/m"), "{get}");
 }
@@ -224,7 +223,7 @@ fn stop_ends_the_way_back_a_hit_a_walk_and_a_calibration_without_a_fault() {
 #[test]
 fn what_goes_wrong_ends_an_experiment_safely_and_is_named() {
     let session = session(NUCLEO_F446RE, |_| {});
-    // the force is switched off during a walk
+    // The force is switched off during a walk.
     let mut world = armed(&session);
     ok(&mut world, "walk");
     world.run(8_000).unwrap();
@@ -233,7 +232,7 @@ fn what_goes_wrong_ends_an_experiment_safely_and_is_named() {
     assert!(lines.iter().any(|l| l.starts_with("error: walk: the force went off")), "{lines:?}");
     let status = ok(&mut world, "status");
     assert!(status.contains("fault 30 (emergency stop), idle"), "{status}");
-    // without a push there is no contact
+    // Without a push there is no contact.
     let mut world = armed(&session);
     for line in ["push 0", "settle 0.1", "window 0.1", "walk"] {
         ok(&mut world, line);
@@ -241,20 +240,20 @@ fn what_goes_wrong_ends_an_experiment_safely_and_is_named() {
     let what = "does not bring the handle to the wall";
     let lines = lines_until(&mut world, what, 40_000);
     assert!(lines.iter().any(|l| l.contains(what)), "{lines:?}");
-    // a first wall that cannot be stable
+    // A first wall that cannot be stable.
     for line in ["push 2.835", "settle 1", "kstart 9000000", "walk"] {
         ok(&mut world, line);
     }
     let what = "the first point is unstable";
     let lines = lines_until(&mut world, what, 60_000);
     assert!(lines.iter().any(|l| l.contains(what)), "{lines:?}");
-    // a start inside the wall may be set, since the wall may be moved later; but nothing begins there
+    // A start inside the wall may be set, since the wall may be moved later. But no experiment begins there.
     ok(&mut world, "start 0.02");
     for command in ["hit", "walk"] {
         let refused = world.ask(command).unwrap();
         assert!(refused.contains("start_m is 0.02, allowed"), "{command}: {refused}");
     }
-    // a walk needs the envelope unlocked
+    // A walk needs an unlocked envelope.
     let mut world = session.boot().unwrap();
     for line in ["zero", "arm"] {
         ok(&mut world, line);
@@ -272,7 +271,7 @@ fn a_handle_that_is_held_back_ends_the_way_back() {
     ok(&mut world, "hit");
     world.run(500).unwrap();
     world.hold(world.position_m(), true);
-    // a rigid hand looks like a failed encoder; its own fault is found at once
+    // A rigid hand looks like a failed encoder. This fault is found at once.
     let lines = lines_after(&mut world, 2_000);
     assert!(lines.iter().any(|l| l.starts_with("error: hit: the force went off")), "{lines:?}");
     let status = ok(&mut world, "status");
@@ -289,7 +288,7 @@ fn a_hand_that_moves_to_and_fro_lets_the_way_back_give_up_by_itself() {
     ok(&mut world, "hit");
     let held_m = world.position_m();
     let mut lines = vec![];
-    // 0.5 mm in 25 ms: more than the push of a return would move the heaviest handle.
+    // 0.5 mm in 25 ms: more than the push of a return move would move the heaviest handle.
     for n in 0..12_000u32 {
         let place = f64::from(((n + 25) % 50).abs_diff(25));
         world.hold(held_m + 20e-6 * place, true);
@@ -329,7 +328,7 @@ fn calibrate_rises_holds_and_stops_on_motion() {
     assert!(largest_force(&mut world, 100) < 0.01);
     let refused = world.ask("calibrate 31").unwrap();
     assert!(refused.contains("allowed -30 to 30"), "{refused}");
-    // the result is entered, its range is checked, and it is kept
+    // The result is entered, its range is checked, and it is stored.
     let refused = world.ask("fullscale 6").unwrap();
     assert!(refused.contains("disarm first"), "{refused}");
     ok(&mut world, "disarm");
@@ -354,7 +353,7 @@ fn signs_turn_with_the_force_off_at_once_lose_the_zero_and_are_kept(board: Board
     ok(&mut world, "encoder -");
     assert!(ok(&mut world, "status").contains("not zeroed"));
     assert!(world.ask("arm").unwrap().contains("zero first"));
-    // the count now falls where it rose before
+    // The count now falls where it rose before.
     let position = |world: &mut World<'_>| -> i32 {
         let status = ok(world, "status");
         let word = status.split("position ").nth(1).unwrap().split(' ').next().unwrap();
@@ -373,7 +372,7 @@ fn signs_turn_with_the_force_off_at_once_lose_the_zero_and_are_kept(board: Board
     assert!((-1_002..=-998).contains(&counts), "{counts}");
     world.hold(world.position_m(), false);
     world.run(5_000).unwrap();
-    // with the motor unchanged the sign test fails; with both reversed it passes
+    // With only the encoder reversed the sign test fails. With both reversed it passes.
     ok(&mut world, "zero");
     ok(&mut world, "arm");
     world.run(2_000).unwrap();

@@ -1,5 +1,5 @@
-//! The whole loop compared with analytical results: the limit of oscillation, the effect of a fractional latency,
-//! results that scaling must not change, and the size of fixed-point effects.
+//! The whole loop compared with analytical results: the limit of oscillation, the effect of a latency with a fraction
+//! of a sample, results that scaling must not change, and the size of fixed-point effects.
 
 use std::ops::ControlFlow;
 
@@ -35,8 +35,8 @@ fn rms_m<C: Controller + Copy>(simulation: &mut Simulation<C>, samples: u32) -> 
     (positions_m.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt()
 }
 
-/// The linear case in the real loop: deep in a bilateral spring wall, an output at every sample without latency, 10 nm
-/// counts, and an actuator that never saturates.
+/// The linear case in the real loop: the handle is deep in a bilateral spring wall. Each sample has an output without
+/// latency. Counts are 10 nm long, and the actuator never saturates.
 fn linear_scene(rate_hz: f64, stiffness_n_per_m: f64) -> Scene {
     const DEPTH_M: f64 = 1e-3;
     const DEFLECTION_M: f64 = 1e-4;
@@ -49,7 +49,7 @@ fn linear_scene(rate_hz: f64, stiffness_n_per_m: f64) -> Scene {
     scene.actuator.period = 1;
     scene.actuator.latency = 0.0;
     scene.wall.push_only = false;
-    // the push that holds the handle at DEPTH_M behind the surface
+    // The push that holds the handle at DEPTH_M behind the surface.
     let rest_m = scene.wall.position_m + DEPTH_M;
     let spring_n = scene.device.stiffness_n_per_m * (rest_m - scene.device.rest_position_m);
     scene.wall_hit.push_n = stiffness_n_per_m * DEPTH_M + spring_n;
@@ -57,7 +57,7 @@ fn linear_scene(rate_hz: f64, stiffness_n_per_m: f64) -> Scene {
     scene
 }
 
-/// Amplitude in the last second divided by that in the first, in a run of six seconds.
+/// Amplitude in the last second divided by the amplitude in the first second, in a run of six seconds.
 fn growth(numeric: Numeric, rate_hz: f64, stiffness_n_per_m: f64) -> f64 {
     fn ratio<C: Controller + Copy>(mut simulation: Simulation<C>, second: u32) -> f64 {
         let early = rms_m(&mut simulation, second);
@@ -76,10 +76,10 @@ fn growth(numeric: Numeric, rate_hz: f64, stiffness_n_per_m: f64) -> f64 {
 #[test]
 fn oscillations_grow_above_and_decay_below_the_analytic_stiffness() {
     const TOLERANCE: f64 = 1e-4;
-    // exact eigenvalues of mass, damper, spring and zero-order hold, computed by another program
+    // Exact eigenvalues of mass, damper, spring and zero-order hold, computed by another program.
     for (rate_hz, analytic) in [(1e4, 110_414.42), (1e3, 11_063.49)] {
         for numeric in [Numeric::Fixed, Numeric::F64] {
-            let mut bounds = [analytic * 0.9, analytic * 1.12]; // the exact limit is not the middle of the bounds
+            let mut bounds = [analytic * 0.9, analytic * 1.12]; // the exact limit is not in the middle of these bounds
             assert!(growth(numeric, rate_hz, bounds[0]) < 1.0);
             assert!(growth(numeric, rate_hz, bounds[1]) > 1.0);
             while bounds[1] - bounds[0] > 2e-5 * analytic {
@@ -99,13 +99,13 @@ fn oscillations_grow_above_and_decay_below_the_analytic_stiffness() {
     }
 }
 
-/// The plant over `dt` by its own Taylor series of twenty terms, independent of the simulator.
+/// The plant over `dt` by a Taylor series of twenty terms, independent of the simulator.
 fn taylor(scene: &Scene, [x, v]: [f64; 2], force_n: f64, dt: f64) -> [f64; 2] {
     let device = &scene.device;
     let accelerate = |x: f64, v: f64, force_n: f64| {
         (force_n - device.damping_n_s_per_m * v - device.stiffness_n_per_m * x) / device.mass_kg
     };
-    // each derivative of (x, v) gives the next one; the force is constant, so it enters only once
+    // Each derivative of (x, v) gives the next one. The force is constant, so it enters only once.
     let (mut dx, mut dv) = (v, accelerate(x, v, force_n));
     let (mut sum, mut term) = ([x, v], dt);
     for n in 2..22 {
@@ -118,7 +118,8 @@ fn taylor(scene: &Scene, [x, v]: [f64; 2], force_n: f64, dt: f64) -> [f64; 2] {
 
 #[test]
 fn a_fractional_latency_is_exact() {
-    /// Difference by rounding of two ways to compute the same 60,000 steps. The loop is stable, so old errors decay.
+    /// Largest difference by rounding, m, between two ways to compute the same 60,000 steps. The loop is stable, so
+    /// errors decay.
     const POSITION_ERROR_MAX_M: f64 = 1e-12;
     for latency in [0.3, 10.3, 7.75] {
         let mut scene = paper();
@@ -136,7 +137,7 @@ fn a_fractional_latency_is_exact() {
             let expected_m = state[0] + scene.device.rest_position_m;
             let error_m = position_m - expected_m;
             assert!(error_m.abs() < POSITION_ERROR_MAX_M, "{latency}: {error_m:e} m at {n}");
-            // the commanded force at each sample, held from output to output
+            // The commanded force at each sample, held from output to output.
             let held = rendered.map(|r| r.output * scene.full_scale_n());
             commands.push(held.unwrap_or_else(|| commands.last().copied().unwrap_or(0.0)));
             let new_n = if n >= whole { commands[n - whole] } else { 0.0 };
@@ -213,7 +214,7 @@ fn quantised_outputs_come_near_the_ideal_one_as_their_resolution_grows() {
         fixed.mean_m
     };
     let ideal_m = run(None);
-    // the handle may settle elsewhere by one code of force over the wall's stiffness
+    // The rest position may differ by one code of force divided by the wall's stiffness.
     for (output, codes) in [
         (Quantisation::Dac { bits: 12 }, 2047.0),
         (Quantisation::Pwm { steps: 4500 }, 4500.0),
@@ -227,8 +228,8 @@ fn quantised_outputs_come_near_the_ideal_one_as_their_resolution_grows() {
 
 #[test]
 fn core_and_twin_agree_on_every_force_while_they_see_the_same_counts() {
-    // The velocity is rounded to 2^-16 counts per sample; times B, in fractions of full scale. The filter's own shaped
-    // error needs a few times as much.
+    // The velocity is rounded to 2^-16 counts per sample. This error is multiplied by B, in fractions of full scale.
+    // The filter's own shaped error is a few times as large.
     let tolerance = |damping: f64| damping * 1e-6 * 1e4 / 5.906 * 4.0 / 65_536.0 + 1e-8;
     for output in [None, Some(host_sim::scene::Quantisation::Dac { bits: 16 })] {
         for damping in [0.0, 20.0, 200.0] {

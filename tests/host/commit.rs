@@ -10,7 +10,7 @@ use std::{
 #[path = "../../build.rs"]
 mod build_script;
 
-/// A temporary folder, which is removed with the test.
+/// A temporary folder. It is removed when the value is dropped.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -90,7 +90,7 @@ fn without_a_repository_of_its_own_the_commit_is_unknown() {
     assert!(watched.contains(&archive.join("src")), "{watched:?}");
 }
 
-/// A commit and another branch change a file that the build watches, and each watched file exists. If a watched file
+/// A commit, and a change of the branch, each change a file that the build watches. Every watched file exists: if one
 /// were missing, cargo would build again each time.
 #[test]
 fn what_changes_the_commit_is_watched() {

@@ -1,4 +1,4 @@
-//! The defaults of other systems (`compare --peers`), compared with an independent program.
+//! The default settings of other systems (`compare --peers`), compared with an independent program.
 
 use std::sync::atomic::AtomicBool;
 
@@ -10,7 +10,7 @@ use host_sim::{
     study::{How, limits::Limit, sweep::filters},
 };
 
-/// Areas by limit of the paper's device with the 1 um encoder at this latency. The grid begins one step above 0.
+/// Areas by limit: the paper's device with the 1 um encoder and this latency. The grid begins one step above 0.
 fn peers(latency: f64, limits_m: &[f64], steps: [f64; 2], repeats: u32) -> PeerStudy {
     let mut scene: Scene = NamedScene::load("paper-1um").unwrap().scene;
     scene.actuator.latency = latency;
@@ -52,7 +52,7 @@ fn every_default_has_its_row_and_the_true_velocity_is_the_ceiling() {
     assert!(study.notes.is_empty(), "{:?}", study.notes);
     let ceiling = area(&study, "true-velocity");
     assert!(names[..names.len() - 1].iter().all(|name| area(&study, name) < ceiling));
-    // less filtering gives a larger area at this limit
+    // At this limit, less filtering gives a larger area.
     let ascending =
         ["force-dimension", "openffboard-70", "openffboard-180", "moteus", "butterworth-500"];
     assert!(ascending.is_sorted_by(|a, b| area(&study, a) < area(&study, b)));
@@ -86,7 +86,7 @@ fn a_default_that_is_unstable_at_a_rate_is_left_out_and_said() {
     assert!(!said("chai3d") && is_there("chai3d"), "{:?}", study.notes);
 }
 
-/// A table of an independent program in `f64`. Its explicit tracking loops are read before they are updated.
+/// A table of an independent program in `f64`. Its explicit tracking loops are read before their update.
 #[test]
 #[ignore = "a minute: the table of defaults against an independent program"]
 fn the_table_of_defaults_is_that_of_an_independent_program() {
@@ -140,7 +140,7 @@ fn the_table_of_defaults_is_that_of_an_independent_program() {
                 "latency {latency}, {limit_m:e} m, {name}: {ours:.3}, theirs {theirs} ({:+.1} %)",
                 100.0 * off
             );
-            // one cell changes from 6.4 to 9.0 with the start
+            // One cell changes from 6.4 to 9.0 with the start.
             let row = study.rows.iter().find(|row| row.name == name).unwrap();
             let [low, high] = row.boundaries[0].area_range().map(|area| area / 1e6);
             if theirs > 1.0 && off.abs() > 0.05 && !(low..=high).contains(&theirs) {

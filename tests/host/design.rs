@@ -1,4 +1,4 @@
-//! `design`: the documented areas, from any seed, and for every protocol.
+//! `design` reaches the documented areas, from any seed and for every protocol.
 
 use std::sync::atomic::AtomicBool;
 
@@ -54,7 +54,7 @@ fn one(scene: Scene) -> Vec<Condition> {
     vec![Condition { name: "own".into(), scene }]
 }
 
-/// Largest area below a gain peak, 10^6 N^2 s/m^2.
+/// Largest area of the filters whose gain peak is below `peak_db`, 10^6 N^2 s/m^2.
 fn below(study: &DesignStudy, peak_db: f64) -> f64 {
     let below = study.filters.iter().filter(|filter| filter.gain_peak_db <= peak_db);
     below.map(|filter| filter.area() / 1e6).fold(0.0, f64::max)
@@ -64,7 +64,7 @@ fn below(study: &DesignStudy, peak_db: f64) -> f64 {
 /// other starts and no fixed point.
 const OF_THEIRS: f64 = 0.955;
 
-/// Areas of the independent search.
+/// The areas reach those of the independent search.
 #[test]
 #[ignore = "minutes: .ci/long design"]
 fn the_front_holds_the_areas_of_an_independent_search() {
@@ -79,7 +79,7 @@ fn the_front_holds_the_areas_of_an_independent_search() {
             assert!(area >= least, "{name} {peak_db} dB: {area}");
         }
     }
-    // with the coarser encoder the other program's area of 704 is not reached: docs/lab/design.md lists the attempts
+    // With the coarser encoder the other program's area of 704 is not reached. docs/lab/design.md lists the attempts.
     for (name, least) in [("paper-1um", OF_THEIRS * 950.0), ("paper-2um", 600.0)] {
         let mut hand = scene(name);
         hand.wall_hit.push_by = PushBy::Hand;
@@ -89,7 +89,7 @@ fn the_front_holds_the_areas_of_an_independent_search() {
     }
 }
 
-/// A second section without delay gives more than one section, in fixed point.
+/// A second section without delay gives a larger area than one section, in fixed point.
 #[test]
 #[ignore = "minutes: .ci/long design"]
 fn two_sections_hold_more_than_one() {
@@ -111,7 +111,7 @@ fn two_sections_hold_more_than_one() {
     }
 }
 
-/// A limit of 1 um of the true motion, in steps of 1000 N/m and 5 N s/m. Smaller steps of K find less
+/// A limit of 1 um for the true motion, in steps of 1000 N/m and 5 N s/m. Smaller steps of K find smaller areas
 /// (docs/lab/design.md).
 #[test]
 #[ignore = "minutes: .ci/long design"]

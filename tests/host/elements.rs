@@ -1,4 +1,4 @@
-//! Optional elements of scenes: values that are refused, elements without an effect, and properties of all elements.
+//! Optional elements of scenes: refused values, elements without an effect, and properties of all elements.
 
 use std::f64::consts::PI;
 
@@ -112,8 +112,8 @@ fn every_element_is_read_and_runs() {
     }
 }
 
-/// A constant force stretches the spring like a shifted rest position. This holds with an amplifier, an arm and an
-/// integrator too. A device without a spring gets the force's acceleration.
+/// A constant force stretches the spring like a shifted rest position, also with an amplifier, an arm or an integrator.
+/// A device without a spring gets the acceleration of the force.
 #[test]
 fn an_offset_is_a_rest_position_that_is_farther() {
     for tables in [
@@ -153,7 +153,7 @@ fn an_offset_is_a_rest_position_that_is_farther() {
     assert!((plant.speed_m_per_s(&state) / speed - 1.0).abs() < 1e-12);
 }
 
-/// An amplifier with an error moves the device as an ideal amplifier does with other commands.
+/// An amplifier with an error moves the device like an ideal amplifier with other commands.
 #[test]
 fn an_amplifier_error_is_another_command() {
     let given_n = |command_n: f64| command_n * (1.0 - 0.1 * (command_n / 5.9).powi(2));
@@ -246,7 +246,7 @@ fn noise_differs_between_seeds_and_starts_and_not_between_walls() {
     assert_ne!(noise, readings("seed = 1", 0.25, 2000.0));
     let mean = noise.iter().sum::<i64>() as f64 / 500.0;
     let rms = (noise.iter().map(|n| (*n as f64 - mean).powi(2)).sum::<f64>() / 500.0).sqrt();
-    // 5 counts and the quantiser's variance of 1/12; the spread of an RMS over 500 samples is 3.2 %.
+    // 5 counts and the quantiser's variance of 1/12. The spread of an RMS over 500 samples is 3.2 %.
     assert!((rms - 5.0).abs() < 0.65 && mean.abs() < 1.0, "{rms} {mean}");
 }
 
@@ -321,18 +321,18 @@ fn refusals_name_key_value_and_range() {
         (vec![&ENCODER_NOISE.replace("5e-7", "-1")], "encoder_noise.rms_m is -1, allowed 0 to 1"),
         (vec![&ENCODER_NOISE.replace("5e-7", "nan")], "encoder_noise.rms_m is NaN, allowed 0 to 1"),
         (vec![&JITTER.replace("5e-6", "1e-4")], "jitter.peak_s is 0.0001, allowed 0 to"),
-        // 50 kN s/m on 0.416 kg gives 8 us: too fast for two steps of Runge-Kutta in 100 us, but not for 7.
+        // 50 kN s/m on 0.416 kg gives 8 us. This is too fast for two steps of Runge-Kutta in 100 us, but not for seven.
         (
             vec![&SPRING.replace("damping_n_s_per_m = 50", "damping_n_s_per_m = 5e4"), RK4],
             "integrator.steps_per_sample is 2, allowed 5 to 10000: the fastest time constant is 8.3e-6 s",
         ),
-        // Time constants far below 1 us are refused with the reason; without the friction the step is exact.
+        // Time constants far below 1 us are refused with the reason. Without friction the step is exact.
         (vec!["[amplifier]\nbandwidth_hz = 1e7\n", FRICTION, RK4], "1.6e-8 s"),
         (
             vec!["[amplifier]\nbandwidth_hz = 1e7\n", FRICTION, ADAPTIVE],
             "without non-linear elements and [integrator] the step is exact",
         ),
-        // A test of eigenvalues alone would accept this device: no motion of the plant is so strongly damped, but a
+        // A test of eigenvalues alone would accept this device. No motion of the plant is so strongly damped, but a
         // motion of its Euler steps is.
         (
             vec![

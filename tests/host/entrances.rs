@@ -1,5 +1,5 @@
-//! NaN and infinities at every input. Each number from a person or a file is refused with its name, so no later code
-//! gets one.
+//! NaN and infinities at every input. Each such number from a person or a file is refused with its name. So no later
+//! code gets one.
 
 use host_sim::scene::NamedScene;
 use zwidth::{
@@ -97,7 +97,7 @@ tolerance_m = 5e-5
 timeout_s = 10.0
 "#;
 
-/// The path of every number below `value`, as keys and indices.
+/// The path of every number in `value`, as keys and indices.
 fn numbers(value: &toml::Value, path: &mut Vec<String>, found: &mut Vec<Vec<String>>) {
     match value {
         toml::Value::Table(table) => {
@@ -150,7 +150,7 @@ fn every_number_of_a_scene_is_refused_by_name() {
     }
 }
 
-/// The path of every key below `value` that is not a table.
+/// The path of every key in `value` that is not a table.
 fn keys(value: &toml::Value, path: &mut Vec<String>, found: &mut Vec<Vec<String>>) {
     match value {
         toml::Value::Table(table) => table.iter().for_each(|(key, value)| {
@@ -244,7 +244,7 @@ const DESIGN: Design = Design {
     output: Output::Dac { bits: 12 },
 };
 
-/// The value is refused, and the message names it.
+/// Checks that the value is refused, and that the message names it.
 #[track_caller]
 fn named<T>(name: &str, built: Result<T, SettingsError>) {
     let error = built.err().unwrap_or_else(|| panic!("{name} is taken")).to_string();

@@ -1,5 +1,5 @@
-//! Shared by the tests of the estimators: the design, and motions as an encoder and ideal sensors measure them, given
-//! to core and twin.
+//! Functions for the tests of the estimators: the design, and motions that encoder and ideal sensors measure, as input
+//! of core and twin.
 
 use std::f64::consts::PI;
 
@@ -24,7 +24,7 @@ pub const DESIGN: Design = Design {
 /// LSB of the velocity in a count per sample.
 pub const LSB: f64 = 65_536.0;
 
-/// A running estimator, with counts that may wrap.
+/// A running estimator. Its counts may wrap.
 pub struct Run {
     estimator: Estimator,
     state: State,
@@ -59,7 +59,7 @@ pub fn response_of(TransferFunction { num, den }: &TransferFunction) -> Vec<f64>
     response
 }
 
-/// Speeds in counts per sample: whole numbers, fractions near simple ones and far from them, in both directions.
+/// Speeds in counts per sample: whole numbers, fractions near simple fractions and far from them, in both directions.
 pub fn speeds() -> Vec<f64> {
     let mut speeds = vec![0.0, 1.0, -1.0, 7.0, 300.0, -32_766.0, 32_767.0];
     speeds.extend((1..60).map(|n| f64::from(n) * 0.037_12 * if n % 2 == 0 { 1.0 } else { -1.0 }));
@@ -67,7 +67,7 @@ pub fn speeds() -> Vec<f64> {
     speeds
 }
 
-/// Delay behind the true velocity over a chirp, samples: the shift with the best fit.
+/// Delay behind the true velocity in a chirp, samples: the shift with the best fit.
 pub fn delay_over_a_chirp(
     settings: &VelocitySettings,
     amplitude: f64,
@@ -98,7 +98,7 @@ pub fn delay_over_a_chirp(
     delay
 }
 
-/// Uniform in -1 .. 1.
+/// Uniform random numbers from -1 to 1.
 pub struct Random(pub u64);
 
 impl Random {
@@ -109,7 +109,7 @@ impl Random {
     }
 }
 
-/// Largest difference of core and twin over 20 random motions, and the fastest speed, LSB. `push` is the largest change
+/// Largest difference of core and twin in 20 random motions, and the fastest speed, LSB. `push` is the largest change
 /// of speed per sample, counts per sample^2.
 pub fn twin_over_random_motion(settings: &VelocitySettings, push: f64) -> (f64, f64) {
     let (mut worst, mut fastest) = (0f64, 0f64);
@@ -171,9 +171,9 @@ pub fn rest_after(settings: &VelocitySettings, start: i32, pieces: &Pieces, wait
     (0..100).map(|_| run.at(count).abs()).fold(0.0, f64::max)
 }
 
-/// A motion as the encoder and an ideal accelerometer measure it, sample by sample.
+/// A motion that the encoder and an ideal accelerometer measure, sample by sample.
 pub struct Motion<F> {
-    /// Position at a time in samples, counts.
+    /// Position in counts, as a function of the time in samples.
     pub at: F,
     pub state: State,
     pub estimator: Estimator,
@@ -183,7 +183,7 @@ pub struct Motion<F> {
     edge: Option<Edge>,
 }
 
-/// A sample for core and twin, counts per sample.
+/// Values of one sample for core and twin, counts per sample.
 pub struct Seen {
     pub core: f64,
     pub twin: f64,
@@ -203,7 +203,7 @@ impl<F: Fn(f64) -> f64> Motion<F> {
         }
     }
 
-    /// Mean acceleration from central positions. Speeds come from differences over a thousandth of a sample.
+    /// Speed at time `t`, from positions a thousandth of a sample before and after it.
     pub fn speed(&self, t: f64) -> f64 {
         const H: f64 = 1e-3;
         ((self.at)(t + H) - (self.at)(t - H)) / (2.0 * H)
@@ -223,7 +223,7 @@ impl<F: Fn(f64) -> f64> Motion<F> {
             acceleration: Acceleration::saturating_from_bits(acceleration.round() as i32),
             edge: self.edge,
         };
-        let count = ends[1][0].floor() as i64 as i32; // wraps as the counter does
+        let count = ends[1][0].floor() as i64 as i32; // wraps like the counter
         let difference = count.wrapping_sub(self.count);
         self.count = count;
         let core = self.estimator.update(&mut self.state, Position::from_counts(count), &senses);
@@ -236,7 +236,7 @@ impl<F: Fn(f64) -> f64> Motion<F> {
     }
 }
 
-/// After a stop and `wait` samples, every further sample reads exactly 0.
+/// After a stop and `wait` samples, every further sample has the velocity 0.
 pub fn reads_zero_after_a_stop(settings: &VelocitySettings, wait: i64) {
     let mut motion = Motion::new(*settings, |t| 3.7 * t.min(500.0) + 0.5);
     for _ in 0..500 + wait {
@@ -247,7 +247,7 @@ pub fn reads_zero_after_a_stop(settings: &VelocitySettings, wait: i64) {
     }
 }
 
-/// Largest difference of core and twin over a sum of sines under random forces, LSB, and the fastest speed, LSB.
+/// Largest difference of core and twin, LSB, for a sum of sines under random forces; and the fastest speed, LSB.
 pub fn twin_is_off_by(settings: &VelocitySettings, steps: &[(f64, f64)], speed: f64) -> (f64, f64) {
     let at = |t: f64| {
         let mut x = 0.3;
@@ -274,12 +274,12 @@ pub fn sines() -> impl Strategy<Value = Vec<(f64, f64)>> {
     prop::collection::vec((-2.0..2.0f64, -1.0..1.0f64), 20)
 }
 
-/// Counts that jump by any amount, and senses without physical meaning.
+/// Counts that jump by any amount, and inputs without physical meaning.
 #[derive(Clone, Debug)]
 pub struct Nonsense {
     jumps: Vec<i32>,
     senses: Vec<(i32, i32, u32, bool, u8)>,
-    /// Count of samples for which a jump is repeated.
+    /// Number of samples for which a jump is repeated.
     held: usize,
 }
 
@@ -291,8 +291,8 @@ pub fn nonsense() -> impl Strategy<Value = Nonsense> {
     parts.prop_map(|(jumps, senses, held)| Nonsense { jumps, senses, held })
 }
 
-/// Every speed stays in range. Returns the last speed, after the handle has been still for `wait` samples without any
-/// sense.
+/// Checks that every speed is in range. Returns the last speed, after the handle has been still for `wait` samples
+/// without other inputs.
 pub fn after_nonsense(settings: &VelocitySettings, nonsense: &Nonsense, wait: i64) -> Velocity {
     let estimator = settings.build(&DESIGN).unwrap();
     let mut count = i32::MAX - 5;
@@ -322,8 +322,8 @@ pub fn after_nonsense(settings: &VelocitySettings, nonsense: &Nonsense, wait: i6
     last
 }
 
-/// A wall hit through the whole program (scene, senses, core, twin) with these lines in `[velocity]`. On the way to the
-/// wall the estimate is the handle's speed. Core and twin go equally deep.
+/// A wall hit through the whole program (scene, inputs, core, twin) with these lines in `[velocity]`. On the way to the
+/// wall, the estimate must be the handle's speed. Core and twin must go equally deep.
 pub fn hits_a_wall_like_its_twin(velocity: &str, cutoff_hz: f64, table: &str) {
     use host_sim::{
         scene::NamedScene,
@@ -332,7 +332,7 @@ pub fn hits_a_wall_like_its_twin(velocity: &str, cutoff_hz: f64, table: &str) {
     let built_in = host_sim::scene::BUILT_IN[0].1;
     let usual = "estimator = \"butterworth\"\nprewarp = false";
     assert!(built_in.contains(usual));
-    // a tuning in the range of all estimators
+    // A tuning that is in the range of all estimators.
     let list = built_in.lines().find(|line| line.starts_with("cutoffs_hz")).unwrap();
     let text = built_in.replace(usual, velocity).replace(list, "cutoffs_hz = [100, 300, 1000]");
     let scene = NamedScene::parse("x".into(), text + table, "x").unwrap().scene;
@@ -347,7 +347,7 @@ pub fn hits_a_wall_like_its_twin(velocity: &str, cutoff_hz: f64, table: &str) {
         let (mut worst, mut fastest, mut before) = (0.0f64, 0.0f64, None::<f64>);
         let report = prepared
             .hit(numeric, &hit, |sample| {
-                // on the way to the wall: compare the estimate with the handle's speed
+                // On the way to the wall: compares the estimate with the handle's speed.
                 if (1000..2500).contains(&sample.index)
                     && sample.position_m < scene.wall.position_m
                     && let Some(before) = before

@@ -1,4 +1,4 @@
-//! The finite difference, the low-passes behind it, and every weighted sum of differences. The tests measure the
+//! The finite difference, the low-passes after it, and every weighted sum of differences. The tests measure the
 //! statements of docs/estimators.md. tests/host/filter.rs tests the low-passes' coefficients, responses and sums.
 
 use std::f64::consts::PI;
@@ -18,7 +18,7 @@ use crate::estimator_bench::{
     speeds, twin_over_random_motion,
 };
 
-/// Finite difference, low-passes, and every estimator with weights in the table.
+/// Finite difference, low-passes, and every estimator that has weights in the table.
 fn names() -> impl Iterator<Item = EstimatorName> {
     let usual = [EstimatorName::Butterworth, EstimatorName::FirstOrder, EstimatorName::Difference];
     let is_sum = |name: &EstimatorName| name.defaults().weights(&DESIGN).unwrap().is_some();
@@ -36,7 +36,8 @@ fn tunings(name: EstimatorName) -> Vec<VelocitySettings> {
     values.iter().map(|&value| name.defaults().with_tuning(value)).collect()
 }
 
-/// Largest documented error at constant speed, counts per sample: for whole counts per sample, or for any speed.
+/// Largest documented error at constant speed, counts per sample. `whole`: for whole counts per sample; otherwise for
+/// any speed.
 fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
     match *settings {
         _ if whole => 0.0,
@@ -45,12 +46,12 @@ fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
         VelocitySettings::Taylor3 {} => 4.0,
         VelocitySettings::LeastSquares1 { window_samples } => 1.5 / f64::from(window_samples),
         VelocitySettings::LeastSquares2 { window_samples } => 6.0 / f64::from(window_samples),
-        // a rounding error is within half a count about its mean
+        // A rounding error is within half a count about its mean.
         _ => 0.5 * response_to_a_position(settings).iter().map(|h| h.abs()).sum::<f64>(),
     }
 }
 
-/// Samples until a change of speed has settled to half an LSB.
+/// Samples until a change of speed has settled to within half an LSB.
 fn settling(settings: &VelocitySettings) -> usize {
     match *settings {
         VelocitySettings::Butterworth { cutoff_hz, .. }
@@ -63,7 +64,7 @@ fn settling(settings: &VelocitySettings) -> usize {
     }
 }
 
-/// A low-pass carries its rounding residue, so its output is sometimes off by a whole LSB.
+/// Rounding error of the output, LSB. A low-pass carries its rounding residue, so the error may reach a whole LSB.
 fn rounding_lsb(settings: &VelocitySettings) -> f64 {
     match settings {
         VelocitySettings::Butterworth { .. } | VelocitySettings::FirstOrder { .. } => 1.0,
@@ -95,14 +96,14 @@ fn constant_speed_is_measured_within_the_stated_error() {
             }
         }
         println!("{}: {closest:.3} of the stated error", name.text());
-        // a limit that no error comes near would prove nothing
+        // If the error never comes near the limit, the test proves nothing.
         assert!(closest > 0.4, "{}", name.text());
     }
 }
 
-/// Weights by independent closed expressions. They are the derivative of the parabola through three points, and of the
-/// cubic through four. A regression's slope has the weight 6 (j + 1) (w - j) / (w (w + 1) (w + 2)) for the difference
-/// j. A quadratic fit follows every parabola, and has the least sum of squares of all such sums.
+/// Weights by independent closed expressions: the derivative of the parabola through three points, and of the cubic
+/// through four. A regression's slope has the weight 6 (j + 1) (w - j) / (w (w + 1) (w + 2)) for difference j. A
+/// quadratic fit follows every parabola. Of all such weights, its weights have the least sum of squares.
 #[test]
 fn weights_are_those_of_the_polynomials() {
     let close = |ours: &[f64], theirs: &[f64]| {
@@ -121,8 +122,8 @@ fn weights_are_those_of_the_polynomials() {
             continue;
         }
         let design = FirDesign::least_squares(2, window).unwrap();
-        // weights of the positions, newest first: exact for 1, t and t^2, and a combination of these three, so the
-        // shortest
+        // Weights of the positions, newest first. They are exact for 1, t and t^2, and are a combination of these
+        // three. So their sum of squares is the least.
         let g = design.weights();
         let h: Vec<f64> = (0..=window as usize)
             .map(|i| g.get(i).unwrap_or(&0.0) - if i > 0 { g[i - 1] } else { 0.0 })
@@ -141,7 +142,8 @@ fn weights_are_those_of_the_polynomials() {
 
 #[test]
 fn the_stated_delay_is_that_over_a_chirp() {
-    /// Relative error of a sample or of the delay: by quantisation, and by frequencies of the chirp above zero.
+    /// Relative error of a sample or of the delay. Its causes are quantisation, and frequencies of the chirp above
+    /// zero.
     const ERROR_MAX: f64 = 0.02;
     for name in names() {
         for settings in tunings(name) {
@@ -159,7 +161,7 @@ fn the_stated_delay_is_that_over_a_chirp() {
                 VelocitySettings::Taylor2 {}
                 | VelocitySettings::Taylor3 {}
                 | VelocitySettings::LeastSquares2 { .. } => 0.0,
-                // each difference is the velocity half a sample earlier
+                // Each difference is the velocity half a sample earlier.
                 _ => {
                     let sum = settings.weights(&DESIGN).unwrap().unwrap();
                     sum.weights().iter().zip(0u8..).map(|(g, age)| g * (f64::from(age) + 0.5)).sum()
@@ -173,12 +175,13 @@ fn the_stated_delay_is_that_over_a_chirp() {
     }
 }
 
-/// Largest documented difference from the twin, LSB of 2^-16 counts per sample; `fastest` is the largest speed, LSB.
+/// Largest documented difference from the twin, LSB of 2^-16 counts per sample. `fastest` is the largest speed, LSB.
 fn stated_lsb(settings: &VelocitySettings, fastest: f64) -> f64 {
     match *settings {
         VelocitySettings::Difference {} => 0.0,
         _ if settings.weights(&DESIGN).unwrap().is_some() => 0.6,
-        // a1 is rounded to 2^-30 and a2 to half of that. The effect grows as their sum 1 + a1 + a2 = 4 b0 gets smaller.
+        // a1 is rounded to 2^-30 and a2 to half of this. The effect grows as their sum 1 + a1 + a2 = 4 b0 becomes
+        // smaller.
         VelocitySettings::Butterworth { cutoff_hz } => {
             let b0 = ButterworthDesign::new(cutoff_hz, DESIGN.rate_hz, false).unwrap().b0;
             1.5 + fastest * 3.0 * 2f64.powi(-31) / (4.0 * b0)
@@ -203,7 +206,7 @@ fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
 }
 
 /// The test finds a row of the table without a twin, and a linear row without its transfer function. An estimator is
-/// linear if responses add up: tested on its twin, with slow motions, where windows are long.
+/// linear if responses add up. This is tested on its twin with slow motions, in which windows are long.
 #[test]
 fn every_estimator_has_a_twin_and_if_it_is_linear_its_transfer_function() {
     let mut linear = 0;
@@ -244,7 +247,7 @@ fn every_estimator_has_a_twin_and_if_it_is_linear_its_transfer_function() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 100, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Overflow checks are on in tests. After any motion, every estimator at rest reads rest.
+    /// Tests check for overflow. After any motion, every estimator at rest has the velocity 0.
     #[test]
     fn nothing_makes_an_estimator_panic_or_stick(
         name in select(names().collect::<Vec<_>>()),

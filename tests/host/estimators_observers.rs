@@ -32,7 +32,7 @@ fn fusion(crossover_hz: f64) -> VelocitySettings {
     VelocitySettings::Fusion { crossover_hz }
 }
 
-/// Each of the three over its range of tunings, with the ends.
+/// Each of the three estimators with tunings over its range, including the ends.
 fn all() -> Vec<VelocitySettings> {
     let mut all = Vec::new();
     for of_rate in [3.5e-5, 1e-3, 0.01, 0.1, 0.25] {
@@ -45,7 +45,7 @@ fn all() -> Vec<VelocitySettings> {
     all
 }
 
-/// Samples after which the rest of a start from rest is far below an LSB, for a loop with poles at this bandwidth.
+/// Samples after which the effect of the start is far below an LSB, for a loop with poles at this bandwidth.
 fn settled(settings: &VelocitySettings) -> i64 {
     let (_, hz) = settings.tuning().unwrap();
     (7.0 * DESIGN.rate_hz / hz) as i64 + 10
@@ -54,7 +54,7 @@ fn settled(settings: &VelocitySettings) -> i64 {
 #[test]
 fn constant_speed_is_measured_without_error() {
     for settings in all() {
-        // whole counts give no ripple, so the value is exact
+        // Whole counts give no ripple, so the value is exact.
         for speed in [0, 1, -7, 300, -32_767] {
             let mut motion = Motion::new(settings, |t| f64::from(speed) * t);
             for _ in 0..settled(&settings) {
@@ -67,7 +67,7 @@ fn constant_speed_is_measured_without_error() {
     }
 }
 
-/// Fractions of a count per sample: the counts cause ripple, but the mean must be exact.
+/// With fractions of a count per sample, the counts cause ripple, but the mean must be exact.
 #[test]
 fn the_mean_at_a_constant_speed_between_counts_is_exact() {
     for settings in all() {
@@ -79,7 +79,7 @@ fn the_mean_at_a_constant_speed_between_counts_is_exact() {
         let samples = 20_000;
         let sum: f64 = (0..samples).map(|_| motion.free().core).sum();
         let off = (sum / f64::from(samples) - speed).abs();
-        // the sum of the output is within a count or two of the position
+        // The sum of the output is within a count or two of the position.
         assert!(off * f64::from(samples) <= 2.0, "{settings:?}: {off}");
     }
 }
@@ -105,7 +105,7 @@ fn response(settings: &VelocitySettings, w: f64) -> [f64; 2] {
         }
         _ => panic!(),
     };
-    // input exp(j w n): run the loop in complex numbers until it has settled
+    // Input exp(j w n): runs the loop in complex numbers until it has settled.
     let (mut e, mut v, mut d) = ([0.0; 2], [0.0; 2], [0.0; 2]);
     let mut out = [0.0; 2];
     let mut last = [1.0, 0.0];
@@ -126,8 +126,8 @@ fn response(settings: &VelocitySettings, w: f64) -> [f64; 2] {
     out
 }
 
-/// Measures a chirp at each frequency by correlation. The delay equals the loop's own response and, if there is one,
-/// the documented delay.
+/// Measures a chirp at each frequency by correlation. The delay equals the delay of the loop's own response. If a delay
+/// is documented, both equal it.
 #[test]
 fn the_delay_is_the_stated_one() {
     const AMPLITUDE: f64 = 20_000.0;
@@ -148,7 +148,7 @@ fn the_delay_is_the_stated_one() {
             for _ in 0..10 * period {
                 let seen = motion.free().core;
                 let phase = w * motion.sample as f64;
-                // velocity leads and follows the cosine
+                // Correlates the velocity with cosine and sine.
                 real += seen * phase.cos();
                 imaginary -= seen * phase.sin();
             }
@@ -159,8 +159,8 @@ fn the_delay_is_the_stated_one() {
             let expected = [re.hypot(im) / w, -(im.atan2(re) - PI / 2.0) / w];
             assert!((magnitude / expected[0] - 1.0).abs() < 2e-4, "{settings:?} {hz}: {magnitude}");
             assert!((delay - expected[1]).abs() < 2e-3, "{settings:?} {hz}: {delay} {expected:?}");
-            // The documented delay is for DC. At other frequencies, with x = frequency over bandwidth, the phase
-            // contains 2 atan x = 2 x - 2/3 x^3 .., 3 atan x - atan 3 x = 8 x^3 ..
+            // The documented delay is for DC. At other frequencies the phase differs by terms in x^3, with x =
+            // frequency over bandwidth: 2 atan x = 2 x - 2/3 x^3 .., and 3 atan x - atan 3 x = 8 x^3 ..
             let bandwidth_hz = settings.tuning().unwrap().1;
             let cubed = (hz / bandwidth_hz).powi(3) / w;
             let expected = match settings {
@@ -168,7 +168,7 @@ fn the_delay_is_the_stated_one() {
                 _ => stated + 8.0 * cubed,
             };
             if hz / bandwidth_hz <= 0.1 {
-                // these series are for the loop in continuous time; the error is of the order of its w T
+                // These series are for the loop in continuous time. The error is of the order of its w T.
                 let order = 2.0 * PI * bandwidth_hz / DESIGN.rate_hz;
                 let limit = 2e-3 + order.max(0.1) * (expected - stated).abs();
                 assert!((delay - expected).abs() < limit, "{settings:?} {hz}: {delay} {expected}");
@@ -177,7 +177,7 @@ fn the_delay_is_the_stated_one() {
     }
 }
 
-/// The observer follows a known push without any delay, and without an error from an unknown constant force.
+/// The observer follows a known push without delay. An unknown constant force causes no lasting error.
 #[test]
 fn the_observer_follows_what_it_is_told_at_once() {
     let full_scale = DESIGN.full_scale_n / MASS_KG / DESIGN.resolution_m / 1e8; // counts / sample^2
@@ -200,8 +200,8 @@ fn the_observer_follows_what_it_is_told_at_once() {
         worst
     };
     let (told, untold) = (error(true), error(false));
-    // Without the known force the error is A (t + w t^2) exp(-w t), at most 0.84 A / w. With the known force only the
-    // count's ripple remains: l2 times a count.
+    // Without knowing the force, the error is A (t + w t^2) exp(-w t), at most 0.84 A / w. With the known force only
+    // the count's ripple remains: l2 times a count.
     let largest = 0.84 * full_scale / (2.0 * PI * 100.0 / 1e4);
     let ripple = ObserverDesign::of_accelerometer(100.0, 1e4).unwrap().gains[1];
     println!("told {told}, untold {untold}, ripple {ripple}");
@@ -230,15 +230,15 @@ fn fusion_rejects_the_bias_and_follows_without_delay() {
             worst = worst.max((f64::from(seen.bits()) / LSB - motion.speed(t1)).abs());
         }
     }
-    // at a speed of 37 counts per sample; a low-pass of 200 Hz would be off by half of that speed
+    // At a speed of 37 counts per sample. A low-pass of 200 Hz would be off by half of this speed.
     println!("fusion: {worst} counts per sample");
     assert!(worst < 0.01 * 300.0 * w, "{worst}");
 }
 
-/// Largest difference of core and twin over random motion, in LSB, at speeds up to `fastest` LSB.
+/// Largest difference of core and twin in random motion, LSB, at speeds up to `fastest` LSB.
 ///
 /// The core computes the tracking loop as a low-pass with coefficients of 30 fractional bits. Their sum ki is off by up
-/// to 2^-31. This changes the response by up to 2 * 2^-31 / ki of its value, and its damping by less. The observer's
+/// to 2^-31. This changes the response by a fraction of up to 2 * 2^-31 / ki, and its damping by less. The observer's
 /// gains have 32 bits of their own.
 fn twin_lsb(settings: &VelocitySettings, fastest: f64) -> f64 {
     match *settings {
@@ -262,7 +262,7 @@ proptest! {
         prop_assert!(worst <= limit, "{settings:?}: {worst} LSB of {limit}");
     }
 
-    /// Nothing overflows, and after any input the estimator ends at zero.
+    /// Nothing overflows. After any input, the estimator ends at zero.
     #[test]
     fn nothing_overflows_and_every_speed_stays_in_range(which in 0..15usize, any in nonsense()) {
         let settings = all()[which];
@@ -285,13 +285,13 @@ fn what_is_out_of_range_is_refused_by_name() {
         let settings = VelocitySettings::Observer { bandwidth_hz: 100.0, mass_kg };
         assert_eq!(refused(settings), "mass_kg");
     }
-    // a motor that moves the handle beyond the range of the velocity in one sample
+    // A motor that moves the handle beyond the range of the velocity in one sample.
     let strong = Design { full_scale_n: 1e4, resolution_m: 1e-8, rate_hz: 1e3, ..DESIGN };
     for mass_kg in [0.0, 1.0, 101.0] {
         let settings = VelocitySettings::Observer { bandwidth_hz: 10.0, mass_kg };
         let error = settings.build(&strong).unwrap_err();
         assert_eq!(error.parameter, "mass_kg");
-        // the same range for any requested value
+        // The range in the message does not depend on the requested value.
         assert!((30.5..30.6).contains(error.range.start()), "{error}");
     }
 }
@@ -311,7 +311,7 @@ fn estimators_say_what_they_need() {
     assert_eq!(EstimatorName::Observer.missing(&[]), Some(Sense::Force));
 }
 
-/// A wall hit with each of the three.
+/// A wall hit with each of the three estimators.
 #[test]
 fn scenes_with_senses_run_and_core_and_twin_agree() {
     let accelerometer = "\n[accelerometer]\nfull_scale_m_per_s2 = 100.0\nbandwidth_hz = 1000.0\n\
@@ -326,9 +326,9 @@ fn scenes_with_senses_run_and_core_and_twin_agree() {
     assert!(refused.contains("accelerometer") || refused.contains("cutoffs_hz"), "{refused}");
 }
 
-/// With `[mode]` the accelerometer is on the body with motor and encoder. Fusion uses the accelerometer above its
-/// crossover, so it follows that body. It does not follow the handle behind the transmission, which swings in the
-/// opposite direction.
+/// With `[mode]` the accelerometer is on the body with motor and encoder. Above its crossover, fusion uses the
+/// accelerometer. So it follows this body, and not the handle behind the transmission, which swings in the opposite
+/// direction.
 #[test]
 fn the_accelerometer_is_on_the_body_with_the_encoder() {
     let usual = "estimator = \"butterworth\"\nprewarp = false";
@@ -352,7 +352,7 @@ fn the_accelerometer_is_on_the_body_with_the_encoder() {
         .windows(3)
         .map(|of| [(of[2].0 - of[0].0) / 2.0 / scene.encoder.resolution_m, of[1].1])
         .collect();
-    // the swing: the deviation from a mean over its 18 ms
+    // The swing is the deviation from a mean over its 18 ms.
     let swing: Vec<[f64; 2]> = speeds
         .windows(181)
         .map(|of| [0, 1].map(|n| of[90][n] - of.iter().map(|speed| speed[n]).sum::<f64>() / 181.0))

@@ -36,12 +36,13 @@ fn tunings(name: EstimatorName) -> Vec<VelocitySettings> {
     values.iter().map(|&value| name.defaults().with_tuning(value)).collect()
 }
 
-/// C in counts per sample^2.
+/// The largest acceleration C in counts per sample^2.
 fn c(acceleration_max_m_per_s2: f64) -> f64 {
     acceleration_max_m_per_s2 / (DESIGN.resolution_m * DESIGN.rate_hz * DESIGN.rate_hz)
 }
 
-/// Largest documented error at constant speed, counts per sample: for whole counts per sample, or for any speed.
+/// Largest documented error at constant speed, counts per sample. `whole`: for whole counts per sample; otherwise for
+/// any speed.
 fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
     match *settings {
         _ if whole && !chatters(settings) => 0.0,
@@ -54,7 +55,7 @@ fn stated_error(settings: &VelocitySettings, whole: bool) -> f64 {
         VelocitySettings::LevantImplicit { acceleration_max_m_per_s2, .. } => {
             c(acceleration_max_m_per_s2).sqrt().min(1.0)
         }
-        // a rounding error is within half a count about its mean
+        // A rounding error is within half a count about its mean.
         _ => 0.5 * response_to_a_position(settings).iter().map(|h| h.abs()).sum::<f64>(),
     }
 }
@@ -63,7 +64,7 @@ fn chatters(settings: &VelocitySettings) -> bool {
     matches!(settings, VelocitySettings::LevantExplicit { .. })
 }
 
-/// Samples until a change of speed by this many counts per sample has settled.
+/// Samples until a change of speed by `change` counts per sample has settled.
 fn settling(settings: &VelocitySettings, change: f64) -> usize {
     match *settings {
         VelocitySettings::FoawEnd { window_samples, .. }
@@ -112,13 +113,13 @@ fn constant_speed_is_measured_within_the_stated_error() {
             );
         }
         println!("{}: {closest:.3} of the stated; whole counts {whole_worst:.5}", name.text());
-        // a limit that no error comes near would prove nothing
+        // If the error never comes near the limit, the test proves nothing.
         assert!(closest > 0.4, "{}", name.text());
     }
 }
 
 /// For Levant's explicit form docs/estimators.md gives one error up to a `lambda_ratio` of 1.5, and a larger error up
-/// to 2.5. Both hold. The smaller one does not hold above 1.5.
+/// to 2.5. Both must hold. Above 1.5 the smaller one must be exceeded.
 #[test]
 fn a_larger_lambda_makes_the_stated_error_larger() {
     let mut needed = [0f64; 2];
@@ -151,7 +152,7 @@ fn a_larger_lambda_makes_the_stated_error_larger() {
 
 #[test]
 fn the_stated_delay_is_that_over_a_chirp() {
-    /// Relative error of a sample: by quantisation, and by frequencies of the chirp above zero.
+    /// Relative error of a sample. Its causes are quantisation, and frequencies of the chirp above zero.
     const ERROR_MAX: f64 = 0.1;
     let check = |what: &str, measured: f64, stated: f64| {
         println!("{what}: {measured:.3} samples, stated {stated:.3}");
@@ -159,7 +160,7 @@ fn the_stated_delay_is_that_over_a_chirp() {
     };
     for name in [EstimatorName::FoawEnd, EstimatorName::FoawBest] {
         for window_samples in [4, 16, 32] {
-            // so slow that the whole window stays within the noise of a line
+            // So slow that a line fits the whole window within the noise.
             let settings = name.defaults().with_tuning(window_samples.into()).with_second(4.0);
             let measured = delay_over_a_chirp(&settings, 1500.0, 0.5, 5.0);
             check(&format!("{settings:?}"), measured, f64::from(window_samples) / 2.0);
@@ -168,11 +169,11 @@ fn the_stated_delay_is_that_over_a_chirp() {
     for name in [EstimatorName::LevantExplicit, EstimatorName::LevantImplicit] {
         for acceleration_max_m_per_s2 in [1.0, 5.0, 20.0, 100.0, 500.0] {
             let settings = name.defaults().with_tuning(acceleration_max_m_per_s2).with_second(1.0);
-            // up to 0.6 of the largest acceleration
+            // Up to 0.6 of the largest acceleration.
             let amplitude = 0.6 * c(acceleration_max_m_per_s2) * 1e8 / (8.0 * PI).powi(2);
             let measured = delay_over_a_chirp(&settings, amplitude, 0.5, 4.0);
             if name == EstimatorName::LevantImplicit {
-                // longer if one count is more than C allows within a sample
+                // The window is longer if one count is more than C allows within a sample.
                 let c = c(acceleration_max_m_per_s2);
                 let most = 0.5 + if c < 1.0 { 0.65 / c.sqrt() } else { 0.1 };
                 println!("{settings:?}: {measured:.3} samples, stated 0.5 to {most:.3}");
@@ -211,7 +212,7 @@ fn adaptive_windows_shrink_with_the_acceleration() {
                     late += (acceleration * time - got) / acceleration / 800.0;
                 }
             }
-            // quantisation may reduce or increase the noise by up to a count
+            // Quantisation may reduce or increase the noise by up to a count.
             let [least, most] =
                 [-1.0, 1.0].map(|off| (8.0 * (noise_counts + off) / acceleration).sqrt());
             println!(
@@ -272,8 +273,8 @@ fn stated_lsb(settings: &VelocitySettings) -> f64 {
     match settings {
         VelocitySettings::FoawEnd { .. } | VelocitySettings::FoawBest { .. } => 0.5,
         VelocitySettings::LevantExplicit { .. } => 2.0,
-        // the steps of the counts are accelerations above a small C: the differentiator cannot follow them exactly, and
-        // each return to the counts increases a difference
+        // The steps of the counts are accelerations above a small C, which the differentiator cannot follow exactly.
+        // Each time it reaches the counts again, a difference becomes larger.
         VelocitySettings::LevantImplicit { acceleration_max_m_per_s2, .. }
             if c(*acceleration_max_m_per_s2) < 0.2 =>
         {
@@ -295,7 +296,7 @@ fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
         let mut largest = [0f64; 2];
         for settings in all {
             // Levant's differentiator follows up to its largest acceleration. Above it, the differentiator loses the
-            // position, and any difference grows with its distance.
+            // position. Then any difference grows with the distance from it.
             let most = match settings {
                 VelocitySettings::LevantExplicit { acceleration_max_m_per_s2, .. }
                 | VelocitySettings::LevantImplicit { acceleration_max_m_per_s2, .. } => {
@@ -327,7 +328,7 @@ fn the_twin_in_f64_is_within_the_stated_lsb_over_random_motion() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 100, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Overflow checks are on in tests. After any motion, every estimator at rest reads rest.
+    /// Tests check for overflow. After any motion, every estimator at rest has the velocity 0.
     #[test]
     fn nothing_makes_an_estimator_panic_or_stick(
         which in 0..NAMES.len(),
@@ -351,7 +352,7 @@ fn the_kalman_filters_do_not_drift() {
             let mut sum = 0.0;
             let speed = 0.123_456_789;
             let samples = 2_000_000;
-            // range of sum(v - speed) over the first and over the last tenth
+            // Range of sum(v - speed) over the first and over the last tenth.
             let mut spans = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
             for n in 1..=20_000 + samples {
                 let count = (f64::from(n) * speed).floor();

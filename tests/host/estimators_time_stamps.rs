@@ -1,4 +1,4 @@
-//! Time stamps: their documented properties, and the origin of a scene's edges.
+//! The estimator `time-stamps`: its documented properties, and where the edges of a scene come from.
 
 use std::f64::consts::PI;
 
@@ -12,7 +12,7 @@ use crate::estimator_bench::{
 };
 
 const MASS_KG: f64 = 0.416;
-/// Samples without an edge after which the estimator reads standstill, and a few more.
+/// Samples without an edge after which the velocity is 0, and a few more.
 const STANDSTILL: i64 = 33_000;
 const SPANS: [u32; 5] = [1, 2, 8, 16, SPAN_MAX];
 
@@ -28,14 +28,14 @@ fn constant_speed_is_measured_within_the_error_of_an_age() {
             for _ in 0..200 {
                 motion.free();
             }
-            // an age is rounded down to 2^-16 samples
+            // An age is rounded down to 2^-16 samples.
             let limit = f64::from(speed).abs() / (f64::from(span) - 0.5) + 0.5;
             for _ in 0..300 {
                 let off = (motion.free().core - f64::from(speed)).abs() * LSB;
                 assert!(off <= limit, "{span} at {speed}: {off} LSB");
             }
         }
-        // fractions of a count per sample too: no ripple
+        // Even with fractions of a count per sample there is no ripple.
         let mut motion = Motion::new(stamps(span), |t| 0.618_033_988_75 * t);
         for n in 0..20_000 {
             let off = (motion.free().core - 0.618_033_988_75).abs() * LSB;
@@ -51,11 +51,11 @@ fn a_handle_that_stops_reads_exactly_zero() {
     }
 }
 
-/// Delay of a sine in samples, from the estimator's definition, if edges come with every sample.
+/// Delay of a sine in samples, by the estimator's definition, if each sample has edges.
 ///
-/// The mean m over the span is late by half the span. If the mean exceeds the speed v (the handle slows down, or has
-/// just reversed), the limit `1 / age` reduces it. With ages uniform over 0 .. 1 / v the mean output is `v (1 + ln(m /
-/// v))`, with the sign of m.
+/// The mean m over the span is late by half the span. The mean may exceed the speed v, if the handle slows down or has
+/// just reversed. Then the limit `1 / age` reduces it. With ages uniform over 0 .. 1 / v the mean output is `v (1 +
+/// ln(m / v))`, with the sign of m.
 fn expected_delay(span: u32, w: f64) -> f64 {
     const POINTS: u32 = 100_000;
     let half = w * f64::from(span) / 2.0;
@@ -92,7 +92,7 @@ fn the_delay_of_a_sine_is_that_of_mean_and_bound() {
             }
             let (delay, expected) = (-imaginary.atan2(real) / w, expected_delay(span, w));
             println!("span {span}, {hz} Hz: {delay:.3} samples, expected {expected:.3}");
-            // near a reversal, at less than a count per sample, edges do not come with every sample
+            // Near a reversal, below one count per sample, not every sample has an edge.
             let limit = 0.04 + 0.015 * f64::from(span);
             assert!((delay - expected).abs() < limit, "{span} {hz}: {delay} {expected}");
             least = least.min(delay / (0.5 * f64::from(span)));
@@ -101,13 +101,13 @@ fn the_delay_of_a_sine_is_that_of_mean_and_bound() {
     assert!(least < 0.87, "the bound must show");
 }
 
-/// Edges are rarer than the span: the output holds the mean of the last period. Under a constant acceleration the delay
-/// is exactly half the period plus the age of the edge.
+/// If edges are rarer than the span, the output holds the mean of the last period. Under a constant acceleration the
+/// delay is exactly half the period plus the age of the edge.
 #[test]
 fn the_delay_of_a_slow_motion_is_half_a_period_and_the_age_of_the_edge() {
     let (v0, a) = (0.02, 2e-5);
     let place = |t: f64| v0 * t + 0.5 * a * t * t;
-    // time at which the motion reaches a count
+    // Time at which the motion reaches a count.
     let at = |count: f64| ((v0 * v0 + 2.0 * a * count).sqrt() - v0) / a;
     let mut motion = Motion::new(stamps(2), place);
     let mut checked = 0;
@@ -151,10 +151,10 @@ fn spans_out_of_range_are_refused_by_name() {
     }
 }
 
-/// A scene's edges: a cubic between samples, compared with the motion itself.
+/// A scene's edges are from a cubic between samples. They are compared with the motion itself.
 #[test]
 fn edges_of_a_simulated_motion_are_where_the_motion_crosses() {
-    // a reversal within a sample, over an edge and back: the return crossing counts
+    // A reversal within a sample, over an edge and back: the return crossing counts.
     assert_eq!(
         last_edge([0.5, 3.0], [0.5, -3.0]).map(|(at, up)| (at > 0.5, up)),
         Some((true, false))
@@ -164,7 +164,7 @@ fn edges_of_a_simulated_motion_are_where_the_motion_crosses() {
     assert!((at - 0.5).abs() < 1e-9 && up);
     let (at, up) = last_edge([1.75, -2.5], [-0.75, -2.5]).unwrap();
     assert!((at - 0.7).abs() < 1e-9 && !up);
-    // a force that steps by the full range of the paper's device within the sample
+    // A force that steps by the full range of the paper's device within the sample.
     let step = 2.0 * DESIGN.full_scale_n / MASS_KG / 1e-6 / 1e8; // counts / sample^2
     let mut worst = 0.0f64;
     for split in [0.1, 0.25, 1.0 / 3.0, 0.5, 2.0 / 3.0, 0.75, 0.9] {

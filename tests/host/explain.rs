@@ -1,4 +1,4 @@
-//! `explain` compared with `compare`: the three best changes, in the order of full searches.
+//! `explain` compared with `compare`: the three best changes, in the order that full searches give.
 
 use std::sync::atomic::AtomicBool;
 
@@ -24,7 +24,7 @@ fn the_best_changes_stand_in_the_order_of_full_searches() {
         let scene = NamedScene::load(name).unwrap().scene;
         let quick = Budget { tunings: 8, repeats: 4 };
         let found = explain(engine, (&scene, None), None, quick, &stop, |_| ()).unwrap();
-        // the default budget of `compare`
+        // The default budget of `compare`.
         let full = Budget { tunings: 24, repeats: 4 };
         let areas: Vec<f64> = found.changes[..3]
             .iter()

@@ -1,5 +1,5 @@
-//! The ends of every range: nothing panics, wraps or fails silently. Overflow checks are on in this profile, so an
-//! addition that wraps fails the test.
+//! The ends of every range: nothing panics, wraps or fails silently. Tests check for overflow, so an addition that
+//! wraps fails the test.
 
 use host_sim::{
     scene::{Accelerometer, NamedScene, Scene},
@@ -90,7 +90,7 @@ fn gains_at_both_ends_of_their_range_and_zero_are_exact_for_any_resolution_and_a
                     [(0.0, 0.0), (1.0, 0.01), (1e7, 1e4), (0.0, 1e4), (1e7, 0.0)]
                 {
                     let control = build(&design, 0.1 * rate_hz, stiffness, damping);
-                    // one count deep at rest, and one count per sample in the same place
+                    // One count deep at rest, and one count per sample in the same place.
                     let position = Position::from_counts(1);
                     let lsb_per_n = f64::from(Force::FULL_SCALE.bits()) / full_scale_n;
                     let at_rest = control.wall.demand(position, Velocity::ZERO);
@@ -133,7 +133,7 @@ fn the_lowest_and_highest_cutoff_and_zero_gains_run_at_every_rate() {
 fn an_actuator_that_saturates_all_the_time_is_reported() {
     let mut scene = paper();
     scene.actuator.limit_v = scene.wall_hit.push_n / scene.actuator.gain_n_per_v;
-    // always behind the surface, so that the wall always asks for more force than is available
+    // Always behind the surface, so that the wall always requires more force than is available.
     scene.wall.position_m = -0.5;
     scene.device.damping_n_s_per_m = 100.0;
     for report in hit(&scene, &wall(1000.0, 1e7, 0.0)) {
@@ -203,14 +203,14 @@ fn a_handle_that_leaves_the_range_of_the_core_ends_the_hit_by_name() {
     }
 }
 
-/// Every estimator of the core, and the position of each parameter in its range, as a fraction.
+/// Every estimator of the core, and each parameter as a fraction of its range.
 fn any_estimator() -> impl Strategy<Value = (EstimatorName, Numbers)> {
     let part = prop_oneof![1 => Just(0.0), 4 => 0.0..=1.0f64];
     (proptest::sample::select(EstimatorName::ALL), proptest::array::uniform8(part))
 }
 
-/// The estimator with its parameters at these fractions of the ranges that the core accepts on this device. The error
-/// messages give the ranges, one after another.
+/// The estimator with its parameters at these fractions of the ranges that the core accepts on this device. The ranges
+/// come from the error messages, one after another.
 fn tuned(name: EstimatorName, parts: Numbers, design: &Design) -> VelocitySettings {
     let mut numbers = [f64::NAN; PARAMETERS];
     for _ in 0..2 * PARAMETERS {
@@ -272,7 +272,7 @@ fn random_scenes_never_panic_and_stay_finite() {
     TestRunner::new(config)
         .run(&any_scene(), |(scene, wall)| {
             if let Err(refusal) = scene.check() {
-                // Errors for values that this device leaves no range for.
+                // Errors for values without an allowed range on this device.
                 let known = ["accelerometer.full_scale_m_per_s2 is", "mass_kg is"];
                 prop_assert!(known.iter().any(|known| refusal.contains(known)), "{refusal}");
                 return Ok(());

@@ -42,7 +42,7 @@ fn design(rate_hz: f64) -> Design {
 fn cutoffs() -> impl Iterator<Item = f64> {
     let steps = 60;
     let ratio = CUTOFF_MAX / CUTOFF_MIN;
-    // the exact ends, so that rounding does not leave the range
+    // The exact ends, so that rounding does not leave the range.
     (0..=steps).map(move |n| match n {
         0 => CUTOFF_MIN,
         n if n == steps => CUTOFF_MAX,
@@ -101,7 +101,7 @@ fn the_dc_gain_is_exactly_one() {
 fn every_accepted_cutoff_is_within_one_percent_after_quantisation() {
     let mut worst = 0f64;
     for rate_hz in RATES_HZ {
-        // dense at the low end, where one LSB of the DC sum matters
+        // Dense at the low end, where one LSB of the DC sum matters.
         let dense = (0..2000).map(|n| CUTOFF_MIN * (1.0 + f64::from(n) / 200.0));
         for cutoff_hz in dense.chain(cutoffs()).map(|cutoff| cutoff * rate_hz) {
             let asked = true_cutoff_hz(cutoff_hz, rate_hz, false);
@@ -138,9 +138,9 @@ fn outside_the_accepted_range_the_cutoff_is_refused_by_name() {
     assert_eq!(prewarped.build(&design(1e4)).unwrap_err().parameter, "cutoff_hz");
 }
 
-/// |H| of the paper's equation (2) at `hz`, from the formula and not from the core's coefficients.
+/// |H| of the paper's equation (2) at `hz`, by the formula and without the core's coefficients.
 fn theory(hz: f64, cutoff_hz: f64, rate_hz: f64) -> f64 {
-    // the bilinear transform maps the digital frequency to this analog one
+    // The bilinear transform maps the digital frequency to this analog frequency.
     let analog_hz = rate_hz / PI * (PI * hz / rate_hz).tan();
     1.0 / (1.0 + (analog_hz / cutoff_hz).powi(4)).sqrt()
 }
@@ -165,7 +165,7 @@ fn measured_gain(biquad: &Biquad, hz: f64, rate_hz: f64, settle: u32, periods: u
 
 #[test]
 fn the_measured_frequency_response_is_the_theoretical_one() {
-    /// Error by the leakage of the correlation, and by a period that is not a whole count of samples.
+    /// Largest error by the leakage of the correlation, and by a period that is no whole number of samples.
     const ERROR_MAX: f64 = 2e-3;
     let rate_hz = 1e4;
     let mut worst = 0f64;
@@ -214,14 +214,14 @@ fn control(cutoff_hz: f64, rate_hz: f64) -> zwidth::LoopParameters {
 
 #[test]
 fn at_constant_speed_the_sum_of_the_output_follows_the_sum_of_the_input_for_ever() {
-    /// The ripple of the counts is one count; after the filter it is hardly larger.
+    /// Largest span of the output, counts. The ripple of the counts is one count, and after the filter hardly larger.
     const SPAN_MAX_COUNTS: f64 = 1.1;
     const SAMPLES: i64 = 1_000_000;
     let rate_hz = 1e4;
     let mut worst = 0f64;
     for cutoff_hz in cutoffs().step_by(3).map(|cutoff| cutoff * rate_hz) {
         let control = control(cutoff_hz, rate_hz);
-        // speeds in counts per sample: fractions, a slow one, and speeds up to the last one below the limit
+        // Speeds in counts per sample: fractions, a slow one, and speeds up to the last one below the limit.
         for (counts, samples) in [(3, 10), (-1, 3), (1, 1000), (100, 7), (32_766, 1), (-65_531, 2)]
         {
             let mut sampler = Sampler::new(0, CounterWidth::Bits32);

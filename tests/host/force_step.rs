@@ -1,9 +1,9 @@
-//! For any change at any time of a hit, the force steps by at most 5 % of full scale per output beyond the effect of
+//! For any change at any time of a hit, the force of an output steps by at most 5 % of full scale beyond the effect of
 //! position and velocity. The test runs guard, supervisor and a simulated device. The firmware's own rules decide which
 //! commands are accepted.
 //!
 //! A twin gives the effect of position and velocity. It is a copy of sampler and supervisor from before the change. It
-//! gets the same counts, and keeps the old settings for one more output.
+//! gets the same counts, and uses the old settings for one more output.
 
 use host_sim::{
     plant::{Plant as _, PlantStep},
@@ -34,10 +34,9 @@ const GOOD: Inputs = Inputs {
     halted: false,
     found: FaultSet::EMPTY,
 };
-/// Position of the wall at first, m from the zero of the count.
+/// Position of the wall at the start, m from the zero of the count.
 const WALL_M: f64 = 0.004;
 
-/// A person's command.
 #[derive(Clone, Copy, Debug)]
 enum Ask {
     Stiffness(f64),
@@ -47,7 +46,7 @@ enum Ask {
     Estimator(EstimatorName),
 }
 
-/// The device with the two upper tasks.
+/// The device with sampler and supervisor.
 #[derive(Clone)]
 struct Loop {
     design: Design,
@@ -123,7 +122,7 @@ impl Loop {
         (counts as i64) as u32
     }
 
-    /// Runs one sample with this reading of the counter. Returns the output if it was due.
+    /// Runs one sample with this reading of the counter. Returns the output if one was due.
     fn control(&mut self, counter: u32) -> Option<Rendered> {
         let Self { sampler, control, down, guard, .. } = self;
         let step = sampler.step(control, counter, &Senses::NONE, down, guard);
@@ -155,7 +154,7 @@ impl Loop {
         }
     }
 
-    /// The settings that the firmware would propose now, if it accepts the command.
+    /// The settings that the firmware would propose now; `None` if it refuses the command.
     fn ask(&self, ask: Ask) -> Option<Settings> {
         let mut settings = self.settings;
         let command = match ask {
@@ -195,7 +194,7 @@ fn ask() -> impl Strategy<Value = Ask> {
     ]
 }
 
-/// Counts of events, which show that the test has covered them.
+/// Numbers of events. They show that the test has covered these events.
 #[derive(Debug, Default)]
 struct Seen {
     changes: u32,
@@ -205,8 +204,8 @@ struct Seen {
     refused_late: u32,
 }
 
-/// Runs a hit of 0.3 s with changes at these samples. Each takes effect some samples after it was accepted. Compares
-/// each output with its twin.
+/// Runs a hit of 0.3 s with changes at these samples. Each change takes effect some samples after it was accepted.
+/// Compares each output with its twin.
 fn hit(start: &Loop, changes: &[(u32, u32, Ask)], seen: &mut Seen) -> Result<(), TestCaseError> {
     let mut real = start.clone();
     let mut twin = real.clone();
@@ -232,8 +231,8 @@ fn hit(start: &Loop, changes: &[(u32, u32, Ask)], seen: &mut Seen) -> Result<(),
         }
         let before = real.last.unwrap().record;
         if !before.flags.contains(Flags::CONTACT) {
-            // Outside the wall a new estimate makes no force. When the handle reaches the wall, the new estimator's
-            // velocity is the one that counts.
+            // Outside the wall a new estimate causes no force. When the handle reaches the wall, the velocity of the
+            // new estimator is used.
             (twin.sampler, twin.down) = (real.sampler, real.down);
             twin.control.estimator = real.control.estimator;
         }
@@ -244,13 +243,14 @@ fn hit(start: &Loop, changes: &[(u32, u32, Ask)], seen: &mut Seen) -> Result<(),
         let force =
             |rendered: &Rendered| rendered.grant.force().map(|force| i64::from(force.bits()));
         let (Some(now), Some(kept)) = (force(&rendered), force(&kept)) else {
-            // Off by a fault: the guard's cut is not a step of a change.
+            // Off by a fault: then the step of the force is not the step of a change.
             prop_assert!(rendered.record.fault != 0);
             return Ok(());
         };
-        // A correction that was already fading has also faded in the twin, by up to this value.
+        // A correction that was fading before has also faded in the twin, by up to this value.
         let fading = if before.flags.contains(Flags::CHANGING) { i64::from(SLEW) } else { 0 };
-        // A wall that was removed before the handle reached it gives no force. The force continues from the last one.
+        // If a wall was removed before the handle reached it, it gives no force. The force continues from the last
+        // force.
         let gone = twin_contact && !rendered.record.flags.contains(Flags::CONTACT);
         let kept = if gone { i64::from(before.force.bits()) } else { kept };
         let step = (now - kept).abs();
@@ -282,7 +282,7 @@ fn no_change_at_any_instant_of_a_hit_makes_the_force_step() {
 }
 
 /// A wide filter follows every flicker of the counts. A very narrow filter must not take the slope of the last flicker
-/// for an acceleration. It starts from the velocity instead.
+/// for an acceleration. It must start from the velocity.
 #[test]
 fn a_very_low_cutoff_does_not_go_on_from_the_slope_of_a_high_one() {
     let deviation = |restarted: bool| {
@@ -336,8 +336,8 @@ fn a_new_cutoff_keeps_the_state_of_the_filter() {
             largest = largest.max((velocity - speed).abs());
         }
     }
-    // The rest is the counts' own flicker of one count per sample. A wide filter passes it, and a narrow filter then
-    // carries its past on.
+    // The rest is the counts' own flicker of one count per sample. A wide filter passes it. A narrow filter after it
+    // then carries this past on.
     println!("largest deviation {largest} of {speed} counts per sample");
     assert!(largest < 2.0, "{largest}");
 }
@@ -355,15 +355,15 @@ fn tuned() -> impl Strategy<Value = VelocitySettings> {
             "samples" => between(2.0, 32.0).round(),
             _ => default * between(0.3, 30.0),
         };
-        // a value that an estimator does not accept becomes the nearest accepted one
+        // A value that an estimator does not accept is replaced by the nearest accepted value.
         let design = NamedScene::load("paper-1um").unwrap().scene.design();
         let allowed = defaults.with_tuning(f64::NAN).build(&design).unwrap_err().range;
         defaults.with_tuning(value.clamp(*allowed.start(), *allowed.end()))
     })
 }
 
-/// Overshoot of an estimator after a step of speed, as a multiple of the speed; and its error after a step of
-/// acceleration, without one count, in samples times the acceleration.
+/// Overshoot of an estimator after a step of speed, as a multiple of the speed. Also its delay after a step of
+/// acceleration, samples: the largest error minus one count, divided by the acceleration.
 fn swings(control: &LoopParameters) -> [f64; 2] {
     const SPEED: f64 = 100.0;
     const ACCELERATION: f64 = 0.1;
@@ -381,10 +381,10 @@ fn swings(control: &LoopParameters) -> [f64; 2] {
     [(step / SPEED).max(1.0), (ramp - 1.0).max(0.0) / ACCELERATION]
 }
 
-/// An estimator that replaces another one during a motion starts as if the handle had always moved at the old
-/// estimator's last velocity. So its error has three parts. The first is its error if it had always run. The second is
-/// its response to two differences, the old estimator's error and its own: they fade, and swing like a step of speed.
-/// The third comes from the acceleration, which it does not know yet. The replacement adds no other error.
+/// A new estimator during a motion starts as if the handle had always moved at the old estimator's last velocity. So
+/// its error has three parts. The first is its error if it had always run. The second is its response to two
+/// differences, the old estimator's error and its own. They fade, and swing as after a step of speed. The third comes
+/// from the acceleration, which it does not know yet. The change adds no other error.
 #[test]
 fn an_exchanged_estimator_is_as_good_as_one_that_has_always_run() {
     const WARM_UP: u32 = 40_000;

@@ -1,5 +1,5 @@
-//! `identify` on records of known devices: are the parameters right, and do the intervals contain the true values as
-//! often as stated?
+//! `identify` on records of known devices. Are the parameters right? Do the intervals contain the true values as often
+//! as stated?
 
 use std::f64::consts::TAU;
 
@@ -20,7 +20,6 @@ pub const SECONDS: f64 = 2.0;
 pub const PULSE_V: f64 = 4.0;
 const PULSE_S: f64 = 0.2;
 
-/// Shape of the voltage.
 #[derive(Clone, Copy, Debug)]
 pub enum Pulses {
     /// +4 V, then -4 V, then 0.
@@ -31,7 +30,6 @@ pub enum Pulses {
     Train,
 }
 
-/// Settings of a simulated record.
 #[derive(Clone, Copy, Debug)]
 pub struct Made {
     pub device: Device,
@@ -139,7 +137,7 @@ fn devices() -> Vec<Device> {
 
 const NAMES: [&str; 4] = ["m", "b", "k", "x0"];
 
-/// For each parameter: error over half-width of the interval; error and half-width relative to the true value.
+/// For each parameter: error over half-width of the interval, then error and half-width relative to the true value.
 fn judged(found: &Identification, device: &Device) -> [[f64; 3]; 4] {
     let spring = found.spring.unwrap();
     [
@@ -160,7 +158,7 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Identifies every device with every seed. Prints coverage and widths, and returns the pooled coverage.
+/// Identifies every device with every seed. Prints coverage and widths. Returns the coverage over all of them.
 fn campaign(name: &str, base: Made, seeds: u64) -> f64 {
     let cases: Vec<(Device, u64)> = devices()
         .into_iter()
@@ -235,7 +233,6 @@ fn intervals_hold_the_truth_in_every_kind_of_record() {
     }
 }
 
-/// The first seconds of a record.
 fn cut(record: &Record, seconds: f64) -> Record {
     let rows = (seconds * RATE_HZ) as usize;
     Record {
@@ -346,8 +343,8 @@ fn a_hopeless_record_is_refused_with_the_reason() {
     assert!(error.contains("does not show more mass") || error.contains("do not show the gain"));
 }
 
-/// Most of the record is at rest without noise. There is a constant error of up to half a count, which averaging does not
-/// remove.
+/// Most of the record is at rest without noise. The record has a constant error of up to half a count. Averaging does
+/// not remove this error.
 #[test]
 #[ignore = "100 records; CI runs it"]
 fn a_record_that_rests_keeps_honest_intervals() {

@@ -1,7 +1,7 @@
-//! `identify` of random exact devices. A device has mass, damping, and perhaps a spring, Coulomb or Stribeck friction,
-//! a slow amplifier or an offset force. It runs in open loop, or in a loop of speed or position with the encoder's
-//! counts, at 100 Hz to 10 kHz, with rests. This file integrates the devices itself (Runge and Kutta of order 4,
-//! reversals by bisection). So it shares nothing with the fitted model.
+//! `identify` of random exact devices. A device has mass and damping. It may have a spring, Coulomb or Stribeck
+//! friction, a slow amplifier or an offset force. It runs in open loop, or in a loop of speed or position with the
+//! encoder's counts, at 100 Hz to 10 kHz, with rests. This file integrates the devices itself (Runge and Kutta of order
+//! 4, reversals by bisection). So it has no code of the fitted model.
 
 use std::fmt::Write as _;
 
@@ -14,17 +14,16 @@ use rayon::prelude::*;
 
 /// Longest step of the integration, s.
 const STEP_S: f64 = 2e-4;
-/// Count of bisections of a step to find a reversal.
+/// Number of bisections of a step to find a reversal.
 const HALVINGS: usize = 50;
 
-/// A device and its encoder.
 #[derive(Clone, Copy, Debug, Default)]
 struct Exact {
     pub mass: f64,
     pub damping: f64,
     pub stiffness: f64,
     pub friction: f64,
-    /// Ratio of static to Coulomb friction less 1, and the speed of the decrease between the two.
+    /// Ratio of static to Coulomb friction minus 1, and the speed at which friction decreases between the two.
     pub stribeck: Option<[f64; 2]>,
     pub lag_s: f64,
     pub offset: f64,
@@ -116,7 +115,7 @@ impl Exact {
         state
     }
 
-    /// State after a row under `volts`.
+    /// State after a row with the voltage `volts`.
     pub fn row(&self, mut state: State, volts: f64, step_s: f64) -> State {
         let steps =
             (step_s / STEP_S.min(if self.lag_s > 0.0 { 0.2 * self.lag_s } else { STEP_S })).ceil();
@@ -127,23 +126,21 @@ impl Exact {
     }
 }
 
-/// Input of a device.
 #[derive(Clone, Debug)]
 enum Drive {
-    /// Levels of voltage, each for a count of rows.
+    /// Levels of voltage, each with its number of rows.
     Levels(Vec<(usize, f64)>),
     /// Proportional and integral loop of the filtered difference of counts: reference levels, V s/m, V/m.
     Speed(Vec<(usize, f64)>, f64, f64),
-    /// Proportional loop of position with the filtered difference as damping.
+    /// Proportional loop of position, with the filtered difference as damping.
     Place(Vec<(usize, f64)>, f64, f64),
 }
 
-/// A device, its input, and its record.
 #[derive(Clone, Debug)]
 struct Case {
     pub device: Exact,
     pub record: Record,
-    /// Positions before the encoder.
+    /// Positions before quantisation by the encoder.
     pub true_m: Vec<f64>,
     pub about: String,
 }
@@ -324,12 +321,11 @@ impl Exact {
     }
 }
 
-/// Result for one device.
 #[derive(Clone, Debug, Default)]
 struct Verdict {
     /// Each parameter, with its error over the half-width of its interval.
     pub off: Vec<(&'static str, f64)>,
-    /// Whether a warning reports a missing term or a parameter that cannot be determined.
+    /// Whether a warning names a missing term, or a parameter that cannot be determined.
     pub warned: bool,
     pub invented: Vec<Term>,
     /// Terms of the device that the model lacks, if the model's prediction is off by more than the encoder's error.
@@ -384,12 +380,11 @@ fn judged(case: &Case, found: &Identification) -> Verdict {
     Verdict { off, warned, invented, missed }
 }
 
-/// Counts of a campaign.
 #[derive(Clone, Debug, Default)]
 struct Counts {
     pub cases: usize,
     pub answered: usize,
-    /// Count of parameters inside their intervals, and count of all.
+    /// Number of parameters inside their intervals, and number of all.
     pub parameters: [usize; 2],
     pub silently_wrong: usize,
     pub invented: usize,
@@ -462,8 +457,8 @@ fn campaign(seeds: std::ops::Range<u64>, verbose: bool) -> Counts {
     counts
 }
 
-/// Smallest fraction of parameters inside their intervals, and largest count, per hundred devices, with a parameter far
-/// outside and no warning. These limits hold today; the intervals themselves promise 0.95 and 1.
+/// Smallest fraction of parameters inside their intervals. `SILENT` limits the devices with a parameter far outside and
+/// no warning, as a fraction of all devices. Both limits hold today. The intervals themselves promise 0.95 and 1.
 const INSIDE: f64 = 0.8;
 const SILENT: f64 = 0.03;
 

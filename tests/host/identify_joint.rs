@@ -11,7 +11,7 @@ use crate::{
     identify_accuracy::{GAIN_N_PER_V, Made, PAPER, PLAIN, RATE_HZ, made, options},
 };
 
-/// Many records of one device: the errors of mass, damping, spring and latency are correlated as the first record
+/// Many records of one device. The errors of mass, damping, spring and latency are correlated as the first record
 /// states.
 #[test]
 fn the_numbers_of_a_device_err_together_as_stated() {
@@ -59,7 +59,7 @@ fn the_numbers_of_a_device_err_together_as_stated() {
     {
         let stated = joint.correlations[a][b];
         let seen = product(a, b) / (product(a, a) * product(b, b)).sqrt();
-        // four standard errors of a correlation
+        // Four standard errors of a correlation.
         let allowed = 4.0 * (1.0 - stated * stated) / (RECORDS as f64).sqrt() + 0.02;
         println!("{a} {b}: stated {stated:.3}, seen {seen:.3}");
         assert!((seen - stated).abs() < allowed, "{a} {b}: stated {stated:.3}, seen {seen:.3}");
@@ -74,7 +74,7 @@ fn the_numbers_of_a_device_err_together_as_stated() {
         println!("{place}: {ratio:.2} of the stated deviation");
         assert!((0.6..1.2).contains(&ratio), "{place}: {ratio}");
     }
-    // a scene with the results can be read, and draws devices with these correlated errors
+    // A scene with the results can be read, and draws devices with these correlated errors.
     let scene = NamedScene::load("paper-1um").unwrap();
     let uncertainty = joint.uncertainty(None, &scene.scene, Drive::default());
     assert!((uncertainty.latency / (joint.deviations[5] * RATE_HZ) - 1.0).abs() < 1e-12);

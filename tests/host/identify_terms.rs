@@ -1,6 +1,6 @@
-//! `identify` of devices with dry friction, a slow amplifier, an offset force and a periodic encoder error. The tests
-//! check that the values are inside their intervals, and that no term is invented. The simulator's own plants make the
-//! records. Their integrator shares nothing with the fitted model.
+//! `identify` of devices with dry friction, a slow amplifier, an offset force and a periodic encoder error. The values
+//! must be inside their intervals, and no term may be invented. The records are from the simulator's own plants. Their
+//! integrator has no code of the fitted model.
 
 use std::f64::consts::TAU;
 
@@ -27,7 +27,7 @@ use rayon::prelude::*;
 const NOISE_COUNTS: f64 = 0.5;
 const LATENCY: usize = 3;
 
-/// A device and the terms that a plain model of it lacks.
+/// A device and its terms that a plain model lacks.
 #[derive(Clone, Copy, Debug)]
 struct Truth {
     device: Device,
@@ -110,7 +110,6 @@ impl Truth {
     }
 }
 
-/// Terms of random devices.
 #[derive(Clone, Copy, Debug)]
 struct Has {
     friction: bool,
@@ -146,8 +145,8 @@ fn truths(count: usize, has: Has) -> Vec<Truth> {
         .collect()
 }
 
-/// Counts for one parameter: whether its interval contains the true value, and for a term also whether the model has
-/// it.
+/// Results for one parameter: how often its interval contains the true value. For a term also how often the model has
+/// the term.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     held: usize,
@@ -166,7 +165,7 @@ impl Tally {
 
 const NAMES: [&str; 7] = ["m", "b", "k", "x0", "friction", "lag", "offset"];
 
-/// The estimates beside their true values. A term that is not in the model is 0 with zero width.
+/// The estimates beside their true values. A term that the model lacks is 0 with zero width.
 fn pairs(found: &Identification, truth: &Truth) -> [Option<(Estimate, f64)>; 7] {
     let device = &truth.device;
     let none = Estimate::given(0.0);
@@ -313,8 +312,8 @@ fn paper() -> Truth {
     Truth { device: PAPER, friction_n: 0.0, lag_samples: 0.0, offset_n: 0.0, error: None }
 }
 
-/// The paper's device with an encoder whose signals are not exact sines. The error's period is found. Without the term,
-/// the residual shows the error.
+/// The paper's device with an encoder whose signals are not exact sines. The period of the error is found. Without the
+/// term, the residual shows the error.
 #[test]
 fn an_encoder_error_is_found_with_its_cycle() {
     let error = EncoderError { cycle_m: 4e-3, first_m: 1.5e-6, second_m: 0.6e-6, phase_rad: 0.7 };
@@ -336,15 +335,14 @@ fn an_encoder_error_is_found_with_its_cycle() {
     let known = Options { cycle_m: Some(4e-3), ..truth.options() };
     let known = identify(std::slice::from_ref(&record), &known).unwrap().terms.phase.unwrap();
     assert_eq!(known.cycle_m, Estimate::given(4e-3));
-    // without the term, the message names the residual's cause
+    // Without the term, the message names the cause of the residual.
     let blind = Options { terms: Terms::NONE, ..truth.options() };
     let blind = identify(std::slice::from_ref(&record), &blind).unwrap();
     let warning = blind.warnings.iter().find(|warning| warning.contains("likely missing")).unwrap();
     assert!(warning.contains("periodic error of the encoder"), "{warning}");
 }
 
-/// A quiet record whose residual looks like quantisation. The residual is larger than quantisation, and the message
-/// names the cause.
+/// A quiet record whose residual looks like quantisation, but is larger. The message names the cause.
 #[test]
 fn a_residual_beyond_quantisation_is_said_with_its_cause() {
     let error = EncoderError { cycle_m: 4e-3, first_m: 1.5e-6, second_m: 0.0, phase_rad: 0.7 };
@@ -387,7 +385,7 @@ fn a_term_that_is_asked_for_is_fitted_and_an_offset_needs_a_known_rest() {
     assert!(
         found.warnings.iter().any(|warning| warning.contains("friction cannot be told from 0"))
     );
-    // an unknown rest position absorbs the offset
+    // An unknown rest position absorbs the offset.
     let unknown = Options { rest_position_m: None, ..truth.options() };
     let found = identify(std::slice::from_ref(&record), &unknown).unwrap();
     let rest = found.spring.unwrap().rest_position_m.value;

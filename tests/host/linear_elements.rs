@@ -18,7 +18,7 @@ use zwidth::VelocitySettings;
 const AMPLIFIER: Amplifier = Amplifier { bandwidth_hz: 400.0 };
 const MODE: Mode = Mode { mass_kg: 0.15, stiffness_n_per_m: 6e4, damping_n_s_per_m: 4.0 };
 const WALL_M: f64 = 0.07;
-/// Depth at which the handle rests in the wall, which it never leaves, m.
+/// Depth at which the handle rests in the wall, m. The handle never leaves the wall.
 const DEPTH_M: f64 = 1e-3;
 /// Distance of the start from the rest position, m.
 const DEFLECTION_M: f64 = 1e-4;
@@ -31,7 +31,6 @@ const ARM: Arm = Arm {
     grip_stiffness_n_per_m: 1200.0,
 };
 
-/// A point of the linear analysis.
 struct Point {
     elements: Elements,
     cutoff_hz: f64,
@@ -69,7 +68,7 @@ fn scene(point: &Point, stiffness_n_per_m: f64) -> Scene {
     scene
 }
 
-/// Amplitude in the sixth second divided by that in the third.
+/// Amplitude in the sixth second divided by the amplitude in the third.
 fn growth(point: &Point, stiffness_n_per_m: f64) -> f64 {
     let prepared = PreparedScene::new(&scene(point, stiffness_n_per_m)).unwrap();
     let hit = WallHit {
@@ -94,7 +93,7 @@ fn growth(point: &Point, stiffness_n_per_m: f64) -> f64 {
 
 #[test]
 fn growth_and_decay_change_places_at_the_envelope() {
-    /// Relative distance from the envelope at which the simulation must clearly grow or decay.
+    /// Relative distance from the envelope at which the motion must clearly grow or decay.
     const ASIDE: f64 = 0.005;
     let (amplifier, mode, arm) = (Some(AMPLIFIER), Some(MODE), Some(ARM));
     let none = Elements::default();

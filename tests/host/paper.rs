@@ -23,7 +23,7 @@ fn prepare(scene: &str) -> PreparedScene {
     PreparedScene::new(&NamedScene::load(scene).unwrap().scene).unwrap()
 }
 
-/// The default sweep of both scenes, computed once.
+/// The default sweep of both scenes. It is computed once.
 fn default_sweep(numeric: Numeric) -> &'static [SweepResult] {
     static FIXED: OnceLock<Vec<SweepResult>> = OnceLock::new();
     static EXACT: OnceLock<Vec<SweepResult>> = OnceLock::new();
@@ -116,7 +116,7 @@ fn fixed_point_areas_are_the_twins() {
     assert!(mean <= 0.01);
 }
 
-/// Points of two boundaries that differ, as pairs at the same B; a missing point is K = 0.
+/// Points in which two boundaries differ, as pairs at the same B. A missing point is K = 0.
 fn differing(a: &Boundary, b: &Boundary) -> Vec<(BoundaryPoint, BoundaryPoint)> {
     let point = |boundary: &Boundary, n: usize, other: &Boundary| {
         boundary.points.get(n).copied().unwrap_or_else(|| BoundaryPoint {
@@ -128,7 +128,7 @@ fn differing(a: &Boundary, b: &Boundary) -> Vec<(BoundaryPoint, BoundaryPoint)> 
     both.filter(|(a, b)| a != b).collect()
 }
 
-/// Whether the exact twin gives both verdicts at this wall when the start is moved by up to 0.015 count, in steps of
+/// Whether the exact twin gives both verdicts for this wall if the start is moved by up to 0.015 count, in steps of
 /// 0.0001.
 fn is_chaotic(
     prepared: &PreparedScene,
@@ -178,7 +178,7 @@ fn up_to_200_hz_fixed_point_boundaries_are_identical_but_where_the_twin_is_chaot
     assert!(chaotic <= 1, "{chaotic}");
 }
 
-/// Fraction of the boundary points that differ from the exact twin's by more than one step of K.
+/// Fraction of the boundary's points that differ from the exact twin's points by more than one step of K.
 fn share_off(numeric: Numeric) -> f64 {
     let (mut off, mut all) = (0.0, 0.0);
     for (other, exact) in default_sweep(numeric).iter().zip(default_sweep(Numeric::F64)) {

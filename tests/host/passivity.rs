@@ -1,5 +1,5 @@
-//! The passivity observer and controller in whole hits of random scenes: the energy that a contact supplies, and a
-//! comparison with independent sums.
+//! The passivity observer and controller in whole hits of random scenes: the energy that a contact supplies, compared
+//! with independent sums.
 
 use host_sim::{
     scene::{NamedScene, Scene},
@@ -16,11 +16,11 @@ use crate::figure::figure;
 /// A hit, and values that only a simulator knows.
 struct Seen {
     report: HitReport,
-    /// The largest change of the counts' motion, which the controller's limit must allow for, counts.
+    /// Largest change of the counts' motion, counts. The controller's limit must allow for it.
     change: f64,
     /// Smallest energy that the acting force has exchanged with the true motion in a contact, J.
     given_true_j: f64,
-    /// Sum of one count times each change of the force, J.
+    /// Sum over all changes of the force: the change times one count, J.
     unseen_j: f64,
     outputs: u32,
 }
@@ -33,7 +33,7 @@ fn seen(scene: &Scene, hit: &WallHit) -> Seen {
     let (full_scale_n, latency) = (scene.full_scale_n(), scene.actuator.latency_samples() as usize);
     let period = scene.actuator.period as usize;
     let surface = (scene.wall.position_m / scene.encoder.resolution_m).round();
-    // from output to output, in the order in which the forces act
+    // From output to output, in the order in which the forces act.
     let mut sums = Sums::default();
     for (n, sample) in samples.iter().enumerate() {
         let Some(of) = n.checked_sub(latency) else { continue };
@@ -60,7 +60,7 @@ fn seen(scene: &Scene, hit: &WallHit) -> Seen {
     }
 }
 
-/// The energy account in `f64`.
+/// The account of energy in `f64`.
 #[derive(Default)]
 struct Sums {
     wall_n: f64,
@@ -96,7 +96,7 @@ fn hit(stiffness_n_per_m: f64, damping_n_s_per_m: f64) -> WallHit {
     WallHit { velocity, stiffness_n_per_m, damping_n_s_per_m, start_offset_counts: 0.0 }
 }
 
-/// The observer compared with sums of floats over the same forces and counts.
+/// The observer is compared with sums of floats over the same forces and counts.
 #[test]
 fn the_account_is_that_of_the_same_forces_and_counts() {
     for (k, b, latency) in
@@ -164,7 +164,7 @@ fn drawn(rng: &mut SmallRng) -> (Scene, WallHit) {
 }
 
 /// With the controller, no contact supplies more than the reserve, plus 2^-21 of the reserve for each output that
-/// spends it. Condition: the counts' motion changes by no more than the acceleration allows.
+/// spends it. This requires that the counts' motion changes by no more than the acceleration allows.
 #[test]
 fn no_contact_of_a_random_scene_gives_more_than_the_reserve() {
     campaign(1_000, true);
@@ -176,7 +176,7 @@ fn no_contact_of_ten_thousand_random_scenes_gives_more_than_the_reserve() {
     campaign(10_000, false);
 }
 
-/// `told`: writes the figures for the documentation.
+/// Runs random scenes. `told`: also writes the figures for the documentation.
 fn campaign(scenes: u32, told: bool) {
     let mut rng = SmallRng::seed_from_u64(25);
     let (mut ran, mut faster, mut gave, mut beyond) = (0u32, 0u32, 0u32, 0u32);
@@ -197,14 +197,15 @@ fn campaign(scenes: u32, told: bool) {
         let reserve_j = scene.reserve_j().unwrap();
         let passive = seen(&scene, &wall);
         ran += 1;
-        // the account's reserve is twice the allowed change, at full scale
+        // The account's reserve is twice the allowed change, at full scale.
         let allowed = scene.passivity().unwrap().unwrap().change().into();
         let is_allowed = passive.change <= allowed;
         faster += u32::from(!is_allowed);
         let given_j = passive.report.port.given_j;
         let most_j = reserve_j * (1.0 + f64::from(passive.outputs) / 2f64.powi(21));
         assert!(!is_allowed || given_j <= most_j, "{n}: {given_j} of {most_j} J, {wall:?}");
-        // the true motion: one count at each change of force, and a fraction of a sample in which the force changes
+        // The true motion differs by one count at each change of force, and by a fraction of a sample in which the
+        // force changes.
         let unseen_j = passive.unseen_j * 2.0;
         assert!(!is_allowed || passive.given_true_j <= most_j + unseen_j, "{n}");
         gave += u32::from(plain.report.port.given_j > reserve_j);

@@ -1,6 +1,6 @@
-//! Figures for the decision against idsp's biquad as velocity filter. Both get the same coefficients and inputs; the
-//! tests compare design and output. `docs/theory.md` quotes these figures, and `tests/elf/control_path.rs` has the
-//! instruction counts.
+//! Figures for the decision against idsp's biquad as velocity filter. Both filters get the same coefficients and
+//! inputs. The tests compare design and output. `docs/theory.md` quotes these figures, and `tests/elf/control_path.rs`
+//! has the instruction counts.
 
 use crate::figure::figure;
 use dsp_fixedpoint::Q32;
@@ -32,7 +32,7 @@ impl Peers {
         };
         let Estimator::LowPass(ours) = settings.build(&design).unwrap() else { panic!() };
         let [b0, b1, b2, a1, a2] = ours.bits();
-        // in idsp, a1 and a2 have the sign of the recurrence
+        // In idsp, a1 and a2 have the sign of the recurrence.
         let coefficients = iir::Biquad { ba: [b0, b1, b2, -a1, -a2].map(Q32::from_bits) };
         Self {
             ours: (ours, BiquadState::default()),
@@ -42,7 +42,7 @@ impl Peers {
         }
     }
 
-    /// Outputs of our filter, of first-order error feedback and of wide state; LSB of the velocity.
+    /// Outputs of our filter, of first-order error feedback, and of wide state, LSB of the velocity.
     fn update(&mut self, counts: i32) -> [i32; 3] {
         let input = Velocity::saturating_from_counts(counts);
         [
@@ -111,7 +111,7 @@ fn at_constant_speed_the_wide_state_drifts_away() {
         figure(&format!("host/peers/drift/{who}"), drift);
     }
     assert!(counts[0].abs() < 1.1);
-    // first order: bounded by 2^30 / S = 39 counts here; wide: grows without limit
+    // First order: bounded by 2^30 / S = 39 counts here. Wide state: grows without limit.
     assert!(counts[1].abs() < 39.0);
     assert!(counts[2].abs() > 50.0, "the peer no longer drifts: try it again");
 }

@@ -74,7 +74,7 @@ fn energy_never_grows_unforced() {
         for _ in 0..100_000 {
             state = step.advance(&state, 0.0);
             let now = energy(state[0], state[1]);
-            // One rounding of the state per step. The roundings must not add up to a growth.
+            // Each step rounds the state once. These roundings must not add up to a growth.
             assert!(now <= last * (1.0 + 8.0 * f64::EPSILON), "{device:?}");
             assert!(now <= start * (1.0 + 1e-11), "{device:?}");
             last = now;
@@ -84,7 +84,7 @@ fn energy_never_grows_unforced() {
 
 #[test]
 fn a_split_step_is_two_steps() {
-    /// A thousand roundings of states of some 0.03 m and 0.1 m/s.
+    /// Limit for a thousand roundings of states of some 0.03 m and 0.1 m/s, m.
     const OFFSET_ERROR_MAX_M: f64 = 1e-14;
     const SPEED_ERROR_MAX_M_PER_S: f64 = 1e-12;
     for fraction in [0.1, 0.3, 0.5, 0.999] {

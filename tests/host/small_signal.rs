@@ -1,5 +1,5 @@
-//! Limit of growing small oscillations in the simulated loop, compared with the multirate envelope of the linear
-//! analysis. The two programs share only the equations.
+//! The stiffness at which small oscillations begin to grow in the simulated loop. It is compared with the multirate
+//! envelope of the linear analysis. The two programs share only the equations.
 
 use std::ops::ControlFlow;
 
@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 use crate::figure::figure;
 
-/// Permanent bilateral contact, an actuator that never saturates, and 10 nm counts. So the loop is linear, with its
+/// Permanent bilateral contact, an actuator that never saturates, and 10 nm counts. So the loop is linear. It has its
 /// output period and latency.
 fn scene(latency: f64, stiffness_n_per_m: f64) -> Scene {
     const DEPTH_M: f64 = 1e-3;
@@ -33,8 +33,8 @@ fn scene(latency: f64, stiffness_n_per_m: f64) -> Scene {
     scene
 }
 
-/// Whether the oscillation grows. It grows if its size reaches a limit at which the handle is still in the wall. It
-/// also grows if it is larger after six seconds than after one. It decays if it comes near the counts.
+/// Whether the oscillation grows: its size reaches a limit at which the handle is still in the wall, or it is larger
+/// after six seconds than after one. It decays if it comes near the counts.
 fn grows(latency: f64, cutoff_hz: f64, damping_n_s_per_m: f64, stiffness_n_per_m: f64) -> bool {
     const LARGE_M: f64 = 6e-4;
     const SMALL_M: f64 = 1e-6;
@@ -86,7 +86,6 @@ fn envelope(latency: f64, cutoff_hz: f64, damping_n_s_per_m: f64) -> f64 {
 
 #[test]
 fn oscillations_start_to_grow_at_the_multirate_envelope() {
-    /// Relative tolerance of 0.5 %.
     const TOLERANCE: f64 = 0.005;
     const BRACKET: f64 = 0.03;
     let mut points = vec![];

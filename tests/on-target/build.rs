@@ -1,4 +1,4 @@
-//! Link arguments: those of the firmware, with its memory map.
+//! Passes the firmware's link arguments and memory map.
 
 use std::{env, fs, path::PathBuf};
 

@@ -1,7 +1,7 @@
-//! A current-mode amplifier on the force output: force proportional to the command while enabled.
+//! A current-mode amplifier on the force output: while enabled, its force is proportional to the command.
 //!
-//! The command is integrated over time in whole units, so that a run is the same on every machine:
-//! 2047 units are full scale of the DAC, one unit is full scale of the PWM.
+//! The command is integrated over time in whole units, so that each machine gives the same run. Full scale is 2047
+//! units for the DAC and 1 unit for the PWM.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -10,13 +10,11 @@ use crate::{
     wiring::{Force, Wiring},
 };
 
-/// The amplifier's inputs and the integral of the command.
 pub struct Amplifier {
     wiring: Wiring,
     state: Mutex<State>,
 }
 
-/// The inputs now, and the integral of the command so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct State {
     enabled: bool,
@@ -29,14 +27,12 @@ pub(crate) struct State {
     changes: Changes,
 }
 
-/// Times of the last changes in cycles, and their count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Changes {
     /// Cycle at which enable became inactive.
     pub disabled_at: Option<u64>,
     /// Cycle of the last change of the command.
     pub command_at: u64,
-    /// Count of changes of the command.
     pub commands: u64,
 }
 
@@ -59,7 +55,6 @@ impl State {
 }
 
 impl Amplifier {
-    /// An amplifier that is off.
     pub fn new(wiring: Wiring) -> Self {
         Self { wiring, state: Mutex::default() }
     }
@@ -98,7 +93,7 @@ impl Amplifier {
         sum as f64 / (cycle - from) as f64 / self.full_scale()
     }
 
-    /// Integral of the command up to `cycle`. Give it to [`go_on`](Self::go_on) later.
+    /// Integral of the command up to `cycle`, to be given to [`go_on`](Self::go_on) later.
     pub(crate) fn pause(&self, cycle: u64) -> i64 {
         let mut state = self.state();
         state.accumulate(cycle);
@@ -112,7 +107,6 @@ impl Amplifier {
         state.sum = sum;
     }
 
-    /// Whether enable is active.
     pub fn is_enabled(&self) -> bool {
         self.state().enabled
     }
@@ -122,7 +116,6 @@ impl Amplifier {
         self.state().command
     }
 
-    /// When the inputs last changed.
     pub fn changes(&self) -> Changes {
         self.state().changes
     }

@@ -1,4 +1,4 @@
-//! The boards of the firmware's src/board/: how their pins are connected to the simulated device.
+//! The boards of the firmware's src/board/, and how the simulated device is connected to their pins.
 
 use std::sync::Arc;
 
@@ -12,7 +12,6 @@ use crate::{
     rtt::Rtt,
 };
 
-/// A board that the firmware knows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Board {
     /// Name of the board; the firmware's feature has the same name.
@@ -72,17 +71,15 @@ impl Board {
         })
     }
 
-    /// The board with this name.
     pub fn named(name: &str) -> Option<Self> {
         BOARDS.into_iter().find(|board| board.name == name)
     }
 
-    /// The names of all boards, for a message.
+    /// The names of all boards, separated by `between`.
     pub fn names(between: &str) -> String {
         BOARDS.map(|board| board.name).join(between)
     }
 
-    /// Core cycles per sample.
     pub const fn cycles_per_sample(&self) -> u64 {
         self.chip.core_hz / 10_000
     }
@@ -92,7 +89,6 @@ impl Board {
 pub struct Powered {
     pub board: Board,
     pub mcu: Mcu,
-    /// The amplifier on the board's force output.
     pub amplifier: Arc<Amplifier>,
     pub rtt: Rtt,
 }

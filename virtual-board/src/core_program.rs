@@ -1,4 +1,4 @@
-//! The firmware's library without a chip: console, renderer, supervisor and sampler, connected like the firmware's
+//! The firmware's library without a chip. Console, renderer, supervisor and sampler are connected like the firmware's
 //! three tasks. The caller decides when each task runs, what the encoder's counter reads, and how the switches are set.
 
 use std::collections::VecDeque;
@@ -19,11 +19,11 @@ use zwidth::{
     velocity::Senses,
 };
 
-/// Count of samples whose positions are kept; the same as on a board.
+/// Number of samples whose positions are stored; the same as on a board.
 const POSITIONS: usize = 256;
-/// Largest count of outputs that wait for the console; the same as on a board.
+/// Largest number of outputs whose reports wait for the console; the same as on a board.
 const REPORTS: usize = 15;
-/// Largest count of bytes that wait for a host that does not read.
+/// Largest number of bytes that wait for the host.
 const UNREAD: usize = 4096;
 
 /// Memories that a reset keeps: the settings in flash and the words of the backup RAM.
@@ -40,7 +40,6 @@ impl Memories {
     }
 }
 
-/// Input and output of the console.
 #[derive(Clone)]
 pub struct Channels {
     /// Bytes that the console has not read yet. The caller appends to them.
@@ -51,13 +50,13 @@ pub struct Channels {
     pub telemetry: Vec<u8>,
     positions: VecDeque<Position>,
     sampler: GuardedSampler,
-    /// An order that the console has given and no output has carried out yet.
+    /// An order of the console that no output has carried out yet.
     pub order: Option<Order>,
     flash: Option<Stored>,
     in_force: LoopParameters,
 }
 
-/// Appends bytes to the host's buffer, if there is room.
+/// Appends bytes to the host's buffer if all of them fit. Returns whether they fit.
 fn put(up: &mut Vec<u8>, said: &[u8]) -> bool {
     let room = up.len() + said.len() <= UNREAD;
     if room {
@@ -82,7 +81,7 @@ impl Port for Channels {
     }
 
     fn samples(&mut self, newest: u64, places: &mut [Position]) -> Option<GuardedSampler> {
-        // The newest position that is kept is the one before the sampler's next sample.
+        // The newest stored position belongs to the sample before the sampler's next sample.
         let behind =
             usize::try_from(self.sampler.sampler().next().checked_sub(newest + 1)?).ok()?;
         let from = self.positions.len().checked_sub(behind + places.len())?;
@@ -105,7 +104,7 @@ impl Port for Channels {
     }
 
     fn test(&mut self, _: Part) -> Found {
-        Found::Clock(0) // never asked for: no board is here to test
+        Found::Clock(0) // not used: without a board a self-test is refused
     }
 
     fn save(&mut self, stored: &Stored) -> bool {
@@ -119,7 +118,7 @@ fn loaded(flash: Option<Stored>, defaults: Stored) -> Loaded {
     Loaded { stored: flash.unwrap_or(defaults), source, damaged: 0 }
 }
 
-/// Values that the other tasks have written for the sampling task.
+/// Values that the output task has written for the sampling task.
 #[derive(Clone)]
 struct Down {
     parameters: LoopParameters,
@@ -141,19 +140,18 @@ impl Sampling for Down {
     }
 }
 
-/// The amplifier's enable, and the hardware that disables the amplifier without the program.
+/// The amplifier's enable, and the hardware that disables the amplifier without the program's help.
 #[derive(Clone, Debug, Default)]
 struct Enable {
     active: bool,
     stop_open: bool,
-    /// The stop was open at some time since the amplifier was last switched on.
+    /// The stop was open at some time since the amplifier was last enabled.
     stop_noted: bool,
     supply_low: bool,
     /// The supply was low at some time since the last output checked it.
     supply_noted: bool,
 }
 
-/// A running program.
 #[derive(Clone)]
 pub struct CoreProgram {
     console: Console<Channels>,
@@ -161,14 +159,14 @@ pub struct CoreProgram {
     guard: Guard,
     view: GuardView,
     down: Down,
-    /// A due sample whose output has not come yet.
+    /// A sample that is due for an output and has none yet.
     pub due: Option<SampleReport>,
     reports: VecDeque<Report>,
-    /// The last output that the console has seen.
+    /// The newest report that the console has read.
     pub newest: Option<Report>,
     /// Number of the sample of the last output.
     rendered: u64,
-    /// The value of the last output; none: the output was off.
+    /// The value of the last output; `None` if the output was off.
     written: Option<OutputCode>,
     enable: Enable,
     backup: [u32; FaultRecord::WORDS],
@@ -247,8 +245,8 @@ impl CoreProgram {
         step.due
     }
 
-    /// Runs the task `render` for the newest due sample, if there is one. `meets`: it takes a waiting order; otherwise
-    /// it runs before the order is given.
+    /// Runs the task `render` for the newest due sample, if there is one. If `meets`, the task then carries out a
+    /// waiting order.
     pub fn render(&mut self, meets: bool) {
         let Some(up) = self.due.take() else { return };
         let Enable { active, stop_open, stop_noted, supply_low, supply_noted } = &mut self.enable;
@@ -275,7 +273,7 @@ impl CoreProgram {
         let since = up.motion.sample.saturating_sub(self.rendered);
         self.rendered = up.motion.sample;
         let port = self.console.port();
-        // Samples that came after the answered sample wait for the next output.
+        // Samples after this output's sample belong to the next output.
         let after = port.sampler.sampler().next() - 1 - up.motion.sample;
         let [since, after] = [since, after].map(|n| usize::try_from(n).unwrap_or(POSITIONS));
         let end = port.positions.len().saturating_sub(after);
@@ -309,7 +307,7 @@ impl CoreProgram {
         self.written = Some(granted.command());
     }
 
-    /// Takes the next report of `render`, if there is one.
+    /// Passes the next report of `render` to the console. Returns false if there is none.
     pub fn report(&mut self) -> bool {
         let Some(report) = self.reports.pop_front() else { return false };
         self.console.report(&report);
@@ -317,12 +315,12 @@ impl CoreProgram {
         true
     }
 
-    /// Runs the last part of the task `link`.
+    /// Runs the last part of the task `link`: the console.
     pub fn pass(&mut self, listens: bool) {
         self.console.pass(listens);
     }
 
-    /// The program's ends of the link.
+    /// The program's side of the link.
     pub fn channels(&mut self) -> &mut Channels {
         self.console.port()
     }
@@ -337,12 +335,11 @@ impl CoreProgram {
         self.console.stored()
     }
 
-    /// The memories as a reset now would leave them.
+    /// The memories as a reset at this time would leave them.
     pub fn memories(&mut self) -> Memories {
         Memories { flash: self.console.port().flash, backup: self.backup }
     }
 
-    /// Opens or closes the emergency stop.
     pub fn emergency_stop(&mut self, open: bool) {
         self.enable.stop_open = open;
         self.enable.stop_noted |= open;
@@ -356,18 +353,17 @@ impl CoreProgram {
         self.enable.active &= !low;
     }
 
-    /// Whether the amplifier is enabled.
     pub fn is_enabled(&self) -> bool {
         self.enable.active
     }
 
-    /// The output in codes from zero, with the motor's mounting direction; none while the output is off.
+    /// The output in codes from zero, with the sign of the motor's mounting direction; `None` while the output is off.
     pub fn output(&self) -> Option<i32> {
         let code = self.written?.code() - self.down.parameters.actuator.zero().code();
         Some(if self.renderer.motor_reversed() { -code } else { code })
     }
 
-    /// The output as a fraction of full scale.
+    /// The output as a fraction of full scale; `None` while the output is off.
     pub fn output_part(&self) -> Option<f64> {
         let full = f64::from(self.down.parameters.actuator.codes_per_full_scale());
         self.output().map(|code| f64::from(code) / full)
@@ -378,7 +374,6 @@ impl CoreProgram {
         self.down.parameters.period.get()
     }
 
-    /// Whether the encoder's direction is reversed.
     pub fn is_encoder_reversed(&self) -> bool {
         self.down.encoder_reversed
     }

@@ -16,7 +16,7 @@ use crate::{
     elf::Elf,
 };
 
-/// Symbol of the record's address in the image (memory.x), and the size reserved for the record, bytes.
+/// Symbol of the record's address in the image (memory.x). `SECTOR` is the size reserved for the record, bytes.
 const SYMBOL: &str = "_device_record";
 const SECTOR: usize = 16 * 1024;
 
@@ -26,7 +26,7 @@ const BUILT_IN: [(&str, &[u8]); BOARDS.len()] = [
     ("discovery-f407", include_bytes!("../../scenes/discovery-f407.device")),
 ];
 
-/// First cutoff if the scene gives no cutoff, Hz.
+/// Cutoff after boot, Hz, if the scene gives none.
 const CUTOFF_HZ: f64 = 1500.0;
 
 impl Elf {
@@ -48,7 +48,7 @@ impl Elf {
     }
 }
 
-/// The device of the record in that board's image.
+/// The device of the record in the board's image.
 ///
 /// # Panics
 /// Never: tests check that the record is valid.
@@ -61,7 +61,7 @@ pub fn built_in(board: Board) -> &'static Device<'static> {
     device.get_or_init(|| read(bytes, board).expect("the record of a board is whole"))
 }
 
-/// Reads a record as a device. The device is never freed, since a program reads only one.
+/// Reads a record as a device. Its memory is never freed, since a program reads one record only.
 ///
 /// # Errors
 /// The record is not valid for that board.
@@ -69,8 +69,8 @@ pub fn read(record: &[u8], board: Board) -> Result<Device<'static>, Error> {
     Device::from_record(words(record).leak(), &board_facts(board.name)?).map_err(Error::input)
 }
 
-/// Checks that a board with this record uses the units of the scene. A record that is not valid passes, since the board
-/// itself reports the error.
+/// Checks that the board's record and the scene use the same units. An invalid record passes, since the board itself
+/// reports that error.
 ///
 /// # Errors
 /// One handle is linear and the other rotary, or their radii differ.
@@ -87,7 +87,7 @@ pub fn same_units(record: &[u8], board: Board, scene: &Scene) -> Result<(), Stri
     ))
 }
 
-/// Reads the record that `--device` names, for the device of that scene.
+/// Reads the record file of the option `--device`, for this scene.
 ///
 /// # Errors
 /// The file cannot be read, or its record has other units than the scene.
@@ -98,7 +98,7 @@ pub fn given(path: &Path, board: Board, scene: &NamedScene) -> Result<Vec<u8>, E
     Ok(bytes)
 }
 
-/// Whether the scene is the board's own scene. The image has the record of that scene.
+/// Whether the scene is the board's own scene, whose record the image has.
 pub fn is_built_in(scene: &NamedScene, board: Board) -> bool {
     scene.files.is_empty() && scene.name == board.name
 }

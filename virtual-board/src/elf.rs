@@ -1,4 +1,4 @@
-//! The firmware's ELF file, in the form that is flashed.
+//! The firmware's ELF file. Only its parts for flash are used.
 
 use std::path::Path;
 
@@ -10,10 +10,8 @@ use object::{
 };
 use seal::Linked;
 
-/// A parsed ELF file.
 #[derive(Clone, Debug)]
 pub struct Elf {
-    /// Bytes of the whole file.
     pub bytes: Vec<u8>,
     /// Contents of flash: address and bytes of each piece.
     pub flash: Vec<(u32, Vec<u8>)>,
@@ -23,7 +21,7 @@ pub struct Elf {
     pub sections: Vec<(String, u32, u32)>,
 }
 
-/// Part of the symbol name of the static in which `sample` keeps its data between two samples.
+/// Part of the symbol name of the static variable in which `sample` keeps its data between two samples.
 pub const SAMPLE_STATE: &str = "task6sample5PLACE";
 
 impl Elf {
@@ -78,7 +76,6 @@ impl Elf {
         self.flash.iter().any(|(_, data)| data.windows(text.len()).any(|part| part == text))
     }
 
-    /// Address of a symbol.
     pub fn address_of(&self, name: &str) -> Option<u32> {
         self.symbols.iter().find(|(n, ..)| n == name).map(|(_, address, _)| *address)
     }
@@ -94,7 +91,7 @@ impl Elf {
             .ok_or_else(|| format!("the ELF has no symbol {part}"))
     }
 
-    /// Writes the checksum into the present contents of `flash`. The file's bytes stay the same.
+    /// Writes the checksum into `flash`. `bytes` stays the same.
     ///
     /// # Errors
     /// The ELF is not an image of this firmware.
@@ -107,7 +104,7 @@ impl Elf {
         Ok(())
     }
 
-    /// Address and size of the section with this name.
+    /// Address and size of a section.
     pub fn section(&self, name: &str) -> Option<(u32, u32)> {
         self.sections.iter().find(|(n, ..)| n == name).map(|(_, address, size)| (*address, *size))
     }

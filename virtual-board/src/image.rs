@@ -11,17 +11,16 @@ use std::{
 use host_sim::interrupt;
 
 const TARGET: &str = "thumbv7em-none-eabihf";
-/// The environment variable with the path of the record to build in (build.rs).
+/// The environment variable with the path of the record that build.rs puts into the image.
 const DEVICE: &str = "ZWIDTH_DEVICE";
 
-/// Root of the workspace that this crate was built in.
 fn workspace() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// Builds the ELF of a board as `cargo firmware` does, but in a target directory of its own. So a build that runs this
-/// one never blocks it. Several processes build one after another. Adds the target to the tool chain if it is missing.
-/// Removes `RUSTFLAGS`: the host's flags, such as coverage, are not for the board.
+/// Builds the ELF of a board as `cargo firmware` does, in a separate target directory. So the `cargo` command that runs
+/// this code does not block it. Several processes build one after another. Adds the target to the tool chain if it is
+/// missing. Removes `RUSTFLAGS`, since these flags are for the host.
 ///
 /// # Errors
 /// The error of `cargo` or `rustup`.
@@ -29,7 +28,7 @@ pub fn build(board: &str) -> Result<PathBuf, String> {
     build_variant(board, &[])
 }
 
-/// Builds the ELF with additional features of the firmware.
+/// As [`build`], with additional features of the firmware.
 ///
 /// # Errors
 /// The error of `cargo` or `rustup`.
@@ -76,7 +75,7 @@ pub fn build_on_target(file: &str, features: &[&str]) -> Result<PathBuf, String>
     })
 }
 
-/// As [`keep`] for an image: the copy contains its checksum.
+/// As [`keep`] for an image, and puts the checksum into the copy.
 fn keep_sealed(folder: &Path, built: &Path, name: &str) -> Result<PathBuf, String> {
     let mut elf = std::fs::read(built).map_err(|error| format!("{}: {error}", built.display()))?;
     seal::seal(&mut elf).map_err(|error| format!("{}: {error}", built.display()))?;
@@ -85,7 +84,7 @@ fn keep_sealed(folder: &Path, built: &Path, name: &str) -> Result<PathBuf, Strin
     keep(folder, &sealed, name)
 }
 
-/// Copies the built file to its own name, atomically. The next build, of another variant, replaces the original.
+/// Copies a built file to its own name, atomically, since the next build of another variant replaces the original.
 fn keep(folder: &Path, built: &Path, name: &str) -> Result<PathBuf, String> {
     let (draft, kept) = (folder.join("draft"), folder.join(name));
     std::fs::copy(built, &draft)
@@ -94,7 +93,7 @@ fn keep(folder: &Path, built: &Path, name: &str) -> Result<PathBuf, String> {
     Ok(kept)
 }
 
-/// Runs one build at a time, in the folder of the images.
+/// Runs a build in the folder of the images, while no other process builds there.
 fn in_turn<T>(build: impl FnOnce(&Path) -> Result<T, String>) -> Result<T, String> {
     let folder = std::env::var_os("CARGO_TARGET_DIR")
         .map_or_else(|| workspace().join("target"), PathBuf::from)
@@ -112,7 +111,6 @@ fn package(folder: &Path, name: &str, arguments: &[&str]) -> Result<PathBuf, Str
     Ok(built(folder))
 }
 
-/// Folder in which `cargo` leaves the built files.
 fn built(folder: &Path) -> PathBuf {
     folder.join(TARGET).join("firmware")
 }
@@ -149,7 +147,7 @@ fn add_target() -> Result<(), String> {
 fn run(command: &mut Command) -> Result<(), String> {
     let shown = format!("{command:?}");
     let failed = |error| format!("{shown}: {error}");
-    // The output of the tool goes to our stderr.
+    // The tool's messages go to our stderr.
     let mut child = command.stdout(Stdio::null()).spawn().map_err(failed)?;
     let status = loop {
         if interrupt::is_requested() {

@@ -1,5 +1,5 @@
-//! The firmware's release ELF in closed loop without a board. An emulated microcontroller runs the ELF. A scene's plant
-//! moves its encoder pins, and its force output acts on the plant.
+//! The firmware's release ELF in closed loop, with an emulated microcontroller in place of a board. The plant of a
+//! scene moves the encoder's pins. The force output acts on the plant.
 #![forbid(unsafe_code)]
 
 pub mod amplifier;

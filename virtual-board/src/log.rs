@@ -5,21 +5,20 @@ use defmt_decoder::{DecodeError, StreamDecoder, Table};
 /// Decodes the defmt stream of one ELF file.
 pub struct Decoder<'a> {
     stream: Box<dyn StreamDecoder + Send + Sync + 'a>,
-    /// The beginning of a frame. The encoding needs no other state between frames.
+    /// The bytes of an incomplete frame. Frames are decoded independently of each other.
     pub(crate) begun: Vec<u8>,
 }
 
 /// Byte at the end of a frame: the log is encoded by reverse zero-compressing COBS.
 const FRAME_END: u8 = 0;
 
-/// The stream does not fit the ELF.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Malformed;
 
 /// The table of log messages of an ELF.
 ///
 /// # Errors
-/// The ELF has none, or it cannot be read.
+/// The ELF has no table, or the table cannot be read.
 pub fn table(elf: &[u8]) -> Result<Table, String> {
     Table::parse(elf)
         .map_err(|error| error.to_string())?
@@ -27,7 +26,6 @@ pub fn table(elf: &[u8]) -> Result<Table, String> {
 }
 
 impl<'a> Decoder<'a> {
-    /// A decoder at the start of a stream.
     pub fn new(table: &'a Table) -> Self {
         Self { stream: table.new_stream_decoder(), begun: Vec::new() }
     }

@@ -1,5 +1,5 @@
-//! RTT as a debug probe does it: by reading and writing the control block in RAM. It works for the virtual board's
-//! memory and for a board behind a real probe.
+//! RTT by reading and writing the control block in RAM, as a debug probe does. The board may be virtual, or real and
+//! behind a probe.
 
 use crate::mcu::Mcu;
 
@@ -38,7 +38,7 @@ impl Memory for Mcu {
 const ID: &[u8] = b"SEGGER RTT";
 const HEADER: u32 = 24;
 const CHANNEL: u32 = 24;
-/// Count of channels in both directions that are used: as many as the firmware has.
+/// Number of channels in both directions, the same as in the firmware.
 const CHANNELS: u32 = 4;
 /// Size of the control block with these channels, bytes.
 const BLOCK: usize = (HEADER + CHANNELS * CHANNEL) as usize;
@@ -52,7 +52,7 @@ pub struct Rtt {
 }
 
 impl Rtt {
-    /// The control block at `address`, the ELF's symbol `_SEGGER_RTT`.
+    /// The control block at `address`, which the ELF names `_SEGGER_RTT`.
     pub fn new(address: u32) -> Self {
         Self { address }
     }
@@ -61,7 +61,7 @@ impl Rtt {
         self.address
     }
 
-    /// Reads the control block with one access; none if the program has not set it up.
+    /// Reads the control block with one access; `None` if the program has not set it up.
     ///
     /// # Errors
     /// The memory could not be reached.
@@ -71,7 +71,7 @@ impl Rtt {
         Ok(bytes.starts_with(ID).then_some(Block { address: self.address, bytes }))
     }
 
-    /// Address of the word with the program's read offset in the command channel.
+    /// Address of the read offset in the command channel.
     pub fn commands_read(&self) -> u32 {
         self.address + HEADER + CHANNEL * (CHANNELS - 1) + 16
     }
@@ -99,7 +99,7 @@ impl Rtt {
         count
     }
 
-    /// Writes the mode word of an up channel, as a debugger may: 0 skip, 1 trim, 2 block.
+    /// Sets the mode of an up channel, as a debugger may: 0 skip, 1 trim, 2 block.
     pub fn set_mode(&self, mcu: &mut Mcu, channel: u32, mode: u32) {
         mcu.write(self.address + HEADER + CHANNEL * channel + 20, &mode.to_le_bytes());
     }
@@ -113,12 +113,12 @@ pub struct Block {
 }
 
 impl Block {
-    /// Counts of up and down channels in the block.
+    /// Numbers of up and down channels in the block.
     pub fn counts(&self) -> [u32; 2] {
         [self.word(16), self.word(20)]
     }
 
-    /// Address and size of the buffers of the first channels. The program sets them once.
+    /// Addresses and sizes of the buffers, by channel. The program sets them once.
     pub fn buffers(&self) -> [[u32; 2]; CHANNELS as usize] {
         [0, 1, 2, 3].map(|index| {
             let ring = self.ring(index);
@@ -126,7 +126,7 @@ impl Block {
         })
     }
 
-    /// An up channel. None if its offsets lie outside its buffer, as in a damaged block.
+    /// An up channel. `None` if its offsets lie outside its buffer, as in a damaged block.
     pub fn up(&self, channel: u32) -> Option<Ring> {
         let ring = (channel < CHANNELS).then(|| self.ring(channel))?;
         let is_sound = ring.size <= LARGEST && ring.read < ring.size && ring.write < ring.size;
@@ -157,7 +157,6 @@ impl Block {
 pub struct Ring {
     /// Address of the channel's descriptor in the control block.
     at: u32,
-    /// Address of the buffer.
     buffer: u32,
     /// Size of the buffer, bytes.
     size: u32,
@@ -168,7 +167,7 @@ pub struct Ring {
 }
 
 impl Ring {
-    /// Copies at most `room` bytes, and returns them with the reader's next offset. The bytes stay in the buffer.
+    /// Copies at most `room` bytes. Returns them with the reader's next offset. The bytes stay in the buffer.
     ///
     /// # Errors
     /// The memory could not be reached.
@@ -187,7 +186,7 @@ impl Ring {
         Ok((taken, read))
     }
 
-    /// Frees the room of the bytes that were read up to `next`.
+    /// Frees the room of the bytes before `next`.
     ///
     /// # Errors
     /// The memory could not be reached.
@@ -195,8 +194,8 @@ impl Ring {
         memory.write(self.at.wrapping_add(16), &next.to_le_bytes())
     }
 
-    /// Writes as many bytes as have room. Returns their count and the writer's next offset. The program does not see
-    /// the bytes yet.
+    /// Writes as many bytes as have room. Returns their number and the writer's next offset. Until
+    /// [`publish`](Self::publish) the program does not see the bytes.
     ///
     /// # Errors
     /// The memory could not be reached.
@@ -215,7 +214,7 @@ impl Ring {
         Ok((bytes.len(), (write + count) % size))
     }
 
-    /// Makes the bytes up to `next` visible to the program.
+    /// Makes the bytes before `next` visible to the program.
     ///
     /// # Errors
     /// The memory could not be reached. It is not known whether the program sees the bytes.

@@ -1,4 +1,4 @@
-//! Experiments as a person runs them: the same commands, sent to a virtual board.
+//! Experiments on a virtual board, by the commands that a person types.
 
 use std::path::PathBuf;
 
@@ -21,17 +21,14 @@ use crate::{
     world::{Ended, World},
 };
 
-/// A board, its program and its device.
 pub struct Session {
     pub board: Board,
-    /// The device's scene, with its name.
     pub scene: NamedScene,
     pub elf: Elf,
     /// Messages of the firmware's log.
     pub table: Table,
 }
 
-/// Reason why a session ended.
 #[derive(Debug)]
 pub enum Failed {
     /// The firmware refused a command; its reply.
@@ -55,22 +52,22 @@ impl From<String> for Failed {
 /// A hit as the firmware reports it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardHit {
-    /// The line with the result.
     pub line: String,
-    /// Verdict on the hit.
     pub verdict: Verdict,
     /// RMS of the position about its mean, m.
     pub rms_m: f64,
     /// Mean of the position, m.
     pub mean_m: f64,
-    /// Energy that the wall has absorbed in the last contact, and the most that it has supplied in one contact, J.
+    /// Energy that the wall has absorbed in the last contact, and the largest energy that it has supplied in one
+    /// contact, J.
     pub port_j: [f64; 2],
-    /// Results of a quiet hit for each push, in order; the deciding push stands above. Empty for another hit.
+    /// Result of each push of a quiet hit, in order; empty for other hits. The fields above have the results of the
+    /// deciding push.
     pub pushes: Vec<BoardPush>,
 }
 
 impl BoardHit {
-    /// Reads a hit from the lines of its pushes, if it has several, and from its last line.
+    /// Reads a hit from its last line, and from the lines of its pushes if it has several.
     ///
     /// # Errors
     /// The line is an error or not the result of a hit.
@@ -85,7 +82,7 @@ impl BoardHit {
         Ok(Self { verdict, rms_m, mean_m, port_j, pushes, line })
     }
 
-    /// The deciding push: the first push that did not hold, or else the push with the largest force variation.
+    /// The deciding push: the first unstable push, or if all are stable, the push with the largest force variation.
     pub fn deciding(&self) -> Option<&BoardPush> {
         let force_n = |push: &&BoardPush| push.force_rms_n;
         let loudest = || self.pushes.iter().max_by(|a, b| force_n(a).total_cmp(&force_n(b)));
@@ -93,14 +90,12 @@ impl BoardHit {
     }
 }
 
-/// One push of a quiet hit, as the firmware reports it.
+/// Result of one push of a quiet hit, as the firmware reports it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BoardPush {
-    /// The line with the push's result.
     #[serde(skip)]
     pub line: String,
     pub push_n: f64,
-    /// Verdict on the wall at this push.
     #[serde(serialize_with = "name_of")]
     pub verdict: Verdict,
     /// RMS of the position about its mean, m.
@@ -134,13 +129,13 @@ fn name_of<S: Serializer>(verdict: &Verdict, serializer: S) -> Result<S::Ok, S::
     serializer.serialize_str(verdict.name())
 }
 
-/// The verdict at the start of a text.
+/// The verdict at the start of `text`.
 fn verdict(text: &str) -> Option<Verdict> {
     let text = text.split(',').next().unwrap_or_default();
     Verdict::ALL.into_iter().find(|verdict| verdict.text() == text)
 }
 
-/// A walk as the firmware reports it.
+/// Result of a walk, as the firmware reports it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WalkReport {
     /// Area under the boundary: sum of K dB over the points, N^2 s/m^2.
@@ -159,16 +154,14 @@ pub struct WalkReport {
     pub virtual_s: f64,
 }
 
-/// Samples until a released handle has come to rest.
+/// Samples after which a released handle is at rest.
 const REST_SAMPLES: u64 = 15_000;
-/// Samples that `arm` takes.
 const ARM_SAMPLES: u64 = 4_000;
-/// Longest wait for a line of an experiment, samples: for cooling down, the return move and the hit.
+/// Longest wait for a line of an experiment, samples. It includes cooling down, the return move and the hit.
 const LINE_SAMPLES: u64 = 3_000_000;
 
 impl Session {
-    /// A session with this image, or with the image that is built for the board, and with the device record of the
-    /// scene.
+    /// A session with this image and the device record of the scene. Without `elf` the board's image is built.
     ///
     /// # Errors
     /// The image cannot be read or built, or it is not of this firmware.
@@ -177,7 +170,7 @@ impl Session {
         Self::open_with(board, elf, scene, record)
     }
 
-    /// As [`open`](Self::open), with this record in the image's flash, or with the image's own record.
+    /// As [`open`](Self::open), but with this record in the image's flash. Without a record, the image's own is used.
     ///
     /// # Errors
     /// As [`open`](Self::open).
@@ -194,8 +187,8 @@ impl Session {
         Self::of(board, Elf::load(&path)?, &path.display().to_string(), scene, record)
     }
 
-    /// A session with this image and with this record in its flash, or with the image's own record. Errors name the
-    /// image `origin`.
+    /// A session with this image and this record in its flash. Without a record, the image's own is used. `origin` is
+    /// the image's name in errors.
     ///
     /// # Errors
     /// The image is for another board, or it is not of this firmware.
@@ -219,7 +212,7 @@ impl Session {
         Ok(Self { board, scene, elf, table })
     }
 
-    /// Switches the board on. The firmware has booted, and the handle rests where the device rests.
+    /// Switches the board on. Returns after the firmware has booted. The handle rests at the device's rest position.
     ///
     /// # Errors
     /// The ELF is not this firmware, or its program ended.
@@ -231,8 +224,8 @@ impl Session {
         Ok(world)
     }
 
-    /// Boots the board while a hand holds the handle at the scene's 0, and sets the zero there. So positions are the
-    /// scene's. Then releases the handle and waits until it rests.
+    /// Boots the board while a hand holds the handle at the scene's 0, and sets the zero there. So the board's
+    /// positions are the scene's. Then releases the handle and waits until it rests.
     ///
     /// # Errors
     /// As [`boot`](Self::boot), or the board refused `zero`.
@@ -240,7 +233,7 @@ impl Session {
         self.zeroed(false)
     }
 
-    /// As [`boot_at_zero`](Self::boot_at_zero), but ends when the handle is released.
+    /// As [`boot_at_zero`](Self::boot_at_zero), but returns when the hand has just released the handle.
     ///
     /// # Errors
     /// As [`boot_at_zero`](Self::boot_at_zero).
@@ -263,7 +256,7 @@ impl Session {
         Ok(world)
     }
 
-    /// A board with its zero at the scene's 0 and with the scene's wall, push and start. It is armed and not held.
+    /// An armed board with its zero at the scene's 0 and the scene's wall, push and start. No hand holds the handle.
     fn ready(&self, cutoff_hz: f64) -> Result<World<'_>, Failed> {
         let scene = &self.scene.scene;
         let (tunings, estimator) = tuning(self.board, scene, cutoff_hz)?;
@@ -363,11 +356,11 @@ impl Session {
     }
 }
 
-/// Setting keys of K and B.
+/// Names of the settings K and B.
 const K: &str = "stiffness_n_per_m";
 const B: &str = "damping_n_s_per_m";
 
-/// The commands that set a scene's grid: largest values first, so that each step is below its largest value.
+/// The commands that set a scene's grid. The largest values come first, since a step must be below its largest value.
 fn grid(scene: &Scene) -> [String; 6] {
     let walk = &scene.walk;
     let said = |key: &str, value: f64| scene.units.command(key, value);
@@ -388,7 +381,7 @@ fn number(line: &str, name: &str) -> Result<f64, Failed> {
     word.parse().map_err(|_| Failed::Refused(format!("no number behind {name:?} in: {line}")))
 }
 
-/// Sends a line. An error reply is returned as a refusal.
+/// Sends a line. Returns the reply; a reply with an error is an `Err`.
 ///
 /// # Errors
 /// The firmware refused the line, or its program ended.
@@ -409,8 +402,7 @@ pub fn ask_each(world: &mut World<'_>, lines: &[impl AsRef<str>]) -> Result<(), 
     lines.iter().try_for_each(|line| ask(world, line.as_ref()).map(drop))
 }
 
-/// The commands that tune the scene's estimator and select it. The firmware itself refuses an estimator that it does
-/// not have.
+/// The commands that tune the scene's estimator and select it. The firmware refuses an estimator that it does not have.
 fn tuning(
     board: Board,
     scene: &Scene,

@@ -1,13 +1,10 @@
-//! Connections of a board's pins.
-
 use crate::mcu::Pin;
 
-/// The pin of each signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wiring {
     /// Channels A and B of the encoder.
     pub encoder: [Pin; 2],
-    /// Further pins for A and B, which capture the times of their edges: TIM3's channels 1 and 2.
+    /// Pins of TIM3's channels 1 and 2 that also get A and B and capture the times of their edges.
     pub captured: Option<[Pin; 2]>,
     pub force: Force,
     /// Amplifier enable, active high.
@@ -16,7 +13,6 @@ pub struct Wiring {
     pub stop: Pin,
 }
 
-/// Kind of the force output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Force {
     /// Channel 1 of the DAC.
@@ -25,7 +21,7 @@ pub enum Force {
     Pwm {
         /// Channel 1: magnitude of the force.
         magnitude: Pin,
-        /// Channel 2; a high level means away from the wall.
+        /// Channel 2. A high level means a force away from the wall.
         sign: Pin,
     },
 }

@@ -1,20 +1,19 @@
-//! A plain scalar `f64` loop with the equations of a wall hit, the reference of the benchmarks. The simulator gives
-//! only the coefficients of its filter. At the boundary the loop is in a limit cycle, so no state becomes subnormal.
+//! A plain scalar `f64` loop with the equations of a wall hit, the reference of the benchmarks. From the simulator it
+//! takes only the filter's coefficients. At the boundary the loop is in a limit cycle, so no state becomes subnormal.
 
 use host_sim::simulation::twin::LowPass;
 use zwidth::velocity::ButterworthDesign;
 
-/// Samples of a hit.
 pub const SAMPLES: usize = 60_000;
 
-/// Equations and state of an estimator. The input is the counts since the last sample, the output a velocity in counts
-/// per sample.
+/// Equations and state of an estimator. The input is the number of counts since the last sample. The output is a
+/// velocity in counts per sample.
 pub trait Filter {
     fn update(&mut self, moved: f64) -> f64;
-    /// Tells the filter the speed of the handle at the next sample, m/s.
+    /// Gives the filter the speed of the handle at the next sample, m/s.
     #[inline(always)]
     fn look(&mut self, _speed: f64) {}
-    /// Tells the filter the actuator's force from the last sample on, as a fraction of full scale.
+    /// Gives the filter the actuator's force since the last sample, as a fraction of full scale.
     #[inline(always)]
     fn granted(&mut self, _force: f64) {}
 }
@@ -54,12 +53,12 @@ impl Filter for Butterworth {
 
 const T: f64 = 1e-4;
 
-/// Mass, quantiser, difference, estimator, wall, saturation and latency, directly from the equations.
+/// A wall hit by the equations alone: mass, quantiser, difference, estimator, wall, saturation and latency.
 #[inline(never)]
 pub fn plain(mut filter: impl Filter, stiffness: f64, damping: f64) -> f64 {
     let (mass, b, k, rest) = (0.4160, 5.5195, 11.0626, 0.0517);
     let (t, resolution, full_scale, push) = (T, 1e-6, 5.906, 2.835);
-    // Four terms of the matrix exponential cost as much per step as the exact one.
+    // With four terms of the matrix exponential, a step costs as much as the exact step.
     let (kk, bb) = (k / mass, b / mass);
     let xx = 1.0 - kk * t * t / 2.0;
     let xv = t - bb * t * t / 2.0;

@@ -1,4 +1,4 @@
-//! Random numbers of the campaigns, the same on every machine.
+//! Random numbers of the campaigns. They are the same on every machine.
 
 use host_sim::notation::rounded;
 
@@ -15,7 +15,6 @@ impl Random {
         bits ^ (bits >> 31)
     }
 
-    /// A number below `end`.
     pub fn below(&mut self, end: u64) -> u64 {
         self.bits() % end
     }
@@ -25,7 +24,7 @@ impl Random {
         u8::try_from(self.below(end.into())).unwrap_or_default()
     }
 
-    /// A random element; the slice must not be empty.
+    /// A random element. Panics if the slice is empty.
     pub fn one<'a, T>(&mut self, all: &'a [T]) -> &'a T {
         &all[usize::try_from(self.below(all.len() as u64)).unwrap_or_default()]
     }

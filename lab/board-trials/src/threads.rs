@@ -11,12 +11,11 @@ use std::{
 
 use host_sim::{error::Error, interrupt};
 
-/// Count of threads: one for each core.
 pub fn cores() -> usize {
     thread::available_parallelism().map_or(1, NonZero::get)
 }
 
-/// Runs `count` jobs, one after another on each thread. Returns their results in order.
+/// Runs `count` jobs, one after another on each thread. Returns the results in the order of the jobs.
 pub fn on_threads<S, T: Send>(
     count: usize,
     threads: usize,

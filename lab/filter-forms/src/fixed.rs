@@ -1,12 +1,11 @@
-//! Direct forms in fixed point, with the core's rules. For Q15 each word is half as wide. Error feedback can be left
-//! out.
+//! Direct forms in fixed point, by the core's rules, with or without error feedback. For Q15 each word is half as wide.
 //!
 //! A coefficient has two bits before the point, because `|a1|` reaches 1.98. The other bits are after the point: 30
-//! bits in a 32-bit word, 14 bits in Q15. The core's rule makes a DC gain of exactly one, the best that these words
-//! allow. Without this rule each coefficient would be rounded alone. Then Q15 at 20 Hz and 10 kHz would have `b0 = 1`
-//! and `1 + a1 + a2 = 2` LSB, a DC gain of 2.
+//! bits in a 32-bit word, 14 bits in Q15. The core's rule makes the DC gain exactly one, the best that these words
+//! allow. Without this rule each coefficient would be rounded separately. Then Q15 at 20 Hz and 10 kHz would have `b0 =
+//! 1` and `1 + a1 + a2 = 2` LSB, which is a DC gain of 2.
 //!
-//! A sum of products fits the wide word with the same margin as in the core: `|b0| + .. + |a2| < 4`.
+//! A sum of products fits into the wide word with the same margin as in the core: `|b0| + .. + |a2| < 4`.
 
 use zwidth::velocity::Shaping;
 
@@ -15,7 +14,6 @@ use crate::{
     word::{Wide as _, Word},
 };
 
-/// Coefficients of a direct form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coefficients<W> {
     /// Numerator: b0, b1 and b2.
@@ -37,8 +35,7 @@ pub(crate) fn round(value: f64) -> f64 {
 }
 
 impl<W: Word> Coefficients<W> {
-    /// Coefficients by the core's rule: `b0` and `a2` are rounded. The DC sum is `4 b0`, rounded by itself. `a1` and
-    /// `b1` follow from these values.
+    /// Coefficients by the core's rule: `b0`, `a2` and the DC sum `4 b0` are rounded. `a1` and `b1` follow from them.
     ///
     /// # Errors
     /// The DC sum rounds to 0, so the output could not move.
@@ -63,7 +60,7 @@ fn sum<W: Word>(c: &Coefficients<W>, x: [W; 3], y: [W; 2]) -> W::Wide {
         - c.a[1].times(y[1])
 }
 
-/// Direct form 1 without error feedback: the rounding error of the output is lost. The form saturates as the core does.
+/// Direct form 1 without error feedback. It saturates as the core does.
 #[derive(Clone, Copy, Debug)]
 pub struct Direct1<W: Word> {
     c: Coefficients<W>,
@@ -129,7 +126,7 @@ impl<W: Word + Signal> Step for Direct1Feedback<W> {
 }
 
 /// Transposed direct form 2. Its two sums are wide words, so only the output is rounded. The sums are those of direct
-/// form 1 in another order. The outputs are equal to the bit if nothing saturates.
+/// form 1 in another order. Without saturation the outputs of both forms are equal to the bit.
 #[derive(Clone, Copy, Debug)]
 pub struct Direct2Transposed<W: Word> {
     c: Coefficients<W>,

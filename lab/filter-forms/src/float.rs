@@ -11,10 +11,8 @@ use core::ops::{Add, Mul, Sub};
 
 use crate::{Prototype, Signal, Step};
 
-/// A floating-point number: `f32` or `f64`.
 pub trait Float: Copy + Add<Output = Self> + Mul<Output = Self> + Sub<Output = Self> {
     const ZERO: Self;
-    /// The number nearest to `value`.
     fn nearest(value: f64) -> Self;
 }
 
@@ -68,7 +66,6 @@ impl<T: Float + Signal> Step for Direct1<T> {
     }
 }
 
-/// Transposed direct form 2.
 #[derive(Clone, Copy, Debug)]
 pub struct Direct2Transposed<T> {
     b: [T; 3],
@@ -125,7 +122,7 @@ impl<T: Float + Signal> Step for StateVariable<T> {
 pub struct Delta<T> {
     b0: T,
     alpha1: T,
-    /// Coefficient alpha2, which is equal to `4 b0`.
+    /// Coefficient alpha2, equal to `4 b0`.
     alpha2: T,
     s: [T; 2],
 }

@@ -1,9 +1,9 @@
 //! State-variable and delta form in fixed point. Their states are integrators in wide words. So the important
-//! coefficients stay accurate at a low cutoff.
+//! coefficients are accurate even at a low cutoff.
 //!
-//! The equations are in [`crate::float`]. The delta form feeds its rounded output back through both integrators, which
-//! gives second-order error feedback by structure. The state-variable form continues with the unrounded value. So its
-//! rounding error is neither fed back nor shaped.
+//! The equations are in [`crate::float`]. The delta form feeds its rounded output back through both integrators. This
+//! acts as second-order error feedback. The state-variable form continues with the value before rounding. So its
+//! rounding error is not fed back and not shaped.
 
 use crate::{
     Prototype, Refused, Signal, Step,
@@ -61,10 +61,10 @@ impl<W: Word + Signal> Step for StateVariable<W> {
 #[derive(Clone, Copy, Debug)]
 pub struct Delta<W: Word> {
     b0: W,
-    /// Integer form: `alpha1 2^alpha1_bits`.
+    /// The coefficient is stored as the integer `alpha1 2^alpha1_bits`.
     alpha1: W,
     alpha1_bits: u32,
-    /// Integer form: `alpha2 2^alpha2_bits`. This is also the middle coefficient of the numerator.
+    /// The coefficient is stored as the integer `alpha2 2^alpha2_bits`. It is also the numerator's middle coefficient.
     alpha2: W,
     alpha2_bits: u32,
     /// Bits of the first state below the signal's LSB, at most `alpha2_bits`.
@@ -79,7 +79,7 @@ impl<W: Word> Delta<W> {
     /// # Errors
     /// `alpha2` rounds to 0.
     pub fn new(p: &Prototype) -> Result<Self, Refused> {
-        // The number of fractional bits with which alpha1 fills a word.
+        // Fractional bits at which alpha1 fills a word.
         let mut alpha1_bits = W::BITS - 3;
         while p.alpha1() * power(alpha1_bits + 1) < power(W::BITS - 2) && alpha1_bits < 62 {
             alpha1_bits += 1;
@@ -106,7 +106,7 @@ impl<W: Word> Delta<W> {
 impl<W: Word + Signal> Step for Delta<W> {
     type Signal = W;
 
-    /// The states saturate, so an overload ends when its input ends.
+    /// The states saturate. So an overload ends when its input ends.
     #[inline]
     fn step(&mut self, x: W) -> W {
         let half = W::Wide::ONE << (self.below - 1);
@@ -126,7 +126,7 @@ mod tests {
     use super::*;
     use crate::float;
 
-    /// Fractional bits of a signal: 15 for Q15, else 16.
+    /// Fractional bits of a signal: 15 for Q15, 16 for the other formats.
     fn lsb_bits<W: Word>() -> u32 {
         if W::BITS == 16 { 15 } else { 16 }
     }
@@ -145,7 +145,7 @@ mod tests {
         })
     }
 
-    /// Largest distance of the outputs of two forms on this motion, LSB.
+    /// Largest difference of the outputs of two forms for this motion, LSB.
     fn distance<W: Word + Signal>(
         form: &mut impl Step<Signal = W>,
         exact: &mut impl Step<Signal = f64>,
@@ -160,7 +160,7 @@ mod tests {
         worst
     }
 
-    /// The allowed distance is the rounding of the output plus the effect of rounded coefficients.
+    /// The allowed difference is the rounding of the output plus the effect of rounded coefficients.
     #[test]
     fn in_fixed_point_they_are_what_they_are_in_f64() {
         for cutoff_hz in CUTOFFS_HZ {

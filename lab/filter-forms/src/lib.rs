@@ -6,14 +6,15 @@
 //! velocity bits -> signal of the format -> form -> velocity bits
 //! ```
 //!
-//! The core's own filter is called from the core. These combinations are left out, because they would show nothing new:
+//! For the core's own filter, the core's code is called. Some combinations are left out, because they would show
+//! nothing new:
 //!
-//! * error feedback in the transposed form: its sums are those of direct form 1, so the outputs would be equal to the
-//!   core's, bit for bit ([`fixed::Direct2Transposed`] shows this without feedback);
-//! * error feedback in the state-variable form: its rounded output is not fed back, so there is no error to carry;
-//! * error feedback in the delta form: the form has error feedback by structure, see [`integrators`];
+//! * error feedback in the transposed form: its sums are those of direct form 1. So the outputs would be equal to the
+//!   core's, bit for bit. [`fixed::Direct2Transposed`] shows this without feedback.
+//! * error feedback in the state-variable form: its rounded output is not fed back, so no error is carried on.
+//! * error feedback in the delta form: the form itself acts as error feedback, see [`integrators`].
 //! * the state-variable form of Chamberlin (1980): it has another transfer function, and is unstable from about a sixth
-//!   of the rate on. The state-variable form here has the same bilinear transform as all other forms;
+//!   of the rate on. The state-variable form here has the same bilinear transform as all other forms.
 //! * 32-bit sums with 32-bit words, and 16-bit sums with 16-bit words: the first product would overflow.
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
@@ -67,7 +68,6 @@ impl core::fmt::Display for Refused {
 
 impl core::error::Error for Refused {}
 
-/// A filter with its state.
 #[derive(Clone, Copy, Debug)]
 pub struct Filter {
     kind: Kind,
@@ -89,7 +89,6 @@ enum Kind {
     Cmsis32x64(peers::Cmsis32x64),
 }
 
-/// One of the forms.
 #[derive(Clone, Copy, Debug)]
 enum Forms<A, B, C, D> {
     Direct1(A),
@@ -142,7 +141,6 @@ impl<A: Step, B: Step, C: Step, D: Step> Forms<A, B, C, D> {
     }
 }
 
-/// The core's own filter.
 #[derive(Clone, Copy, Debug)]
 pub struct Core {
     filter: Biquad,
@@ -158,37 +156,36 @@ impl Step for Core {
     }
 }
 
-/// A form with its state.
 pub trait Step: Copy {
-    /// Number type of the input and output.
+    /// Number type of input and output.
     type Signal: Signal;
 
     fn step(&mut self, x: Self::Signal) -> Self::Signal;
 
-    /// Updates the filter by one sample. Input and output are velocities in LSB of the core. Only Q15 uses `fraction`.
+    /// Updates the filter by one sample. Input and output are velocities in LSB of the core. `fraction` is for Q15
+    /// only.
     #[inline]
     fn velocity(&mut self, input: i32, fraction: u32) -> i32 {
         self.step(Signal::of_velocity(input, fraction)).to_velocity(fraction)
     }
 
-    /// Updates the filter by one sample. The output is in counts per sample, with all digits of the format.
+    /// As [`velocity`](Self::velocity), but the output is in counts per sample, with all digits of the format.
     #[inline]
     fn counts(&mut self, input: i32, fraction: u32) -> f64 {
         self.step(Signal::of_velocity(input, fraction)).to_counts(fraction)
     }
 }
 
-/// An operation on a form. The compiler makes a version for each form.
+/// An operation on a form. The compiler makes a version of it for each form.
 pub trait Visit {
-    /// Result of the operation.
     type Output;
 
     fn visit<F: Step>(self, form: &mut F, fraction: u32) -> Self::Output;
 }
 
 impl Filter {
-    /// A filter at rest. `q15_fraction` is the number of fractional bits of a signal in Q15, up to 15. The full scale
-    /// of Q15 is `2^(15 - q15_fraction)` counts per sample.
+    /// A filter at rest. `q15_fraction`: fractional bits of a signal in Q15, up to 15. The full scale of Q15 is `2^(15
+    /// - q15_fraction)` counts per sample.
     ///
     /// # Errors
     /// The format cannot have this cutoff.
@@ -208,8 +205,8 @@ impl Filter {
             Format::I32 => Kind::I32(Fixed::fixed(variant.form, &p)?),
             Format::Q15 => Kind::Q15(Fixed::fixed(variant.form, &p)?),
             Format::Q15Feedback => {
-                // The core chooses the order of the feedback. If the core refuses the cutoff, the cutoff is low, and
-                // the order is 2.
+                // The core chooses the order of the feedback. If it refuses the cutoff, the cutoff is too low, and the
+                // order is 2.
                 let shaping = design.map_or(Shaping::Second, |design| design.quantise().shaping());
                 let c = Coefficients::exact_at_dc(&p)?; // 16-bit coefficients
                 Kind::Q15Feedback(fixed::Direct1Feedback::new(c, shaping))
@@ -224,7 +221,7 @@ impl Filter {
         Ok(Self { kind, fraction: q15_fraction })
     }
 
-    /// Applies an operation to the form of this filter. The form is matched only once.
+    /// Applies an operation to the form of this filter, with a single match for the form.
     #[inline]
     pub fn visit<V: Visit>(&mut self, visit: V) -> V::Output {
         let fraction = self.fraction;

@@ -1,9 +1,9 @@
-//! The same filter by other libraries. The biquads of idsp are called from idsp. Those of CMSIS-DSP in Q31 are written
-//! here from their published arithmetic.
+//! The same filter from other libraries. The biquads of idsp are called from idsp. The biquads of CMSIS-DSP in Q31 are
+//! written here from their published arithmetic.
 //!
-//! All filters use the coefficients of the core's rule ([`Coefficients::exact_at_dc`]). `a1` and `a2` have the opposite
-//! sign, because these libraries add the feedback terms. CMSIS-DSP has the format 1.31 with a `postShift` of 1, which
-//! also gives 30 fractional bits.
+//! All filters have the coefficients of the core's rule ([`Coefficients::exact_at_dc`]). `a1` and `a2` have the
+//! opposite sign, because these libraries add the feedback terms. CMSIS-DSP has the format 1.31 with a `postShift` of
+//! 1. This also gives 30 fractional bits.
 
 use dsp_fixedpoint::Q32;
 use dsp_process::SplitProcess as _;
@@ -47,7 +47,7 @@ impl Step for IdspDither {
     }
 }
 
-/// idsp's direct form 1 with a past output of 64 bits.
+/// idsp's direct form 1, with 64 bits for past outputs.
 #[derive(Clone, Copy, Debug)]
 pub struct IdspWide {
     ba: [i32; 5],
@@ -74,9 +74,9 @@ impl Step for IdspWide {
     }
 }
 
-/// `arm_biquad_cascade_df1_q31`, one stage. Its documentation says: the 64-bit accumulator in 2.62 format keeps all
-/// bits of the products and has one guard bit. It wraps and does not clip. After five products it is shifted by
-/// `postShift`, and truncated to 1.31: the low 32 bits are discarded. The input must be scaled down by two bits to
+/// `arm_biquad_cascade_df1_q31`, one stage. By its documentation, the 64-bit accumulator in 2.62 format keeps all bits
+/// of the products and has one guard bit. It wraps and does not saturate. After five products it is shifted by
+/// `postShift`. It is truncated to 1.31: the low 32 bits are discarded. The input must be scaled down by two bits to
 /// avoid overflow.
 #[derive(Clone, Copy, Debug)]
 pub struct CmsisQ31 {
@@ -106,8 +106,8 @@ impl Step for CmsisQ31 {
     }
 }
 
-/// `arm_biquad_cas_df1_32x64_q31`, one stage. Its documentation says: coefficients are in 1.31, past outputs in 1.63.
-/// The 64-bit accumulator in 2.62 wraps, and is shifted by `postShift`. The output is truncated to 1.31.
+/// `arm_biquad_cas_df1_32x64_q31`, one stage. By its documentation, coefficients are in 1.31 and past outputs in 1.63.
+/// The 64-bit accumulator in 2.62 wraps and is shifted by `postShift`. The output is truncated to 1.31.
 #[derive(Clone, Copy, Debug)]
 pub struct Cmsis32x64 {
     ba: [i32; 5],
@@ -128,7 +128,7 @@ impl Step for Cmsis32x64 {
     fn step(&mut self, x: i32) -> i32 {
         let ([b0, b1, b2, a1, a2], [x1, x2], [y1, y2]) = (self.ba, self.x, self.y);
         let exact = |c: i32, v: i32| i64::from(c) * i64::from(v);
-        // A product of 1.31 and 1.63 is kept in 2.62, as all other products. The lower bits are dropped.
+        // A product of 1.31 and 1.63 has the format 2.62, like all other products. The lower bits are dropped.
         let product = |c: i32, v: i64| {
             let low = i64::from(c) * (v & 0xffff_ffff);
             (i64::from(c) * (v >> 32)).wrapping_add(low >> 32)
@@ -158,7 +158,7 @@ mod tests {
         })
     }
 
-    /// Compares two sources of the same arithmetic: the function above, from CMSIS-DSP's documentation, and idsp.
+    /// Compares the two sources of the same arithmetic: CMSIS-DSP's documentation, as written above, and idsp.
     #[test]
     fn the_form_with_wide_outputs_is_that_of_idsp_to_the_bit() {
         for cutoff_hz in [0.5, 20.0, 1500.0] {
@@ -170,7 +170,7 @@ mod tests {
         }
     }
 
-    /// A step to the middle of the range, computed by hand. The sum is truncated towards minus infinity.
+    /// A step to the middle of the range, computed by hand. The sum is rounded towards minus infinity.
     #[test]
     fn the_sum_is_truncated() {
         let c = Coefficients { b: [1, 0, 0], a: [-(1 << 29), 0] };

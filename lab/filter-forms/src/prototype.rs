@@ -6,8 +6,8 @@
 //! delta          alpha1 = 2 + a1 = (4 k w + 4 w^2) / a0,  alpha2 = 1 + a1 + a2 = 4 b0
 //! state-variable g = w / 2,  d = 1 / (1 + g (g + k))
 //! ```
-//! Nothing is pre-warped, so `g` is `w / 2` and not `tan(w / 2)`. In these equations only `a1` and `a2` of the direct
-//! forms lose digits by cancellation at low cutoffs. This loss belongs to the direct forms themselves.
+//! The equations have no pre-warping: `g` is `w / 2` and not `tan(w / 2)`. Only `a1` and `a2` of the direct forms lose
+//! digits by cancellation at low cutoffs. This loss is a property of the direct forms.
 
 use core::f64::consts::{PI, SQRT_2};
 
@@ -19,7 +19,6 @@ pub struct Prototype {
 }
 
 impl Prototype {
-    /// The prototype for a cutoff and a sample rate, Hz.
     pub fn new(cutoff_hz: f64, rate_hz: f64) -> Self {
         Self { w: 2.0 * PI * cutoff_hz / rate_hz }
     }
@@ -28,7 +27,7 @@ impl Prototype {
         4.0 + 2.0 * SQRT_2 * self.w + self.w * self.w
     }
 
-    /// `b0`, which is equal to `b2`. `b1` is twice `b0`.
+    /// `b0`, equal to `b2` and to half of `b1`.
     pub fn b0(&self) -> f64 {
         self.w * self.w / self.a0()
     }
@@ -53,7 +52,7 @@ impl Prototype {
         4.0 * self.b0()
     }
 
-    /// Gain of an integrator of the state-variable form.
+    /// Gain of an integrator in the state-variable form.
     pub fn g(&self) -> f64 {
         0.5 * self.w
     }

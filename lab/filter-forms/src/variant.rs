@@ -23,18 +23,15 @@ pub enum Format {
     Cmsis32x64,
 }
 
-/// Form of the filter's equations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Form {
     Direct1,
-    /// Transposed direct form 2.
     Direct2Transposed,
     /// State-variable form, trapezoidal integrators.
     StateVariable,
     Delta,
 }
 
-/// A format with a form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Variant {
     pub format: Format,
@@ -70,7 +67,7 @@ impl Form {
 }
 
 impl Variant {
-    /// All variants; the core is the first. The number of a variant is its index here.
+    /// All variants. The first is the core. A variant's number is its index here.
     pub const ALL: [Self; 22] = {
         use Form::{Delta, Direct1, Direct2Transposed, StateVariable};
         use Format::{
@@ -106,7 +103,6 @@ impl Variant {
         ]
     };
 
-    /// The variant with this number.
     pub fn of_number(number: u32) -> Option<Self> {
         Self::ALL.get(number as usize).copied()
     }

@@ -1,13 +1,13 @@
-//! Words of two sizes, so that one source gives the 32-bit forms and Q15. Signals and coefficients are in a word. Sums
-//! and integrators are in a word of twice the size.
+//! Words of two sizes. One source gives the 32-bit forms and Q15. Signals and coefficients are in a word. Sums and
+//! integrators are in a word of twice the size.
 
 use core::{
     hint::cold_path,
     ops::{Add, BitAnd, Neg, Shl, Shr, Sub},
 };
 
-/// A word twice as wide, for sums of products. The forms are designed so that plain sums do not overflow. A right shift
-/// rounds towards minus infinity.
+/// A word of twice the size, for sums of products. The forms are designed so that a plain sum does not overflow. A
+/// right shift rounds towards minus infinity.
 pub trait Wide:
     Copy
     + Add<Output = Self>
@@ -25,20 +25,17 @@ pub trait Wide:
 
 /// A word for a signal or a coefficient.
 pub trait Word: Copy + PartialEq {
-    /// A word twice as wide.
     type Wide: Wide;
-    /// Bits of a word.
     const BITS: u32;
     const ZERO: Self;
-    /// The value as a wide word.
     fn wide(self) -> Self::Wide;
     /// The exact product.
     fn times(self, other: Self) -> Self::Wide;
-    /// `self other / 2^bits`, rounded to nearest. `bits` is at least 1 and less than the bits of a word.
+    /// `self other / 2^bits`, rounded to nearest. `bits` is at least 1 and below the bits of a word.
     fn times_wide(self, other: Self::Wide, bits: u32) -> Self::Wide;
     /// The word nearest to `value`.
     fn clipped(value: Self::Wide) -> Self;
-    /// The conversion of a whole number, which must fit.
+    /// A whole number as a word. It must fit.
     fn of_f64(value: f64) -> Self;
 }
 
@@ -101,7 +98,7 @@ word!(
     |value| value.clamp(i16::MIN.into(), i16::MAX.into()) as i16,
     |word, wide, bits| ((i64::from(word) * i64::from(wide) + (1 << (bits - 1))) >> bits) as i32
 );
-// Two products of 32-bit words, as the core's multiplier has them. Their sum is below 2^63 if |wide| is below 2^62.
+// Two products of 32-bit words, as in the core's multiplier. Their sum is below 2^63 if |wide| is below 2^62.
 word!(
     i32,
     i64,

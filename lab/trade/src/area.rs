@@ -1,4 +1,4 @@
-//! The stability boundary of a scene whose controller has another velocity filter.
+//! The stability boundary of a scene with another velocity filter in the controller.
 
 use std::sync::atomic::AtomicBool;
 
@@ -19,8 +19,8 @@ use crate::{
     study::{boundary::Boundary, sweep::start_offset_counts, walk::walk_with},
 };
 
-/// The core's finite difference, followed by a filter of any format. Wall, saturation and output codes are from the
-/// core, so only the filter differs. With the core's own filter, the result is that of the core.
+/// The core's finite difference with a filter of any format after it. Wall, saturation and output codes are the core's.
+/// So only the filter differs. With the core's own filter, the result is the core's.
 #[derive(Clone, Copy, Debug)]
 pub struct Filtered {
     core: Fixed,
@@ -28,7 +28,7 @@ pub struct Filtered {
 }
 
 impl Filtered {
-    /// The velocity estimator of `core` must be the finite difference alone.
+    /// The velocity estimator of `core` must be the finite difference only.
     pub fn new(core: Fixed, filter: Filter) -> Self {
         Self { core, filter }
     }
@@ -95,14 +95,14 @@ impl Areas {
         Repeats::of(self.0.iter().copied()).mean
     }
 
-    /// The largest area minus the smallest one, divided by the mean. 0 if the mean is 0.
+    /// Largest area minus smallest area, divided by the mean; 0 if the mean is 0.
     pub fn spread(&self) -> f64 {
         let low = self.0.iter().copied().fold(f64::INFINITY, f64::min);
         let high = self.0.iter().copied().fold(0.0, f64::max);
         if self.mean() > 0.0 { (high - low) / self.mean() } else { 0.0 }
     }
 
-    /// Relative change of the mean area from that of the reference. `None` if the reference has no area.
+    /// Relative difference of the mean area from the reference's. `None` if the reference has no area.
     pub fn change(&self, reference: &Self) -> Option<f64> {
         (reference.mean() > 0.0).then(|| self.mean() / reference.mean() - 1.0)
     }
@@ -131,8 +131,8 @@ pub fn boundary(
     })
 }
 
-/// Areas of all variants at all cutoffs, in this order. `None` if the format cannot have the cutoff. `done` is called
-/// after each walk.
+/// Areas of all variants, and for each variant of all cutoffs. `None` if the format cannot have the cutoff. `done` is
+/// called after each walk.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -144,7 +144,7 @@ pub fn measure(
     stop: &AtomicBool,
     done: impl Fn() + Sync,
 ) -> Result<Vec<Option<Areas>>, Error> {
-    // Walks at high cutoffs are long and start first.
+    // Walks at high cutoffs take longest, so they start first.
     let jobs: Vec<(usize, usize, u32)> = (0..cutoffs_hz.len())
         .rev()
         .flat_map(|cutoff| (0..Variant::ALL.len()).map(move |variant| (cutoff, variant)))
@@ -202,7 +202,7 @@ mod tests {
         let filter = bench.filter(Variant::ALL[0], 1500.0).unwrap();
         assert_eq!(boundary(&prepared, &filter, 0.25, &stop).unwrap(), core);
         assert!(core.area > 1e7, "{core:?}");
-        // Another filter has another boundary, so the walk uses the velocity of the filter.
+        // Another filter must give another boundary. This shows that the walk uses the filter's velocity.
         let low = bench.filter(Variant::ALL[0], 50.0).unwrap();
         assert!(boundary(&prepared, &low, 0.25, &stop).unwrap().area < 0.2 * core.area);
     }

@@ -1,4 +1,4 @@
-//! Cost of one filter update: stored cycles on the board's core, and nanoseconds measured on this machine.
+//! Cost of one filter update: stored cycles on the board's core, and measured nanoseconds on this machine.
 
 use std::time::Instant;
 
@@ -6,8 +6,8 @@ use filter_forms::{Filter, Step, Variant, Visit};
 
 use crate::analysis::compare::Cost;
 
-/// Cost of one update of `variant`, with conversion from and to velocity bits. A test compares the table with a
-/// measurement.
+/// Cost of one update of `variant`, with conversion from and to velocity bits. The cycles are from a table, which a
+/// test compares with a measurement.
 pub fn of(variant: Variant) -> Option<Cost> {
     Cost::find(include_str!("../../../host-sim/data/filter_cost.csv"), &variant.to_string())
 }
@@ -15,7 +15,7 @@ pub fn of(variant: Variant) -> Option<Cost> {
 const SAMPLES: u32 = 50_000;
 const RUNS: u32 = 5;
 
-/// Time of one update on this machine, ns: the minimum of several runs. The time differs from run to run.
+/// Time of one update on this machine, ns: the minimum of several runs. It differs from call to call.
 pub fn host_ns(filter: &Filter) -> f64 {
     struct Time;
     impl Visit for Time {
@@ -25,7 +25,7 @@ pub fn host_ns(filter: &Filter) -> f64 {
             let start = Instant::now();
             let mut input = 0i32;
             for n in 0..SAMPLES {
-                // The input is in the range of a hand's speed. It contains the last output, so the compiler cannot
+                // The input is in the range of a hand's speed. It contains the last output, so that the compiler cannot
                 // remove an update.
                 input = (input >> 8) + if n % 3 == 0 { 1 << 20 } else { 0 };
                 input = form.velocity(input, fraction);

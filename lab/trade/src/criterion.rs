@@ -1,8 +1,7 @@
-//! Criteria for a filter. The filter is good enough if its error is less than the encoder's error in the exact output.
+//! Criteria for a filter. A filter is good enough if its error is below the encoder's error in the exact output.
 
 use super::{LSB_PER_COUNT, drift, larger, noise::Noise, response::Response};
 
-/// Measured values of one filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
     pub response: Response,
@@ -16,12 +15,12 @@ pub struct Measured {
     pub headroom_counts: Option<f64>,
     /// Mean area, N^2 s/m^2.
     pub area: Option<f64>,
-    /// Relative change of the area from that with the exact filter. `None` if the exact filter has no area.
+    /// Relative difference of the area from the area with the exact filter. `None` if the exact filter has no area.
     pub area_change: Option<f64>,
 }
 
 impl Measured {
-    /// Mean error at a constant speed, counts per sample. The ripple of the counts adds 10^-6 to this error.
+    /// Mean error at a constant speed, counts per sample. The ripple of the counts adds 10^-6 to it.
     pub fn bias_counts(&self) -> f64 {
         self.drift_counts / f64::from(drift::SAMPLES)
     }
@@ -32,7 +31,7 @@ impl Measured {
 pub struct Exact {
     /// Nominal cutoff of the filters, Hz.
     pub cutoff_hz: f64,
-    /// The measured band contains the -3 dB frequency.
+    /// Whether the measured band contains the -3 dB frequency.
     pub has_cutoff: bool,
     /// Noise of the encoder in the output of the exact filter, counts per sample.
     pub encoder: Noise,
@@ -49,7 +48,7 @@ pub enum Criterion {
     Response,
     /// Error of the -3 dB frequency.
     Cutoff,
-    /// Mean error of a constant speed.
+    /// Mean error at a constant speed.
     Bias,
     Noise,
     /// Limit cycle after a stop.
@@ -57,19 +56,19 @@ pub enum Criterion {
     Area,
 }
 
-/// Largest `abs(H - H_exact)`: 1 %.
+/// Largest allowed `abs(H - H_exact)`: 1 %.
 pub const RESPONSE: f64 = 0.01;
-/// Largest relative error of the -3 dB frequency: 1 %. The core has the same limit for its own filter.
+/// Largest allowed relative error of the -3 dB frequency: 1 %. The core has the same limit for its own filter.
 pub const CUTOFF: f64 = 0.01;
-/// Largest bias, noise or limit cycle, as a share of the encoder's RMS. Noise of this size adds 0.5 % to the RMS. One
-/// LSB of the core's velocity is always allowed, because the wall gets no more digits.
+/// Largest allowed bias, noise or limit cycle, as a share of the encoder's RMS. Noise of this size adds 0.5 % to the
+/// RMS. One LSB of the core's velocity is always allowed, because the wall gets no more digits.
 pub const NOISE: f64 = 0.1;
-/// Largest change of the area. The spread of the area with the exact filter is allowed in addition.
+/// Largest allowed change of the area. The spread of the area with the exact filter is added to it.
 pub const AREA: f64 = 0.02;
 
 const LSB: f64 = 1.0 / LSB_PER_COUNT;
 
-/// Allowed error if the encoder leaves an RMS of `encoder`, both in counts per sample.
+/// Allowed error, if the encoder causes an RMS of `encoder`. Both are in counts per sample.
 pub fn allowed_noise(encoder: f64) -> f64 {
     (NOISE * encoder).max(LSB)
 }
@@ -89,9 +88,9 @@ impl Criterion {
         }
     }
 
-    /// The error divided by the allowed error. The filter exceeds the criterion if the quotient is above 1. The
-    /// quotient is infinite if the filter diverges. `None` if the -3 dB frequency is above the measured band, or if the
-    /// exact filter has no area.
+    /// The error divided by the allowed error. Above 1, the filter exceeds the criterion. The quotient is infinite if
+    /// the filter diverges. `None` if the -3 dB frequency is above the measured band, or if the exact filter has no
+    /// area.
     pub fn share(self, measured: &Measured, exact: &Exact) -> Option<f64> {
         // NaN counts as an infinite error.
         let of = |error: f64, allowed: f64| larger(0.0, error.abs() / allowed);
@@ -99,7 +98,7 @@ impl Criterion {
         let in_motion = allowed_noise(exact.encoder.in_motion);
         match self {
             Self::Response => Some(of(measured.response.error, RESPONSE)),
-            // Sines are measured up to 0.45 of the rate. Above that, only the error of the response is known.
+            // Sines are measured up to 0.45 of the rate. Above this, only the error of the response is known.
             Self::Cutoff => exact
                 .has_cutoff
                 .then(|| of(measured.response.cutoff_error.unwrap_or(f64::INFINITY), CUTOFF)),

@@ -8,16 +8,16 @@ use super::{Bench, larger, response::SETTLE_PERIODS};
 
 /// Number of samples over which the drift is measured.
 pub const SAMPLES: u32 = 1_000_000;
-/// Counts per number of samples. Both speeds are low, because a dead zone has the most effect there. A gain error at
-/// high speed belongs to the error of the response.
+/// The two speeds, each as counts per number of samples. Both are low, because a dead zone has the most effect at low
+/// speeds. A gain error at high speed belongs to the error of the response.
 const SPEEDS: [(i64, i64); 2] = [(3, 10), (-1, 1000)];
 
-/// Largest span of `sum(out - in)` over [`SAMPLES`] samples at constant speeds, counts.
+/// Largest span of `sum(out - in)` over [`SAMPLES`] samples, of all constant speeds, counts.
 pub fn measure(bench: &Bench, filter: &Filter, cutoff_hz: f64) -> f64 {
     let transient = bench.samples(SETTLE_PERIODS, cutoff_hz) + 200;
     let mut worst = 0f64;
     for (counts, samples) in SPEEDS {
-        // Adds whole counts up to the next sample. The remainder is below one count.
+        // Adds the whole counts up to the next sample. The remainder is below one count.
         let (mut left, moved) = (0, Cell::new(0));
         let next = |_| {
             left += counts;
@@ -26,7 +26,7 @@ pub fn measure(bench: &Bench, filter: &Filter, cutoff_hz: f64) -> f64 {
             moved.set(whole);
             whole << 16
         };
-        // The sum of the inputs is an integer. The sum of the differences is small, so `f64` keeps its digits.
+        // The sum of the inputs is an integer. The sum of the differences is small, so `f64` has enough digits.
         let (mut sum, mut low, mut high) = (0.0, f64::INFINITY, f64::NEG_INFINITY);
         let mut filter = *filter;
         filter.run(transient + SAMPLES, next, |n, out| {

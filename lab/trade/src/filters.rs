@@ -1,4 +1,4 @@
-//! Measurement of all filters at all cutoffs.
+//! Measures all filters at all cutoffs.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -18,11 +18,9 @@ use super::{
 };
 use crate::{error::Error, scene::Scene};
 
-/// A filter at a cutoff.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FilterRow {
     pub variant: Variant,
-    /// Index of the cutoff.
     pub cutoff: usize,
     /// Measured values, or the reason why the format cannot have the cutoff.
     pub measured: Result<Measured, Refused>,
@@ -36,21 +34,20 @@ impl FilterRow {
     }
 }
 
-/// The filter part of a trade.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Filters {
     /// Reference values, one entry per cutoff.
     pub exact: Vec<Exact>,
-    /// Variants in the order of [`Variant::ALL`], cutoffs ascending in each.
+    /// Rows in the order of [`Variant::ALL`]. Within a variant, the cutoffs ascend.
     pub rows: Vec<FilterRow>,
-    /// Time of one update on this machine, per variant, ns.
+    /// Time of one update on this machine for each variant, ns.
     pub host_ns: Vec<f64>,
 }
 
-/// The reference of the areas: the filter that is nearest to the exact one.
+/// The reference of the areas: the filter nearest to the exact filter.
 pub const REFERENCE: Variant = Variant { format: Format::F64, form: Form::StateVariable };
 
-/// Cutoff for the time on this machine, as a share of the rate. Every format can have this cutoff.
+/// Cutoff at which the time of an update on this machine is measured, as a share of the rate. Every format can have it.
 const TIMED_AT: f64 = 0.15;
 
 /// Measures all filters. `done` is called after each walk and each filter.
@@ -114,7 +111,7 @@ pub fn measure(
     Ok(Filters { exact, rows, host_ns: host_ns.collect() })
 }
 
-/// Noise of the encoder in the exact output, and measured values of each variant.
+/// Noise of the encoder in the exact output, and the values of each variant.
 type Signals = (Noise, Vec<Result<Measured, Refused>>);
 
 /// `None` if `stop` was set.

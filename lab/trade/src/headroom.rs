@@ -4,18 +4,18 @@ use filter_forms::Filter;
 
 use super::{Bench, LSB_PER_COUNT, larger, reference::Reference};
 
-/// Periods of the cutoff before the reversal of the speed, and periods measured after the reversal. The overshoot is at
-/// 0.7 periods.
+/// Periods of the cutoff before the reversal of the speed. `AFTER` are the periods that are measured after it. The
+/// overshoot comes after 0.7 periods.
 const BEFORE: f64 = 2.0;
 const AFTER: f64 = 1.2;
-/// Speeds that are tried: the lowest as a share of Q15's full scale, the highest in counts per sample,
-/// and the ratio of neighbouring speeds.
+/// Lowest tried speed, as a share of Q15's full scale. The highest is in counts per sample. Neighbouring speeds have a
+/// constant ratio.
 const SLOWEST: f64 = 1.0 / 16.0;
 const FASTEST_COUNTS: f64 = 32_767.0;
 const STEP: f64 = 1.25;
 const HALVINGS: u32 = 8;
 
-/// Output of the exact filter for the reversal of a handle with a speed of 1. All variants use the same reversal.
+/// Output of the exact filter if a handle with a speed of 1 reverses. All variants use the same reversal.
 #[derive(Clone, Debug)]
 pub struct Reversal {
     before: u32,
@@ -33,10 +33,10 @@ impl Reversal {
         Self { before, slowest: SLOWEST * bench.q15_full_scale_counts(), exact }
     }
 
-    /// Largest speed, counts per sample, at which the filter neither wraps nor clips during the reversal. The extremes
-    /// of its output must be within a twentieth of the overshoot of the exact extremes. They may instead agree with the
-    /// extremes at half the speed, because a filter may have other errors. `None` if these errors hide the overflow at
-    /// every speed.
+    /// Largest speed, counts per sample, at which the filter neither wraps nor saturates during the reversal. The
+    /// extremes of its output must differ from the exact extremes by at most a twentieth of the overshoot. A filter may
+    /// have other errors, so the extremes may instead agree with those at half the speed. `None` if these errors hide
+    /// the overflow at every speed.
     pub fn measure(&self, filter: &Filter) -> Option<f64> {
         let mut low = FASTEST_COUNTS;
         let mut high = None;
@@ -68,7 +68,7 @@ impl Reversal {
             .exact
             .iter()
             .fold([0.0, 0.0], |[low, high]: [f64; 2], &v| [low.min(v), high.max(v)]);
-        // An output that hardly moves gives no information about overflow.
+        // An output that hardly moves says nothing about overflow.
         let near = |a: f64, b: f64| b.abs() > 0.5 && (a - b).abs() <= TOLERANCE * b.abs();
         (near(low, exact[0]) || near(low, half_low))
             && (near(high, exact[1]) || near(high, half_high))
@@ -96,7 +96,7 @@ mod tests {
     use crate::{Variant, scene::NamedScene};
     use filter_forms::{Form, Format};
 
-    /// The reversal has an overshoot of 8.6 %, which full scale must also contain.
+    /// The reversal has an overshoot of 8.6 %. It must fit into the full scale too.
     #[test]
     fn it_is_full_scale_less_the_overshoot() {
         let bench = Bench::of(&NamedScene::load("paper-1um").unwrap().scene);
@@ -111,7 +111,7 @@ mod tests {
             assert!((half / (128.0 / 1.086) - 1.0).abs() < 0.02, "{format:?}: {half}");
         }
         assert_eq!(of(Format::F32, Form::Delta), Some(FASTEST_COUNTS));
-        // A filter that wraps has as much headroom as a filter that clips.
+        // A filter that wraps has the same headroom as a filter that saturates.
         let wraps = of(Format::CmsisQ31, Form::Direct1).unwrap();
         assert!((wraps / core - 1.0).abs() < 0.01, "{wraps}");
     }

@@ -3,13 +3,12 @@
 //! # The filter
 //!
 //! A [`Variant`] is a number format with a form (crate `filter-forms`). The filters of `idsp` and CMSIS-DSP are also
-//! variants. Each variant runs on the same inputs at every cutoff; nothing is computed from its coefficients:
-//!
+//! variants. Each variant runs on the same inputs at every cutoff. Nothing is computed from its coefficients:
 //! | what | how | module |
 //! |------|-----|--------|
 //! | error of the response | largest `abs(H - H_exact)` for a DC gain of 1, from sines of half the full scale of Q15. Their frequencies are 1/4 to 2 times the -3 dB frequency, up to 0.45 of the rate. Whole periods after the transient are measured | [`response`] |
 //! | error of the -3 dB frequency | the frequency at which the measured gain is 0.707 | [`response`] |
-//! | DC drift and bias | span of `sum(out - in)` over 10^6 samples at constant speeds, of which the counts' ripple is about 1 count; bias is the drift per sample | [`drift`] |
+//! | DC drift and bias | span of `sum(out - in)` over 10^6 samples at constant speeds. It includes about 1 count for the ripple of the counts. Bias is the drift per sample | [`drift`] |
 //! | noise | RMS distance from the exact filter on a flickering count and on a quantised ramp, including the first sample | [`noise`] |
 //! | limit cycle | largest output later than 20 / fc after the stop of the input | [`rest`] |
 //! | headroom | largest speed at which a sudden reversal neither wraps nor clips | [`headroom`] |
@@ -19,19 +18,18 @@
 //! *Exact* means the bilinear transform in closed form. For signals, *exact* means a state-variable filter in
 //! double-double arithmetic ([`mod@reference`]), because `f64` also has a rounding error.
 //!
-//! A variant *would do* at a cutoff if it exceeds no [`Criterion`]. The error of the variant is then below the error of
-//! the encoder.
+//! A variant *would do* at a cutoff if it exceeds no [`Criterion`]. Its error is then below the encoder's error.
 //!
 //! # The plant
 //!
 //! Every method to advance the plant replays the commands of one wall hit, repeats hits on both sides of the boundary,
-//! and walks along the boundary ([`plant`]). Cost is counted: evaluations of the plant's equation times the operations
-//! of one evaluation.
+//! and walks along the boundary ([`plant`]). Its cost is counted: evaluations of the plant's equation times the
+//! operations of one evaluation.
 //!
 //! # Reproducible
 //!
-//! All columns except `*_ns` are the same in every run, to the last digit, with any number of threads. Figures show
-//! counted cost, never time.
+//! All columns except `*_ns` are the same in every run, to the last digit, with any number of threads. Figures show the
+//! counted cost and never a time.
 
 pub mod area;
 pub mod cost;
@@ -65,9 +63,9 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// Q15 is scaled to the scene. Its full scale is a power of two in counts per sample: the smallest one above the
-    /// highest speed at which the handle can hit the wall. This speed follows from the push and the device's spring,
-    /// without friction.
+    /// The settings of a scene. Q15 is scaled to the scene: its full scale in counts per sample is the smallest power
+    /// of two above the highest speed at which the handle can hit the wall. This speed follows from the push and the
+    /// device's spring, without friction.
     pub fn of(scene: &Scene) -> Self {
         let (device, hit) = (&scene.device, &scene.wall_hit);
         let spring = |x: f64| 0.5 * device.stiffness_n_per_m * (x - device.rest_position_m).powi(2);
@@ -110,7 +108,7 @@ fn full_scale_counts(q15_fraction: u32) -> f64 {
     f64::from(1u32 << (15 - q15_fraction))
 }
 
-/// The larger value. Infinity if one value is NaN, because the filter has diverged.
+/// The larger value. Infinity if one value is NaN, since the filter has then diverged.
 fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::INFINITY } else { a.max(b) }
 }
@@ -118,7 +116,7 @@ fn larger(a: f64, b: f64) -> f64 {
 /// LSB of the core's velocity in one count per sample.
 const LSB_PER_COUNT: f64 = 65_536.0;
 
-/// Default cutoffs: from 0.1 Hz in steps of 1, 2, 5, and 0.45 of the rate.
+/// Default cutoffs: from 0.1 Hz in steps of 1, 2, 5; then 0.45 of the rate.
 pub fn default_cutoffs_hz(rate_hz: f64) -> Vec<f64> {
     let highest = 0.45 * rate_hz;
     let decades = (-1..6).map(|exponent| 10f64.powi(exponent));

@@ -1,32 +1,32 @@
-//! Distance between the outputs of a filter and of the exact filter on the same counts. Wrong coefficients, rounding
-//! and dead zones all contribute.
+//! Difference between the outputs of a filter and of the exact filter for the same counts. Wrong coefficients, rounding
+//! and dead zones all contribute to it.
 
 use filter_forms::Filter;
 
 use super::{Bench, larger, reference::Reference};
 
-/// Speed of the ramp, counts per sample. No simple fraction, like the speed of a hand.
+/// Speed of the ramp, counts per sample. Like the speed of a hand, it is no simple fraction.
 pub const RAMP_COUNTS: f64 = 0.123_606_797_749_978_97;
-/// Fewest samples, and fewest periods of the cutoff.
+/// Smallest number of samples. `PERIODS` is the smallest number of periods of the cutoff.
 const SAMPLES_MIN: u32 = 100_000;
 const PERIODS: f64 = 8.0;
 
-/// Motions for one cutoff, and the output of the exact filter for each. All variants use the same motions.
+/// Motions for one cutoff, each with the output of the exact filter. All variants use the same motions.
 #[derive(Clone, Debug)]
 pub struct Motions {
-    /// Count differences, and exact outputs, counts per sample.
+    /// Count differences, and exact outputs in counts per sample.
     rest: (Vec<i8>, Vec<f64>),
     ramp: (Vec<i8>, Vec<f64>),
-    /// RMS of the encoder's flicker and steps in the exact output, counts per sample.
+    /// RMS of the encoder's flicker and of its steps, in the exact output, counts per sample.
     pub encoder: Noise,
 }
 
 /// RMS at rest and in motion, counts per sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// RMS on a count that flickers.
+    /// RMS with a flickering count.
     pub at_rest: f64,
-    /// RMS on a ramp of counts.
+    /// RMS with a ramp of counts.
     pub in_motion: f64,
 }
 
@@ -42,7 +42,7 @@ impl Motions {
         let mut before = 0i8;
         let rest: Vec<i8> = (0..samples)
             .map(|_| {
-                // xorshift64 (Marsaglia 2003): the same flicker in every run and on every machine
+                // xorshift64 (Marsaglia 2003): the same flicker in every run and on every machine.
                 state ^= state << 13;
                 state ^= state >> 7;
                 state ^= state << 17;
@@ -66,7 +66,7 @@ impl Motions {
         Self { rest: (rest, rest_out), ramp: (ramp, ramp_out), encoder }
     }
 
-    /// Measures a filter that is at rest at the beginning.
+    /// Measures a filter that is at rest at the start.
     pub fn measure(&self, filter: &Filter) -> Noise {
         let distance = |(moved, exact): &(Vec<i8>, Vec<f64>)| {
             let mut filter = *filter;

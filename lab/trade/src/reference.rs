@@ -1,10 +1,10 @@
-//! The exact filter's output: the state-variable form in double-double arithmetic, 32 digits.
+//! Output of the exact filter: the state-variable form in double-double arithmetic, with 32 digits.
 
 use filter_forms::Prototype;
 
 use crate::numerics::double::Double;
 
-/// A value near `start` at which an error is 0, by Newton's method. `next` makes one step.
+/// The root near `start` of an equation, by Newton's method. `next` makes one step.
 fn improved(start: f64, next: impl Fn(Double) -> Double) -> Double {
     (0..3).fold(start.into(), |value, _| next(value))
 }
@@ -19,7 +19,7 @@ pub struct Reference {
 
 impl Reference {
     pub fn new(cutoff_hz: f64, rate_hz: f64) -> Self {
-        // w is a number of 53 bits for all variants. All later results are exact.
+        // For all variants, w is the same number of 53 bits. All results from it are exact.
         let g = Double::from(Prototype::new(cutoff_hz, rate_hz).g());
         let [one, two, half] = [1.0, 2.0, 0.5].map(Double::from);
         // 1/sqrt(2) and 1/(1 + g (g + sqrt(2))): y (3 - 2 y^2) / 2 and y (2 - q y)
@@ -55,7 +55,7 @@ mod tests {
         assert!((sum - 1.0).abs() < 1e-15, "{sum}");
     }
 
-    /// Far below the cutoff `f64` loses digits, but the reference does not: after a step its output ends at 1.
+    /// Far below the cutoff `f64` loses digits, but the reference does not: after a step, its output ends at 1.
     #[test]
     fn at_the_lowest_cutoff_a_step_ends_at_1() {
         let mut reference = Reference::new(0.1, 1e4);

@@ -7,13 +7,13 @@ use nalgebra::Complex;
 
 use super::{Bench, LSB_PER_COUNT, larger, tone::Tone};
 
-/// Frequencies of the measurement, in units of the -3 dB frequency.
+/// Measured frequencies, in units of the -3 dB frequency.
 pub const PLACES: [f64; 6] = [0.25, 0.5, 0.7, 1.0, 1.4, 2.0];
-/// Highest frequency, as a share of the rate.
+/// Highest measured frequency, as a share of the rate.
 pub const HIGHEST: f64 = 0.45;
 /// Periods of the cutoff after which the transient of the exact filter is below 10^-15.
 pub const SETTLE_PERIODS: f64 = 8.0;
-/// Largest relative error of the gain 0.707 at the frequency that was found. With a larger error, the search has no
+/// Largest relative error of the gain 0.707 at the frequency that was found. If the error is larger, the search has no
 /// result.
 const FOUND: f64 = 1e-3;
 
@@ -23,7 +23,7 @@ pub fn exact(p: &Prototype, frequency: f64) -> Complex<f64> {
     Complex::new(1.0 - ratio * ratio, SQRT_2 * ratio).inv()
 }
 
-/// The inputs for one cutoff, shared by all variants.
+/// The inputs for one cutoff. All variants use them.
 #[derive(Clone, Debug)]
 pub struct Tones {
     prototype: Prototype,
@@ -51,7 +51,7 @@ impl Tones {
         Self { prototype, settle, amplitude, tones }
     }
 
-    /// The response of `filter`, which is at rest at the beginning, to one tone.
+    /// The response of `filter` to one tone. At the start the filter is at rest.
     pub fn response(&self, filter: &Filter, tone: &Tone) -> Complex<f64> {
         let mut filter = *filter;
         let mut sum = Complex::ZERO;
@@ -67,7 +67,7 @@ impl Tones {
         tone.response(sum * LSB_PER_COUNT)
     }
 
-    /// Measures a filter that is at rest at the beginning.
+    /// Measures a filter that is at rest at the start.
     pub fn measure(&self, filter: &Filter) -> Response {
         let errors = self.tones.iter().map(|tone| {
             (self.response(filter, tone) - exact(&self.prototype, tone.frequency)).norm()
@@ -75,7 +75,7 @@ impl Tones {
         Response { error: errors.fold(0.0, larger), cutoff_error: self.cutoff_error(filter) }
     }
 
-    /// Searches the frequency at which the gain is 0.707. Each step assumes the response of a Butterworth filter.
+    /// Searches the frequency with the gain 0.707. Each step assumes the response of a Butterworth filter.
     fn cutoff_error(&self, filter: &Filter) -> Option<f64> {
         let wanted = self.prototype.true_cutoff();
         let mut estimate = wanted;

@@ -1,15 +1,15 @@
-//! Largest output after the handle has stopped: a limit cycle, or an output that does not return to 0.
+//! Largest output after the handle has stopped. It shows a limit cycle, or an output that does not return to 0.
 
 use filter_forms::Filter;
 
 use super::{Bench, LSB_PER_COUNT, larger};
 
-/// Periods of the cutoff until the exact output is below 10^-38 of its value at the stop.
+/// Periods of the cutoff after which the exact output is below 10^-38 of its value at the stop.
 const PERIODS: f64 = 20.0;
-/// The output is then measured for at least this number of samples, and of periods of the cutoff.
+/// Then the output is measured for at least this number of samples, and for at least `WATCHED_PERIODS`.
 const WATCHED: u32 = 5000;
 const WATCHED_PERIODS: f64 = 1.0;
-/// Smallest number of samples during which the handle moves at random.
+/// Smallest number of samples for which the handle moves at random.
 const MOVING: u32 = 1000;
 
 /// Largest output after the stop, counts per sample.

@@ -1,4 +1,4 @@
-//! The trade as CSV tables, and the cutoffs at which each format is good enough.
+//! The results as CSV tables, and the cutoffs at which each format is good enough.
 
 use std::fmt::Write as _;
 
@@ -8,8 +8,7 @@ use super::{
     plant::Plants,
 };
 
-/// For each point, whether it is on the Pareto front: no other point is at most as large in both values and smaller in
-/// one.
+/// Whether each point is on the Pareto front. Then no other point is smaller in one value and not larger in the other.
 pub fn pareto(points: &[Option<[f64; 2]>]) -> Vec<bool> {
     let beaten = |[x, y]: [f64; 2]| {
         points.iter().flatten().any(|&[u, v]| u <= x && v <= y && (u < x || v < y))
@@ -17,7 +16,7 @@ pub fn pareto(points: &[Option<[f64; 2]>]) -> Vec<bool> {
     points.iter().map(|point| point.is_some_and(|point| !beaten(point))).collect()
 }
 
-/// Cost and error of the filters at one cutoff: cycles, and RMS error of the velocity in motion, m/s. `None` for a
+/// Cost and error of each filter at one cutoff: cycles, and RMS error of the velocity in motion, m/s. `None` for a
 /// refused filter.
 pub fn filter_points(filters: &Filters, cutoff: usize, bench: &Bench) -> Vec<Option<[f64; 2]>> {
     let rows = filters.rows.iter().filter(|row| row.cutoff == cutoff);
@@ -28,7 +27,7 @@ pub fn filter_points(filters: &Filters, cutoff: usize, bench: &Bench) -> Vec<Opt
     rows.map(point).collect()
 }
 
-/// Cost and error of the methods: operations per simulated second, and error of the trajectory, m.
+/// Cost and error of each method: operations per simulated second, and error of the trajectory, m.
 pub fn plant_points(plants: &Plants) -> Vec<Option<[f64; 2]>> {
     let point = |row: &super::plant::PlantRow| {
         row.measured.as_ref().ok().map(|m| [m.operations_per_s, m.trajectory_m])
@@ -129,11 +128,11 @@ pub struct GoodFor {
     pub variant: Variant,
     /// First and last cutoff of the longest run of tried cutoffs at which the variant would do, Hz.
     pub cutoffs_hz: Option<[f64; 2]>,
-    /// Criteria that the variant exceeds at the next cutoff below and above. Empty if there is no such cutoff, or if
-    /// the variant is refused there.
+    /// Criteria that the variant exceeds at the next lower and the next higher cutoff. Empty if there is no such
+    /// cutoff, or if the variant is refused there.
     pub below: Vec<Criterion>,
     pub above: Vec<Criterion>,
-    /// The variant is refused at the next cutoff below.
+    /// Whether the variant is refused at the next lower cutoff.
     pub refused_below: bool,
 }
 
@@ -151,7 +150,7 @@ pub fn good_for(filters: &Filters) -> Vec<GoodFor> {
                 match (does, start) {
                     (true, None) => start = Some(n),
                     (false, Some(first)) => {
-                        // If runs have the same length, the run at the higher cutoffs is taken.
+                        // Of runs with the same length, the run at the higher cutoffs is taken.
                         if n - first >= best.len() {
                             best = first..n;
                         }

@@ -1,11 +1,11 @@
-//! Sines with a whole number of periods in a whole number of samples. The response is a sum over this window, without
-//! spectral leakage.
+//! Sines with a whole number of periods in a whole number of samples. The response is a sum over this window. So it has
+//! no spectral leakage.
 
 use std::f64::consts::PI;
 
 use nalgebra::Complex;
 
-/// A sine and its measuring window.
+/// A sine and its window of measurement.
 #[derive(Clone, Debug)]
 pub struct Tone {
     /// Frequency in cycles per sample.
@@ -15,7 +15,7 @@ pub struct Tone {
     input: Vec<i32>,
     /// Cosine and sine at each sample of the window.
     phasor: Vec<Complex<f64>>,
-    /// Weighted sum of the rounded input over the window.
+    /// Sum of the rounded input times the phasor, over the window.
     spectrum: Complex<f64>,
 }
 
@@ -23,7 +23,7 @@ pub struct Tone {
 const WINDOW_MIN: f64 = 4096.0;
 
 impl Tone {
-    /// The tone nearest to `frequency`, in cycles per sample. `amplitude` is in LSB.
+    /// The tone nearest to `frequency`, cycles per sample. `amplitude` is in LSB.
     pub fn near(frequency: f64, amplitude: f64) -> Self {
         let cycles = (WINDOW_MIN * frequency).ceil().max(1.0);
         let length = (cycles / frequency).round();
@@ -42,7 +42,6 @@ impl Tone {
         Self { frequency: cycles / length, window, input, phasor, spectrum }
     }
 
-    /// Length of the window, samples.
     pub fn window(&self) -> u32 {
         self.window
     }
@@ -59,7 +58,7 @@ impl Tone {
         self.phasor[(n % self.window) as usize]
     }
 
-    /// The response. `sum` is the weighted sum of the outputs over a window, LSB.
+    /// The response. `sum` is the sum of the outputs times the phasor over a window, LSB.
     pub fn response(&self, sum: Complex<f64>) -> Complex<f64> {
         sum / self.spectrum
     }

@@ -1,10 +1,10 @@
-//! A simulated board at the level of channels.
+//! A simulated board that has only its channels.
 
 use zwidth::telemetry::Frame;
 
 use super::*;
 
-/// Bytes that were sent to the board, and bytes to read on each channel.
+/// Bytes that were sent to the board, and bytes to read from each channel.
 #[derive(Clone, Default)]
 struct Board(Arc<Mutex<(String, [Vec<u8>; 3])>>);
 
@@ -41,7 +41,7 @@ impl Board {
     }
 }
 
-/// Waits until the condition holds, for ten seconds at most.
+/// Waits until the condition is true, for at most ten seconds.
 fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     let end = Instant::now() + Duration::from_secs(10);
     while !is_so() {
@@ -54,7 +54,7 @@ fn count(board: &Board, wanted: &str) -> usize {
     board.lines().iter().filter(|line| *line == wanted).count()
 }
 
-/// Answers the questions that the hub asks first.
+/// Answers the first questions of the hub.
 fn greet(board: &Board) {
     for (question, reply) in [
         ("version", "ok version 1"),
@@ -67,7 +67,6 @@ fn greet(board: &Board) {
     }
 }
 
-/// All lines that answer this command.
 fn answers(hub: &Hub, command: &str) -> Vec<String> {
     let known = hub.known();
     let answers = known.lines.iter().filter(|line| line.answers.as_deref() == Some(command));
@@ -138,19 +137,19 @@ fn the_promise_is_kept_while_somebody_is_there_and_no_longer() {
     assert!(begun.elapsed() > 3 * WORD, "as often as that");
     assert_eq!(count(&board, "disarm"), 0);
     let end = hub.now() + 4 * WORD;
-    hub.attend(end); // the last call: the server hangs
+    hub.attend(end); // the last call, as if the server hangs
     until("off when nobody is there", || count(&board, "disarm") == 1);
     assert!(hub.now() > end, "while somebody is there");
     let words = count(&board, "alive 200");
     board.shows(1, Flags::default());
-    // Otherwise the next user who arms would have to send `alive`.
+    // Otherwise the next user would have to send `alive` after `arm`.
     until("the end of the promise", || count(&board, "alive 0") == 1);
     assert_eq!(count(&board, "alive 200"), words);
     hub.end();
     thread.join().unwrap();
 }
 
-/// An earlier host's incomplete line does not become a command, and its reply is not taken for a reply to this host.
+/// An incomplete line of an earlier host does not become a command. Its reply is not taken for a reply to this host.
 #[test]
 fn half_a_line_of_a_dead_host_is_ended_before_the_first_command() {
     let board = Board::default();
@@ -166,7 +165,7 @@ fn half_a_line_of_a_dead_host_is_ended_before_the_first_command() {
     until("its settings", || hub.known().settings == "ok get k 0 N/m");
     assert_eq!(hub.known().version, "ok version 1");
     assert!(hub.known().lines.is_empty(), "what another host asked");
-    // The last name of a list that is cut off may be incomplete.
+    // If the list is cut off, its last name may be incomplete.
     assert_eq!(hub.known().estimators, ["butterworth", "kalman-3"]);
     hub.end();
     thread.join().unwrap();

@@ -1,4 +1,4 @@
-//! A board's memory through an attached probe. Except for the list of probes, only this file uses the crate probe-rs.
+//! A board's memory through an attached probe. Only this file and the list of probes use the crate probe-rs.
 
 use std::error::Error;
 
@@ -10,7 +10,7 @@ use virtual_board::{link, rtt::Memory};
 /// The chip with this name.
 ///
 /// # Errors
-/// No chip has this name; one line.
+/// No chip has this name; one line of text.
 pub fn target(chip: &str) -> Result<Target, String> {
     let found = Registry::from_builtin_families().get_target_by_name(chip).ok();
     found.filter(|target| target.name.starts_with("STM32F4")).ok_or_else(|| {
@@ -25,9 +25,9 @@ impl Attached {
     /// Attaches to the chip.
     ///
     /// # Errors
-    /// The probe finds no such chip; one line.
+    /// The probe finds no such chip; one line of text.
     pub fn to(probe: Probe, target: Target) -> Result<Self, String> {
-        // These permissions never erase or unlock anything.
+        // With these permissions nothing is erased or unlocked.
         let session = probe.attach(target, Permissions::new());
         session.map(Self).map_err(|error| one_line(&error))
     }
@@ -39,7 +39,7 @@ impl link::Probe for Attached {
     }
 }
 
-/// The board's core. probe-rs queries the access port each time a core is opened.
+/// The board's core. probe-rs queries the access port whenever it opens a core.
 struct Opened<'a>(Core<'a>);
 
 impl Memory for Opened<'_> {
@@ -51,7 +51,7 @@ impl Memory for Opened<'_> {
 
     fn write(&mut self, address: u32, from: &[u8]) -> Result<(), String> {
         let written = self.0.write(address.into(), from);
-        // An error of the flush belongs to this write.
+        // An error of the flush is an error of this write.
         written.and_then(|()| self.0.flush()).map_err(|error| one_line(&error))
     }
 }

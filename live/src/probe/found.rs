@@ -1,4 +1,4 @@
-//! Finds the wanted probe among the connected ones.
+//! Finds the requested probe among the connected ones.
 
 use probe_rs::probe::{
     DebugProbeInfo, DebugProbeSelector, Probe, WireProtocol,
@@ -10,13 +10,13 @@ use super::attached::one_line;
 #[cfg(test)]
 mod tests;
 
-/// Settings that allow a user to open probes.
+/// How a user gets the permission to open probes.
 const RULES: &str = "on Linux a user needs udev rules for probes (https://probe.rs/docs/getting-started/probe-setup)";
 
-/// The wanted probe; `wanted` is `VID:PID[:SERIAL]` or empty.
+/// The requested probe. `wanted` is `VID:PID[:SERIAL]`, or empty for the only probe.
 ///
 /// # Errors
-/// No probe, several probes, or a probe that this user may not open; one line.
+/// No probe, several probes, or a probe that this user may not open; one line of text.
 pub fn one(lister: &Lister, wanted: &str) -> Result<DebugProbeInfo, String> {
     let selector = match wanted {
         "" => None,
@@ -48,7 +48,6 @@ pub fn one(lister: &Lister, wanted: &str) -> Result<DebugProbeInfo, String> {
     }
 }
 
-/// Name of the probe for messages.
 pub fn name(info: &DebugProbeInfo) -> String {
     format!("{} ({})", info.identifier, DebugProbeSelector::from(info))
 }
@@ -60,10 +59,10 @@ fn listed(all: &[DebugProbeInfo]) -> String {
     all.iter().map(each).collect::<Vec<_>>().join(", ")
 }
 
-/// Opens the probe for this process alone. The board does not notice it.
+/// Opens the probe for this process alone. This does not affect the board.
 ///
 /// # Errors
-/// Another program uses the probe, it does not support SWD at that speed, or it is disconnected; one line.
+/// Another program uses the probe, it does not support SWD at that speed, or it is disconnected; one line of text.
 pub fn open(info: &DebugProbeInfo, speed_khz: Option<u32>) -> Result<Probe, String> {
     let failed = |error| format!("{}: {}", name(info), one_line(&error));
     let mut probe = info.open().map_err(|error| {

@@ -1,5 +1,4 @@
-//! `--probe`: a real board behind a debug probe. It needs the feature `probe`. Without the feature, the option tells
-//! how to get it.
+//! `--probe`: a real board behind a debug probe. Without the feature `probe`, the option says how to get it.
 
 #[cfg(feature = "probe")]
 mod attached;
@@ -18,11 +17,11 @@ const WHY: &str = "attaching halts the board's core for a moment, and nobody can
 #[cfg(any(feature = "probe", test))]
 const HOW: &str = "open the wired stop, or see that the board is disarmed";
 
-/// The probe and how it is used.
+/// Options for a debug probe.
 #[derive(Args)]
 pub struct Options {
-    /// A real board behind a debug probe (ST-LINK, J-Link, CMSIS-DAP 2), in place of the virtual one; which one, if there
-    /// are several. Attaching halts the board for a moment: its force has to be off.
+    /// A real board behind a debug probe (ST-LINK, J-Link, CMSIS-DAP 2), in place of the virtual one. The value selects
+    /// one of several probes. Attaching halts the board for a moment, so its force has to be off.
     #[arg(
         long,
         value_name = "VID:PID[:SERIAL]",
@@ -38,16 +37,16 @@ pub struct Options {
     /// Clock of the probe's wires, kHz [default: the probe's].
     #[arg(long, value_name = "KHZ", requires = "probe", value_parser = clap::value_parser!(u32).range(1..))]
     speed: Option<u32>,
-    /// The wired stop is open, or the board is disarmed: do not ask.
+    /// Confirms that the wired stop is open or the board is disarmed, so that no question is asked.
     #[arg(long, requires = "probe")]
     force_is_off: bool,
 }
 
 impl Options {
-    /// Whether a probe is wanted. Also checks that the scene's name is not a probe's selector by mistake.
+    /// Whether a probe is requested. Refuses a scene name that has the form of a probe's selector.
     ///
     /// # Errors
-    /// The scene's name is a selector, or this program was built without probes.
+    /// The scene's name has this form, or this program was built without probes.
     pub fn is_wanted(&self, scene: &str) -> Result<bool, Error> {
         if self.probe.is_none() {
             return Ok(false);
@@ -67,7 +66,7 @@ impl Options {
         Ok(true)
     }
 
-    /// Connects to the board behind the probe, with the force off. `elf` is called after the probe is found.
+    /// Connects to the board behind the probe, with the force off. `elf` is called when the probe has been found.
     ///
     /// # Errors
     /// There is no probe, or there are several; the force may be on; or no board with this firmware answers.
@@ -113,7 +112,7 @@ fn is_off(is_terminal: bool, mut answer: impl std::io::BufRead) -> Result<(), Er
         )));
     }
     let mut line = String::new();
-    let _ = answer.read_line(&mut line); // an unreadable line is not an answer
+    let _ = answer.read_line(&mut line); // an unreadable line counts as no answer
     if line.trim() == "off" {
         return Ok(());
     }

@@ -1,4 +1,4 @@
-//! The connection to one page. Its messages are read at once, even while data waits to be sent.
+//! The connection to one page. The page's messages are read at once, even while data waits to be sent.
 
 use std::{
     sync::Arc,
@@ -23,7 +23,7 @@ use tokio::{
 
 use super::App;
 
-/// Serves a page until it leaves.
+/// Serves a page until it is closed.
 pub async fn run(app: Arc<App>, socket: WebSocket, _place: OwnedSemaphorePermit) {
     let page = Page::enter(&app.shared);
     let (to, from) = socket.split();
@@ -36,7 +36,7 @@ pub async fn run(app: Arc<App>, socket: WebSocket, _place: OwnedSemaphorePermit)
     page.leave();
 }
 
-/// Waits until the page has not answered for too long, even if the socket still accepts data.
+/// Returns when the page has not answered for too long, even if its socket accepts data.
 async fn silence(page: &Page) {
     let mut look = interval(TICK);
     while !page.is_gone() {

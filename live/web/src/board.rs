@@ -1,5 +1,5 @@
-//! The board in this worker: the release ELF, or the core without a chip. It also has the people's actions and the
-//! connection to the page.
+//! The board in a worker of the page: the release ELF, or the core without a chip. Also the actions of people, and the
+//! communication with the page.
 
 use std::{
     cell::RefCell,
@@ -26,7 +26,7 @@ use virtual_board::{
 
 use crate::question::{Answered, Question};
 
-/// Largest count of rows in a saved table.
+/// Largest number of rows in a saved table.
 const ROWS_MAX: u64 = 200_000;
 
 enum Runs {
@@ -55,13 +55,12 @@ impl Runs {
     }
 }
 
-/// A running board and its page.
 struct Running {
     board: Runs,
     talk: Talk,
     shared: Arc<Shared>,
     page: Page,
-    /// The board's time, us. It is the only clock, so a suspended tab does not miss an `alive`.
+    /// The board's time, us, which is the only clock. So a suspended tab misses no `alive`.
     time_us: Arc<AtomicU64>,
 }
 
@@ -81,7 +80,6 @@ fn session(board: Board, scene: NamedScene, elf: Vec<u8>) -> Result<Session, Err
     Session::of(board, Elf::parse(elf, "the image")?, "the image", scene, record)
 }
 
-/// Switches the board on.
 pub fn start(question: &Question, elf: Vec<u8>) -> Answered {
     let (board, scene) = (question.board()?, question.scene()?);
     let (runs, elf) = match question.core {
@@ -120,7 +118,7 @@ impl Running {
     }
 }
 
-/// Runs the board for this count of milliseconds.
+/// Runs the board for `ms` milliseconds.
 pub fn run(question: &Question) -> Answered {
     running(|running| {
         let runs = (0..question.ms).all(|_| running.millisecond(question.speed));
@@ -128,7 +126,6 @@ pub fn run(question: &Question) -> Answered {
     })
 }
 
-/// Handles a message of the page.
 pub fn say(question: &Question) -> Answered {
     running(|running| {
         let answer = match running.page.take(&question.message) {
@@ -140,7 +137,7 @@ pub fn say(question: &Question) -> Answered {
     })
 }
 
-/// Messages for the page: whether the last answer is text, then values to plot.
+/// Messages for the page. The JSON says whether the last block is text. The other blocks are values to plot.
 pub fn tick() -> Answered {
     running(|running| {
         let tick = running.page.tick();
@@ -151,7 +148,7 @@ pub fn tick() -> Answered {
     })
 }
 
-/// Rows as text of a table.
+/// Rows as text of a table, in the units of the scene.
 pub fn rows(question: &Question) -> Answered {
     running(|running| {
         let table = running.shared.table(question.from, question.rows.min(ROWS_MAX));
@@ -159,7 +156,7 @@ pub fn rows(question: &Question) -> Answered {
     })
 }
 
-/// Runs one wall hit on a separate board, as `cargo board hit` does. Returns the firmware's line and all telemetry.
+/// Runs one wall hit on a board of its own, as `cargo board hit` does. Returns the firmware's line and all telemetry.
 pub fn hit(question: &Question, elf: Vec<u8>) -> Answered {
     let scene = question.scene()?;
     let filter = host_sim::study::asked::filter(&scene, question.cutoff_hz)?;

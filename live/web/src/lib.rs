@@ -1,8 +1,8 @@
 //! The page without a server, for WebAssembly in a worker: the release ELF on the virtual board, and the simulator.
 //!
-//! The interface has four functions. A worker asks for memory with [`zwidth_input`], writes a question there (JSON,
-//! then its data), calls [`zwidth_ask`], and reads the answers. No bindings are generated. So the module needs no tool
-//! except the compiler, and it calls no function of the browser. `assets/module.js` is the other side.
+//! The interface has four functions. A worker gets memory by [`zwidth_input`] and writes a question there: JSON, then
+//! its data. It calls [`zwidth_ask`] and reads the answers. No bindings are generated. So the module needs only the
+//! compiler, and it calls no function of the browser. `assets/module.js` is the worker's side.
 #![deny(unsafe_code)] // except for the exported names
 
 mod board;
@@ -16,13 +16,13 @@ use std::{cell::RefCell, sync::Once};
 pub use question::answer;
 
 thread_local! {
-    /// Data from the worker, and answers to the worker.
+    /// `IN` is the data from the worker, `OUT` the answers to it.
     static IN: RefCell<Vec<Vec<u8>>> = const { RefCell::new(vec![]) };
     static OUT: RefCell<Vec<Vec<u8>>> = const { RefCell::new(vec![]) };
 }
 
-/// Memory for `length` bytes, after the memory of earlier calls. The previous answers are cleared, so that they are not
-/// taken for the message of a panic.
+/// Allocates `length` bytes after the memory of earlier calls. Clears the previous answers, so that they are not taken
+/// for the message of a panic.
 #[expect(unsafe_code, reason = "a name that the worker knows")]
 #[unsafe(no_mangle)]
 pub extern "C" fn zwidth_input(length: usize) -> *mut u8 {
@@ -33,7 +33,7 @@ pub extern "C" fn zwidth_input(length: usize) -> *mut u8 {
     })
 }
 
-/// Answers the question and returns the count of answers. The first answer is JSON.
+/// Answers the question. Returns the number of answers. The first answer is JSON.
 #[expect(unsafe_code, reason = "a name that the worker knows")]
 #[unsafe(no_mangle)]
 pub extern "C" fn zwidth_ask() -> usize {
@@ -48,7 +48,7 @@ pub extern "C" fn zwidth_ask() -> usize {
     keep(answers)
 }
 
-/// Address of answer `number`. After a panic, answer 0 is its message.
+/// Address of answer `number`. After a panic, answer 0 is the panic's message.
 #[expect(unsafe_code, reason = "a name that the worker knows")]
 #[unsafe(no_mangle)]
 pub extern "C" fn zwidth_answer_at(number: usize) -> *const u8 {

@@ -1,4 +1,4 @@
-//! A worker's question: JSON and its data. The answer: JSON, then bytes.
+//! A question of a worker: JSON and its data. The answer: JSON, then blocks of bytes.
 
 use host_sim::{
     error::{Error, one_line},
@@ -15,23 +15,22 @@ use crate::{board, study};
 #[serde(deny_unknown_fields, default)]
 pub struct Question {
     ask: String,
-    /// Name of a built-in scene, or of the file with the text `text`.
+    /// Name of a built-in scene. If there is a `text`, the name of its file.
     scene: String,
     /// Text of a scene file.
     text: Option<String>,
     board: Option<String>,
-    /// Whether the board runs without a chip.
+    /// Whether the board is the core without a chip.
     pub core: bool,
-    /// Message of the page.
     pub message: String,
     pub ms: u32,
-    /// Simulated seconds per second of the page.
+    /// Simulated seconds per second of real time.
     pub speed: f64,
     pub from: u64,
     pub rows: u64,
     pub estimator: String,
     pub cutoff_hz: Option<f64>,
-    /// Stiffness and damping in the scene's units.
+    /// K and B in the scene's units.
     pub k: f64,
     pub b: f64,
     pub repeat: Option<u32>,
@@ -49,7 +48,7 @@ impl Question {
     /// The scene of the question.
     ///
     /// # Errors
-    /// No scene has this name, or its text is not valid. The error gives file, key, value and what is allowed.
+    /// No scene has this name, or its text is not valid. The error names file, key, value and the allowed values.
     pub fn scene(&self) -> Result<NamedScene, Error> {
         match &self.text {
             None => {
@@ -66,7 +65,8 @@ impl Question {
             Some(text) => {
                 let name = self.scene.strip_suffix(".toml").unwrap_or(&self.scene);
                 let mut scene = NamedScene::parse(name.to_owned(), text.clone(), &self.scene)?;
-                // As for a loaded file: a text is not a built-in scene, whatever its name is.
+                // A scene with a text is never a built-in scene, whatever its name is. It is the same for a loaded
+                // file.
                 scene.files.insert(0, self.scene.clone().into());
                 Ok(scene)
             }
@@ -82,7 +82,8 @@ impl Question {
     }
 }
 
-/// Answers a question with its data. Bad input gives an answer too: `error` with one line.
+/// Answers a question. `given` is the question's JSON, then its data. For bad input the answer is `error` with one
+/// line.
 pub fn answer(given: Vec<Vec<u8>>) -> Vec<Vec<u8>> {
     let (value, mut bytes) =
         asked(given).unwrap_or_else(|error| (json!({ "error": error.to_string() }), vec![]));

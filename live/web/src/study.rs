@@ -1,5 +1,5 @@
-//! The simulator's studies. Each answer has the data of the corresponding command. A worker has one thread; several
-//! workers share a sweep's cutoffs.
+//! The simulator's studies. Each answer has the data of the corresponding command. A worker has one thread. Several
+//! workers share the cutoffs of a sweep.
 
 use std::sync::atomic::AtomicBool;
 
@@ -31,9 +31,9 @@ use zwidth::{experiment::Ended, velocity::EstimatorName};
 
 use crate::question::{Answered, Question};
 
-/// Never set: a worker that is not needed any more is terminated.
+/// Never set, because a worker that is not needed any more is terminated.
 static STOP: AtomicBool = AtomicBool::new(false);
-/// Largest count of walls of a grid.
+/// Largest number of walls in a grid.
 const WALLS_MAX: u64 = 1_000_000;
 const NAMES: Names = Names {
     cutoff: "cutoff",
@@ -103,8 +103,7 @@ impl Walked {
     }
 }
 
-/// Settings that a board must have so that studies of the scene apply to it, in the console's form. The cutoff may
-/// differ.
+/// The settings with which studies of the scene are valid for a board, as console commands. The cutoff may differ.
 pub fn scene(question: &Question) -> Answered {
     let NamedScene { name, scene, .. } = question.scene()?;
     let has_cutoff = scene.velocity.has_cutoff();
@@ -120,17 +119,17 @@ pub fn scene(question: &Question) -> Answered {
     Ok((json!({ "name": name, "has_cutoff": has_cutoff, "wanted": wanted }), vec![]))
 }
 
-/// The boundary of the present estimator and cutoff, for the page's plane.
+/// The predicted boundary of the present estimator and cutoff, for the page's plane.
 pub fn predicted(question: &Question) -> Answered {
     let (scene, board) = (question.scene()?, question.board()?);
     let cutoff_hz = question.cutoff_hz.unwrap_or_default();
-    // A record of another scene is made here without an envelope.
+    // For another scene the record is made without an envelope.
     let device = device::is_built_in(&scene, board).then(|| device::built_in(board));
     let predicted = predict(&scene, device, &question.estimator, cutoff_hz, &STOP);
     Ok((json!({ "type": "predicted", "predicted": predicted }), vec![]))
 }
 
-/// One hit, as `cargo sim hit --trace`.
+/// One hit, as by `cargo sim hit --trace`.
 pub fn hit(question: &Question) -> Answered {
     let scene = question.scene()?;
     let units = scene.scene.units;
@@ -211,7 +210,7 @@ pub fn sweep(question: &Question) -> Answered {
     Ok((answer, tables.map(String::into_bytes).into()))
 }
 
-/// Every wall of a grid, as `cargo sim grid --csv`.
+/// Every wall of a grid, as by `cargo sim grid --csv`.
 pub fn grid(question: &Question) -> Answered {
     let scene = question.scene()?;
     let units = scene.scene.units;
@@ -252,7 +251,7 @@ pub fn grid(question: &Question) -> Answered {
     Ok((json!({ "points": points, "stable": grid.counts.stable }), vec![csv.into_bytes()]))
 }
 
-/// The best velocity filter, as `cargo sim design`: `design.csv` and the best scene.
+/// The best velocity filter, as by `cargo sim design`: `design.csv` and the best scene.
 pub fn design(question: &Question) -> Answered {
     let scene = question.scene()?;
     asked::prepare(&scene)?;

@@ -1,4 +1,4 @@
-//! The board's behaviour when no host reads.
+//! The board when no host reads.
 
 use virtual_board::{
     board::{Board, NUCLEO_F446RE},
@@ -9,8 +9,8 @@ use crate::firmware::{Firmware, ok};
 
 each_board!(nothing_changes_without_an_acknowledgement, disarm_is_answered_with_the_force_off);
 
-/// At the end of the sample in which the reply comes, the amplifier is off. Tested at rest, in a hit, when it is off
-/// already, and after an earlier fault.
+/// When the reply to `disarm` comes, the amplifier is off by the end of this sample. Tested at rest, in a hit, when the
+/// amplifier is off already, and after an earlier fault.
 fn disarm_is_answered_with_the_force_off(board: Board) {
     let firmware = Firmware::of(board);
     for (case, phase) in [(0, 1), (1, 4), (2, 6), (3, 9)] {
@@ -41,15 +41,15 @@ fn disarm_is_answered_with_the_force_off(board: Board) {
     }
 }
 
-/// If no host reads, the channels fill up. Then one more command may act, and its reply waits for room. Later commands
-/// are not obeyed, except for commands that end something.
+/// If no host reads, the channels become full. Then one more command may act, and its reply waits for room. Later
+/// commands are ignored, except for commands that end something.
 fn nothing_changes_without_an_acknowledgement(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();
     let unread = |world: &mut World<'_>, line: &str| {
         world.send(&format!("{line}\n")).unwrap();
         // The wait is longer than the board's pause between two lines. So each line is obeyed or ignored before the
-        // next comes.
+        // next one.
         for _ in 0..40 {
             world.sample().unwrap();
         }
@@ -61,7 +61,7 @@ fn nothing_changes_without_an_acknowledgement(board: Board) {
     world.replies.clear();
     world.lines.clear();
     world.run(2_000).unwrap();
-    // The log has all lines in order, from the last one that had room to the one that waited.
+    // The log has all lines in order, from the last line that had room to the line that waited.
     let acknowledged = |lines: &mut dyn Iterator<Item = &str>| {
         lines.filter_map(|line| line.split_once("ok k ")?.1.split(' ').next()?.parse().ok()).max()
     };
@@ -79,8 +79,8 @@ fn nothing_changes_without_an_acknowledgement(board: Board) {
     assert!(status.contains("ok status off"), "{status}");
 }
 
-/// A walk whose lines nobody reads ends after its present hit. It makes no further moves for lost results. A host that
-/// reads again gets a message about it.
+/// If no host reads the lines of a walk, the walk ends after its present hit, since further results would be lost. A
+/// host that reads again gets a message about this.
 #[test]
 fn a_walk_ends_when_nobody_reads() {
     let firmware = Firmware::of(NUCLEO_F446RE);
@@ -94,7 +94,7 @@ fn a_walk_ends_when_nobody_reads() {
     ok(&mut world, "walk");
     world.run(25_000).unwrap();
     assert!(told(&mut world, "walk hit 1: "), "it walks: {}", world.replies);
-    // Replies that nobody reads fill both channels during the walk's hits.
+    // During the walk's hits, replies that no host reads fill both channels.
     for _ in 0..300 {
         world.send("get\n").unwrap();
         (0..30).for_each(|_| world.sample().unwrap());

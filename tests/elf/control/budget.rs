@@ -19,10 +19,10 @@ each_board!(
     tasks_and_memory_stay_in_their_budget
 );
 
-/// Largest count of cycles of the sampling task from exception entry to return. It was 261 before the estimator's state
-/// had a checksum, which takes 15 cycles in a quiet sample.
+/// Largest number of cycles of the sampling task, from exception entry to return. Before the estimator's state had a
+/// checksum, which takes 15 cycles in a quiet sample, the task took 261 cycles.
 const SAMPLE_CYCLES: u64 = 295;
-/// Cycles of the sampling task that `Sampler::sample` may take: encoder, velocity, and the next due sample.
+/// Largest number of cycles of `Sampler::sample` in the sampling task: encoder, velocity, and the next due sample.
 const CORE_CYCLES: u64 = 120;
 
 fn tasks_and_memory_stay_in_their_budget(board: Board) {
@@ -74,7 +74,7 @@ fn arm_after(world: &mut World<'_>, lines: &[&str]) {
     until_armed(world);
 }
 
-/// Masks the output task for `samples` samples, which is a fault.
+/// Masks the output task for `samples` samples. This is a fault.
 fn hold_outputs_up(world: &mut World<'_>, samples: u64) {
     world.powered.mcu.mask(RENDER, true);
     world.run(samples).unwrap();
@@ -83,16 +83,16 @@ fn hold_outputs_up(world: &mut World<'_>, samples: u64) {
     assert!(ok(world, "status").contains("fault 20"));
 }
 
-/// Zero, disarm, faults at every place of the output period, and the commands that clear them: no sample takes longer
-/// than its limit. The session's maxima do not include these events.
+/// Zero, disarm, faults at every phase of the output period, and the commands that clear them: no sample takes longer
+/// than its limit. The maxima of the session do not include these events.
 fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();
     world.powered.mcu.watch_mut().clear();
     let recover = |world: &mut World<'_>| arm_after(world, &["clear"]);
-    // Both boards have the same code at the same place of the period.
+    // Both boards have the same code at the same phase of the period.
     for phase in (0..10).step_by(if board == NUCLEO_F446RE { 1 } else { 3 }) {
-        // A jump of the count is found in one sample, and cleared in the next one.
+        // A jump of the count is found in one sample and cleared in the next one.
         world.run(phase).unwrap();
         world.hold(world.position_m() + 700e-6, true);
         world.run(30).unwrap();
@@ -111,12 +111,12 @@ fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
         world.run(phase).unwrap();
         recover(&mut world);
     }
-    // Outputs that do not come: a late one with a due sample, stuck ones, and their return.
+    // Missing outputs: one that is late for a due sample, many in a row, and the outputs after them.
     for samples in [25, 150] {
         hold_outputs_up(&mut world, samples);
         recover(&mut world);
     }
-    // Each estimator after each other one, with the force on and off.
+    // Each estimator after each other estimator, with the force on and off.
     ok(&mut world, "unlock envelope");
     let known: Vec<_> = EstimatorName::ALL
         .iter()
@@ -147,7 +147,7 @@ fn no_sample_is_longer_than_its_budget_whatever_happens(board: Board) {
     assert!(sample.most <= SAMPLE_CYCLES, "{sample:?}");
 }
 
-/// At period 1 every sample is due, and the sample itself notes or zeroes what it has found.
+/// At period 1 every sample is due. The sample itself then notes a fault and carries out a zero.
 fn no_sample_with_an_output_each_is_longer_than_the_periods_allow(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();

@@ -1,5 +1,5 @@
-//! Every command in any order, with random text between, while the loop runs. Each line gets one reply. Settings change
-//! only with an `ok`. No output is missed, and the program does not end.
+//! Every command in any order, mixed with random text, while the loop runs. Each line gets one reply. Only a command
+//! with the reply `ok` changes settings. No output is missed, and the program does not end.
 
 use std::collections::BTreeSet;
 
@@ -11,7 +11,7 @@ use zwidth::{
 
 use crate::firmware::Firmware;
 
-/// Count of lines. The test runs on one board, because this code is the same on both.
+/// Number of lines. The test runs on one board, because this code is the same on both.
 const LINES: usize = 120;
 
 /// Random numbers by SplitMix64.
@@ -31,7 +31,7 @@ impl Random {
     }
 }
 
-/// Distance from one usage to the next; a prime number.
+/// Step from one usage to the next; a prime number, so that all are reached.
 const STEP: usize = 17;
 const NUMBERS: [&str; 22] = [
     "0", "1", "-1", "2", "0.1", "0.5", "0.001", "0.005", "0.02", "-0.01", "5", "5.9", "30", "300",
@@ -40,7 +40,7 @@ const NUMBERS: [&str; 22] = [
 const NAMES: [&str; 6] =
     ["butterworth", "butterworth-prewarped", "first-order", "difference", "kalman-3", "nonsense"];
 
-/// A command with the values that its usage asks for; the values may be allowed or not.
+/// A command with values for its usage, allowed or not.
 fn command(random: &mut Random, usage: &str) -> String {
     let Some((name, what)) = usage.split_once(' ') else { return usage.to_owned() };
     let word = match what {
@@ -57,7 +57,7 @@ fn command(random: &mut Random, usage: &str) -> String {
     }
 }
 
-/// Random text that is not a command, sometimes longer than the longest line.
+/// Random text that is no command, sometimes longer than the longest line.
 fn garbage(random: &mut Random) -> String {
     const PIECES: [&str; 11] =
         ["#", "k", " ", "\t", "\0", "\u{1b}[A", "é", "µ", "9e", "--", "hit;"];
@@ -65,7 +65,6 @@ fn garbage(random: &mut Random) -> String {
     format!("#{}", (0..length).map(|_| random.of(&PIECES)).collect::<String>())
 }
 
-/// Whether a line is an experiment's own report.
 fn is_report(line: &str) -> bool {
     const STARTS: [&str; 6] =
         ["ok ", "error: ", "walk ", "hit push ", "calibrate holds ", "selftest "];
@@ -98,7 +97,7 @@ fn every_command_works_in_any_order_with_garbage_between() {
     let firmware = Firmware::of(NUCLEO_F446RE);
     let mut world = firmware.armed();
     let mut random = Random(1);
-    // other images have commands for the third to the last parameter of an estimator
+    // Only other images have commands for the third to the last parameter of an estimator.
     let has =
         |usage: &&str| !usage.starts_with("tuning") || usage.split(' ').next() < Some("tuning3");
     let all: Vec<_> = usages().filter(has).collect();
@@ -125,7 +124,7 @@ fn every_command_works_in_any_order_with_garbage_between() {
         changed += u32::from(now != settings);
         settings = now;
         if n % 50 == 49 {
-            // Switches the force on again, in whatever state the commands have left the board.
+            // Switches the force on again, whatever state the commands have left.
             for line in
                 ["stop", "disarm", "clear", "motor +", "encoder +", "fullscale 5.906", "stream on"]
             {

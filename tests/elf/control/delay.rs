@@ -15,13 +15,13 @@ use crate::{
 
 each_board!(the_sampling_task_enters_no_critical_section, nothing_delays_the_samples);
 
-/// Largest difference between two delays, cycles: the longest instructions cannot be interrupted.
+/// Largest difference of two delays, cycles. Its cause is that the longest instructions cannot be interrupted.
 const SPREAD: u64 = 64;
 
-/// Longest time for which the logger masks `render` and `brown_out`, us, including a sample within this time.
+/// Longest time for which the logger masks `render` and `brown_out`, us, including a sample within it.
 const MASK_US: f64 = 60.0;
 
-/// Describes what delays the samples.
+/// Says what delays the samples.
 fn delayed(watch: &Watch) -> Result<(), String> {
     if watch.delay_spread() > SPREAD {
         return Err(format!("spread {} cycles", watch.delay_spread()));
@@ -38,7 +38,7 @@ fn nothing_delays_the_samples(board: Board) {
     println!("{}: cycles from event to count: {:?}", firmware.board.name, watch.delays);
     assert!(watch.delays.values().sum::<u64>() >= SAMPLES);
     assert_eq!(delayed(watch), Ok(()), "{:?}", watch.delays);
-    // Positive control: some samples came while the logger masked the lower tasks.
+    // Shows that the test measures something: some samples came while the logger masked the lower tasks.
     let masked: u64 = watch.events_by_basepri.range(1..).map(|(_, n)| n).sum();
     println!("events by BASEPRI: {:?}", watch.events_by_basepri);
     let mask_us = watch.longest_mask as f64 / firmware.board.chip.core_hz as f64 * 1e6;
@@ -54,8 +54,8 @@ fn nothing_delays_the_samples(board: Board) {
     assert!(session.lines > 500, "{}", session.lines);
 }
 
-/// The same firmware with other masks. Where it raises BASEPRI it disables all interrupts, like the critical section of
-/// `cortex-m`. Where it restores BASEPRI it enables them.
+/// The same firmware with other masks, as a critical section of `cortex-m` has them: raising BASEPRI disables all
+/// interrupts, and restoring BASEPRI enables them.
 fn with_critical_sections(firmware: &Firmware) -> Elf {
     const MSR: u16 = 0xF380;
     let mut elf = firmware.elf.clone();
@@ -80,7 +80,7 @@ fn with_critical_sections(firmware: &Firmware) -> Elf {
     elf
 }
 
-/// The test finds the delays of a logger that uses a critical section, like `rtt-target` and `defmt-rtt`: by their
+/// With a critical section in the logger, as in `rtt-target` and `defmt-rtt`, the test must find the delays: by their
 /// spread alone, and by the mask.
 #[test]
 #[ignore = "the control of the test above: CI runs it"]

@@ -55,8 +55,8 @@ fn telemetry_is_what_the_core_says_to_the_same_counts_bit_for_bit(board: Board) 
     );
 }
 
-/// With the handle held 0.3 mm inside the wall, only a change of settings moves the force. Changes that are not allowed
-/// there are refused. tests/host/force_step.rs has random times and changes.
+/// The handle is held 0.3 mm inside the wall, so only a change of settings moves the force. Changes that are not
+/// allowed in contact are refused. tests/host/force_step.rs has random times and changes.
 fn a_change_in_contact_moves_the_force_by_five_per_cent_an_output_at_most(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();

@@ -1,4 +1,4 @@
-//! The force acts within the latency that the simulator uses.
+//! The force acts within the latency of the simulator.
 
 use host_sim::scene::NamedScene;
 use virtual_board::board::{Board, Force};
@@ -10,14 +10,14 @@ use crate::{
 
 each_board!(commands_reach_their_register_within_the_latency_that_the_simulator_is_given);
 
-/// Settling time of the DAC, s, by its data sheet: the last part of the latency, after the write of its register.
+/// Settling time of the DAC by its data sheet, s. It is the last part of the latency, after the write of the register.
 const DAC_SETTLES_S: f64 = 3e-6;
 
-/// Time after a sample at which the PWM takes a command over, s (`LEAD_CYCLES` of the board). A later command acts 25
-/// us later.
+/// Time after a sample at which the PWM takes over a command, s (`LEAD_CYCLES` of the board). If the command is later,
+/// it acts 25 us later.
 const TAKEN_OVER_S: f64 = 14e-6;
 
-/// Fraction of that time which must be left. The emulator's zero wait states are not the chip's.
+/// Fraction of this time that must remain. The emulator has no wait states, but the chip has.
 const RESERVE: f64 = 0.2;
 
 fn commands_reach_their_register_within_the_latency_that_the_simulator_is_given(board: Board) {
@@ -27,8 +27,8 @@ fn commands_reach_their_register_within_the_latency_that_the_simulator_is_given(
     for line in ["settle 0.1", "window 0.1", "kstart 2000", "kstep 4000", "bstart 20"] {
         ok(&mut world, line);
     }
-    // Everything that an output may have to do: return moves, hits, changes that fade, a walk's walls, a calibration, a
-    // black box that is read out, and arming again. Without the write of `disarm` between two outputs.
+    // All work that an output may have: return moves, hits, changes that fade, walls of a walk, a calibration, reading
+    // the black box, and arming again. The write of `disarm` between two outputs is left out.
     let mut most = 0;
     for (line, samples) in [
         ("hit", 12_000),
@@ -66,7 +66,7 @@ fn commands_reach_their_register_within_the_latency_that_the_simulator_is_given(
     }
     let anew = world.powered.mcu.watch().commands;
     let most = most.max(anew.most);
-    // A hit in contact without changes of settings, which the simulator's latency is for.
+    // A hit in contact without changes of settings. The simulator's latency is for this case.
     ok(&mut world, "start 0");
     ok(&mut world, "settle 3");
     ok(&mut world, "hit");

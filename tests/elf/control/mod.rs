@@ -1,6 +1,6 @@
 //! The release ELF under load, in a session that is run once. Its telemetry equals the core on the host, bit for bit.
-//! The delay of its samples, its interrupt masks, cycles and memory are within limits. Further tests: each fault within
-//! the time limit of a sample, commands in any order, the latency of commands, and no host that reads.
+//! The delay of samples, interrupt masks, cycles and memory are within limits. Further tests: the time limits of faults
+//! in any sample, commands in any order, the latency of commands, and a host that does not read.
 
 mod acknowledgement;
 mod budget;
@@ -22,14 +22,13 @@ use zwidth::{
 
 use crate::firmware::{Firmware, arm, ok};
 
-/// Count of samples under load.
+/// Number of samples under load.
 const SAMPLES: u64 = 50_000;
 
-/// Recorded results of a session.
 struct Session {
     counts: Vec<u32>,
     records: Vec<Record>,
-    /// Settings in the order in which the firmware took them.
+    /// Settings in the order in which the firmware used them.
     controls: Vec<LoopParameters>,
     lines: usize,
     watch: Watch,
@@ -59,8 +58,8 @@ fn settings(velocity: VelocitySettings, position_m: f64, k: f64, b: f64) -> Sett
     }
 }
 
-/// Runs the session. The handle moves in and out of the wall, through 0 and back. Commands come without a pause, and
-/// every output goes out as telemetry.
+/// Runs the session. The handle moves in and out of the wall, through 0 and back. Commands come without a pause. Every
+/// output is sent as telemetry.
 fn session(firmware: &Firmware) -> Session {
     let mut world = firmware.boot();
     let design = design(firmware);
@@ -119,7 +118,7 @@ fn session(firmware: &Firmware) -> Session {
     }
 }
 
-/// The session of that board, which is run once.
+/// The session of a board. It is run once.
 fn session_of(board: Board) -> &'static (Firmware, Session) {
     static SESSIONS: [OnceLock<(Firmware, Session)>; BOARDS.len()] =
         [const { OnceLock::new() }; BOARDS.len()];

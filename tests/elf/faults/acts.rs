@@ -1,5 +1,6 @@
-//! The hardware does not do what the program commands: a DAC with a wrong output, converters that stop, an amplifier
-//! with a constant force although the handle does not move. No false alarm comes, whatever the force is.
+//! Hardware that does not do what the program commands: a DAC with a wrong output, converters that stop, an amplifier
+//! with a constant force while the handle does not move. Without a defect there is no false alarm, whatever the force
+//! is.
 
 use host_sim::scene::{MotorTable, NamedScene, Scene};
 use virtual_board::{
@@ -19,7 +20,7 @@ each_board!(
     a_force_that_hums_from_end_to_end_is_no_false_alarm
 );
 
-/// Current signal as a fraction of the supply: one half without current, 20 % at full command.
+/// Current signal as a fraction of the supply, without current and at full command.
 const SENSE: [Option<f64>; 2] = [Some(0.5), Some(0.2)];
 
 /// The image for a device with this current signal, or without one.
@@ -35,7 +36,7 @@ fn saying(board: Board, [current_sense_rest, current_sense_full]: [Option<f64>; 
     Firmware { elf, scene, ..plain }
 }
 
-/// Time until enable is inactive, ms, within 0.1 s.
+/// Time until enable is inactive, ms; `None` if this takes longer than 0.1 s.
 fn off_ms(world: &mut World<'_>) -> Option<f64> {
     let begun = world.powered.mcu.now();
     world.run(1000).unwrap();
@@ -63,7 +64,7 @@ fn a_dac_that_gives_something_else_is_off_within_3_ms() {
         ok(&mut world, "clear");
     }
     figure("elf/faults/acts/dac", most * 1e3);
-    // An error of 4 % of full scale is within the tolerance of two per cent of the range.
+    // An error of 4 % of full scale is within the tolerance, which is two per cent of the range.
     world.restore(&before);
     world.defects.dac = 0.035;
     assert_eq!(off_ms(&mut world), None);
@@ -78,7 +79,7 @@ fn an_amplifier_that_is_stuck_is_found_by_its_current(board: Board) {
     let firmware = saying(board, SENSE);
     let mut world = pressed(&firmware);
     let before = world.snapshot();
-    // Held at a place where the force is 40 % of full scale.
+    // The handle is held where the force is 40 % of full scale.
     for (part, most_ms) in [(1.0, 5.0), (-1.0, 9.0), (0.0, 14.5)] {
         world.restore(&before);
         world.defects.stuck = Some(part);

@@ -1,5 +1,5 @@
-//! Damage of the probe link's control block, the end of the stack, clock and chip. The program must not write to a
-//! wrong address, and must not wait without a message.
+//! Damage of RTT's control block, of the end of the stack, of clock and chip. The program must not write to a wrong
+//! address. If it waits, it must report why.
 
 use virtual_board::{
     board::{BOARDS, Board, Powered},
@@ -23,9 +23,8 @@ fn a_channel_whose_buffer_is_not_its_own_is_left_alone_and_ends_in_off(board: Bo
     let mut symbols = firmware.elf.symbols.iter();
     let (_, render, _) = symbols.find(|(name, ..)| name.contains("local_resource_render")).unwrap();
     let before = world.snapshot();
-    // Words of the control block: 24 bytes, then name, buffer, size, write offset, read offset and flags of each
-    // channel.
-    // Up channel 1 carries telemetry all the time; up channels 0 and 2 carry a reply.
+    // Words of the control block: 24 bytes, then for each channel name, buffer, size, write offset, read offset, flags.
+    // Up channel 1 carries telemetry all the time. Up channels 0 and 2 carry a reply.
     for (channel, place, value) in [
         (1, 1, *render),
         (1, 2, 8192 | 1 << 16),
@@ -76,7 +75,7 @@ fn an_image_for_another_chip_says_so(board: Board) {
     assert_eq!(world.powered.mcu.events(), 0);
 }
 
-/// The memory protection unit blocks 256 bytes that the stack never reaches.
+/// The memory protection unit blocks 256 bytes which the stack never reaches.
 fn the_stack_ends_in_a_guard(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = firmware.armed();

@@ -32,7 +32,6 @@ fn bytes(world: &World<'_>, (from, size): (u32, u32)) -> Vec<u8> {
     bytes
 }
 
-/// Addresses of the words with the value `value`.
 fn words(world: &World<'_>, place: (u32, u32), value: i32) -> Vec<u32> {
     let bytes = bytes(world, place);
     let words = bytes.chunks_exact(4).zip((place.0..).step_by(4));
@@ -68,7 +67,7 @@ fn a_number_that_decides_a_force_is_kept_twice(board: Board) {
     let mut world = firmware.boot();
     let render = place(&firmware, "local_resource_render");
     let sample = place(&firmware, SAMPLE_STATE);
-    // The motor's sign is a byte. The test finds it by changing the sign with the force off.
+    // The motor's sign is a byte. The test finds it by a change of the sign with the force off.
     let mut seen = [Vec::new(), Vec::new()];
     for turned in [0, 1, 0, 1, 0] {
         ok(&mut world, ["motor +", "motor -"][turned]);
@@ -106,7 +105,7 @@ fn a_number_that_decides_a_force_is_kept_twice(board: Board) {
     }
     println!("{}: found {found:?}, off after {:.3} ms at most", board.name, longest * 1e3);
     figure(&format!("elf/faults/memory/{}", board.name), longest * 1e6);
-    // Each value and its copy. For the surface, the words of `render` and the valid one of the two buffers of `sample`.
+    // Each value and its copy. The surface is in words of `render` and in the valid one of the two buffers of `sample`.
     assert!(found[0] == 2 && found[1] == 2 * 3 && found[2] >= 3 && found[3] >= 3, "{found:?}");
     assert!(longest <= OFF_S, "{longest}");
 }

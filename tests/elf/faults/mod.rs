@@ -1,6 +1,6 @@
-//! Faults that must switch the force off, on the unmodified release ELF: the time until enable is inactive and the
-//! output code is zero force, the latched fault, and the kept data. Only `clear` and `arm` bring the force back.
-//! docs/lab/campaigns.md has the table, and how each fault is caused.
+//! Faults that must switch the force off, on the unmodified release ELF. The tests check the latched fault, the stored
+//! data, and the time until enable is inactive and the output code is that of zero force. Only `clear` and `arm` bring
+//! the force back. docs/lab/campaigns.md has the table, and how each fault is caused.
 //!
 //! `cargo test --test elf -- --ignored --nocapture campaign` prints the whole table.
 
@@ -31,7 +31,6 @@ each_board!(
     a_host_that_stalls_floods_or_blocks_changes_nothing_in_the_loop
 );
 
-/// A row of the table.
 struct Row {
     board: &'static str,
     name: String,
@@ -64,7 +63,7 @@ fn ms(us: f64) -> String {
     format!("{:.3} ms", us / 1e3)
 }
 
-/// Runs each of `cases` on both boards in parallel. Returns the rows in order.
+/// Runs each of `cases` on both boards in parallel. Returns the rows in the order of the cases.
 fn rows(firmwares: &[Firmware], cases: &[&FaultCase], depth: Depth) -> Vec<Row> {
     let pairs: Vec<_> = firmwares.iter().flat_map(|f| cases.iter().map(move |t| (f, *t))).collect();
     let befores: Vec<_> =
@@ -93,8 +92,8 @@ fn rows(firmwares: &[Firmware], cases: &[&FaultCase], depth: Depth) -> Vec<Row> 
     results.collect()
 }
 
-/// A host that stops reading and then sends without a pause, with every channel set to blocking, while the force is on.
-/// It must have no effect.
+/// The host stops reading and then sends without a pause, with every channel set to blocking and the force on. This
+/// must have no effect on the force.
 fn flood(firmware: &Firmware, samples: u64) -> Row {
     let mut world = firmware.armed();
     world.powered.mcu.watch_mut().clear();
@@ -122,7 +121,7 @@ fn flood(firmware: &Firmware, samples: u64) -> Row {
     }
 }
 
-/// Count of the tried cases of damage. All of them ended as they must.
+/// Number of tried cases of damage. All must end as expected.
 fn cases(firmware: &Firmware, damage: impl Fn(&mut World<'_>) -> Result<usize, Failed>) -> usize {
     damage(&mut firmware.boot()).unwrap()
 }
@@ -163,7 +162,7 @@ fn campaign() {
     }
 }
 
-/// The fault cases without a watchdog, on the default board.
+/// The fault cases without a watchdog reset, on the default board.
 #[test]
 fn faults_take_the_force_away_in_time_and_say_why() {
     let firmware = Firmware::of(NUCLEO_F446RE);

@@ -1,5 +1,5 @@
-//! Bits of registers that flip: the force must be off within 3 ms, and the board must report the fault. Also a sample
-//! timer with a wrong rate.
+//! Flips bits of registers: the force must be off within 3 ms, and the board must report the fault. Also a sample timer
+//! with a wrong rate.
 
 use board_trials::campaign::registers::{RegisterRow, register_rows};
 use virtual_board::{board::Board, world::World};
@@ -95,14 +95,14 @@ const CHAIN: [(u32, &[u32]); 3] = [
     ),
 ];
 
-/// Time from `begun` until enable is inactive, s; none while it is active.
+/// Time from `begun` until enable is inactive, s; `None` while it is active.
 fn off_after(world: &World<'_>, begun: u64) -> Option<f64> {
     let off = world.powered.amplifier.changes().disabled_at.filter(|&at| at >= begun)?;
     let is_off = !world.powered.amplifier.is_enabled();
     is_off.then(|| (off - begun) as f64 / world.powered.board.chip.core_hz as f64)
 }
 
-/// Checks that enable is off within `limit_s` after the core has stopped, s: a period of the output watchdog.
+/// After the core has stopped, checks that enable is off within `limit_s`, s: the period of the output watchdog.
 fn dead_core_is_off_within(world: &mut World<'_>, limit_s: f64, what: &str) {
     let begun = world.powered.mcu.now();
     world.powered.mcu.set_registers(|registers| registers.primask = true);
@@ -135,7 +135,7 @@ fn any_bit_of_the_output_watchdog_ends_in_off_or_leaves_it_at_work(board: Board)
     }
     println!("{}: {} bits end in off, {} do nothing", board.name, counts[1], counts[0]);
     assert!(counts[1] > 150, "{counts:?}");
-    // The word that waits in the stream cannot be read. A wrong one is stored once, and the next one is right.
+    // The word that waits in the stream cannot be read. A wrong word is stored once, and the next word is right.
     for bit in 0..32 {
         world.restore(&before);
         world.powered.mcu.flip_fetched(bit);
@@ -143,7 +143,7 @@ fn any_bit_of_the_output_watchdog_ends_in_off_or_leaves_it_at_work(board: Board)
     }
 }
 
-/// The sample timer's counter is changed at each sample, so that all registers keep their set-up values.
+/// The counter of the sample timer is changed at each sample, so that all registers have their set-up values.
 fn a_rate_that_is_off_by_more_than_2_percent_is_found_from_both_sides(board: Board) {
     let firmware = Firmware::of(board);
     let mut world = pressed(&firmware);
@@ -153,7 +153,7 @@ fn a_rate_that_is_off_by_more_than_2_percent_is_found_from_both_sides(board: Boa
         world.restore(&before);
         let begun = world.powered.mcu.now();
         let moved = (ticks * percent / 100.0) as i32;
-        // Two rounds of 64 outputs of 10 samples, since a comparison may have begun before.
+        // Two rounds of 64 outputs of 10 samples, since a comparison may already run.
         for _ in 0..1_400 {
             let events = world.powered.mcu.events();
             while world.powered.mcu.events() == events {

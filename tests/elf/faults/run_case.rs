@@ -1,4 +1,4 @@
-//! Runs one fault case from `arm` to `arm`.
+//! Runs one fault case: from `arm`, through the fault, to the next `arm`.
 
 use board_trials::campaign::fault_case::{Before, FaultCase, RENDER_US, WATCHDOG_US};
 use virtual_board::world::{Snapshot, World};
@@ -15,16 +15,15 @@ pub enum Depth {
     Full,
 }
 
-/// Result of a fault case.
 pub struct CaseResult {
     /// Time until enable was inactive, us.
     pub off_us: f64,
-    /// Time until the force's code was that of zero force, us.
+    /// Time until the output code is that of zero force, us.
     pub zero_us: f64,
     pub kept: String,
 }
 
-/// A board, armed or not, as the fault case needs it. The handle is 0.1 mm off its place, so that the position differs
+/// A board, armed or not, as the fault case needs it. The handle is moved by 0.1 mm first, so that the position differs
 /// from the counter's reading.
 pub fn prepare(firmware: &Firmware, before: Before, depth: Depth) -> Snapshot {
     let mut world = firmware.boot();
@@ -61,7 +60,7 @@ pub fn prepare(firmware: &Firmware, before: Before, depth: Depth) -> Snapshot {
     world.snapshot()
 }
 
-/// Registers of the force output at zero force. The register that the board does not use stays 0.
+/// Registers of the force output at zero force. The registers that the board does not use are 0.
 fn zero_registers(world: &World<'_>) -> [u32; 3] {
     match world.powered.board.wiring.force {
         virtual_board::board::Force::Dac { .. } => [0, 0, 2048],
@@ -69,7 +68,7 @@ fn zero_registers(world: &World<'_>) -> [u32; 3] {
     }
 }
 
-/// Causes the fault on a prepared board, checks the result, and checks that the board recovers.
+/// Causes the fault on a prepared board. Checks the result, and that the board recovers.
 pub fn run_case(
     firmware: &Firmware,
     prepared: &Snapshot,
@@ -98,10 +97,10 @@ pub fn run_case(
     let off_us = us(off.unwrap_or_else(|| panic!("{name}: enable stays active")) - begun);
     assert!(!world.powered.amplifier.is_enabled(), "{name}");
     assert!(off_us <= case.limit_us, "{name}: off after {off_us} us");
-    // The amplifier is off. The code follows at the latest when the program handles the fault or starts again.
+    // The amplifier is off. The code follows when the program handles the fault or restarts.
     let zero_us = us(changes.command_at.saturating_sub(begun));
     assert_eq!(world.powered.amplifier.command(), 0, "{name}");
-    // A reset drops enable by itself. The code follows when the program starts again, within one output.
+    // A reset switches enable off by itself. The code follows within one output after the program has restarted.
     let booting_us = match case.cause {
         Some(_) if case.resets => WATCHDOG_US, // no code runs until then
         _ if case.resets => RENDER_US,
@@ -135,7 +134,7 @@ pub fn run_case(
         let refused = world.ask(line).unwrap();
         assert!(refused.starts_with("error"), "{name}: {line}: {refused}");
     }
-    // The fault survives a reset. On the other board the recovery has no reset.
+    // The fault is still stored after a reset. On the other board, the recovery has no reset.
     if firmware.board == virtual_board::board::NUCLEO_F446RE && !case.stays {
         world.reset();
         world.run(300).unwrap();
@@ -147,7 +146,7 @@ pub fn run_case(
     CaseResult { off_us, zero_us, kept: kept.join(", ") }
 }
 
-/// Checks that the black box sends its records, marked, without a gap, and with the fault as the last one.
+/// Checks that the black box sends its marked records without a gap. The last one has the fault.
 fn black_box(world: &mut World<'_>, case: &FaultCase, depth: Depth, outputs: u64) {
     let name = case.name;
     let samples = if depth == Depth::Full { 5_200 } else { 300 };
@@ -163,7 +162,7 @@ fn black_box(world: &mut World<'_>, case: &FaultCase, depth: Depth, outputs: u64
     let least = if depth == Depth::Full { outputs.min(500) } else { 20 } as usize;
     assert!(records.len() >= least, "{name}: {} records", records.len());
     for pair in records.windows(2) {
-        // A masked `render` makes a gap of its own.
+        // A masked `render` causes a gap by itself.
         assert!(pair[1].sample > pair[0].sample, "{name}");
         if pair[1].fault == 0 {
             assert_eq!(pair[1].sample - pair[0].sample, 10, "{name}");
@@ -180,7 +179,7 @@ fn black_box(world: &mut World<'_>, case: &FaultCase, depth: Depth, outputs: u64
     }
 }
 
-/// Ends the cause. The force comes back only by `clear` and `arm`.
+/// Ends the cause. Only `clear` and `arm` may bring the force back.
 fn recover(firmware: &Firmware, case: &FaultCase, world: &mut World<'_>) {
     let name = case.name;
     (case.end)(world).unwrap();

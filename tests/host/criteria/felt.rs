@@ -5,14 +5,13 @@ use host_sim::study::loops::boards;
 use super::*;
 use crate::figure::figure;
 
-/// Stiffness of the wall, N/m.
 const STIFFNESS_N_PER_M: f64 = 20_000.0;
 const CUTOFFS_HZ: [f64; 9] = [70.0, 100.0, 150.0, 200.0, 300.0, 500.0, 700.0, 1000.0, 2000.0];
-/// Count of resolutions per octave, and the coarsest one, m.
+/// Number of resolutions per octave. `COARSEST_M` is the coarsest one, m.
 const PER_OCTAVE: f64 = 4.0;
 const COARSEST_M: f64 = 16e-6;
 
-/// Cutoff and B for a wall of this stiffness that stays below 0 dB from four starts.
+/// Cutoff and B of a wall with this stiffness that stays below 0 dB from four starts; `None` if there is no such wall.
 fn unfelt(scene: &Scene) -> Option<[f64; 2]> {
     let prepared = PreparedScene::new(scene).unwrap();
     let dampings = || (1..=30).map(|n| 10.0 * f64::from(n));
@@ -32,9 +31,9 @@ fn unfelt(scene: &Scene) -> Option<[f64; 2]> {
 }
 
 /// `cargo test --release --test host criteria::felt -- --ignored --nocapture`: finds the coarsest encoder, in quarters
-/// of an octave from 16 um down. With it, 20,000 N/m must stay below 0 dB from four starts, at some cutoff and some B
-/// of 10 to 300 N s/m. The curve is moved by -12, 0 and +12 dB. The motor pushes, in the loops of the paper and of the
-/// NUCLEO.
+/// of an octave from 16 um down. With this encoder, 20,000 N/m must stay below 0 dB from four starts, at some cutoff
+/// and some B of 10 to 300 N s/m. The curve is shifted by -12, 0 and +12 dB. The motor pushes, in the loops of the
+/// paper and of the NUCLEO.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]
 fn how_fine_an_encoder_nobody_feels() {

@@ -1,4 +1,4 @@
-//! Walls that are pressed for long, tapped, and held by a hand that sways.
+//! Walls that are pressed for a long time, tapped, and held by a hand that sways.
 
 use host_sim::{
     scene::{Criterion, NamedScene, Protocol, PushBy, Scene},
@@ -58,7 +58,7 @@ fn taps_reach_the_wall_after_50_ms_and_their_worst_last_half_counts() {
         let (report, samples) = hit(&scene, of);
         assert_eq!(samples.len(), 60_000);
         let inside = |sample: &Sample| sample.position_m > scene.wall.position_m;
-        // 2.6 N on 416 g move the handle by 7.9 mm in 50 ms; the damping of 5.5 N s/m reduces this by a fifth
+        // 2.6 N on 416 g move the handle by 7.9 mm in 50 ms. The damping of 5.5 N s/m reduces this by a fifth.
         let start_m = samples[0].position_m;
         assert!((6.1e-3..6.7e-3).contains(&(scene.wall.position_m - start_m)), "{start_m}");
         let (mut worst, mut firsts) = ((true, 0.0, 0.0), vec![]);
@@ -67,7 +67,7 @@ fn taps_reach_the_wall_after_50_ms_and_their_worst_last_half_counts() {
             let first = press.iter().position(inside).unwrap();
             firsts.push(first);
             assert!(!inside(&tap[4999]), "the handle is drawn back");
-            // by hand, and without the first tap: motion and force about their means
+            // By hand, and without the first tap: motion and force about their means.
             let last = &press[first + (2500 - first) / 2..];
             let positions: Vec<f64> = last.iter().map(|sample| sample.position_m).collect();
             let forces: Vec<f64> = last
@@ -86,15 +86,15 @@ fn taps_reach_the_wall_after_50_ms_and_their_worst_last_half_counts() {
         let (rests, motion_m, force_n) = worst;
         assert_eq!(report.is_stable(), rests, "{of:?}");
         if rests {
-            // relative to a polynomial, which removes slow motion and keeps fast motion
+            // Relative to a polynomial. This removes slow motion and leaves fast motion.
             let left = [report.rms_motion_m / motion_m, report.force_rms_n / force_n];
             assert!(left.iter().all(|left| (0.4..1.001).contains(left)), "{left:?} {report:?}");
         }
     }
 }
 
-/// 2 m / b or B / K is some tens of milliseconds. At the end of a tap the handle still moves by tens of micrometres,
-/// more and more slowly.
+/// A time constant of 2 m / b or B / K is some tens of milliseconds. So at the end of a tap the handle still moves by
+/// tens of micrometres, with a decreasing speed. This is no bouncing.
 #[test]
 fn a_tapped_wall_that_still_gives_way_is_not_one_that_bounces() {
     let mut scene = scene(Protocol::Taps);
@@ -134,7 +134,7 @@ fn a_sway_is_no_motion_of_the_wall_and_a_limit_cycle_is() {
         pushes.iter().copied().reduce(of).unwrap() * scene.full_scale_n() / scene.wall_hit.push_n
     };
     assert!((0.7..0.75).contains(&share(f64::min)) && (1.25..1.3).contains(&share(f64::max)));
-    // a cycle of some 100 Hz is above 20 Hz; the sway in such a stiff wall is 10 um
+    // A cycle of some 100 Hz is above 20 Hz. The sway in such a stiff wall is 10 um.
     let (stiff, samples) = hit(&scene, [60e3, 250.0]);
     let window: Vec<f64> = samples[40_000..].iter().map(|sample| sample.position_m).collect();
     assert_eq!(stiff.verdict, Verdict::Unstable);

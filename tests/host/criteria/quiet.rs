@@ -1,4 +1,4 @@
-//! Quiet walls compared with an independent program in `f64`, and the cutoff that they recommend.
+//! Quiet walls compared with an independent program in `f64`, and the recommended cutoff for quiet walls.
 
 use std::sync::atomic::AtomicBool;
 
@@ -11,7 +11,7 @@ use host_sim::{
 use rand::{RngExt as _, SeedableRng as _, rngs::Xoshiro256PlusPlus};
 use zwidth::experiment::Verdict;
 
-/// A scene with the criterion of quiet walls, with its own grid and another output period.
+/// A scene with the criterion `quiet`, with its own grid and another output period.
 fn scene(name: &str, period: u32, [k, b]: [f64; 2]) -> NamedScene {
     let mut named = NamedScene::load(name).unwrap();
     let scene = &mut named.scene;
@@ -27,7 +27,7 @@ fn scene(name: &str, period: u32, [k, b]: [f64; 2]) -> NamedScene {
     named
 }
 
-/// Results of the other program: cutoff, Hz, area, 10^6 N^2 s/m^2, and largest K, kN/m.
+/// Results of the independent program: cutoff, Hz; area, 10^6 N^2 s/m^2; largest K, kN/m.
 type Row = (f64, f64, f64);
 
 const LOOPS: [(&str, u32, [f64; 2], [Row; 3]); 5] = [
@@ -102,7 +102,7 @@ fn the_recommended_cutoff_is_near_the_best_of_the_independent_program() {
     }
 }
 
-/// A light handle on soft walls rings. Of two neighbouring cutoffs, one walk continues and the other ends at its first
+/// A light handle on soft walls rings. Of two neighbouring cutoffs, one walk goes on and the other ends at its first
 /// wall.
 #[test]
 fn a_walk_that_breaks_off_hides_no_better_cutoff() {
@@ -119,7 +119,7 @@ fn a_walk_that_breaks_off_hides_no_better_cutoff() {
     }
 }
 
-/// A walk counts the part of a column below the K of its crossing. Counted wall by wall, the area is the same.
+/// A walk counts each column up to the K of its crossing. If all walls are counted one by one, the area is the same.
 #[test]
 fn the_area_of_a_walk_is_that_of_its_quiet_walls() {
     let stop = AtomicBool::new(false);
@@ -159,7 +159,7 @@ fn the_area_of_a_walk_is_that_of_its_quiet_walls() {
     }
 }
 
-/// One push alone is not enough: a wall far above all others holds at the scene's push, but not at a push that is 3 %
+/// One push is not enough: a wall far above all others is stable at the scene's push, but not at a push that is 3 %
 /// larger.
 #[test]
 fn a_wall_is_quiet_at_all_four_pushes_or_not_at_all() {
@@ -187,7 +187,7 @@ fn a_wall_is_quiet_at_all_four_pushes_or_not_at_all() {
     assert!(some > 0 && all > 0, "{some} {all}");
 }
 
-/// A random device: each number is between its limits, uniform on a logarithmic scale.
+/// A random device. Each number is uniform between its limits, on a logarithmic scale.
 fn device(rng: &mut Xoshiro256PlusPlus) -> NamedScene {
     let mut named = NamedScene::load("paper-1um").unwrap();
     let mut draw = |low: f64, high: f64| low * (high / low).powf(rng.random::<f64>());
@@ -201,7 +201,7 @@ fn device(rng: &mut Xoshiro256PlusPlus) -> NamedScene {
     scene.actuator.latency = draw(0.1, 10.0);
     scene.actuator.period = draw(1.0, 10.99) as u32;
     scene.wall_hit.push_n = 0.48 * full_n;
-    // near enough for a heavy handle to reach it in time
+    // Near enough for a heavy handle to reach it in time.
     scene.wall.position_m = scene.device.start_position_m + 0.01;
     scene.wall_hit.judge(Criterion::Quiet, None);
     if rng.random::<bool>() {
@@ -223,8 +223,8 @@ fn device(rng: &mut Xoshiro256PlusPlus) -> NamedScene {
     named
 }
 
-/// Area at the recommended cutoff as a fraction of the best area of a list in steps of 3 %, at other pushes; and both
-/// cutoffs.
+/// Area at the recommended cutoff as a fraction of the best area of a list of cutoffs in steps of 3 %, at other pushes.
+/// Also both cutoffs.
 fn share_of_the_best(scene: &NamedScene) -> Option<[f64; 3]> {
     let stop = AtomicBool::new(false);
     let how = How { engine: Engine::lanes(), numeric: Numeric::Fixed, stop: &stop };

@@ -1,5 +1,5 @@
 //! A second program for the loops of docs/lab/criteria-measured.md. It has its own device, amplifier, transmission,
-//! DAC, latency, filter, wall, hit and walk in `f64`. From the simulator it uses only the numbers of the scenes.
+//! DAC, latency, filter, wall, hit and walk in `f64`. From the simulator it takes only the numbers of the scenes.
 
 use host_sim::study::levers::{Between, Lever, levers};
 
@@ -7,7 +7,7 @@ use super::*;
 use crate::figure::figure;
 
 /// State: position and speed of the device, position and speed of the handle behind the transmission, force of the
-/// amplifier, 1.
+/// amplifier, and the constant 1.
 const STATES: usize = 6;
 type Matrix = [[f64; STATES]; STATES];
 type State = [f64; STATES];
@@ -20,8 +20,8 @@ fn of(matrix: &Matrix, state: &State) -> State {
     std::array::from_fn(|n| (0..STATES).map(|m| matrix[n][m] * state[m]).sum())
 }
 
-/// The matrix exponential by its series, for a time that is halved until the series converges fast; the result is then
-/// squared as often.
+/// The matrix exponential by its series. The time is halved until the series converges fast. Then the result is squared
+/// as often.
 fn exponential(rates: &Matrix, time_s: f64) -> Matrix {
     let halvings = 12;
     let small = time_s / f64::from(1 << halvings);
@@ -35,7 +35,7 @@ fn exponential(rates: &Matrix, time_s: f64) -> Matrix {
     (0..halvings).fold(sum, |power, _| times(&power, &power))
 }
 
-/// The equations of motion under a constant command: the last state is 1.
+/// Matrix of the equations of motion under a constant command, which the last state, 1, multiplies.
 fn rates(scene: &Scene, command_n: f64) -> Matrix {
     let Device { mass_kg: m, damping_n_s_per_m: b, stiffness_n_per_m: k, .. } = scene.device;
     let mut a = [[0.0; STATES]; STATES];
@@ -62,7 +62,7 @@ fn rates(scene: &Scene, command_n: f64) -> Matrix {
     a
 }
 
-/// Matrices of a sample's step: the whole step, and its parts before and after the time at which a command acts.
+/// Matrices for one sample: the whole step, and the parts before and after the time at which a command acts.
 struct Steps {
     /// Step without a command, and the additional motion per newton.
     parts: [(Matrix, State); 3],
@@ -74,7 +74,7 @@ impl Steps {
         let part = |time_s: f64| {
             let [none, one] = [0.0, 1.0].map(|command| exponential(&rates(scene, command), time_s));
             let adds = std::array::from_fn(|n| (0..STATES).map(|m| one[n][m] - none[n][m]).sum());
-            // the last column has the constants of a state without the amplifier's force
+            // The last column has the effect of the constant 1, without the amplifier's force.
             (none, adds)
         };
         Self { parts: [1.0, late, 1.0 - late].map(|share| part(share * time_s)) }
@@ -113,7 +113,7 @@ impl Loop<'_> {
         let mut state = [start_m, 0.0, start_m, 0.0, 0.0, 1.0];
         let (mut before, mut x, mut y) = ((start_m / resolution_m).floor(), [0.0; 2], [0.0; 2]);
         let late = scene.actuator.latency.floor() as usize;
-        // commands by the sample in which they act
+        // Commands by the sample in which they act.
         let mut coming = vec![None; late + 1];
         let mut acting_n = 0.0;
         let settle = (scene.wall_hit.settle_s * rate_hz).round() as usize;
@@ -162,8 +162,8 @@ impl Loop<'_> {
         (squares / window as f64 - mean * mean).sqrt() < self.limit_m
     }
 
-    /// Area of the walk: K rises to the last stable one; then B rises, and K goes up or down to the boundary, until no
-    /// K is stable.
+    /// Area of the walk. K rises to the last stable one. Then B rises, and K goes up or down to the boundary. The walk
+    /// ends when no K is stable.
     fn area(&self, walk: &Walk) -> f64 {
         let k = |n: i32| walk.stiffness_start_n_per_m + f64::from(n) * walk.stiffness_step_n_per_m;
         let b = |n: i32| walk.damping_start_n_s_per_m + f64::from(n) * walk.damping_step_n_s_per_m;
@@ -184,7 +184,7 @@ impl Loop<'_> {
                 if self.is_stable(k(up), b(across)) {
                     break;
                 }
-                // down to a stable K; at this B, K does not rise again
+                // Down to a stable K. At this B, K does not rise again.
                 loop {
                     up -= 1;
                     if k(up) <= 0.0 {
@@ -199,7 +199,6 @@ impl Loop<'_> {
     }
 }
 
-/// A row of `levers.csv`.
 struct Row<'a>(Vec<&'a str>, &'a [&'a str]);
 
 impl Row<'_> {
@@ -230,8 +229,8 @@ impl Row<'_> {
 }
 
 /// `cargo test --release --test host criteria::second -- --ignored --nocapture`: every loop of `sweep paper-1um
-/// --levers` at its ideal cutoff and with the true velocity. The motor pushes; limits of 1 um and 15 um of the motion.
-/// Grids, starts and largest values are those of docs/data/levers-paper-1um.csv. Both programs use one start.
+/// --levers` at its ideal cutoff and with the true velocity. The motor pushes. The limits are 1 um and 15 um of the
+/// motion. Grids, starts and largest values are those of docs/data/levers-paper-1um.csv. Both programs use one start.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]
 fn loops_are_those_of_a_second_program() {

@@ -9,7 +9,7 @@ use zwidth::VelocitySettings;
 use super::*;
 use crate::figure::figure;
 
-/// Areas of one scene by limit, N^2 s/m^2: four starts, the motor pushes, RMS of the motion.
+/// Areas of one scene by limit, N^2 s/m^2, with four starts, the motor's push, and the RMS of the motion.
 fn table(
     name: &str,
     limits_: &[Limit],
@@ -46,8 +46,8 @@ fn table_in(
     limits(How { engine: Engine::lanes(), numeric, stop: &stop }, &scene, &question, || ()).unwrap()
 }
 
-/// Compares areas in 10^6 N^2 s/m^2 with a row of a table, for cells above 1: the value must be within 3 % of the areas
-/// of four starts. Returns the count of compared cells, and how many are outside.
+/// Compares areas in 10^6 N^2 s/m^2 with a row of a table. Each cell above 1 must be within 3 % of the areas of four
+/// starts. Returns the number of compared cells, and how many are outside.
 fn hold_row(name: &str, results: &[LimitResult], limit: Limit, expected: &[f64]) -> [usize; 2] {
     let result = results.iter().find(|result| result.limit == limit).unwrap();
     let mut told = [0; 2];
@@ -64,7 +64,7 @@ fn hold_row(name: &str, results: &[LimitResult], limit: Limit, expected: &[f64])
     told
 }
 
-/// Count of cells outside in these rows.
+/// Number of cells that are outside in these rows.
 fn beyond(table: &str, rows: &[[usize; 2]]) -> usize {
     let [cells, beyond] = [0, 1].map(|n| rows.iter().map(|row| row[n]).sum::<usize>());
     figure(&format!("host/criteria/{table}/cells"), cells);
@@ -73,8 +73,8 @@ fn beyond(table: &str, rows: &[[usize; 2]]) -> usize {
 }
 
 /// `cargo test --release --test host criteria::tables::saturation -- --ignored --nocapture`: paper-2um, 700 Hz, K from
-/// 4000 in steps of 4000, B from 20 in steps of 20, for each protocol and each limit of the actuator. Expected: an
-/// independent program.
+/// 4000 in steps of 4000, B from 20 in steps of 20, for each protocol and each limit of the actuator. The expected
+/// values are from an independent program.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]
 fn saturation_decides_who_holds_more() {
@@ -97,8 +97,8 @@ fn saturation_decides_who_holds_more() {
     }
 }
 
-/// Areas of four starts and of the twin in `f64`. With the hand's push the area changes by a tenth with the start. So
-/// an independent program's area must be between ours, within 3 %.
+/// Areas of four starts, and of the twin in `f64`. With the hand's push the area changes by a tenth from start to
+/// start. So the area of an independent program must be between these areas, within 3 %.
 fn hold_starts(key: &str, scene: &Scene, cutoff_hz: f64, expected: f64) {
     let fixed =
         [0.0, 0.25, 0.5, 0.75].map(|start| area_of(scene, cutoff_hz, Numeric::Fixed, start));
@@ -115,8 +115,9 @@ fn hold_starts(key: &str, scene: &Scene, cutoff_hz: f64, expected: f64) {
     assert!(expected > 0.97 * low && expected < 1.03 * high, "{key}");
 }
 
-/// `cargo test --release --test host criteria::tables::by_hand -- --ignored --nocapture`: paper-1um, the hand pushes,
-/// with the tunings that `compare` has found for the motor's push. Expected: an independent program.
+/// `cargo test --release --test host criteria::tables::by_hand -- --ignored --nocapture`: paper-1um, the hand pushes.
+/// The tunings are those that `compare` has found for the motor's push. The expected values are from an independent
+/// program.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]
 fn by_hand_another_estimator_is_best() {
@@ -144,9 +145,10 @@ fn by_hand_another_estimator_is_best() {
 }
 
 /// `cargo test --release --test host criteria::tables::table_of_limits -- --ignored --nocapture`: the motor pushes, RMS
-/// of the motion, K from 500 in steps of 500, B from 5 in steps of 5. Expected: an independent program in `f64`, one
-/// start. Two cells of the 2 um encoder are outside. At the limit of 5 um and 1500 Hz, the value is within our twin's
-/// range. At the limit of 1 um and 500 Hz, the area falls with the 3.7th power of the cutoff.
+/// of the motion, K from 500 in steps of 500, B from 5 in steps of 5. The expected values are from an independent
+/// program in `f64` with one start. Two cells of the 2 um encoder are outside. At the limit of 5 um and 1500 Hz, the
+/// value is within the range of our twin. At the limit of 1 um and 500 Hz, the area falls with the 3.7th power of the
+/// cutoff.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]
 fn table_of_limits() {
@@ -180,7 +182,7 @@ fn table_of_limits() {
             figure("host/criteria/limits/percent_per_percent", steepness);
         }
     }
-    // the two of the documentation, with our twin beside the first one
+    // The two cells of the documentation. For the first one, our twin is listed too.
     for (name, limit, cutoff_hz, independent) in [
         ("5um", Limit::Rms(5e-6), 1500.0, two[0].1[8]),
         ("1um", Limit::Rms(1e-6), 500.0, two[2].1[5]),
@@ -203,7 +205,8 @@ fn table_of_limits() {
 }
 
 /// `cargo test --release --test host criteria::tables::table_of_levels -- --ignored --nocapture`: the motor pushes, K
-/// from 1000 in steps of 2000, B from 5 in steps of 10. Expected: an independent program in `f64`, one start.
+/// from 1000 in steps of 2000, B from 5 in steps of 10. The expected values are from an independent program in `f64`
+/// with one start.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]
 fn table_of_levels() {
@@ -230,8 +233,8 @@ fn table_of_levels() {
 }
 
 /// `cargo test --release --test host criteria::tables::yardstick -- --ignored --nocapture`: the true velocity in place
-/// of an estimate, the motor pushes, RMS of the motion, K from 1000, B from 5 in steps of 5; for levels B in steps of
-/// 10, K in steps of 2000.
+/// of an estimate. The motor pushes, RMS of the motion, K from 1000, B from 5 in steps of 5. For levels, B has steps of
+/// 10 and K steps of 2000.
 #[test]
 #[ignore = "a table of docs/lab/criteria-measured.md"]
 fn yardstick() {

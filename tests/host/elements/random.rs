@@ -36,7 +36,7 @@ fn any_tables() -> impl Strategy<Value = Vec<String>> {
             )
         }));
         let (friction, cogging, spring, rigid, method) = dry;
-        // Of the seed, so that the other elements are those that were tried before there was a gap.
+        // The gap follows from the seed. So the other elements are the same as before this test had a gap.
         let gap = (mode.is_some() && seed.is_multiple_of(2)).then(|| 0.1f64.powf(2.0 + f64::from(seed / 2 % 7)));
         let cubic = seed.is_multiple_of(3).then(|| f64::from(seed % 61) / 100.0 - 0.3);
         tables.extend(gap.map(|gap| format!("[backlash]\ngap_m = {gap:e}\n")));
@@ -90,7 +90,7 @@ fn stay_finite(cases: u32) {
             let tables: Vec<&str> = tables.iter().map(String::as_str).collect();
             let mut scene = match read(&tables) {
                 Ok(scene) => scene,
-                // Only devices that an integrator cannot follow are refused.
+                // A device is refused only if no integrator can follow it.
                 Err(message) => {
                     prop_assert!(message.contains("time constant"), "{message}");
                     return Ok(());
@@ -123,8 +123,8 @@ fn stay_finite(cases: u32) {
     assert!(ran > cases / 3 && integrated > cases / 5, "{ran} {integrated}");
 }
 
-/// A random device is released at rest and left alone. No part may ever have more energy than the whole had at first.
-/// The test checks the handle's distance from its spring's rest position.
+/// A random device is released at rest and left alone. No part may ever have more energy than the whole device had at
+/// first. The test checks the handle's distance from its spring's rest position.
 #[test]
 fn a_handle_that_is_let_go_gets_no_energy_from_nowhere() {
     gets_no_energy(20);
@@ -172,10 +172,10 @@ fn gets_no_energy(cases: u32) {
     assert!(ran_cell.get() > cases * 4 / 15);
 }
 
-/// Largest relative gain of energy by an integrator with the random devices' count of steps.
+/// Largest relative gain of energy by an integrator with the steps that random devices have.
 const GAIN_MAX: f64 = 1e-3;
 
-/// The smallest count of steps of this integrator that a scene may have.
+/// The integrator with the smallest number of steps that a scene may have.
 fn fewest(scene: &Scene, of: fn(u32) -> Integrator) -> Option<Integrator> {
     let demand = scene.chain().step_demand(&scene.nonlinear());
     let allowed = |steps: u32| of(steps).check(&demand, 1e-4).is_ok();
@@ -190,7 +190,7 @@ fn fewest(scene: &Scene, of: fn(u32) -> Integrator) -> Option<Integrator> {
     Some(of(enough))
 }
 
-/// With the smallest count of steps, and a command of 0 N that takes effect within every tenth sample.
+/// With the smallest number of steps. A command of 0 N takes effect within every tenth sample.
 #[test]
 fn no_device_blows_up_with_the_fewest_steps_that_are_allowed() {
     fewest_steps(100);
@@ -229,7 +229,7 @@ fn fewest_steps(cases: u32) {
                 let plant = AnyPlant::unsensed(&scene, 1e-4, fraction);
                 let mut state = plant.at_rest(start_m);
                 let mut farthest_m = 0.0f64;
-                // The same computing work for any count of steps.
+                // The same computing work for any number of steps.
                 for n in 0..(200_000 / steps_per_sample).clamp(100, 20_000) {
                     state = if n % 10 == 0 {
                         plant.advance_split(&state, 0.0, 0.0)

@@ -81,7 +81,7 @@ fn delay_phase_and_noise_are_those_of_the_impulse_response() {
             let w = TAU * hz / rate_hz;
             let (mut re, mut im) = (0.0, 0.0);
             for (n, h) in response.iter().enumerate() {
-                // the difference is the velocity half a sample earlier
+                // The difference is the velocity half a sample earlier.
                 let angle = w * (n as f64 + 0.5);
                 (re, im) = (re + h * angle.cos(), im - h * angle.sin());
             }
@@ -96,7 +96,7 @@ fn delay_phase_and_noise_are_those_of_the_impulse_response() {
         let phase = at(100.0).to_degrees();
         assert!((found.phase_100_hz_deg.hand - phase).abs() < 0.3, "{phase} {name}");
         assert_eq!(found.delay_s.hand, found.delay_s.motor);
-        // at rest each count is a fair coin toss: independent, with variance 1/4; the filter gets its differences
+        // At rest each count is a fair coin toss: independent, with variance 1/4. The filter gets the differences.
         let mut taps = response.clone();
         taps.push(0.0);
         let squares: f64 = (0..taps.len())
@@ -104,7 +104,7 @@ fn delay_phase_and_noise_are_those_of_the_impulse_response() {
             .sum();
         let at_rest = (0.25 * squares).sqrt() * scene.encoder.resolution_m * rate_hz;
         assert!((found.noise_at_rest_m_per_s / at_rest - 1.0).abs() < 0.03, "{at_rest} {name}");
-        // in motion: the worst of six speeds, counted and filtered in this file
+        // In motion: the worst of six speeds, counted and filtered in this file.
         let worst = [0.010_618, 0.038_197, 0.123_606, 0.381_966, 1.127_3, 2.902_7].map(|speed| {
             let count = |n: usize| (speed * n as f64).floor();
             let (first, samples) = (response.len(), 20_000);
@@ -130,7 +130,7 @@ fn rounding_and_units_of_the_encoder_change_no_figure_in_counts() {
     cases(3, |dice| {
         let mut scene = dice.scene();
         scene.encoder.rounding = Rounding::Floor;
-        // a speed of 100 counts per sample for any device
+        // A speed of 100 counts per sample for any device.
         scene.wall_hit.push_n = 0.0;
         (scene.actuator.gain_n_per_v, scene.device.mass_kg) = (1e4, 0.02);
         let settings = match dice.below(3) {
@@ -165,7 +165,7 @@ fn rounding_and_units_of_the_encoder_change_no_figure_in_counts() {
     });
 }
 
-/// RMS of a signal above 100 Hz, after removing its mean, with a Hann window: a sum of sines and cosines for each
+/// RMS of a signal above 100 Hz. Removes the mean, applies a Hann window, and sums sines and cosines for each
 /// frequency.
 fn rough(signal: &[f64], rate_hz: f64) -> f64 {
     let n = signal.len() as f64;

@@ -1,4 +1,4 @@
-//! Random scenes and walls, each from one number.
+//! Random scenes and walls. Each follows from one number.
 
 use host_sim::{
     numerics::integrator::Integrator,
@@ -22,7 +22,7 @@ fn environment(name: &str) -> Option<u64> {
     Some(text.parse().unwrap_or_else(|_| panic!("{name} is {text}, allowed a whole number")))
 }
 
-/// Runs a relation `usual` times, or a multiple of that if the environment sets one.
+/// Runs a relation `usual` times. The environment can set a factor for this number.
 pub fn cases(usual: u64, mut relation: impl FnMut(&mut Dice)) {
     let times = environment("METAMORPHIC_CASES").unwrap_or(1);
     let seed = environment("METAMORPHIC_SEED").unwrap_or(0);
@@ -44,7 +44,7 @@ impl Dice {
         Self { name: format!("seed {seed}, case {case}"), random }
     }
 
-    /// From 0 to below 1.
+    /// Uniform from 0 to below 1.
     pub fn part(&mut self) -> f64 {
         self.random.random::<f64>()
     }
@@ -70,13 +70,12 @@ impl Dice {
         choices[self.below(choices.len() as u32) as usize]
     }
 
-    /// A normally distributed number.
     pub fn normal(&mut self) -> f64 {
         let (u, v) = (self.part(), self.part());
         (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
     }
 
-    /// A device without elements, 10 mm from its wall.
+    /// A device without elements, 10 mm in front of its wall.
     pub fn scene(&mut self) -> Scene {
         let mut scene = NamedScene::load("paper-1um").unwrap().scene;
         let rate_hz = self.one_of(&[2e3, 5e3, 1e4, 2e4]);
@@ -134,7 +133,7 @@ impl Dice {
         });
     }
 
-    /// Adds elements of the encoder that have a length.
+    /// Adds those elements of the encoder that have a length.
     pub fn encoder_elements(&mut self, scene: &mut Scene) {
         scene.encoder_error = self.coin().then(|| EncoderError {
             cycle_m: self.decades(1e-5, 1e-3),
@@ -187,7 +186,6 @@ impl Dice {
     }
 }
 
-/// Every sample of a hit.
 pub fn trace(scene: &Scene, hit: &WallHit, numeric: Numeric) -> Vec<Sample> {
     let prepared = PreparedScene::new(scene).unwrap_or_else(|error| panic!("{error}: {scene:?}"));
     let mut samples = vec![];

@@ -1,4 +1,4 @@
-//! Symmetries of `identify`: the same device from records in other units, reversed, shifted or repeated.
+//! Symmetries of `identify`: the same device from records that are in other units, reversed, shifted or repeated.
 
 use host_sim::{
     analysis::identify::{Drive, Estimate, Gain, Identification, Options, Record, Terms, identify},
@@ -63,8 +63,8 @@ fn estimates(found: &Identification) -> [Estimate; 4] {
     [found.mass_kg, found.damping_n_s_per_m, spring.stiffness_n_per_m, spring.rest_position_m]
 }
 
-/// Each estimate is `times` the other estimate plus `more`, within a fraction of its interval. The interval scales in
-/// the same way.
+/// Checks that each estimate is `times` the other estimate plus `more`, within a fraction of its interval. The interval
+/// must scale by `times` too.
 #[track_caller]
 fn same(
     name: &str,
@@ -100,14 +100,14 @@ fn other_units_signs_and_places_are_the_same_device() {
         let name = |what: &str| format!("{}: {what}", dice.name);
         let each =
             |values: &mut Vec<f64>, times: f64| values.iter_mut().for_each(|value| *value *= times);
-        // an amplifier of twice the gain needs half the voltage
+        // An amplifier of twice the gain needs half the voltage.
         let other = with(&|record, options| {
             each(&mut record.command, 0.5);
             options.gain = Gain::Given(1.0);
             options.limit_v = 5.0;
         });
         same(&name("voltage"), &found, &other, [1.0; 4], none, 1.0);
-        // twice the force for the same motion means twice the device
+        // Twice the force for the same motion means twice the device.
         let other = with(&|_, options| options.gain = Gain::Given(1.0));
         same(&name("gain"), &found, &other, [2.0, 2.0, 2.0, 1.0], none, 1.0);
         let other = with(&|record, _| {
@@ -134,7 +134,7 @@ fn other_units_signs_and_places_are_the_same_device() {
         let less = [0.0, 0.0, 0.0, -0.5 * RESOLUTION_M];
         same(&name("floor"), &found, &half_a_count, [1.0; 4], less, 1.0);
         // A repeated record gives the same values with intervals that are smaller by the root of two. The search for
-        // terms is off: noise that repeats exactly would be evidence of a term.
+        // terms is off, since noise that repeats exactly would be evidence of a term.
         let plainly = Options { terms: Terms::NONE, ..options };
         let once = identify(std::slice::from_ref(&plain), &plainly).unwrap();
         let twice = identify(&[plain.clone(), plain.clone()], &plainly).unwrap();

@@ -1,5 +1,5 @@
 //! A second implementation of the sampled loop: a device, an actuator with any delay in samples, an output every few
-//! samples, an encoder, a filter, a wall. It uses only the scene of the simulator.
+//! samples, an encoder, a filter, a wall. From the simulator it uses only the scene.
 
 use host_sim::{
     scene::{Rounding, Scene, VelocityTable},
@@ -12,14 +12,15 @@ use zwidth::{units::Force, velocity::EstimatorName};
 
 use crate::dice::{cases, trace};
 
-/// Position from rest and speed after `time_s` under a constant force. It uses the power series of the equation of
-/// motion, in steps so short that twenty terms are exact up to rounding.
+/// Distance from the rest position, and speed, after `time_s` under a constant force. They follow from the power series
+/// of the equation of motion. The steps are so short that twenty terms are exact up to rounding.
 fn moved(scene: &Scene, [mut x, mut v]: [f64; 2], force_n: f64, time_s: f64) -> [f64; 2] {
     let device = &scene.device;
     let steps = 4;
     let h = time_s / f64::from(steps);
     for _ in 0..steps {
-        // x = sum of c[n] h^n: (n + 1) (n + 2) m c[n + 2] + (n + 1) b c[n + 1] + k c[n] is F for n = 0, and 0 otherwise
+        // x = sum of c[n] h^n: (n + 1) (n + 2) m c[n + 2] + (n + 1) b c[n + 1] + k c[n] is F for n = 0, and 0
+        // otherwise.
         let mut c = [0.0; 22];
         (c[0], c[1]) = (x, v);
         for n in 0..20 {
@@ -40,18 +41,18 @@ fn moved(scene: &Scene, [mut x, mut v]: [f64; 2], force_n: f64, time_s: f64) -> 
     [x, v]
 }
 
-/// Counts at every sample, and the force on the handle at the sample's end. The handle is moved by `nudge_m` in each
-/// sample, to and fro.
+/// Counts at every sample, and the force on the handle at the sample's end. In each sample the handle is moved by
+/// `nudge_m`, with alternating sign.
 fn loop_of(scene: &Scene, hit: &WallHit, nudge_m: f64, samples: usize) -> Vec<(i32, f64)> {
     let resolution_m = scene.encoder.resolution_m;
     let (rate_hz, full_n) = (scene.control.rate_hz, scene.full_scale_n());
     let half = if scene.encoder.rounding == Rounding::Round { 0.5 } else { 0.0 };
     let count = |x: f64| ((x + scene.device.rest_position_m) / resolution_m + half).floor();
     let surface = (scene.wall.position_m / resolution_m).round();
-    // the core's number format sets the push
+    // The core's number format sets the push.
     let bits = f64::from(Force::FULL_SCALE.bits());
     let push_n = (scene.wall_hit.push_n / full_n * bits).round() / bits * full_n;
-    // Butterworth by the bilinear transform, s = 2 (1 - z^-1) / (1 + z^-1) per sample
+    // Butterworth by the bilinear transform, s = 2 (1 - z^-1) / (1 + z^-1) per sample.
     let cutoff_hz = hit.velocity.cutoff_hz();
     let w = std::f64::consts::TAU * cutoff_hz.unwrap_or_default() / rate_hz;
     let filtered = cutoff_hz.is_some();
@@ -87,7 +88,7 @@ fn loop_of(scene: &Scene, hit: &WallHit, nudge_m: f64, samples: usize) -> Vec<(i
             let force_n = (push_n - wall_n).clamp(-full_n, full_n);
             asked.push((n as f64 + latency, force_n));
         }
-        // commands that act from this sample to the next: the last one in effect, and one that takes effect in between
+        // Commands that act from this sample to the next: the last one in effect, and one that takes effect in between.
         let (mut from, until) = (n as f64, n as f64 + 1.0);
         while let Some(&(at, force_n)) = asked.first().filter(|(at, _)| *at < until) {
             state = moved(scene, state, acting, (at - from) / rate_hz);
@@ -116,7 +117,7 @@ fn the_loop_is_that_of_a_second_text() {
         let full_n = scene.full_scale_n();
         let simulated = trace(&scene, &hit, Numeric::F64);
         let nudged = |nudge_m| loop_of(&scene, &hit, nudge_m, simulated.len());
-        // some walls are chaotic: both implementations must agree until rounding affects the second one
+        // Some walls are chaotic. So both implementations must agree only until rounding affects the second one.
         let [second, before, behind] = [0.0, -1e-13, 1e-13].map(nudged);
         let near =
             |(a, b): (&(i32, f64), &(i32, f64))| a.0 == b.0 && (a.1 - b.1).abs() < 1e-10 * full_n;

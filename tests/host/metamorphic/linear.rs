@@ -26,7 +26,6 @@ fn identity(n: usize) -> Matrix {
     one
 }
 
-/// Adds a multiple of a row.
 fn add(sum: &mut [Double], times: Double, row: &[Double]) {
     if times != number(0.0) {
         sum.iter_mut().zip(row).for_each(|(sum, x)| *sum = *sum + times * *x);
@@ -66,14 +65,14 @@ fn exponential(a: &Matrix, t: f64) -> Matrix {
     sum
 }
 
-/// The plant with the commanded force as the last state. The states are the handle's position, the speeds of the
-/// bodies, the stretches of the other springs, the amplifier, and the command. If no spring holds a body, its position
-/// is not a state. Parts without an effect on the handle are left out.
+/// The plant with the commanded force as the last state. The other states are the handle's position, the speeds of the
+/// bodies, the stretches of the other springs, and the amplifier. If no spring holds a body, its position is not a
+/// state. Parts without an effect on the handle are left out.
 fn plant(of: &Loop) -> Matrix {
     let Elements { amplifier, mode, arm } = of.elements;
     let device = of.device;
     let mut masses = vec![device.mass_kg];
-    // springs and dampers: from the body before, or from the ground, to a body
+    // Springs and dampers to a body, from the body before it or from the ground.
     let mut links = vec![(0, true, device.stiffness_n_per_m, device.damping_n_s_per_m)];
     if let Some(mode) = mode {
         masses.push(mode.mass_kg);
@@ -92,7 +91,7 @@ fn plant(of: &Loop) -> Matrix {
     let (mut stretches, mut next) = (vec![0], speed(masses.len()));
     for (body, to_ground, k, b) in links {
         let before = (!to_ground).then(|| body - 1);
-        // if springs connect all bodies from the handle to this one, the sum of the stretches is its position
+        // If springs connect all bodies from the handle to this one, the sum of the stretches is its position.
         let stretch = if to_ground && stretches.len() == body + 1 {
             stretches.clone()
         } else if k > 0.0 {
@@ -137,8 +136,8 @@ fn plant(of: &Loop) -> Matrix {
         .collect()
 }
 
-/// The loop over one output period. State: the plant with the acting command, the estimator's past positions and
-/// velocities, newest first, and the commands that do not act yet, oldest first.
+/// The loop over one output period. Its state: the plant with the acting command; the estimator's past positions and
+/// velocities, newest first; the commands that do not act yet, oldest first.
 fn period(of: &Loop, k: f64, b: f64) -> Matrix {
     let a = plant(of);
     let plant_states = a.len();
@@ -153,7 +152,7 @@ fn period(of: &Loop, k: f64, b: f64) -> Matrix {
     let queue = past + 2 * order;
     let states = queue + waiting;
     let mut all = identity(states);
-    // delay in samples from the start of a period to the effect of a command, of that start or of an earlier one
+    // Delay in samples from the start of a period to the effect of a command of this start or of an earlier one.
     let turn = latency - every * (latency / every).floor();
     let whole = exponential(&a, sample_s);
     let parts = [turn.fract(), 1.0 - turn.fract()].map(|part| exponential(&a, part * sample_s));
@@ -208,7 +207,7 @@ fn growth(of: &Loop, k: f64, b: f64) -> f64 {
         }
         let taken = largest.log2().round();
         power.iter_mut().flatten().for_each(|x| *x = *x * number((-taken).exp2()));
-        // whole numbers are not rounded if motion neither grows nor decays
+        // Whole numbers are not rounded if motion neither grows nor decays.
         (exponent, periods) = (2.0 * exponent + taken, 2.0 * periods);
     }
     exponent / periods
@@ -254,8 +253,8 @@ fn any(dice: &mut Dice) -> Loop {
     Loop { device, elements, rate_hz, period, latency_samples, estimator }
 }
 
-/// Relative distances from the boundary at which the motion is checked: of the boundary, and of the loop's own
-/// stiffnesses, whose difference is K.
+/// Relative distances from the boundary at which the motion is checked. The first is relative to the boundary. The
+/// second is relative to the loop's own stiffnesses, whose difference is K.
 const ASIDE: [f64; 2] = [1e-4, 1e-14];
 
 #[test]

@@ -1,5 +1,5 @@
-//! Forces, lengths and times in other units, larger by a power of two. The counts are the same, and all other values
-//! are larger by exactly this factor, bit for bit.
+//! Forces, lengths and times in other units, larger by a power of two. The counts are the same. All other values are
+//! larger by exactly this factor, bit for bit.
 
 use host_sim::{
     scene::{Scene, element::Travel},
@@ -122,7 +122,6 @@ fn numeric(dice: &mut Dice) -> Numeric {
     dice.one_of(&[Numeric::Fixed, Numeric::F64, Numeric::F64Rounded])
 }
 
-/// Any scene with any elements.
 fn any(dice: &mut Dice) -> Scene {
     let mut scene = dice.scene();
     dice.linear_elements(&mut scene);
@@ -152,7 +151,7 @@ fn larger_lengths_change_nothing_else() {
         let scene = any(dice);
         let (hit, length) = (dice.wall(&scene), dice.one_of(&POWERS));
         let numeric = numeric(dice);
-        // force and length have the same factor, so masses, dampers and springs stay the same
+        // Force and length have the same factor, so masses, dampers and springs stay the same.
         Larger { force: length, length, time: 1.0 }.holds(&dice.name, &scene, &hit, numeric);
     });
 }

@@ -20,9 +20,9 @@ fn a_device_elsewhere_moves_alike() {
     cases(25, |dice| {
         let mut scene = dice.scene();
         dice.linear_elements(&mut scene);
-        // so that whole counts are exact in binary
+        // Whole counts are then exact in binary.
         scene.encoder.resolution_m = dice.one_of(&[1.0, 2.0, 8.0]) / f64::from(1 << 20);
-        // not at an edge of a count, where rounding decides
+        // Not at an edge of a count, where rounding decides.
         let hit = WallHit { start_offset_counts: 0.3, ..dice.wall(&scene) };
         let counts = i32::try_from(dice.below(200_000)).unwrap() - 100_000;
         let far_m = f64::from(counts) * scene.encoder.resolution_m;
@@ -55,7 +55,7 @@ fn a_late_reading_is_of_the_way_to_the_next_sample() {
         let resolution_m = scene.encoder.resolution_m;
         for around in trace(&scene, &hit, Numeric::F64).windows(5) {
             let at_m: [f64; 5] = std::array::from_fn(|n| around[n].position_m);
-            // how far a reversal within the sample may reach beyond the positions at its ends
+            // How far a reversal within the sample may reach beyond the positions at its ends.
             let bend_m = |n: usize| (at_m[n + 1] - 2.0 * at_m[n] + at_m[n - 1]).abs();
             let beyond_m = resolution_m + bend_m(1) + bend_m(2) + bend_m(3);
             let (low_m, high_m) = (at_m[2].min(at_m[3]), at_m[2].max(at_m[3]));
@@ -70,7 +70,7 @@ fn a_late_reading_is_of_the_way_to_the_next_sample() {
     });
 }
 
-/// The scene mirrored at 0: its plant and the errors of its readings.
+/// The scene mirrored at 0: its plant, and the errors of its readings.
 fn mirrored(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
     scene.device.rest_position_m *= -1.0;
@@ -214,7 +214,7 @@ fn an_element_that_hardly_acts_hardly_changes_anything() {
     ];
     cases(6, |dice| {
         let mut scene = dice.scene();
-        // free motion only: in contact, a difference of one count has unlimited effects
+        // Free motion only: in contact, a difference of one count has unlimited effects.
         scene.wall.position_m = 500.0;
         (scene.wall_hit.settle_s, scene.wall_hit.window_s) = (0.05, 0.05);
         scene.encoder.resolution_m = 1e-3;
@@ -223,7 +223,7 @@ fn an_element_that_hardly_acts_hardly_changes_anything() {
             let mut with = scene.clone();
             edit(&mut with);
             let off = apart(&scene, &with, &hit);
-            // an amplifier of 10 MHz is 16 ns late, relative to some ms
+            // An amplifier of 10 MHz is 16 ns late, relative to some ms.
             let limit = if name == "amplifier" { 1e-4 } else { 1e-9 };
             assert!(off < limit, "{}: {name} by {off:e} in {scene:?}", dice.name);
         }
@@ -283,7 +283,7 @@ fn a_count_that_is_rounded_is_a_floor_half_a_count_on() {
         scene.encoder.rounding = Rounding::Floor;
         let hit = dice.wall(&scene);
         let half_m = 0.5 * scene.encoder.resolution_m;
-        // everything half a count lower, except for the wall, which both round to a count
+        // Everything is half a count lower, except for the wall, which both scenes round to a count.
         let wall_counts = (scene.wall.position_m / scene.encoder.resolution_m).round();
         scene.wall.position_m = wall_counts * scene.encoder.resolution_m;
         let mut lower = scene.clone();

@@ -1,4 +1,4 @@
-//! Strategies for designs, settings and motions: all accepted values, with the ends of every range often.
+//! Strategies for designs, settings and motions. They draw all accepted values, and the ends of each range often.
 
 use proptest::prelude::*;
 use zwidth::{
@@ -6,12 +6,12 @@ use zwidth::{
     velocity::{Edge, EstimatorName, PARAMETERS, Senses},
 };
 
-/// A fraction of a range: 0 and 1 are its ends, and are drawn often.
+/// A fraction of a range. Its ends 0 and 1 are drawn often.
 pub fn part() -> impl Strategy<Value = f64> + Clone {
     prop_oneof![8 => 0.0..=1.0f64, 1 => Just(0.0), 1 => Just(1.0)]
 }
 
-/// The value at this fraction of a range; on a logarithmic scale if both ends are above 0.
+/// The value at this fraction of a range, on a logarithmic scale if both ends are above 0.
 pub fn between(low: f64, high: f64, part: f64) -> f64 {
     if part <= 0.0 {
         low
@@ -20,7 +20,7 @@ pub fn between(low: f64, high: f64, part: f64) -> f64 {
     } else if low > 0.0 {
         (low * (high / low).powf(part)).clamp(low, high)
     } else {
-        // a range that begins or ends at 0, or includes it
+        // A range that begins or ends at 0, or includes 0.
         (low + (high - low) * part * part * part).clamp(low, high)
     }
 }
@@ -33,7 +33,6 @@ pub fn output() -> impl Strategy<Value = Output> + Clone {
     ]
 }
 
-/// Any accepted design.
 pub fn design() -> impl Strategy<Value = Design> + Clone {
     (part(), part(), part(), part(), output()).prop_map(
         |(rate, resolution, force, period, output)| {
@@ -64,15 +63,14 @@ pub fn estimator() -> impl Strategy<Value = EstimatorName> + Clone {
     prop::sample::select(EstimatorName::ALL)
 }
 
-/// Parameters as fractions of their ranges, for [`tuned`].
+/// Parameters of an estimator as fractions of their ranges, for [`tuned`].
 pub type Parts = [f64; PARAMETERS];
 
-/// Fractions for all parameters.
 pub fn parts() -> impl Strategy<Value = Parts> + Clone {
     prop::array::uniform8(part())
 }
 
-/// The estimator with its parameters at these fractions of their accepted ranges. None if the design leaves no range.
+/// The estimator with its parameters at these fractions of their accepted ranges. `None` if the design leaves no range.
 pub fn tuned(name: EstimatorName, parts: Parts, design: &Design) -> Option<VelocitySettings> {
     let mut numbers = [f64::NAN; PARAMETERS];
     for (place, parameter) in name.parameters().iter().enumerate() {
@@ -80,7 +78,7 @@ pub fn tuned(name: EstimatorName, parts: Parts, design: &Design) -> Option<Veloc
             numbers[place] = 0.0;
         }
     }
-    // An error names the parameter and its range; that parameter is set next.
+    // An error names the parameter and its range. Then this parameter is set.
     for _ in 0..2 * PARAMETERS {
         let Err(SettingsError { parameter, range, .. }) = name.settings(numbers).build(design)
         else {
@@ -101,15 +99,15 @@ pub fn tuned(name: EstimatorName, parts: Parts, design: &Design) -> Option<Veloc
 /// A piece of a motion, in counts and samples.
 #[derive(Clone, Copy, Debug)]
 pub enum Piece {
-    /// At rest for this count of samples.
+    /// At rest for this number of samples.
     Hold(u16),
-    /// A constant speed, counts per sample.
+    /// A constant speed, counts per sample, and the number of samples.
     Slope(f64, u16),
-    /// A constant acceleration, counts per sample^2.
+    /// A constant acceleration, counts per sample^2, and the number of samples.
     Curve(f64, u16),
-    /// Random motion back and forth: largest distance in counts, samples, seed.
+    /// Random motion to and fro: largest distance in counts, samples, seed.
     Flicker(u16, u16, u64),
-    /// A jump by this count.
+    /// A jump by this number of counts.
     Leap(i32),
 }
 
@@ -179,12 +177,12 @@ pub fn places(pieces: &[Piece]) -> Vec<f64> {
     places
 }
 
-/// The counts at these positions.
+/// The counts of these positions.
 pub fn counts(pieces: &[Piece]) -> Vec<i64> {
     places(pieces).into_iter().map(|place| place.floor() as i64).collect()
 }
 
-/// Random numbers for a case that has a seed instead of a list.
+/// Random numbers for a case that has a seed in place of a list.
 #[derive(Clone, Copy, Debug)]
 pub struct Random(pub u64);
 
@@ -221,8 +219,8 @@ impl Random {
     }
 }
 
-/// Changes of some words that a CRC-32 after them detects with certainty: of one word, or of up to three bits. It
-/// misses one in 2^32 of other changes.
+/// Changes of some words that a CRC-32 always detects: of one word, or of up to three bits. Of other changes it misses
+/// one in 2^32.
 pub fn noticed(words: usize) -> impl Strategy<Value = Vec<(usize, u32)>> + Clone {
     prop_oneof![
         prop::collection::vec((0..words, 1u32..), 1),

@@ -9,8 +9,8 @@ use zwidth::{
 use crate::any::noticed;
 
 crate::properties! {
-    /// The black box holds the newest records, one of every `every` outputs, the oldest first and the record with the
-    /// fault last. From then on it takes no record until it is released. Then it starts empty.
+    /// The black box has the newest records, one of every `every` outputs. The oldest is the first, and the record with
+    /// the fault is the last. Then it takes no record until it is released. After the release it is empty.
     newest(500, (every, events) in (
         1u32..6,
         prop::collection::vec(prop_oneof![40 => Just(0u8), 2 => Just(1), 1 => Just(2)], 1..120),
@@ -44,8 +44,9 @@ crate::properties! {
         }
     }
 
-    /// A fault's record in backup RAM is read back unchanged. After a change that a CRC-32 detects with certainty (of
-    /// one word, or of up to three bits) there is no record. A RAM that has lost its supply has no record either.
+    /// A fault's record in backup RAM is read back unchanged. After a change of one word, or of up to three bits, no
+    /// record is found, because a CRC-32 always detects these changes. In a RAM that has lost its supply no record is
+    /// found either.
     remembered(1000, (code, causes, sample, words, flips) in (
         any::<prop::sample::Index>(),
         any::<u32>(),

@@ -1,4 +1,4 @@
-//! Tries properties for any time, on all cores.
+//! Tries properties for a chosen time, on all cores.
 
 use std::{
     collections::BTreeMap,
@@ -11,11 +11,9 @@ use std::{
 
 use crate::Property;
 
-/// Settings of a campaign.
 #[derive(Clone, Debug)]
 pub struct Campaign {
     pub extent: Extent,
-    /// Seed of all cases.
     pub seed: u64,
     pub properties: Vec<&'static Property>,
 }
@@ -23,15 +21,14 @@ pub struct Campaign {
 /// How much of each property is tried.
 #[derive(Clone, Copy, Debug)]
 pub enum Extent {
-    /// Until the time is over, at least one batch each. The property with the least time so far comes next.
+    /// Until the time is over, but at least one batch each. The property with the least time so far comes next.
     Time(Duration),
-    /// The first batches of each property: the same cases on every machine.
+    /// The first batches of each property. The cases are the same on every machine.
     Batches(u64),
     /// The batch of this number only.
     Batch(u64),
 }
 
-/// Progress of one property.
 #[derive(Clone, Debug, Default)]
 struct Progress {
     batches: u64,
@@ -40,7 +37,6 @@ struct Progress {
     failed: bool,
 }
 
-/// Results so far.
 #[derive(Debug, Default)]
 struct Count {
     seed: u64,
@@ -50,15 +46,15 @@ struct Count {
 
 static COUNT: Mutex<Count> = Mutex::new(Count { seed: 0, begun: None, of: BTreeMap::new() });
 
-/// The last panic of each thread, with its place in the source.
+/// The last panic of each thread, with its position in the source.
 static PANICS: OnceLock<Mutex<BTreeMap<String, String>>> = OnceLock::new();
 
 fn count() -> MutexGuard<'static, Count> {
     COUNT.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Stores the place of the last panic instead of printing each one. A failed check is a panic, and making a case
-/// smaller causes thousands of them.
+/// Stores the position of the last panic, and does not print each panic. A failed check is a panic, and thousands of
+/// them come while a case is made smaller.
 fn keep_panics_quiet() {
     panic::set_hook(Box::new(|info| {
         let name = thread::current().name().unwrap_or_default().to_owned();
@@ -69,7 +65,7 @@ fn keep_panics_quiet() {
     }));
 }
 
-/// Cases of each property so far, as a table.
+/// Number of cases of each property so far, as a table.
 pub fn summary() -> String {
     let count = count();
     let mut text = String::new();
@@ -92,7 +88,7 @@ pub fn summary() -> String {
 }
 
 impl Campaign {
-    /// Tries all properties. Returns whether all hold. Prints failures when they are found.
+    /// Tries all properties and prints failures at once. Returns whether all properties hold.
     pub fn run(&self) -> bool {
         keep_panics_quiet();
         let begun = Instant::now();
@@ -115,7 +111,7 @@ impl Campaign {
         count().of.values().all(|progress| !progress.failed)
     }
 
-    /// The property with the least time so far, and its next batch; none if all is done.
+    /// The property with the least time so far, and its next batch; `None` if all is done.
     fn next(&self, begun: Instant) -> Option<(&'static Property, u64)> {
         let mut count = count();
         let mut open = self.properties.iter().filter_map(|property| {
@@ -133,7 +129,7 @@ impl Campaign {
             open.fold(first, |least, other| if other.2 < least.2 { other } else { least });
         if let Some(progress) = count.of.get_mut(property.title()) {
             progress.batches += 1;
-            // an estimate until the time is known, so that other cores take other properties
+            // An estimate until the time is known, so that other cores take other properties.
             progress.seconds += 1.0;
         }
         let Extent::Batch(only) = self.extent else { return Some((property, number)) };

@@ -4,8 +4,8 @@ use proptest::prelude::*;
 use zwidth::{CounterWidth, encoder::Encoder};
 
 crate::properties! {
-    /// A counter of 16 or 32 bits that wraps is followed exactly from any reading on. Setting the zero changes
-    /// positions, and moves nothing.
+    /// A counter of 16 or 32 bits may wrap, and is followed exactly from any reading on. Setting the zero changes
+    /// positions, but causes no motion.
     followed(200, (start, narrow, steps) in (
         any::<u32>(),
         any::<bool>(),

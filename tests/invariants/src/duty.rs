@@ -31,7 +31,7 @@ impl Motor {
         (self.settings.continuous_force_n / self.design.full_scale_n).powi(2)
     }
 
-    /// Fraction of the heat that the winding loses in an output.
+    /// Fraction of the heat that the winding loses during an output.
     fn exchange(&self) -> f64 {
         -(-f64::from(self.design.period) / self.design.rate_hz / self.settings.time_constant_s).exp_m1()
     }
@@ -55,7 +55,7 @@ fn motor(longest: u32) -> impl Strategy<Value = Motor> {
     )
 }
 
-/// The winding: its heat by the equation, and the heat of the board's model.
+/// The winding: its heat by the differential equation, and by the board's model.
 struct Winding {
     heat: f64,
     duty: Duty,
@@ -74,7 +74,7 @@ impl Winding {
     }
 }
 
-/// Largest error from the rounding of the exchange to 2^-32 and of an output's heat to 2^-40. The exchange itself
+/// Largest error from two roundings: of the exchange to 2^-32, and of an output's heat to 2^-40. The exchange itself
 /// reduces this error.
 fn error_max(motor: &Motor) -> f64 {
     let lsb = 2f64.powi(-33);
@@ -82,14 +82,15 @@ fn error_max(motor: &Motor) -> f64 {
 }
 
 crate::properties! {
-    /// For each accepted design, the heat is that of the differential equation, up to the rounding of its coefficient.
+    /// For each accepted design, the heat is that of the differential equation, except for the rounding of its
+    /// coefficient.
     heat(400, (motor, pieces) in (
         motor(2000),
         prop::collection::vec((-1.0..=1.0f64, 1u32..400), 1..8),
     )) {
         let mut winding = Winding::cold();
         for (part, outputs) in pieces {
-            // full force now and then, as at the start of a hit
+            // Full force from time to time, as at the start of a hit.
             let part = if outputs % 5 == 0 { part.signum() } else { part };
             for _ in 0..outputs {
                 winding.output(&motor, part);
@@ -105,7 +106,7 @@ crate::properties! {
     }
 
     /// Hits never make the winding warmer than its limit. Each hit begins when the board reports that the motor is
-    /// ready, and none is longer than planned.
+    /// ready. None is longer than planned.
     never_too_warm(400, (motor, hits) in (
         motor(300),
         prop::collection::vec((0.0..=1.0f64, any::part(), 0u32..2000), 1..20),
@@ -129,8 +130,8 @@ crate::properties! {
         }
     }
 
-    /// A motor without force is ready again within the stated outputs, however warm it was. A cold motor is always
-    /// ready.
+    /// A motor without force is ready again within the stated number of outputs, however warm it was. A cold motor is
+    /// always ready.
     ready_again(60, motor in motor(2000).prop_filter("long", |motor| motor.plan.patience() < 60_000)) {
         let mut winding = Winding::cold();
         assert!(winding.duty.is_ready(&motor.plan));
@@ -159,7 +160,7 @@ crate::properties! {
             if samples > 0 {
                 assert!(settings.build(&design, samples).is_ok(), "{longest}");
             }
-            // one output for the next whole output, and one for rounding
+            // One output for rounding up to a whole output, and one for the rounding of numbers.
             assert!(settings.build(&design, samples + 2 * design.period).is_err(), "{longest}");
         }
     }

@@ -16,7 +16,7 @@ fn held(value: f64) -> f64 {
     f64::from(value as f32)
 }
 
-/// Points with rising B as a record stores them: whole steps, or rounded numbers of a record.
+/// Points with rising B as a record stores them: in whole steps, or as rounded numbers.
 fn points() -> impl Strategy<Value = Vec<Point>> {
     let k = || (0u32..2000, prop::bool::weighted(0.5)).prop_map(|(k, whole)| {
         let k = f64::from(k);
@@ -38,8 +38,8 @@ fn points() -> impl Strategy<Value = Vec<Point>> {
     })
 }
 
-/// Whether the documentation allows K and B: between two points, the K that both allow; below the first point, the
-/// chord to it.
+/// Whether the documentation allows K and B. Between two points, K must be allowed at both. Below the first point, K is
+/// limited by the chord to it.
 fn is_inside(points: &[Point], k: f64, b: f64) -> bool {
     if k == 0.0 && b == 0.0 {
         return true;
@@ -109,7 +109,7 @@ crate::properties! {
     as_on_the_page(2000, (points, place, which, part) in (points(), any::<usize>(), any::<u8>(), any::part())) {
         let [k, b] = near(&points, place, which, part);
         let inside = is_inside(&points, k, b);
-        // the chord is rounded
+        // The chord is rounded.
         if inside == is_inside(&points, k * (1.0 + 1e-14), b) && inside == is_inside(&points, k * (1.0 - 1e-14), b)
             || points.iter().any(|point| k == point.stiffness_high_n_per_m && b == point.damping_n_s_per_m)
         {
@@ -121,7 +121,7 @@ crate::properties! {
     }
 
     /// The lowest and the highest gain that an error message prints are accepted when they are typed. A gain that is
-    /// one unit in the ninth digit farther is refused.
+    /// one unit in the ninth digit beyond them is refused.
     printed(2000, (points, part, more) in (points(), any::part(), 0.0..1e6f64)) {
         let last = points[points.len() - 1].damping_n_s_per_m;
         let b = any::between(0.0, last, part);

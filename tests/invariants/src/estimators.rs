@@ -73,7 +73,7 @@ impl Run {
 fn edge(speed: f64, phase: f64, n: f64) -> Option<Edge> {
     let border = (speed * n + phase).floor() + f64::from(speed < 0.0);
     let age = n - (border - phase) / speed;
-    // before the motion began there was no edge
+    // Before the motion began there was no edge.
     (speed != 0.0 && age <= n).then_some(Edge { age: (age * LSB) as u32, up: speed > 0.0 })
 }
 
@@ -85,7 +85,7 @@ fn mirrored(senses: &Senses) -> Senses {
     }
 }
 
-/// LSB by which the velocity of the mirrored motion may differ, since halves are rounded up.
+/// LSB by which the velocity of the mirrored motion may differ, because halves are rounded up.
 fn mirror_lsb(name: EstimatorName) -> i32 {
     use EstimatorName as N;
     match name {
@@ -98,7 +98,7 @@ fn mirror_lsb(name: EstimatorName) -> i32 {
 const SUM_LSB: f64 = 20.0;
 
 crate::properties! {
-    /// A handle that was always at rest reads exactly 0, at any count.
+    /// A handle that was always at rest has the velocity 0 exactly, at any count.
     rest(500, (tuned, count) in (tuned(), any::<i32>())) {
         let mut run = Run::at(&tuned, count);
         for _ in 0..200 {
@@ -106,8 +106,8 @@ crate::properties! {
         }
     }
 
-    /// The same motion at another place gives the same velocities bit for bit. It holds across a wrap of the count, and
-    /// for a counter of 16 bits.
+    /// The same motion at another position gives the same velocities bit for bit. This holds across a wrap of the
+    /// count, and for a counter of 16 bits.
     shifted(400, (tuned, pieces, by, seed) in (
         tuned(),
         prop_oneof![any::motion(20_000.0), any::nonsense()],
@@ -124,7 +124,7 @@ crate::properties! {
             let senses = random.senses();
             let velocity = here.step(count, &senses);
             assert_eq!(velocity, there.step(count + i64::from(by), &senses));
-            // as long as the counter can follow
+            // As long as a counter of 16 bits can follow.
             follows &= (count - last).abs() < 1 << 15;
             last = count;
             let sampled = narrow.sense(&control, count as u32 & 0xFFFF, &senses);
@@ -145,7 +145,7 @@ crate::properties! {
             fastest = fastest.max((count - last).abs());
             last = count;
             let (velocity, back) = (one.step(count, &senses), other.step(-count, &mirrored(&senses)));
-            // a state that saturates has one LSB more range down than up, which a slow filter keeps
+            // A state that saturates has one LSB more range down than up. A slow filter keeps this difference.
             let saturates = |both: Resonance| {
                 velocity.abs() >= Velocity::LIMIT << Velocity::FRACTION_BITS
                     || fastest as f64 * both.inside >= f64::from(Velocity::LIMIT)
@@ -157,7 +157,7 @@ crate::properties! {
         }
     }
 
-    /// Nothing overflows and every velocity is in range, with any counts and senses, retuned and restarted.
+    /// Nothing overflows and every velocity is in range, with any counts and inputs, after new tunings and restarts.
     no_overflow(400, (each, pieces, seed) in (
         several(),
         prop::collection::vec(prop_oneof![any::nonsense(), any::motion(32_767.0)], 2..5),
@@ -178,7 +178,7 @@ crate::properties! {
     }
 
     /// After the change of speed has settled, a constant speed is measured within the error of docs/estimators.md.
-    /// Whole counts per sample have a limit of their own.
+    /// Whole counts per sample have their own limit.
     slopes(150, (tuned, part, back, whole, phase) in (
         tuned(),
         any::part(),
@@ -215,7 +215,7 @@ crate::properties! {
             let off = (velocity - speed).abs();
             assert!(n < waits || off <= error + 1e-9, "{off} at {speed}, stated {error}");
             sum += if n < waits { 0.0 } else { velocity - speed };
-            // the rounding error of a value is carried to the next one, so errors do not add up
+            // A value's rounding error is carried to the next value, so errors do not add up.
             let whole = speed.fract() == 0.0 && error <= 2.0 / LSB && !stamps;
             assert!(!whole || sum.abs() <= SUM_LSB / LSB, "{sum} in all at {speed}");
         }
@@ -227,7 +227,7 @@ crate::properties! {
         let says = stated(&tuned.settings, &tuned.design);
         let mut random = Random(seed);
         let counts = any::counts(&pieces);
-        // within the force that moves a handle: a larger known force may saturate the state
+        // Within the force that moves a handle: a larger known force may saturate the state.
         let push = |random: &mut Random| Force::saturating_from_bits((random.bits() as i32) >> 12);
         let senses: Vec<Senses> =
             counts.iter().map(|_| Senses { force: push(&mut random), ..Senses::NONE }).collect();
@@ -244,8 +244,8 @@ crate::properties! {
         }
     }
 
-    /// With ideal edge times, the velocity of time stamps is a mean of the true velocity, even around a reversal. It
-    /// never exceeds the handle's largest speed in either direction, up to the rounding of the times.
+    /// With ideal edge times, the velocity of time stamps is a mean of the true velocity, even around a reversal. In
+    /// either direction it never exceeds the handle's largest speed, except for the rounding of the times.
     true_edges(200, (span, phase, pieces) in (
         1u32..=62,
         0.0..1.0f64,
@@ -256,14 +256,14 @@ crate::properties! {
         let (mut last, mut age) = (phase, None);
         let (mut slowest, mut fastest) = (0f64, 0f64);
         let mut up = true;
-        // at rest first, with one sample before the motion
+        // At rest first, with one sample before the motion.
         for place in std::iter::once(0.0).chain(any::places(&pieces)) {
             let now = place + phase;
             let speed = now - last;
             (slowest, fastest) = (slowest.min(speed), fastest.max(speed));
             age = age.map(|age: f64| age + 1.0);
             if now.floor() != last.floor() {
-                // the edge that was crossed last
+                // The edge that was crossed last.
                 up = speed > 0.0;
                 let border = now.floor() + f64::from(!up);
                 age = Some((now - border) / speed);
@@ -276,14 +276,14 @@ crate::properties! {
         }
     }
 
-    /// After the stop has settled, a handle that has stopped reads 0 within the limit for whole counts.
+    /// After a handle has stopped and its velocity has settled, the velocity is 0 within the limit for whole counts.
     stop(100, (tuned, pieces) in (tuned(), any::motion(300.0))) {
         let says = stated(&tuned.settings, &tuned.design);
         let stamps = says.error.is_nan();
-        // Levant's differentiator needs more time after a larger deviation
+        // Levant's differentiator needs more time after a larger deviation.
         let mut waits = says.settles[0] + 1000.0 * says.settles[1];
         if stamps {
-            waits = 33_000.0; // standstill is 2^15 samples without an edge
+            waits = 33_000.0; // the velocity is 0 after 2^15 samples without an edge
         }
         if waits > 40_000.0 {
             return Ok(());
@@ -304,8 +304,8 @@ crate::properties! {
         }
     }
 
-    /// After a restart of one estimator by another, the velocity jumps at most by the limit of docs/estimators.md for
-    /// the new estimator.
+    /// After one estimator is replaced by another, the velocity jumps at most by the limit that docs/estimators.md has
+    /// for the new estimator.
     restart(400, (each, pieces, next, seed) in (
         several(),
         prop_oneof![any::motion(3000.0), any::motion(5.0)],

@@ -15,7 +15,7 @@ use crate::{
     stated::{LSB, stated},
 };
 
-/// Designs that the supervisor accepts: an output period of at most 12.5 ms.
+/// Designs that the supervisor accepts: their output period is at most 12.5 ms.
 fn design() -> impl Strategy<Value = Design> + Clone {
     any::design().prop_map(|design| {
         let most = (0.0125 * design.rate_hz).floor() as u32;
@@ -26,9 +26,9 @@ fn design() -> impl Strategy<Value = Design> + Clone {
 /// An event after an output.
 #[derive(Clone, Copy, Debug)]
 enum Event {
-    /// The handle stays for this count of outputs.
+    /// The handle stays for this number of outputs.
     Wait(u8),
-    /// The handle moves by a count per output, for a count of outputs.
+    /// The handle moves by a number of counts per output, for a number of outputs.
     Move(i32, u8),
     /// K and B as fractions of their ranges, the surface in counts from the handle, and whether the wall only pushes.
     Wall(f64, f64, Option<i32>, bool),
@@ -84,9 +84,8 @@ struct Bench {
     rig: Rig,
     velocity: VelocitySettings,
     wall: WallSettings,
-    /// Whether all walls only push.
     push_only: bool,
-    /// Count of accepted changes of the settings.
+    /// Number of accepted changes of the settings.
     changes: u32,
 }
 
@@ -121,7 +120,7 @@ impl Bench {
         }
     }
 
-    /// Carries out an event. Returns the count of outputs that follow, and the handle's motion before each output in
+    /// Carries out an event. Returns the number of outputs that follow, and the handle's motion before each of them,
     /// counts.
     fn happen(&mut self, event: Event) -> (u8, i32) {
         match event {
@@ -172,7 +171,6 @@ fn code(output: Output, force: Force) -> i64 {
     zero + i64::from(force.bits().signum()) * (whole + up)
 }
 
-/// Conditions for every output.
 fn check(bench: &Bench, rendered: &Rendered) {
     let status = bench.rig.supervisor.status();
     let output = bench.rig.design.output;
@@ -193,8 +191,8 @@ fn check(bench: &Bench, rendered: &Rendered) {
 }
 
 crate::properties! {
-    /// Whatever changes, requests, motions and senses come, the force is within full scale and its code is the nearest.
-    /// While the supervisor is off, the force is 0 with the code of 0. In the sign test the force is within 5 %.
+    /// Whatever changes, requests, motions and inputs come, the force is within full scale and its code is the nearest
+    /// one. While the supervisor is off, the force is 0 with the code of 0. In the sign test the force is within 5 %.
     within_full_scale(150, (design, push_only, events) in (
         design(),
         any::<bool>(),
@@ -211,15 +209,15 @@ crate::properties! {
         }
     }
 
-    /// Compares two outputs with the handle at the same place and speed. The force steps by at most 5 % of full scale
-    /// per millisecond, or per output if outputs are rarer. It holds for any change, zero and arming; switching off is
-    /// the exception.
+    /// Compares two outputs with the handle at the same position and speed. The force steps by at most 5 % of full
+    /// scale per millisecond, or per output if outputs are rarer. This holds for any change, zero and arming. Switching
+    /// off is the exception.
     slew(250, (design, armed, events) in (
         design(),
         any::<bool>(),
         prop::collection::vec(event(true), 1..60),
     )) {
-        // a wall that no longer pulls releases at once; no settings on a board allow this
+        // A wall that no longer pulls gives up its force at once. No settings on a board allow this.
         let mut bench = Bench::new(design, true);
         if armed {
             bench.rig = bench.rig.armed();
@@ -237,10 +235,10 @@ crate::properties! {
                 let moves = last.0.record.velocity != now.0.record.velocity;
                 let same = last.1 == now.1 && !moves;
                 if let Some(force) = now.0.grant.force().filter(|_| same) {
-                    // off means no force
+                    // Off means no force.
                     let before = last.0.grant.force().unwrap_or_default();
                     let step = i64::from(force.bits()) - i64::from(before.bits());
-                    // the sign test, which may end here, has a single step within a millisecond
+                    // The sign test, which may end here, has a single step within a millisecond.
                     let ms = f64::from(design.period) / design.rate_hz * 1e3;
                     let most = if tests { 1.0 } else { ms.min(1.0) } * f64::from(SLEW);
                     assert!(step.abs() <= most as i64 + 2, "{step} of {most} in {:?}", bench.rig.state());
@@ -259,7 +257,7 @@ crate::properties! {
     )) {
         let mut bench = Bench::new(design, false);
         match place {
-            // The force is off. The handle would have to move to pass the sign test, but the test may begin.
+            // The force is off. To pass the sign test, the handle would have to move. But the test may begin.
             Some(place) => {
                 bench.rig.output();
                 bench.rig.count += place;
@@ -281,7 +279,7 @@ crate::properties! {
     }
 
     /// A wall that only pushes never pulls. Without a push no force points into the wall, whatever gains change and
-    /// fade and wherever the handle moves. With a push, no force exceeds the push.
+    /// fade, and wherever the handle moves. With a push, no force exceeds the push.
     never_pulls(250, (design, push, events) in (
         design(),
         prop_oneof![2 => Just(0i32), 1 => 0i32..=1 << 30],
@@ -289,7 +287,7 @@ crate::properties! {
     )) {
         let mut bench = Bench::armed(design, true);
         bench.rig.push = Force::saturating_from_bits(push);
-        // a push rises by 5 % per output
+        // A push rises by 5 % per output.
         for _ in 0..25 {
             bench.rig.output();
         }
@@ -348,14 +346,14 @@ crate::properties! {
         assert!(!clear || drive.saturated == (asked.abs() > 1.0), "{asked}");
         let code_of = |force| i64::from(control.actuator.command(force).code());
         assert_eq!(code_of(drive.force), code(design.output, drive.force));
-        // odd symmetry: the code of the opposite force is at the same distance from the code of 0
+        // Odd symmetry: the code of the opposite force is at the same distance from the code of 0.
         let opposite = Force::saturating_from_bits(-drive.force.bits());
         let zero = i64::from(control.actuator.zero().code());
         assert_eq!(code_of(opposite) - zero, zero - code_of(drive.force));
     }
 
-    /// An estimator that is retuned at any time restarts before the new tuning runs. The velocity jumps at most by the
-    /// limit of docs/estimators.md for a restart.
+    /// If an estimator gets a new tuning at any time, it restarts before the new tuning runs. The velocity jumps at
+    /// most by the limit of docs/estimators.md for a restart.
     restarts_first(150, (design, names, pieces, at, seed) in (
         design(),
         prop::collection::vec((any::estimator(), any::parts()), 2..6),
@@ -375,7 +373,7 @@ crate::properties! {
         let mut wait = waits.next();
         let (mut order, mut asked) = (None::<LoopParameters>, None);
         let (mut velocity, mut last) = (0.0, 0);
-        // the motion forward and backward, so that it continues while the settings change
+        // The motion forward and backward, so that it continues while the settings change.
         for count in counts.iter().chain(counts.iter().rev()) {
             let senses = zwidth::velocity::Senses { edge: None, ..random.senses() };
             let before = *orders.control();
@@ -385,7 +383,7 @@ crate::properties! {
                 && *loop_of(next).estimator == *before.estimator
             {
                 asked = None;
-                // while the force is off, the estimator knows no force
+                // While the force is off, the estimator knows no force.
                 let known = zwidth::velocity::Senses { force: Force::ZERO, ..senses };
                 let says = stated(&next, &design).jump(velocity, (count - last) as f64, &known);
                 let jump = (now - velocity).abs();
@@ -394,7 +392,7 @@ crate::properties! {
             (velocity, last) = (now, *count);
             wait = wait.map(|wait| wait - 1);
             if wait == Some(0) {
-                // two tunings may be equal as integers: then the estimator continues
+                // Two tunings may be equal as integers. Then the estimator continues.
                 let running = &before.estimator;
                 if let Some(next) = tuned.next().filter(|next| *loop_of(*next).estimator != **running) {
                     (order, asked) = (Some(loop_of(next)), Some(next));

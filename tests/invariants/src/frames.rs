@@ -1,4 +1,4 @@
-//! Telemetry on the wire.
+//! Telemetry as bytes.
 
 use std::{cell::RefCell, rc::Rc, sync::LazyLock};
 
@@ -143,8 +143,8 @@ fn report(record: Record) -> Report {
 }
 
 crate::properties! {
-    /// A frame has the bytes of the documentation's table, and is read back unchanged. After a change that a CRC-32
-    /// detects with certainty (of one word, or of up to three bits) it is not read at all.
+    /// A frame has the bytes of the documentation's table, and is read back unchanged. After a change of one word, or
+    /// of up to three bits, no frame is read, because a CRC-32 always detects these changes.
     as_on_the_page(1000, (sequence, record, flips) in (
         any::<u32>(),
         record(),
@@ -163,8 +163,8 @@ crate::properties! {
         assert_eq!(Frame::decode(&other), (other == sent).then_some(frame));
     }
 
-    /// In a stream that begins anywhere, lacks frames and contains garbage, every complete frame is read in order.
-    /// Drops and garbage are counted.
+    /// A stream may begin anywhere, lack frames and contain garbage. Every complete frame in it is read in order.
+    /// Dropped frames and garbage are counted.
     out_of_a_stream(150, (first, skipped, parts) in (
         prop_oneof![any::<u32>(), u32::MAX - 20..],
         0usize..40,
@@ -177,7 +177,7 @@ crate::properties! {
         let mut decoder = Decoder::new();
         let (mut sent, mut found, mut garbage, mut dropped) = (Vec::new(), Vec::new(), 0, 0);
         let torn = Frame { sequence: first.wrapping_sub(1), record: Record::EMPTY }.encode();
-        // the rest of a frame whose beginning was cut off
+        // The rest of a frame whose beginning was cut off.
         let rest = if skipped == 0 { &[][..] } else { &torn[skipped..] };
         found.extend(rest.iter().filter_map(|byte| decoder.push(*byte)));
         garbage += rest.len() as u64;
@@ -195,8 +195,8 @@ crate::properties! {
         assert_eq!(found, sent);
         assert_eq!((decoder.frames, decoder.garbage, decoder.dropped), (sent.len() as u64, garbage, dropped));
     }
-    /// At every output period, the decoder returns the streamed outputs unchanged, with the settings and the fault of
-    /// each. At the end, less than a millisecond of data still waits.
+    /// At every output period, the decoder returns the outputs of the stream unchanged, with the settings and the fault
+    /// of each. At the end, less than a millisecond of data still waits.
     streamed(100, (period, first, parts) in (
         prop::sample::select(vec![1u32, 2, 5, 10]),
         any::<u32>(),
@@ -216,7 +216,7 @@ crate::properties! {
                 sample: before.sample + u64::from(period) * (1 + lost),
                 settings: before.settings + settings,
                 fault: before.fault ^ fault,
-                // set by the console: this device has no design
+                // The console sets this number. This device has no design.
                 flags: match record.flags.contains(Flags::REPLAY) {
                     true => record.flags,
                     false => record.flags.with_design(0),

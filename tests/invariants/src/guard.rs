@@ -13,8 +13,9 @@ use crate::{
 };
 
 crate::properties! {
-    /// A move or a speed above its limit, by one count or one LSB, and a missing output are found in their sample. From
-    /// then on every sample switches off until the fault is cleared, except for a due sample, whose output reports it.
+    /// A move above its limit by one count, a speed above its limit by one LSB, and a missing output are found in their
+    /// sample. From then on every sample switches off until the fault is cleared. Only a due sample does not: its
+    /// output reports the fault.
     found_at_once(400, (period, jump, speed, samples, seed) in (
         prop_oneof![1u32..4, Just(10u32)],
         1u32..40,
@@ -30,7 +31,8 @@ crate::properties! {
         let start = GuardCommand::start(&wide(&design).build(&design).unwrap());
         let mut down = GuardCommand { jump, speed: speed << 16, ..start };
         let mut count = 0i64;
-        // faults that are found and not cleared; faults that are found and not noted
+        // `open` are the faults that were found and not cleared. `since` are the faults that were found and not noted
+        // yet.
         let (mut open, mut since) = (FaultSet::EMPTY, FaultSet::EMPTY);
         let mut zeros = 0;
         for n in 0..samples {
@@ -63,7 +65,7 @@ crate::properties! {
                 assert_eq!(step.cut, !open.is_empty() && !answered, "sample {n}");
             }
             if renamed && !answered {
-                // carried out: the position of this sample is now 0
+                // The zero is carried out: the position of this sample is now 0.
                 assert_eq!((guard.zeros, step.report.motion.position.counts()), (down.zeros.number(), 0));
                 zeros = down.zeros.number();
             }
@@ -89,13 +91,14 @@ crate::properties! {
         }
     }
 
-    /// The output task's view of the guard is never newer than the sample that it answers, to which a zero applies.
+    /// The output task's view of the guard is never newer than the sample that the output answers. A zero is for this
+    /// sample.
     never_newer(500, (first, told) in (
         any::<u32>(),
         prop::collection::vec((0u32..30, 0u32..30), 1..40),
     )) {
         let mut view = GuardView::NOTHING;
-        // samples continue; some are answered, and some get a zero
+        // Samples continue. Some are answered, and some get a zero.
         let (mut now, mut zeros) = (first, 0);
         let mut done: Vec<(u64, u32)> = Vec::new();
         let mut age = 0u64;
@@ -110,13 +113,13 @@ crate::properties! {
             let seen = view.at(now.wrapping_sub(back));
             let expected = done.iter().rfind(|(at, _)| *at <= answered).map_or(0, |(_, zeros)| *zeros);
             assert_eq!((seen.zeros, seen.events), (expected, zeros));
-            // the next zero is requested by an output that has seen this one
+            // The next zero is requested by an output that has seen this one.
             assert_eq!(view.at(now).zeros, zeros);
         }
     }
 
-    /// A core that was halted for longer than an output period and two samples is found once. A core whose outputs are
-    /// late by less than a period is never found.
+    /// If a core was halted for longer than an output period and two samples, this is found once. A core whose outputs
+    /// are late by less than a period is never found.
     halts(500, (period, outputs, seed) in (prop_oneof![Just(1u32), Just(10), Just(100)], 2u32..60, any::<u64>())) {
         let mut random = Random(seed);
         let mut watch = HaltWatch::default();
@@ -126,7 +129,7 @@ crate::properties! {
         for n in 0..outputs {
             let late = random.part() * (f64::from(period) - 0.01);
             if n > 0 && random.below(6) == 0 {
-                // a halt that is long enough, or none, with any lateness before and after
+                // A halt that is long enough, or none, with any lateness before and after it.
                 halted = 2.0 * f64::from(period) + 2.3 + random.part() * (16_000.0 - 4.0 * f64::from(period));
                 still += halted;
             }

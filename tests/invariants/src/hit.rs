@@ -6,7 +6,7 @@ use zwidth::{
     units::{Force, Position},
 };
 
-/// Positions of a hit: their spread and their mean.
+/// Positions of a hit, about a random mean and with a random spread.
 fn positions() -> impl Strategy<Value = Vec<(i32, bool)>> {
     (any::<i32>(), 0u32..=32, 0..=3u8).prop_flat_map(|(around, bits, contact)| {
         let spread = (1i64 << bits) - 1;
@@ -18,10 +18,10 @@ fn positions() -> impl Strategy<Value = Vec<(i32, bool)>> {
     })
 }
 
-/// `n^2` times the variance, times 2^32; compare with `n^2` times the square of a limit in 2^-16 counts.
+/// `n^2` times the variance, times 2^32. It is compared with `n^2` times the square of a limit in 2^-16 counts.
 fn scatter(window: &[(i32, bool)]) -> i128 {
     let n = window.len() as i128;
-    // relative to the first position, since a sum over all pairs would take too long
+    // Relative to the first position, since a sum over all pairs would take too long.
     let first = i128::from(window.first().map_or(0, |(x, _)| *x));
     let sum: i128 = window.iter().map(|(x, _)| i128::from(*x) - first).sum();
     let squares: i128 = window.iter().map(|(x, _)| (i128::from(*x) - first).pow(2)).sum();
@@ -79,7 +79,7 @@ crate::properties! {
         }
     }
 
-    /// Positions that are shifted by whole counts, or mirrored, give the same verdict.
+    /// If all positions are shifted by whole counts, or mirrored, the verdict is the same.
     moved_and_mirrored(500, (samples, by, limit) in (
         prop::collection::vec((-1_000_000i32..1_000_000, any::<bool>()), 1..100),
         -1_000_000_000i32..1_000_000_000,

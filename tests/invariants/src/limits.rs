@@ -1,4 +1,4 @@
-//! Limits as a person reads them in messages and types them.
+//! Limits that a person reads in messages and types.
 
 use zwidth::{
     Design, HitSettings, Output, Settings, SettingsError, WallSettings,
@@ -12,13 +12,11 @@ use zwidth::{
 
 use crate::{any, rig::NO_WALL};
 
-/// Count of digits of a printed limit.
+/// Number of digits of a printed limit.
 const DIGITS: i32 = 9;
 
-/// The error for a number at this place, if the number is refused.
 type Refusal<'a> = dyn Fn(f64) -> Option<SettingsError> + 'a;
 
-/// Replaces one of the numbers.
 type With<T> = fn(T, f64) -> T;
 
 /// The text of an error, for readers of scenes and for users of the console.
@@ -26,18 +24,18 @@ fn printed(error: &SettingsError) -> [String; 2] {
     [error.to_string(), Text::<200>::of(Reply::Range(error)).as_str().to_owned()]
 }
 
-/// `NAME is VALUE, allowed LOW to HIGH`
+/// Reads LOW and HIGH from `NAME is VALUE, allowed LOW to HIGH`.
 fn ends(line: &str) -> [f64; 2] {
     let (_, range) = line.split_once("allowed ").unwrap();
     let (low, high) = range.split_once(" to ").unwrap();
     [low, high].map(|end| end.parse().unwrap())
 }
 
-/// Both printed ends are accepted when they are typed. The next number outside, with the same count of digits, is
+/// Both printed ends are accepted when they are typed. The next number outside, with the same number of digits, is
 /// refused.
 fn holds(name: &str, refusal: &Refusal<'_>) {
     let wrong = |value: f64| refusal(value).filter(|error| error.parameter == name);
-    // outside either end, and not a number
+    // Outside either end, and not a number.
     for far in [f64::NAN, -1e300, 1e300] {
         let Some(error) = wrong(far) else { continue };
         if error.range.start() > error.range.end() {
@@ -81,7 +79,7 @@ fn safety(design: &Design) -> SafetySettings {
     }
 }
 
-/// A device of this design; `hit` sets the length of its hit, up to the longest.
+/// A device of this design. `hit` sets the length of its hit, up to the longest.
 pub fn device(design: Design) -> Device<'static> {
     let far = 5e3 * design.resolution_m;
     Device {
@@ -134,7 +132,7 @@ const GRID: WalkSettings = WalkSettings {
 };
 
 crate::properties! {
-    /// Each printed limit of an estimator's parameters is accepted when it is typed, and the next number outside is
+    /// Each printed limit of an estimator's parameters is accepted when it is typed. The next number outside is
     /// refused.
     of_estimators(1500, (design, name, parts) in (any::design(), any::estimator(), any::parts())) {
         let Some(settings) = any::tuned(name, parts, &design) else { return Ok(()) };
@@ -147,7 +145,7 @@ crate::properties! {
                 name.settings(numbers).build(&design).err()
             });
             if whole {
-                // a part of a sample is not allowed
+                // A fraction of a sample is not allowed.
                 let Some(SettingsError { range, .. }) = settings.with_tuning(-1.0).build(&design).err() else {
                     continue;
                 };
@@ -160,8 +158,7 @@ crate::properties! {
         }
     }
 
-    /// Each printed limit of designs, walls and hits is accepted when it is typed, and the next number outside is
-    /// refused.
+    /// Each printed limit of designs, walls and hits is accepted when it is typed. The next number outside is refused.
     of_settings(800, (design, seed) in (any::design(), any::part())) {
         let numbers: [(&str, With<Design>); 3] = [
             ("rate_hz", |design, rate_hz| Design { rate_hz, ..design }),
@@ -196,8 +193,8 @@ crate::properties! {
         }
     }
 
-    /// Each printed limit of supervisor, duty, return move, calibration and walk is accepted when it is typed, and the
-    /// next number outside is refused.
+    /// Each printed limit of supervisor, duty, return move, calibration and walk is accepted when it is typed. The next
+    /// number outside is refused.
     of_devices(800, (design, part) in (any::design(), any::part())) {
         let limits = safety(&design);
         let numbers: [(&str, With<SafetySettings>); 6] = [
@@ -256,8 +253,8 @@ crate::properties! {
         }
     }
 
-    /// Limits that depend on a device's other numbers behave the same: the full scale that a calibration may find, the
-    /// start of a hit, and the longest settle and window together.
+    /// Limits that depend on other numbers of a device behave in the same way. They are the full scale that a
+    /// calibration may find, the start of a hit, and the longest sum of settle and window.
     of_hits(800, (design, wall, settle) in (any::design(), 0.0..1.0f64, 0.01..0.99f64)) {
         let bench = device(design);
         holds("full_scale_n", &|value| bench.calibrated(value).err());
@@ -268,7 +265,7 @@ crate::properties! {
         stored.settings.wall.position_m = (1e3 + 2e4 * wall) * design.resolution_m;
         let with = |start_m: f64| bench.experiment(&zwidth::store::Stored { start_m, ..stored }).err();
         holds("start_m", &with);
-        // the printed longest time, divided in milliseconds
+        // The printed longest time, divided in milliseconds.
         let long = zwidth::store::Stored { settle_s: 100.0, window_s: 1e4 / design.rate_hz, ..stored };
         let Some(error) = bench.hit_sequence(&long, false).err() else { return Ok(()) };
         if error.parameter != "settle_s and window_s together" {
@@ -281,7 +278,7 @@ crate::properties! {
             let window_s: f64 = Decimal(end - settle_s).to_string().parse().unwrap();
             let built = bench.hit_sequence(&zwidth::store::Stored { settle_s, window_s, ..stored }, false);
             assert!(built.is_ok(), "{line}: {settle_s} and {window_s}: {:?}", built.err());
-            // one sample more, since half a sample is rounded away
+            // One sample more, since half a sample is rounded away.
             let window_s = window_s + 1.0 / design.rate_hz;
             let built = bench.hit_sequence(&zwidth::store::Stored { settle_s, window_s, ..stored }, false);
             assert!(built.is_err(), "{line}: {settle_s} and {window_s} of {longest} are accepted");

@@ -13,12 +13,9 @@ use zwidth::{
     velocity::Senses,
 };
 
-/// Values that the sampling task has received.
 #[derive(Clone, Debug)]
 pub struct ToSample {
-    /// Newest parameters that the sampling task has received.
     pub control: LoopParameters,
-    /// Newest command that the sampling task has received.
     pub down: GuardCommand,
 }
 
@@ -34,7 +31,6 @@ impl Sampling for ToSample {
     fn turn_encoder(&mut self, _: bool) {}
 }
 
-/// The renderer and the sampling task.
 pub struct Orders {
     renderer: Renderer<4>,
     to_sample: ToSample,
@@ -56,7 +52,7 @@ impl Orders {
         }
     }
 
-    /// Runs one sample and the output task: an output, then a waiting order.
+    /// Runs one sample and the output task: first an output, then a waiting order.
     pub fn sample(
         &mut self,
         count: i64,

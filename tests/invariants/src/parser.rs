@@ -1,4 +1,4 @@
-//! The console's commands and numbers against the standard library.
+//! The console's commands and numbers, compared with the standard library.
 
 use proptest::prelude::*;
 use zwidth::{
@@ -16,8 +16,9 @@ fn number(text: &str) -> Option<f64> {
     }
 }
 
-/// Whether the documentation allows a text as a number: a sign, digits with at most one point, at most 15 significant
-/// digits, at most three digits of exponent, and a power of ten within 22 if the digits are taken as a whole number.
+/// Whether the documentation allows a text as a number: an optional sign, digits with at most one point, at most 15
+/// significant digits, at most three digits of exponent. Written as a whole number times a power of ten, the power is
+/// at most 22.
 fn is_offered(text: &str) -> bool {
     let unsigned = text.strip_prefix(['+', '-']).unwrap_or(text);
     let lower = unsigned.to_ascii_lowercase();
@@ -85,7 +86,7 @@ crate::properties! {
     }
 
     /// A command is a name of the help with its values, in any case and with any blanks. Nothing else is read as a
-    /// command, and every error message fits a line.
+    /// command. Every error message fits a line.
     commands(3000, (place, words, upper, blank) in (
         any::<prop::sample::Index>(),
         prop::collection::vec(prop_oneof![
@@ -125,7 +126,7 @@ crate::properties! {
     lines(150, pieces in prop::collection::vec(
         prop_oneof![
             2 => prop::collection::vec(any::<u8>(), 0..20),
-            // near the longest accepted length
+            // Near the longest accepted length.
             2 => (LINE_MAX - 3..LINE_MAX + 4).prop_map(|length| vec![b'x'; length]),
             1 => (0..2 * LINE_MAX).prop_map(|length| vec![b' '; length]),
             4 => prop::sample::select(vec!["\n", "\r", "\r\n"]).prop_map(|end| end.as_bytes().to_vec()),

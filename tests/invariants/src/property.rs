@@ -2,16 +2,14 @@
 
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 
-/// A property: a line of text and a function that tries it.
 #[derive(Clone, Copy, Debug)]
 pub struct Property {
-    /// Module and name: `room::name`.
+    /// Module and name: `module::name`.
     pub name: &'static str,
-    /// Statement that must hold.
+    /// The statement that must hold.
     pub states: &'static str,
-    /// Count of cases in a batch.
     pub cases: u32,
-    /// Tries the property; the error is the smallest failing case.
+    /// Tries the property. The error is the smallest failing case.
     pub(crate) run: fn(&mut TestRunner) -> Result<(), String>,
 }
 
@@ -41,8 +39,8 @@ impl Property {
     }
 }
 
-/// The properties of a module: text, name, count of cases in a batch, strategy, and the check of a case. The check
-/// panics if the property does not hold.
+/// The properties of a module. Each has a text, a name, the number of cases in a batch, a strategy, and the check of a
+/// case. The check panics if the property does not hold.
 #[macro_export]
 macro_rules! properties {
     ($(
@@ -85,7 +83,7 @@ macro_rules! properties_of {
     };
 }
 
-/// Tries one batch of a property, always the same.
+/// Tries the batch that `cargo test` tries, always the same one.
 #[cfg(test)]
 pub fn sample(properties: &[Property], name: &str) {
     let property = properties.iter().find(|property| property.title().ends_with(name)).unwrap();
@@ -94,7 +92,6 @@ pub fn sample(properties: &[Property], name: &str) {
     }
 }
 
-/// Seed of the sample.
 #[cfg(test)]
 const SAMPLE_SEED: u64 = 1;
 

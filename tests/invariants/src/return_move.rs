@@ -11,7 +11,6 @@ use zwidth::{
 
 use crate::any::{self, Random};
 
-/// An accepted return move.
 #[derive(Clone, Copy)]
 struct Move {
     design: Design,
@@ -38,13 +37,12 @@ impl Move {
         self.settings.tolerance_m / self.design.resolution_m
     }
 
-    /// Outputs between two measurements of the speed: a millisecond, or one output.
+    /// Outputs between two measurements of the speed: a millisecond, or one output if outputs are rarer.
     fn pace(&self) -> u32 {
         let samples = (self.design.rate_hz / 1000.0).ceil() as u32;
         (samples / self.design.period).max(1)
     }
 
-    /// Largest count of outputs of the move.
     fn outputs_max(&self) -> u32 {
         (self.settings.timeout_s / self.output_s()).ceil() as u32
     }
@@ -53,7 +51,7 @@ impl Move {
 fn accepted() -> impl Strategy<Value = Move> {
     let parts = prop::collection::vec(any::part(), 8);
     (any::design(), parts).prop_filter_map("no range is left", |(design, parts)| {
-        // An error names the number and its range; that number is set next.
+        // An error names the number and its range. Then this number is set.
         let mut settings = ReturnSettings {
             start_m: f64::NAN,
             speed_m_per_s: f64::NAN,
@@ -95,8 +93,8 @@ fn at(counts: i64) -> Position {
 }
 
 crate::properties! {
-    /// Wherever the handle is and moves, a return ends in time and its force stays within its limit. In contact its
-    /// force never points into the wall. It has arrived only if the handle was at rest at the start.
+    /// Wherever the handle is and moves, a return ends in time and its force is within its limit. In contact its force
+    /// never points into the wall. It has arrived only if the handle was at rest at the start.
     bounded(150, (back, seed, mode) in (accepted(), any::<u64>(), 0u8..4)) {
         let mut random = Random(seed);
         let mut run = Return::default();
@@ -134,10 +132,10 @@ crate::properties! {
         }
     }
 
-    /// Every accepted return begins: a handle that is at rest away from the start is soon pushed towards the start, and
-    /// only towards it.
+    /// Every accepted return begins: a handle at rest away from the start is soon pushed towards the start, and only
+    /// towards it.
     begins(300, (back, away, side) in (accepted(), 0.0..1.0f64, any::<bool>())) {
-        // outside the tolerance, and inside the range of positions
+        // Outside the tolerance, and inside the range of positions.
         let far = back.tolerance() * 2.0 + away * 1e6 + 10.0;
         let place = if side { back.start() + far as i64 } else { back.start() - far as i64 };
         if place.abs() > 1 << 30 {
@@ -145,7 +143,7 @@ crate::properties! {
         }
         let mut run = Return::default();
         let towards = if side { -1 } else { 1 };
-        // time in which the reference moves a thousand counts, or the whole distance
+        // Time in which the reference moves a thousand counts, or the whole distance.
         let speed = back.settings.speed_m_per_s * back.output_s() / back.design.resolution_m;
         let soon = (far.min(1000.0) / speed).ceil() as u32 + 10;
         let lsb = f64::from(1 << 30) / back.design.full_scale_n * back.design.resolution_m;
@@ -161,8 +159,8 @@ crate::properties! {
         assert!(pushed || soon >= back.outputs_max() || soon >= 100_000);
     }
 
-    /// A handle that a hand moves towards the start, at any speed, and then holds there is never pushed away from the
-    /// start.
+    /// A hand moves the handle towards the start, at any speed, and holds it there. The handle is never pushed away
+    /// from the start.
     never_away(300, (back, way, goes) in (
         accepted(),
         (0.0..1.0f64, any::<bool>()),
@@ -175,7 +173,7 @@ crate::properties! {
         let side = if way.1 { 1 } else { -1 };
         let mut run = Return::default();
         let mut distance = far as i64;
-        // the speed is measured over eight intervals
+        // The speed is measured over eight intervals.
         let span = 9 * back.pace();
         let mut stood = span;
         for (speed, moving, holding) in goes {

@@ -1,4 +1,5 @@
-//! The sampling task, the output task and a handle, synchronised as on the board. The case sets the handle's position.
+//! The sampling task, the output task and a handle, synchronised as on the board. The test case sets the handle's
+//! position.
 
 use zwidth::{
     CounterWidth, Design, LoopParameters, Settings, VelocitySettings, WallSettings,
@@ -10,7 +11,6 @@ use zwidth::{
     velocity::Senses,
 };
 
-/// Inputs without a fault.
 pub const GOOD: Inputs = Inputs {
     stop_closed: true,
     supply_good: true,
@@ -27,7 +27,7 @@ pub const NO_WALL: WallSettings = WallSettings {
     push_only: true,
 };
 
-/// The widest limits, so that they do not end a case.
+/// The widest limits, so that they never end a case.
 pub fn wide(design: &Design) -> SafetySettings {
     let unit = design.resolution_m * design.rate_hz;
     SafetySettings {
@@ -44,25 +44,19 @@ pub fn wide(design: &Design) -> SafetySettings {
     }
 }
 
-/// Both tasks with their states.
 #[derive(Clone, Copy)]
 pub struct Rig {
     pub design: Design,
-    /// Parameters in force.
     pub control: LoopParameters,
-    /// The part of the supervisor that renders.
     pub supervisor: Supervisor,
     sampler: GuardedSampler,
     guard: Guard,
     view: GuardView,
     down: GuardCommand,
-    /// Push of the experiment.
     pub push: Force,
-    /// Inputs from the board.
     pub inputs: Inputs,
-    /// Reading of the counter.
     pub count: i64,
-    /// Output of the hardware.
+    /// Force of the hardware; `None` while it is off.
     pub output: Option<Force>,
     position: i32,
 }
@@ -116,7 +110,6 @@ impl Rig {
         (step, rendered)
     }
 
-    /// Runs up to the next output.
     pub fn output(&mut self) -> Rendered {
         loop {
             if let (_, Some(rendered)) = self.sample() {
@@ -132,7 +125,7 @@ impl Rig {
         result
     }
 
-    /// Replaces the settings after an output, if that is allowed.
+    /// Replaces the settings after an output, if this is allowed.
     pub fn change(&mut self, control: LoopParameters) -> Result<(), Refusal> {
         self.supervisor.may_change(&self.control, &control)?;
         self.control = control.after(&self.control);
@@ -143,14 +136,14 @@ impl Rig {
         self.supervisor.status().state
     }
 
-    /// Sets the zero and passes the sign test: the handle follows the force. The ramp comes next.
+    /// Sets the zero and passes the sign test by a handle that follows the force. The ramp comes next.
     pub fn pass_sign_test(&mut self) {
         self.output();
         self.ask(Request::Zero).unwrap();
         self.output();
         self.output();
         self.ask(Request::Arm).unwrap();
-        // two outputs may be a quarter of the test, which is so fast that the response is far above the limit
+        // Two outputs may be a quarter of the test. This is so fast that the response is far above the limit.
         let quarter = 0.025 * self.design.rate_hz / f64::from(self.design.period);
         let faster = (200.0 / (quarter * quarter)).ceil() as i64;
         let (mut speed, mut outputs) = (0, 0);

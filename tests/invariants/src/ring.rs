@@ -10,17 +10,17 @@ mod position_ring;
 
 use position_ring::{FOLLOWED, Follower, is_kept, note, read};
 
-/// Guards the only ring.
+/// There is only one ring. This mutex lets one test use it at a time.
 static RING: Mutex<()> = Mutex::new(());
 
-/// A position that encodes its sample.
+/// A position that contains the number of its sample.
 fn place(sample: u64) -> Position {
     Position::from_counts((sample.wrapping_mul(0x9E37_79B9) >> 3) as i32)
 }
 
 crate::properties! {
-    /// Whenever samples come between its steps, the follower reads the position of every sample up to the requested
-    /// one, in order and once. Positions that are too old are left out.
+    /// Samples may come between any two steps of the follower. The follower reads the position of every sample up to
+    /// the requested one, in order and once. It leaves out positions that are too old.
     followed(300, (first, turns) in (
         prop_oneof![Just(0u64), any::<u32>().prop_map(u64::from)],
         prop::collection::vec((
@@ -31,7 +31,7 @@ crate::properties! {
         let _alone = RING.lock().unwrap_or_else(PoisonError::into_inner);
         let half = FOLLOWED as u64;
         let mut follower = Follower::new();
-        // up to the first sample there is nothing to read
+        // Up to the first sample there is nothing to read.
         let (mut noted, mut next) = (first, first);
         let mut begun = false;
         for (samples, between) in turns {
@@ -43,7 +43,7 @@ crate::properties! {
             follower.follow_to(last);
             let oldest = (last + 1).saturating_sub(half);
             if !begun {
-                // the follower may start in the middle of the samples; positions that were never noted are not read
+                // The follower may start in the middle of the samples. Positions that were never noted are not read.
                 for _ in oldest..first.max(oldest) {
                     follower.read();
                 }
@@ -52,7 +52,7 @@ crate::properties! {
             next = next.max(oldest);
             let mut between = between.into_iter();
             for sample in next..=last {
-                // a sample comes while other positions are read
+                // A sample comes while other positions are read.
                 if between.next() == Some(true) && noted <= last + half {
                     note(noted, place(noted));
                     noted += 1;

@@ -1,5 +1,5 @@
-//! A second implementation of the statements of docs/estimators.md. Sums of differences come from their weights; the
-//! other estimators come from the equations at the head of the sections.
+//! A second implementation of the statements of docs/estimators.md. Sums of differences follow from their weights. The
+//! other estimators follow from the equations at the beginning of the sections.
 
 use std::f64::consts::{PI, SQRT_2};
 
@@ -21,10 +21,10 @@ pub struct Stated {
     pub whole: f64,
     /// Whether an error is stated for these settings.
     pub holds: bool,
-    /// Samples until a change of speed by one count per sample has settled, and samples for each further count per
-    /// sample.
+    /// Samples until a change of speed by one count per sample has settled. The second value is for each further count
+    /// per sample.
     pub settles: [f64; 2],
-    /// First velocity after a restart, as a function of the difference between the next counts and the old velocity.
+    /// First velocity after a restart. It depends on the difference between the next counts and the old velocity.
     pub first: First,
     /// The estimator in `f64`, if it is linear.
     pub twin: Twin,
@@ -38,11 +38,12 @@ pub struct Resonance {
     /// Largest rounding error of the velocity, LSB: half an LSB times the response `(1 - q)^k / A` of the error
     /// feedback.
     pub rounding: f64,
-    /// Largest error from the coefficients' rounding, as a fraction of the fastest difference.
+    /// Largest error from the rounding of the coefficients, as a fraction of the fastest difference.
     pub coefficients: f64,
     /// Largest gain from input to output.
     pub gain: f64,
-    /// Largest gain before the last section, where a value may saturate unseen; 0 with one section.
+    /// Largest gain before the last section; 0 with one section. There a value may saturate although the output is in
+    /// range.
     pub inside: f64,
 }
 
@@ -58,7 +59,7 @@ fn product(p: &[f64], q: &[f64]) -> Vec<f64> {
 }
 
 impl Resonance {
-    /// Limits of a biquad with these coefficients; `order` is the order of its error feedback.
+    /// Limits of a biquad with these coefficients. `order` is the order of its error feedback.
     fn of(b: &[f64], a: &[f64], order: u32, samples: f64) -> Self {
         let (mut past, mut poles, mut shaped) = ([0.0; 2], 0.0, 0.0);
         let mut last = [0.0; 2];
@@ -69,13 +70,13 @@ impl Resonance {
             poles += f64::abs(now);
             (last, past) = ([now, last[0]], [now, past[0]]);
         }
-        // the velocity is at most the differences times the poles' response and the numerator's magnitudes
+        // The velocity is at most the differences times the response of the poles and the magnitudes of the numerator.
         let gain: f64 = poles * b.iter().map(|b| b.abs()).sum::<f64>();
         let coefficients = poles * (3.0 + 2.0 * gain) * 2f64.powi(-30);
         Self { rounding: 0.5 * shaped + 1.0, coefficients, gain, inside: 0.0 }
     }
 
-    /// Limits of this section with a second section after it, which raises the errors of this one.
+    /// Limits of this section if a second section follows, which makes the errors of this one larger.
     fn then(self, next: Self) -> Self {
         Self {
             rounding: self.rounding * next.gain + next.rounding,
@@ -89,7 +90,6 @@ impl Resonance {
 /// A linear estimator in `f64`, from its equations.
 #[derive(Clone, Debug)]
 pub enum Twin {
-    /// The estimator is not linear.
     None,
     /// Coefficients b and a of a filter after the difference.
     Filter(Vec<f64>, Vec<f64>),
@@ -98,7 +98,7 @@ pub enum Twin {
 }
 
 impl Twin {
-    /// Velocities at these counts, from rest at 0. Without senses no acceleration is known.
+    /// Velocities at these counts, from rest at 0. Without `senses` no acceleration is known.
     pub fn run(&self, counts: &[i64], senses: &[Senses]) -> Vec<f64> {
         match self {
             Self::None => Vec::new(),
@@ -132,8 +132,8 @@ impl Twin {
         }
     }
 
-    /// Largest difference of the integers from the equations at speeds up to `fastest`, LSB: by rounding, and by
-    /// rounded coefficients.
+    /// Largest difference of the integers from the equations at speeds up to `fastest`, LSB. Its causes are rounding,
+    /// and rounded coefficients.
     pub fn lsb(&self, fastest: f64) -> f64 {
         match self {
             Self::Filter(b, _) => 3.0 + fastest * 3.0 * 2f64.powi(-31) / b.iter().sum::<f64>(),
@@ -151,8 +151,8 @@ pub enum First {
     Root(f64),
     /// The difference, limited to this value.
     Bounded(f64),
-    /// This fraction of the difference after half the known acceleration is subtracted; then the acceleration at
-    /// full-scale force, or `None` if it is measured.
+    /// The known acceleration: half of it is subtracted from the difference, and this fraction of the result is used.
+    /// The second value is the acceleration at full-scale force, or `None` if it is measured.
     Known(f64, Option<f64>),
     /// A mean over this time, or the limit from one count since the last edge.
     Mean(f64),
@@ -174,7 +174,6 @@ impl First {
 }
 
 impl Stated {
-    /// Largest difference of the integers from the equations at speeds up to `fastest`, LSB.
     pub fn lsb(&self, fastest: f64) -> f64 {
         match self.resonance {
             Some(Resonance { rounding, coefficients, .. }) => rounding + fastest * coefficients,
@@ -208,7 +207,7 @@ fn ripple(twin: &Twin, samples: f64) -> f64 {
     twin.run(&counts, &[]).iter().map(|v| 0.5 * v.abs()).sum()
 }
 
-/// `u` of the Kalman filters, from the documentation's equation: `2 u^2 = L (1 - u)` or `2 u^3 = L (1 - u) (2 - u)`.
+/// `u` of the Kalman filters, by the documentation's equation: `2 u^2 = L (1 - u)` or `2 u^3 = L (1 - u) (2 - u)`.
 fn kalman_u(ratio: f64, states: i32) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..60 {
@@ -219,7 +218,7 @@ fn kalman_u(ratio: f64, states: i32) -> f64 {
     (low + high) / 2.0
 }
 
-/// The documentation's statements for these settings.
+/// Statements of docs/estimators.md for these settings.
 pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
     use VelocitySettings as V;
     let exact = |error: f64, lsb: f64, settles: f64, first: First| Stated {
@@ -258,7 +257,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
     };
     let second_order = |cutoff_hz: f64, prewarp: bool, quality: f64| {
         let (b, a) = of_second_order(cutoff_hz, prewarp, quality);
-        // the slower of two real poles, or the decay of the ringing
+        // The slower of two real poles, or the decay of the ringing.
         let slowest = (quality * SQRT_2).min(1.0 / (quality * SQRT_2));
         low_pass(&b, &a, slowest * cutoff_hz / design.rate_hz)
     };
@@ -289,25 +288,25 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
     };
     let c =
         |acceleration: f64| acceleration / (design.resolution_m * design.rate_hz * design.rate_hz);
-    // with a noise limit below one count, quantisation counts as motion
+    // With a noise limit below one count, quantisation counts as motion.
     let windowed = |error: f64, window_samples: u32, noise_counts: f64| {
         let window = f64::from(window_samples);
         let error = if noise_counts < 1.0 { 1.0 } else { error / window };
         exact(error, 0.0, window + 1.0, First::Part(1.0, 1.0))
     };
-    // a biquad from its physical parameters, after a delay of `late` samples
+    // A biquad from its physical parameters, after a delay of `late` samples.
     let section = |[frequency_hz, damping, lead_s, zero]: [f64; 4], late: f64| {
         let w = 2.0 * PI * frequency_hz / design.rate_hz;
         let product = (-2.0 * damping * w).exp();
         let apart = (damping * damping - 1.0).abs().sqrt() * w;
         let sum = 2.0 * product.sqrt() * if damping < 1.0 { apart.cos() } else { apart.cosh() };
-        // (1 - p)(1 - p'), in a form without cancellation
+        // (1 - p)(1 - p'), in a form without cancellation.
         let lost = 1.0 - product.sqrt();
         let s = match damping < 1.0 {
             true => lost * lost + 4.0 * product.sqrt() * (apart / 2.0).sin().powi(2),
             false => lost * lost - 4.0 * product.sqrt() * (apart / 2.0).sinh().powi(2),
         };
-        // delay of the poles, and lead of the second zero
+        // Delay of the poles, and lead of the second zero.
         let (poles, h) = ((sum - 2.0 * product) / s, zero / (1.0 - zero));
         let g = lead_s * design.rate_hz + late + poles - h;
         let b = [s * (1.0 + g) * (1.0 + h), -s * (g + h + 2.0 * g * h), s * g * h];
@@ -336,7 +335,7 @@ pub fn stated(settings: &VelocitySettings, design: &Design) -> Stated {
         V::ButterworthPrewarped { cutoff_hz } => butterworth(cutoff_hz, true),
         V::FirstOrder { cutoff_hz } => first_order(cutoff_hz, false),
         V::FirstOrderPrewarped { cutoff_hz } => first_order(cutoff_hz, true),
-        // a quality of 2 raises rounding errors like everything else at its resonance
+        // A quality of 2 makes rounding errors larger, like everything else at its resonance.
         V::SecondOrder { cutoff_hz, quality } => {
             let (b, a) = of_second_order(cutoff_hz, false, quality);
             let says = second_order(cutoff_hz, false, quality);

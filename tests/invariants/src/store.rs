@@ -14,7 +14,7 @@ use zwidth::{
 use crate::any::{Random, noticed};
 
 const RECORD_BYTES: usize = 4 * RECORD_WORDS;
-/// Size of a sector: three records, and a remainder that is too small for one.
+/// Size of a sector: three records, and a remainder that is too small for a record.
 const SECTOR_BYTES: usize = 3 * RECORD_BYTES + 32;
 
 /// Flash that programs `UNIT` bytes at once. After a power cut, each bit of the unit that was being programmed or
@@ -43,7 +43,7 @@ impl From<NorFlashErrorKind> for PowerLost {
 }
 
 impl<const UNIT: usize> Flash<UNIT> {
-    /// Flash that is erased, except for foreign data in a part of each sector, if there is any.
+    /// Flash that is erased. A part of each sector may have foreign data.
     fn left_by_others(remains: [Option<(usize, usize)>; 2], seed: u64) -> Self {
         let mut torn = Random(seed);
         let mut bytes = vec![0xFF; 2 * SECTOR_BYTES];
@@ -107,7 +107,7 @@ impl<const UNIT: usize> NorFlash for Flash<UNIT> {
     fn erase(&mut self, from: u32, to: u32) -> Result<(), PowerLost> {
         check_erase(self, from, to)?;
         let mut units: Vec<usize> = (from as usize..to as usize).step_by(UNIT).collect();
-        // in random order
+        // In random order.
         for n in (1..units.len()).rev() {
             let other = self.torn.below(n as u64 + 1) as usize;
             units.swap(n, other);
@@ -120,7 +120,7 @@ fn stored(number: f64, name: EstimatorName, flags: [bool; 3]) -> Stored {
     Stored {
         device: DeviceKey::of("bench"),
         settings: Settings {
-            // only a record of its own has the last parameter
+            // Only records of these two estimators have the last parameter.
             velocity: match name {
                 EstimatorName::Biquad => name.defaults().with_parameter(3, number),
                 EstimatorName::Biquad2 => name.defaults().with_parameter(7, number),
@@ -159,12 +159,12 @@ type Step = (u16, Option<u32>);
 
 fn steps() -> impl Strategy<Value = Vec<Step>> {
     let cut = prop::option::of(1u32..(2 * RECORD_BYTES + SECTOR_BYTES) as u32 / 4);
-    // early cuts more often, since there are few units if units are wide
+    // Early cuts are more frequent, since wide units are few.
     let cut = prop_oneof![2 => cut, 1 => prop::option::of(1u32..50)];
     prop::collection::vec((0u16..50, cut), 1..25)
 }
 
-/// Contents of the sectors before the first save: nothing, or bytes that are not a record.
+/// Contents of the sectors before the first save: nothing, or bytes that are no record.
 fn remains() -> impl Strategy<Value = [Option<(usize, usize)>; 2]> {
     let part = (0..SECTOR_BYTES, 1..SECTOR_BYTES);
     let sector = prop_oneof![2 => Just(None), 1 => part.prop_map(Some)];
@@ -174,7 +174,7 @@ fn remains() -> impl Strategy<Value = [Option<(usize, usize)>; 2]> {
 fn survives<const UNIT: usize>(remains: [Option<(usize, usize)>; 2], steps: &[Step], seed: u64) {
     let mut flash = Flash::<UNIT>::left_by_others(remains, seed);
     let defaults = stored(-1.0, EstimatorName::Difference, [false; 3]);
-    // allowed contents: after a cut, either of two
+    // Allowed contents: after a cut, one of two.
     let mut may = vec![defaults];
     let (mut saved, names) = (false, EstimatorName::ALL);
     for (number, cut) in steps {
@@ -198,7 +198,7 @@ fn survives<const UNIT: usize>(remains: [Option<(usize, usize)>; 2], steps: &[St
         }
         if loaded.stored != defaults {
             assert!(matches!(loaded.source, Source::Newest | Source::Older));
-            // the contents do not change any more: the interrupted record is either complete or lost for ever
+            // The contents do not change any more: the interrupted record is either complete or lost for ever.
             may = vec![loaded.stored];
             saved = true;
         } else if !saved {
@@ -208,9 +208,9 @@ fn survives<const UNIT: usize>(remains: [Option<(usize, usize)>; 2], steps: &[St
 }
 
 crate::properties! {
-    /// The power is cut at any unit of a write or an erase, with torn bits. Then the settings are those saved before or
-    /// those being saved. The next save works and is the newest. It holds for any contents of the sectors, and for
-    /// flash that programs 4, 8 or 16 bytes at once.
+    /// The power is cut at any unit of a write or an erase, with torn bits. Then the settings are those of the last
+    /// save or of the interrupted save. The next save works and is the newest. This holds for any contents of the
+    /// sectors, and for flash that programs 4, 8 or 16 bytes at once.
     power_cuts(60, (remains, steps, seed, unit) in (remains(), steps(), any::<u64>(), 0u8..3)) {
         match unit {
             0 => survives::<4>(remains, &steps, seed),
@@ -219,8 +219,8 @@ crate::properties! {
         }
     }
 
-    /// A record is read back bit for bit, whatever its numbers are. After a change that a CRC-32 detects with certainty
-    /// (of one word, or of up to three bits) it is not read.
+    /// A record is read back bit for bit, whatever its numbers are. After a change of one word, or of up to three bits,
+    /// it is not read, because a CRC-32 always detects these changes.
     records(500, (number, place, flags, sequence, flips) in (
         any::<f64>(),
         any::<prop::sample::Index>(),

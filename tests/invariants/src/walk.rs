@@ -40,7 +40,7 @@ fn grid() -> impl Strategy<Value = Grid> {
     let axis = |first: i64| {
         (1i64..40, first..60, 0i64..500).prop_map(|(step, start, more)| [start, step, start.max(step) + more])
     };
-    // steps in decimal units, whose sum differs slightly from the largest value
+    // Steps in decimal units, whose sum differs slightly from the largest value.
     let unit = prop::sample::select(vec![1.0, 0.1, 0.01, 0.3, 10.01, 7e-3]);
     ([unit.clone(), unit], axis(1), axis(0)).prop_map(|(unit, k, b)| Grid { unit, k, b })
 }
@@ -50,9 +50,9 @@ fn grid() -> impl Strategy<Value = Grid> {
 enum World {
     /// Walls below a parabola of B are stable.
     Arch { top: i64, middle: i64, fall: i64 },
-    /// Random walls: `of_eight` of eight are stable, with contact everywhere.
+    /// Random walls, all with contact: `of_eight` of eight are stable.
     Random { seed: u64, of_eight: u64 },
-    /// Random walls, and some of them have no contact.
+    /// Random walls. Some of them have no contact.
     Loose { seed: u64 },
 }
 
@@ -95,7 +95,7 @@ fn told(grid: &Grid, world: &World) -> Told {
     let mut capped = false;
     let cell = |[i, j]: [i64; 2]| Cell { stiffness: i as i32, damping: j as i32 };
     let [mut i, mut j] = [0, 0];
-    // the highest stable K of each column, starting at the K of the column before
+    // The highest stable K of each column. The search starts at the K of the column before.
     loop {
         let mut highest = None;
         let mut at = i;
@@ -142,8 +142,8 @@ fn told(grid: &Grid, world: &World) -> Told {
 }
 
 crate::properties! {
-    /// A walk has the hits, boundary, area and end of a walk described column by column in whole numbers, whatever
-    /// walls are stable. After its end it stays within its largest values and repeats its answer.
+    /// A walk has the hits, boundary, area and end of a walk that is described column by column in whole numbers,
+    /// whatever walls are stable. After its end it stays within its largest values and repeats its answer.
     told_column_by_column(300, (grid, world) in (grid(), world())) {
         let told = told(&grid, &world);
         let settings = grid.settings();

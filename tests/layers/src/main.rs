@@ -1,7 +1,7 @@
-//! The layers of core, simulator, virtual board and live page: no file imports from a layer above its own, and files do
-//! not import each other in a circle, unless one of them is the other's child. Kernel and product do not name a crate of
-//! the laboratory, but for the files that lend it a command. `cargo run --package layers` names each offence with file and
-//! line, and ends with 1 if there is any.
+//! Checks the layers of core, simulator, virtual board and live page. No file imports from a layer above its own. Files
+//! do not import each other in a circle, unless one is the other's child. Kernel and product name no crate of the
+//! laboratory, except in the files that lend it a command. `cargo run --package layers` names each offence with file
+//! and line. Its exit code is 1 if there is an offence.
 #![allow(clippy::unwrap_used, reason = "a source file that cannot be read ends the check")]
 
 mod source;
@@ -15,7 +15,7 @@ use self::source::{Import, Module, Source};
 
 const SIMULATOR_CRATES: &[&str] = &["host-sim/src", "host-sim/studies/src", "host-sim/loop/src"];
 
-/// The simulator's layers, highest first. What stands together may use each other.
+/// The simulator's layers, highest first. Modules of one layer may use each other.
 const SIMULATOR: &[&[&str]] = &[
     &["cli"],
     &["output"],
@@ -27,7 +27,6 @@ const SIMULATOR: &[&[&str]] = &[
     &["numerics", "input", "interrupt", "range", "notation", "table", "error"],
 ];
 
-/// The layers of core and firmware.
 const CORE: &[&[&str]] = &[
     &["task"],
     &["board", "sync"],
@@ -71,7 +70,7 @@ const LIVE: &[&[&str]] = &[
     &["history"],
 ];
 
-/// Crates of the laboratory, and the files that lend them a command.
+/// Crates of the laboratory. `LENDERS` are the files that lend them a command.
 const LABORATORY: &[&str] = &["board_trials", "lab_trade", "filter_forms", "host_sim_bench"];
 const LENDERS: &[&str] = &[
     "host-sim/src/cli/trade.rs",
@@ -92,7 +91,7 @@ const PRODUCT: &[&str] = &[
     "seal/src",
 ];
 
-/// What the files of a crate do against the rules, each with its lines.
+/// The rules that the files of a crate break, each with its lines.
 fn offences(source: &Source, layers: &[&[&str]]) -> BTreeMap<String, Vec<usize>> {
     let imports = source.imports();
     let mut found = BTreeMap::<_, Vec<_>>::new();
@@ -110,7 +109,7 @@ fn rank(module: &Module, layers: &[&[&str]]) -> usize {
     place.unwrap_or_else(|| panic!("{} stands in no layer of this list", module[0]))
 }
 
-/// Sets of files of which each imports, over others, each.
+/// Sets of files in which each file imports each other file, directly or through others.
 fn circles(imports: &[Import]) -> Vec<String> {
     let related = |a: &Module, b: &Module| a.starts_with(b) || b.starts_with(a);
     let mut edges = BTreeMap::<&Module, BTreeSet<&Module>>::new();

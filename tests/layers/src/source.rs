@@ -1,6 +1,5 @@
-//! What the files of a source folder import from each other, read from their text: `use` trees and paths that begin
-//! with `crate`, `super`, `self` or the crate's own name. Test code is left out. Re-exports are followed to the file
-//! that they come from.
+//! Imports between the files of a source folder, read from their text: `use` trees, and paths that begin with `crate`,
+//! `super`, `self` or the crate's own name. Test code is left out. A re-export is followed to its file.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -8,28 +7,28 @@ use std::{
     path::Path,
 };
 
-/// A module's place below the crate's root.
+/// Path of a module below the crate's root.
 pub type Module = Vec<String>;
 
-/// A path in the text, with its line.
+/// A path in the text of a file.
 #[derive(Clone, Debug)]
 struct Named {
     line: usize,
-    /// Module in which it stands.
+    /// Module that contains the path.
     from: Module,
     path: Vec<String>,
 }
 
-/// A file and what it names.
+/// A file, and the paths that it names.
 #[derive(Debug, Default)]
 struct File {
     name: String,
     named: Vec<Named>,
-    /// What a `use` binds in this file: name to path.
+    /// Names that `use` defines in this file, each with its path.
     bound: BTreeMap<String, Named>,
 }
 
-/// One import: where it stands and which file it leads to.
+/// One import: its module, file and line, and the module that it imports.
 #[derive(Clone, Debug)]
 pub struct Import {
     pub from: Module,
@@ -38,7 +37,7 @@ pub struct Import {
     pub line: usize,
 }
 
-/// The files of a crate by module; the root's files are left out.
+/// The files of a crate by module. The root's files are left out.
 #[derive(Debug)]
 pub struct Source {
     own_names: &'static [&'static str],
@@ -46,8 +45,8 @@ pub struct Source {
 }
 
 impl Source {
-    /// Reads `folders` of the workspace, whose crates call themselves `own_names`; several are taken as one, whose
-    /// modules have different names.
+    /// Reads `folders` of the workspace. Their code uses `own_names` for these crates. Several folders are taken as one
+    /// crate, so their modules must have different names.
     pub fn read(folders: &[&str], own_names: &'static [&'static str]) -> Self {
         let mut texts = vec![];
         for folder in folders {
@@ -57,7 +56,7 @@ impl Source {
         Self::of(texts, folders, own_names)
     }
 
-    /// The same of path and text of each file.
+    /// As [`read`](Self::read), with path and text of each file.
     pub fn of(
         texts: Vec<(String, String)>,
         folders: &[&str],
@@ -85,7 +84,7 @@ impl Source {
         source
     }
 
-    /// Where files that are not for tests name one of the `own_names`: file and line.
+    /// File and line of each path that begins with one of the `own_names`, without test code.
     pub fn mentions(&self) -> Vec<(&str, usize)> {
         let mut found = vec![];
         for file in self.files.values() {
@@ -159,7 +158,7 @@ impl Source {
     }
 }
 
-/// Path and text of the files below `folder`, whose paths begin with `name`.
+/// Path and text of the files below `folder`. The paths begin with `name`.
 fn collect(folder: &Path, name: &str, texts: &mut Vec<(String, String)>) {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -172,13 +171,13 @@ fn collect(folder: &Path, name: &str, texts: &mut Vec<(String, String)>) {
     }
 }
 
-/// The module that a file below the crate's root holds.
+/// The module of a file below the crate's root.
 fn module_of(file: &str) -> Module {
     let parts = file.trim_end_matches(".rs").split('/');
     parts.filter(|part| !["", "lib", "main", "mod"].contains(part)).map(str::to_owned).collect()
 }
 
-/// Words and signs of a text with their lines; comments, strings and characters are left out.
+/// Words and signs of a text with their lines. Comments, strings and characters are left out.
 fn tokens(text: &str) -> Vec<(usize, String)> {
     let mut tokens = vec![];
     let (mut rest, mut line) = (text, 1);
@@ -212,7 +211,7 @@ fn tokens(text: &str) -> Vec<(usize, String)> {
     tokens
 }
 
-/// The end of a raw string that begins here.
+/// The end of the raw string that begins here; `None` if none begins here.
 fn raw_string(text: &str) -> Option<String> {
     let rest = text.strip_prefix("br").or_else(|| text.strip_prefix('r'))?;
     let hashes = rest.len() - rest.trim_start_matches('#').len();
@@ -234,7 +233,7 @@ fn string(text: &str) -> usize {
     text.len()
 }
 
-/// A character such as `'x'` or `'\n'`, or the sign before a lifetime.
+/// Length of a character such as `'x'` or `'\n'`, or of the sign before a lifetime.
 fn character(text: &str) -> usize {
     let mut chars = text.char_indices().skip(1);
     match chars.next() {
@@ -247,13 +246,13 @@ fn character(text: &str) -> usize {
     }
 }
 
-/// Goes over the tokens of a file.
+/// Reads the tokens of a file.
 struct Reader<'a> {
     tokens: Vec<(usize, String)>,
     at: usize,
     own_names: &'static [&'static str],
     file: &'a mut File,
-    /// Inline modules that are open: name, and the braces that are open around it.
+    /// Inline modules that are open, each with the number of braces that are open around it.
     inline: Vec<(String, usize)>,
     /// Modules that are compiled for tests only.
     tests: &'a mut BTreeSet<Module>,
@@ -308,7 +307,7 @@ impl Reader<'_> {
         text.starts_with("#[cfg(test)]") || text.starts_with("#[cfg(all(test")
     }
 
-    /// Passes over attributes and the item behind them.
+    /// Skips attributes and the item after them.
     fn skip_item(&mut self, from: &Module) {
         while self.text(0) == "#" {
             self.at += 1;
@@ -348,7 +347,7 @@ impl Reader<'_> {
         self.file.named.push(Named { line, from: from.clone(), path });
     }
 
-    /// A tree of `use` behind `path`, up to its comma, brace or semicolon.
+    /// Reads a tree of `use` after `path`, up to its comma, brace or semicolon.
     fn tree(&mut self, from: &Module, path: &[String]) {
         let mut path = path.to_vec();
         loop {

@@ -1,9 +1,9 @@
-//! On the board's core: builds an estimator, gives it differences, hands back the velocities and the
-//! cycles of each update. The other side of the mailbox is `tests/elf/estimator_cost.rs`.
+//! Runs on the board's core: builds an estimator, gives it differences of counts, and returns the velocities and the
+//! cycles of each update. `tests/elf/estimator_cost.rs` is the host's side of the mailbox.
 //!
-//! `SENSES`: force, acceleration, age of the edge, kind of edge (0 none, 1 down, 2 up) of each sample.
-//! The job: number of the estimator, its parameters (each two words, low first), samples; given back: bytes
-//! of an [`Estimator`](zwidth::velocity::Estimator).
+//! `SENSES` has for each sample: force, acceleration, age of the edge, kind of edge (0 none, 1 down, 2 up). The job has
+//! the number of the estimator, its parameters (two words each, low word first), and the number of samples. The answer
+//! is the size of an [`Estimator`](zwidth::velocity::Estimator), bytes.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]

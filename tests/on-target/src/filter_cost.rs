@@ -1,8 +1,9 @@
-//! On the board's core: makes a filter, gives it velocities, hands back the velocities and the cycles of each update.
-//! The other side of the mailbox is `tests/elf/filter_cost.rs`.
+//! Runs on the board's core: builds a filter, gives it velocities, and returns the velocities and the cycles of each
+//! update. `tests/elf/filter_cost.rs` is the host's side of the mailbox.
 //!
-//! The job: number of the variant, cutoff in Hz (two words, low first), fractional bits of Q15, samples; given back:
-//! bytes of coefficients and state; refused if the format cannot have the cutoff.
+//! The job has the number of the variant, the cutoff in Hz (two words, low word first), the fractional bits of Q15, and
+//! the number of samples. The answer is the size of coefficients and state, bytes. The job is refused if the format
+//! cannot have the cutoff.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]
@@ -26,7 +27,7 @@ mod target {
 
     const RATE_HZ: f64 = 1e4;
 
-    /// Counts the cycles of a form whose state lies in memory, as between two interrupts.
+    /// Counts the cycles of a form whose state is in memory, as between two interrupts.
     struct Count {
         samples: usize,
     }

@@ -1,6 +1,6 @@
-//! The control path and nothing else, compiled for the board, so that `tests/elf/control_path.rs` can
-//! look at the machine code: what runs between encoder and command, every estimator (feature `estimators`),
-//! and one function that does not belong there (it uses floats), to show that the look finds something.
+//! The control path alone, compiled for the board. `tests/elf/control_path.rs` checks the machine code of all functions
+//! between encoder and command, and of every estimator (feature `estimators`). One function with floats does not belong
+//! to the control path. It shows that the check finds such functions.
 #![cfg_attr(target_os = "none", no_std)]
 
 mod supervision;
@@ -25,7 +25,7 @@ pub extern "C" fn zwidth_sample(
     *motion = sampler.sample(control, counter).motion;
 }
 
-/// Every sample, with any estimator.
+/// As [`zwidth_sample`], with any estimator.
 #[cfg(feature = "estimators")]
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_estimate(
@@ -48,7 +48,7 @@ pub extern "C" fn zwidth_render(
     *drive = control.render(*motion, *push);
 }
 
-/// Every sample of an experiment.
+/// Called for every sample of a hit.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_hit(hit: &mut Hit, position: &Position, contact: bool) -> i32 {
     match hit.sample(*position, contact) {
@@ -59,7 +59,7 @@ pub extern "C" fn zwidth_hit(hit: &mut Hit, position: &Position, contact: bool) 
     }
 }
 
-/// A trial's share of an output.
+/// What a hit computes for an output.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_trial(
     trial: &mut HitSequence,
@@ -74,7 +74,7 @@ pub extern "C" fn zwidth_trial(
     trial.sample(*position, contact).or_else(|| trial.early_verdict()).is_some()
 }
 
-/// A calibration's share of an output.
+/// What a calibration computes for an output.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_calibration(
     calibration: &mut Calibration,
@@ -85,7 +85,7 @@ pub extern "C" fn zwidth_calibration(
     calibration.is_complete_now()
 }
 
-/// The velocity filter alone, to be counted against idsp's.
+/// The velocity filter alone, to compare its instructions with idsp's.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_filter(filter: &Biquad, state: &mut BiquadState, input: &Velocity) -> i32 {
     filter.update(state, *input).bits()
@@ -111,7 +111,7 @@ pub extern "C" fn idsp_wide(
     filter.process(state, input)
 }
 
-/// Not part of the control path: settings to integers, in floats.
+/// Not a part of the control path: converts settings to integers with floats.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_build(
     settings: &Settings,

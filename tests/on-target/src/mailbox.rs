@@ -1,7 +1,8 @@
-//! The target's side of the mailbox of `tests/elf/mailbox.rs`: a job and samples in memory, results in their place.
+//! The target's side of the mailbox of `tests/elf/mailbox.rs`. Job and samples are in memory. The results replace the
+//! samples.
 //!
-//! `JOB`: state (1: do it, 2: done, 3: refused), what the job needs, number of samples; the word behind that is given
-//! back: bytes of what was measured.
+//! `JOB` has a state (1 requested, 2 done, 3 refused), the words of the job, and the number of samples. The program
+//! writes the measured size in bytes into the next word.
 
 use core::{
     panic::PanicInfo,
@@ -12,13 +13,13 @@ pub const SAMPLES: usize = 4096;
 
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 static JOB: [AtomicU32; 20] = [const { AtomicU32::new(0) }; 20];
-/// What goes in; velocities come out.
+/// Inputs, which the velocities replace.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub static SAMPLE: [AtomicU32; SAMPLES] = [const { AtomicU32::new(0) }; SAMPLES];
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub static CYCLES: [AtomicU32; SAMPLES] = [const { AtomicU32::new(0) }; SAMPLES];
 
-/// No interrupt is used; the firmware's crates, which cargo builds along, insist on vectors.
+/// No interrupt is used. But cargo also builds the firmware's crates, which require vectors.
 #[unsafe(link_section = ".vector_table.interrupts")] // SAFETY: this is what belongs there
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 static __INTERRUPTS: [u32; 1] = [0];
@@ -36,25 +37,24 @@ fn main() -> ! {
     }
 }
 
-/// A word of the job.
 pub fn word(at: usize) -> u32 {
     JOB.get(at).map_or(0, |word| word.load(Relaxed))
 }
 
-/// Two words of the job, low first.
+/// A number in two words of the job, low word first.
 pub fn number(at: usize) -> f64 {
     f64::from_bits(u64::from(word(at + 1)) << 32 | u64::from(word(at)))
 }
 
-/// Gives a number of bytes back.
+/// Writes a size in bytes into the job.
 pub fn answer(at: usize, bytes: usize) {
     if let Some(word) = JOB.get(at) {
         word.store(u32::try_from(bytes).unwrap_or(u32::MAX), Relaxed);
     }
 }
 
-/// One velocity in the place of its sample, with the cycles that it took. A macro, because what a closure captures is
-/// loaded within the count.
+/// Replaces a sample by its velocity and notes the cycles. It is a macro, because a closure would load its captured
+/// values while the cycles are counted.
 macro_rules! measure {
     ($sample:ident, $cycles:ident, $velocity:expr) => {
         let before = DWT::cycle_count();

@@ -1,4 +1,5 @@
-//! What supervises the control path, and what talks to it: the same look at its machine code.
+//! Functions that supervise the control path, and functions of its communication. Their machine code is checked in the
+//! same way.
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use zwidth::{
@@ -16,7 +17,7 @@ use zwidth::{
     velocity::Senses,
 };
 
-/// Every sample, under guard.
+/// Called for every sample, with the guard.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_guarded_sample(
     sampler: &mut GuardedSampler<Bits32>,
@@ -32,7 +33,7 @@ pub extern "C" fn zwidth_guarded_sample(
     step.cut
 }
 
-/// Called for every output, supervised.
+/// Called for every output, with the supervisor.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_supervised_render(
     supervisor: &mut Supervisor,
@@ -57,7 +58,7 @@ pub extern "C" fn zwidth_request(supervisor: &mut Supervisor, request: &Request)
     supervisor.request(*request).is_ok()
 }
 
-/// Every output: black box and frame.
+/// Called for every output: black box and frame.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_keep(
     ring: &mut BlackBox<500>,
@@ -69,7 +70,7 @@ pub extern "C" fn zwidth_keep(
     *bytes = Frame { sequence, record: rendered.record }.encode();
 }
 
-/// Fault memory and a decoder of telemetry.
+/// The memory of faults, and a decoder of telemetry.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_memory(
     words: &mut [u32; FaultRecord::WORDS],
@@ -82,7 +83,7 @@ pub extern "C" fn zwidth_memory(
     decoder.push(byte).is_some()
 }
 
-/// One byte of the link.
+/// Reads one byte from the link.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_link(
     reader: &mut LineReader<64>,
@@ -99,19 +100,19 @@ pub extern "C" fn zwidth_link(
     }
 }
 
-/// One reply of the link.
+/// Writes one reply to the link.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_reply(reply: &Reply<'_>, text: &mut Text<REPLY_MAX>) {
     *text = Text::of(reply);
 }
 
-/// A wall against the envelope.
+/// Compares a wall with the envelope.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_envelope(envelope: &Envelope<'_>, key: &Key, k: f64, b: f64) -> bool {
     envelope.allows(key, k, b).is_ok()
 }
 
-/// Two sectors in memory.
+/// A flash of two sectors, in memory.
 #[derive(Debug)]
 pub struct Memory([u8; 2 * Self::ERASE_SIZE]);
 
@@ -159,7 +160,7 @@ impl NorFlash for Memory {
     }
 }
 
-/// Settings out of flash and into it.
+/// Loads settings from flash and saves them.
 #[unsafe(no_mangle)] // SAFETY: no other symbol has this name
 pub extern "C" fn zwidth_store(flash: &mut Memory, stored: &mut Stored) -> bool {
     *stored = load(flash, *stored).stored;

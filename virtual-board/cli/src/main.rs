@@ -48,8 +48,8 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// A console: type the commands that a real board takes. An empty line asks for the status;
-    /// `hand METRES` holds the handle there (of a rotary scene `hand RADIANS`), `hand off` lets it go, `wait SECONDS` waits.
+    /// A console: type the commands that a real board takes. An empty line asks for the status. `hand METRES` holds the
+    /// handle there (`hand RADIANS` in a rotary scene). `hand off` lets it go. `wait SECONDS` waits.
     Run {
         #[command(flatten)]
         common: Common,
@@ -67,7 +67,7 @@ enum Command {
         /// One JSON object on stdout, and nothing else there.
         #[arg(long)]
         json: bool,
-        /// Nominal cutoff, Hz [default: `velocity.cutoff_hz` of the scene, or its only one].
+        /// Nominal cutoff, Hz [default: `velocity.cutoff_hz` of the scene, or the only cutoff of its sweep].
         #[arg(long)]
         cutoff: Option<f64>,
         /// K, N/m; N m/rad of a rotary scene.
@@ -83,19 +83,19 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
-    /// Faults with the force on, in free motion and in contact: how long until it is off.
+    /// Faults with the force on, in free motion and in contact. Measures how long until the force is off.
     Campaign(campaign::report::Campaign),
-    /// Random sessions of console, hand, switches and resets, held against the firmware's library.
+    /// Random sessions of console, hand, switches and resets, compared with the firmware's library.
     Fuzz(fuzz::report::Fuzz),
-    /// The board in real time for other tools: RTT over TCP on 127.0.0.1, channel n on port PORT + n.
-    /// The first line on stdout is the address of channel 0.
+    /// The board in real time, for other tools. It offers RTT over TCP on 127.0.0.1, channel n on port PORT + n. The
+    /// first line on stdout is the address of channel 0.
     Serve {
         #[command(flatten)]
         common: Common,
-        /// First of three ports; 0: any.
+        /// First of three consecutive ports; 0: any.
         #[arg(long, value_name = "PORT", default_value_t = 9090)]
         rtt: u16,
-        /// A port for gdb, whose address is the second line on stdout; 0: any. Its halts take the force away.
+        /// A port for gdb; 0: any. Its address is the second line on stdout. A halt by gdb switches the force off.
         #[arg(long, value_name = "PORT")]
         gdb: Option<u16>,
     },
@@ -103,10 +103,10 @@ enum Command {
     Walk {
         #[command(flatten)]
         common: Common,
-        /// Nominal cutoff, Hz [default: `velocity.cutoff_hz` of the scene, or its only one].
+        /// Nominal cutoff, Hz [default: `velocity.cutoff_hz` of the scene, or the only cutoff of its sweep].
         #[arg(long)]
         cutoff: Option<f64>,
-        /// Write the boundary: `cutoff_hz`, then damping and stiffness, whose names have the scene's units.
+        /// Write the boundary: columns `cutoff_hz`, damping and stiffness, the last two in the scene's units.
         #[arg(long, value_name = "FILE")]
         csv: Option<PathBuf>,
         /// Replace FILE if it is there.
@@ -120,23 +120,22 @@ enum Command {
 
 #[derive(Args)]
 struct Common {
-    /// A built-in scene or a file; SCENE:DESIGN with that design of it as its estimator.
+    /// A built-in scene or a file. SCENE:DESIGN uses this design of the scene as its estimator.
     scene: String,
     #[arg(long, default_value = NUCLEO_F446RE.name, help = Board::names(" or "))]
     board: String,
     /// The firmware; built if not given.
     #[arg(long)]
     elf: Option<PathBuf>,
-    /// The device record in its flash, of `cargo sim prepare` [default: made of the scene, without an envelope; of the
-    /// board's own scene that of the image].
+    /// The device record for the board's flash, a file from `cargo sim prepare` [default: made from the scene, without
+    /// an envelope; for the board's own scene: the image's record].
     #[arg(long, value_name = "FILE")]
     device: Option<PathBuf>,
-    /// Samples per output in place of the scene's: 1, 2, 5 or 10. `run` begins with it.
+    /// Samples per output in place of the scene's: 1, 2, 5 or 10. `run` starts with this value.
     #[arg(long, value_name = "SAMPLES")]
     period: Option<u32>,
 }
 
-/// Exit codes are the simulator's.
 fn main() -> ExitCode {
     ExitCode::from(terminal::run(|cli: Cli| execute(cli.command)))
 }
@@ -148,7 +147,7 @@ fn execute(command: Command) -> Result<(), Error> {
             let capture = outputs.option(telemetry.as_ref())?;
             let session = common.session(scene)?;
             let ended = run(&session, common.period, &mut outputs, capture);
-            // A capture is whole at every instant, and it is wanted most where the program stopped.
+            // The capture is always complete up to now. It is most needed when the program has stopped.
             outputs.commit().and(ended)
         }
         Command::Hit { common, json, cutoff, stiffness, damping, telemetry, force } => {
@@ -180,14 +179,13 @@ fn execute(command: Command) -> Result<(), Error> {
     }
 }
 
-/// The cutoff that was asked for, or else the scene's. An estimator without a cutoff ignores the value.
+/// The cutoff of the command line, or else the scene's. An estimator without a cutoff ignores the value.
 fn cutoff_of(scene: &NamedScene, asked: Option<f64>) -> Result<f64, Error> {
     let own = || asked::filter(scene, None).map(|own| own.cutoff_hz().unwrap_or_default());
     asked.map_or_else(own, Ok)
 }
 
 impl Common {
-    /// Reads the scene; no output exists yet.
     fn open(&self, force: bool) -> Result<(NamedScene, Outputs), Error> {
         let mut scene = NamedScene::load(&self.scene)?;
         if let Some(period) = self.period {
@@ -210,7 +208,7 @@ impl Common {
     }
 }
 
-/// Checks that a board takes this count of samples per output.
+/// Checks that boards accept this number of samples per output.
 fn check_period(name: &str, period: u32) -> Result<(), Error> {
     if PERIODS.contains(&period) {
         return Ok(());
@@ -219,14 +217,14 @@ fn check_period(name: &str, period: u32) -> Result<(), Error> {
     Err(Error::Input(format!("{name} is {period}, allowed on a board {known}")))
 }
 
-/// Samples between two looks at the keyboard.
+/// Samples between two checks of the keyboard.
 const SLICE: u64 = 100;
-/// Samples to run after the last line, so that the reply to it comes.
+/// Samples to run after the last line, so that its reply arrives.
 const LAST: u64 = 2_000;
-/// Longest wait between two looks at the interrupt flag.
+/// Longest wait between two checks of the interrupt flag.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Runs a session: from a keyboard at most in real time, from a file or pipe as fast as possible.
+/// Runs a session. Lines from a keyboard run at most in real time; lines from a file or pipe run as fast as possible.
 fn run(
     session: &Session,
     period: Option<u32>,
@@ -238,7 +236,7 @@ fn run(
         ask(&mut world, &format!("period {period}"))?;
     }
     if let Some(capture) = capture {
-        outputs.write(capture, &[])?; // a board that sends nothing gives an empty file
+        outputs.write(capture, &[])?; // an empty file, if the board sends nothing
     }
     let live = std::io::stdin().is_terminal();
     let units = session.scene.scene.units;
@@ -258,7 +256,7 @@ fn run(
             if ended {
                 return Ok(());
             }
-            // Input from a pipe is waited for, so that each run is the same.
+            // Input from a pipe is waited for, so that each run gives the same result.
             match lines.recv_timeout(if live { Duration::ZERO } else { LOOK }) {
                 Ok(line) => waiting = typed(&mut world, units, line?.trim())?,
                 Err(RecvTimeoutError::Timeout) if live => {}
@@ -300,7 +298,7 @@ struct HitJson<'a> {
     quiet: Option<QuietJson<'a>>,
 }
 
-/// Additional fields of a hit by the criterion `quiet`: the push that decides, and each push.
+/// Additional JSON fields of a hit with the criterion `quiet`: the values of the deciding push, and each push.
 #[derive(Serialize)]
 struct QuietJson<'a> {
     force_rms_n: f64,

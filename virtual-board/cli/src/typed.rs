@@ -55,7 +55,7 @@ pub(super) fn typed(world: &mut World<'_>, units: Units, line: &str) -> Result<u
     Ok(SLICE)
 }
 
-/// Name and unit of a position of the hand.
+/// Word for a position of the hand in the help and in errors.
 pub(super) fn place_name(units: Units) -> &'static str {
     if units.is_rotary() { "RADIANS" } else { "METRES" }
 }
@@ -76,7 +76,7 @@ fn move_by_hand(world: &mut World<'_>, place_m: f64) -> Result<(), Error> {
     Ok(())
 }
 
-/// Lines from the keyboard, until its end. A user who types faster than the board reads has to wait.
+/// Lines from the keyboard, until its end. If the board reads slower than the user types, the user has to wait.
 pub(super) fn stdin() -> Receiver<Result<String, Error>> {
     let (send, receive) = sync_channel(16);
     thread::spawn(move || {

@@ -1,4 +1,4 @@
-//! Tests the command line without a firmware: bad input, output files, interruption. tests/elf has the other tests.
+//! Tests the command line without a firmware: bad input, output files, interruption. Tests with one are in tests/elf.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "a test fails loudly")]
 

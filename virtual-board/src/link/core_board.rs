@@ -1,6 +1,6 @@
 //! The firmware's library with a simulated device, without a chip. Console, supervisor, experiments and core are the
-//! same as in the release image. They run sample by sample with the simulator's plant. This board does not test
-//! instructions, registers or flash; it runs about a hundred times faster than the emulator.
+//! same code as in the release image. They run sample by sample with the simulator's plant. Instructions, registers and
+//! flash are not simulated. So this board runs about a hundred times faster than the emulator.
 
 use std::{collections::VecDeque, sync::Arc};
 
@@ -28,18 +28,17 @@ use crate::{
 
 /// Size of the command channel, bytes; the same as on a board.
 const TYPED: usize = 255;
-/// Samples for which a hand holds the handle at the scene's 0: first until the program has started, then until the zero
-/// is set.
+/// Samples for which a hand holds the handle at the scene's 0. The program starts in the first half, and sets the count
+/// to zero in the second half.
 const HELD_SAMPLES: u64 = 600;
 
-/// The device of a scene on a board; never freed, like the record of an image. The board's own scene gets the image's
-/// device.
+/// The device of a scene on a board. The board's own scene gets the device of its image. The device's memory is never
+/// freed.
 fn device_of(scene: &NamedScene, board: Board) -> Result<&'static Device<'static>, Error> {
     let Some(record) = device::record(scene, board)? else { return Ok(device::built_in(board)) };
     Ok(Box::leak(Box::new(device::read(&record, board)?)))
 }
 
-/// The library in closed loop with a device.
 pub struct CoreBoard {
     program: CoreProgram,
     parts: Parts<AnyPlant>,
@@ -48,7 +47,7 @@ pub struct CoreBoard {
     samples: u64,
     disabled_at: Option<u64>,
     stop_open: bool,
-    /// Forces that do not act yet, N, each with the sample within which it begins to act; then the acting force.
+    /// Forces on the way to the plant, N, each with the sample in which it begins to act. `acting_n` acts now.
     on_the_way: VecDeque<(u64, f64)>,
     acting_n: f64,
     finger: Option<Finger>,
@@ -57,8 +56,8 @@ pub struct CoreBoard {
 }
 
 impl CoreBoard {
-    /// Switches the board on. A hand has set the zero at the scene's 0 and has just released the handle. `board`: the
-    /// board for which the device record is made.
+    /// Switches the board on. A hand has set the zero at the scene's 0 and has just released the handle. The device
+    /// record is made for `board`.
     ///
     /// # Errors
     /// No record of that board fits the scene.
@@ -100,7 +99,7 @@ impl CoreBoard {
         self.program.channels().telemetry.clear();
     }
 
-    /// Runs the board for 1 ms. `speed` is simulated seconds per real second; it is only displayed.
+    /// Runs the board for 1 ms. `speed` is simulated seconds per real second, and is only displayed.
     pub fn millisecond(&mut self, speed: f64) {
         self.finger = self.wires.finger();
         let wanted = self.wires.is_stop_open();
@@ -117,7 +116,7 @@ impl CoreBoard {
         self.look(speed);
     }
 
-    /// Reads what was typed. This board has no hardware, so there is nothing for a self-test to test.
+    /// Reads typed bytes. A self-test is refused, since there is no hardware to test.
     fn hear(&mut self) {
         let room = TYPED.saturating_sub(self.program.channels().typed.len());
         for byte in self.wires.typed(room) {
@@ -134,10 +133,10 @@ impl CoreBoard {
             }
             self.line.clear();
         }
-        self.line.truncate(TYPED); // a line without an end is not a line
+        self.line.truncate(TYPED); // limits a line that never ends
     }
 
-    /// Applies a change that may disable the amplifier, which ends the force.
+    /// Applies a change that may disable the amplifier. If it does, the force ends.
     fn enabling<T>(&mut self, what: impl FnOnce(&mut CoreProgram) -> T) -> T {
         let before = self.program.is_enabled();
         let done = what(&mut self.program);

@@ -26,11 +26,11 @@ const AHEAD: Duration = Duration::from_millis(1);
 /// If the board is behind real time by more than this, it does not catch up.
 const BEHIND: Duration = Duration::from_millis(20);
 
-/// Set-up of the board before real time begins.
+/// Set-up of the board before it runs in real time.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Begin {
-    /// True: a hand has held the handle at the scene's 0 and set the zero there, so the board's positions are the
-    /// scene's. False: the handle rests where the device rests.
+    /// True: a hand has held the handle at the scene's 0 and set the zero there. So the board's positions are the
+    /// scene's. False: the handle rests at the device's rest position.
     pub zeroed: bool,
     /// Output period in place of the board's own, in samples.
     pub period: Option<u32>,
@@ -46,7 +46,7 @@ impl Begin {
     }
 }
 
-/// A virtual board in real time. It is switched off when the last of its handles is dropped.
+/// A virtual board in real time. Dropping it switches the board off.
 pub struct LiveBoard {
     pub wires: Arc<Wires>,
     ended: Arc<AtomicBool>,
@@ -62,7 +62,7 @@ impl LiveBoard {
         Self::with_gdb(session, begin, None)
     }
 
-    /// As [`start`](Self::start), with a port for gdb. Its listener does not block.
+    /// As [`start`](Self::start), with a port for gdb. The listener must not block.
     ///
     /// # Errors
     /// As [`start`](Self::start).
@@ -157,7 +157,7 @@ impl gdb::Board for RealTime<'_> {
     }
 }
 
-/// Progress of the board in real time.
+/// Compares the board's time with real time.
 struct Pace {
     begun: Instant,
     slices: u32,
@@ -166,7 +166,6 @@ struct Pace {
 }
 
 impl Pace {
-    /// Length of a slice.
     const SLICE: Duration = Duration::from_millis(1);
 
     fn new() -> Self {

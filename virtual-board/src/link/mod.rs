@@ -1,5 +1,5 @@
-//! The host's view of a board: bytes of RTT channels, and whether a board is connected. A user of [`Link`] cannot tell
-//! a virtual board from a real one.
+//! A host's link to a board: the bytes of the RTT channels, and whether the board is connected. [`Link`] is the same
+//! for a virtual board and a real board.
 
 mod core_board;
 mod gdb;
@@ -25,21 +25,17 @@ pub use wires::{Seen, WiredLink, Wires};
 
 /// Up channels of the firmware: log, telemetry, replies.
 pub const UP_CHANNELS: usize = 3;
-/// Up channel of the defmt log.
 pub const LOG: usize = 0;
-/// Up channel of the telemetry.
 pub const TELEMETRY: usize = 1;
-/// Up channel of the replies.
 pub const REPLIES: usize = 2;
-/// Down channel of the commands.
 pub const COMMANDS: usize = 0;
 
-/// Time between two looks at a channel.
+/// Time between two checks of a channel.
 const LOOK: Duration = Duration::from_millis(1);
-/// A client that reads nothing for so long is disconnected. The board does not wait for the client.
+/// A client that reads nothing for so long is disconnected. The board does not wait for it.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Result of a read or write of a non-blocking stream; none: not possible now.
+/// Result of a read or write of a non-blocking stream; `None` if the stream is not ready.
 fn at_once(done: io::Result<usize>) -> io::Result<Option<usize>> {
     match done {
         Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
@@ -49,7 +45,7 @@ fn at_once(done: io::Result<usize>) -> io::Result<Option<usize>> {
     }
 }
 
-/// The channels of a board. No function here waits.
+/// The channels of a board. No function of this trait waits.
 pub trait Link: Send {
     /// Appends the bytes that up channel `channel` has received since the last read.
     fn read(&mut self, channel: usize, into: &mut Vec<u8>);
@@ -57,6 +53,6 @@ pub trait Link: Send {
     /// Sends bytes down channel `channel`. Returns how many bytes had room.
     fn write(&mut self, channel: usize, bytes: &[u8]) -> usize;
 
-    /// The reason why the board is lost; none while it is connected.
+    /// The reason why the board is lost; `None` while it is connected.
     fn lost(&self) -> Option<String>;
 }

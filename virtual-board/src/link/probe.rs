@@ -1,9 +1,9 @@
-//! A board behind a debug probe, by RTT in the board's memory. Drivers of probes are elsewhere; this module uses a
-//! probe.
+//! A board behind a debug probe, by RTT in the board's memory. This module uses a probe through a trait. The drivers of
+//! probes are elsewhere.
 //!
 //! A probe halts the core when it attaches and when it detaches. A halt with the force on is fault 32. So the force
-//! must be off before both. The caller switches it off before attaching. The first line and the last line that this
-//! link sends are `disarm`. The probe detaches when the board has replied that the force is off.
+//! must be off before both halts. Before attaching, the caller must switch it off. This link sends `disarm` as its
+//! first line and as its last line. The probe detaches when the board has replied that the force is off.
 
 use std::{
     thread,
@@ -24,15 +24,15 @@ mod channels;
 #[cfg(test)]
 mod tests;
 
-/// A board without a sign of life for so long is lost. A reset takes less time.
+/// A board with nothing but errors for so long is lost. A reset takes less time.
 const PATIENCE: Duration = Duration::from_secs(1);
 /// Longest wait for an answer. An answer usually takes some milliseconds; after a `save` it takes a second.
 const ANSWER: Duration = Duration::from_secs(2);
-/// Longest wait for the answer when leaving: an interrupted program has 0.4 s in all.
+/// Longest wait for the last answer. After Ctrl-C a program has 0.4 s in all.
 const LEAVE: Duration = Duration::from_millis(200);
-/// Time between two looks at an idle board.
+/// Time between two checks of an idle board.
 const LOOK: Duration = Duration::from_millis(1);
-/// Bytes of the program that are compared: the vectors, which nearly every change of a program changes.
+/// Number of bytes of the program that are compared: the vectors, which nearly every change of a program changes.
 const COMPARED: usize = 256;
 
 /// A core that a probe has opened. Each error is one line of text.
@@ -58,9 +58,9 @@ pub trait Probe {
 pub enum Met {
     /// Force off, no fault.
     Off,
-    /// Fault 32: this halt or an earlier halt by a debugger has removed the force.
+    /// Fault 32: the halt by this probe, or an earlier halt by a debugger, has switched the force off.
     Halted,
-    /// Another state, in the board's own words.
+    /// Another state, as the board's reply names it.
     Otherwise(String),
 }
 
@@ -93,12 +93,12 @@ impl std::fmt::Display for Met {
 pub struct ProbeLink<P: Probe> {
     probe: P,
     channels: Channels,
-    /// The last `disarm` was sent.
+    /// Whether the last `disarm` was sent.
     left: bool,
 }
 
 impl<P: Probe> ProbeLink<P> {
-    /// Takes over a probe that is attached to a board with that program. Sends `disarm` and asks for the board's state.
+    /// Takes over a probe that is attached to a board with the program `elf`. Sends `disarm` and asks for the state.
     ///
     /// # Errors
     /// The board has another program, does not run or does not answer; one line of text.
@@ -109,7 +109,7 @@ impl<P: Probe> ProbeLink<P> {
         let mut link = Self { probe, channels, left: false };
         let unanswered = |why| format!("the board does not answer: {why}");
         if let Err(why) = link.disarm(ANSWER) {
-            link.left = true; // the last `disarm` was tried
+            link.left = true; // do not send `disarm` again
             return Err(unanswered(why));
         }
         let is_status = |line: &str| line.starts_with("ok status");
@@ -119,14 +119,14 @@ impl<P: Probe> ProbeLink<P> {
 
     /// Switches the force off and waits for the reply.
     fn disarm(&mut self, patience: Duration) -> Result<(), String> {
-        // Without a device record the board cannot arm, and has no command `disarm`.
+        // A board without a device record has no command `disarm`, and cannot arm.
         let is_off =
             |line: &str| line == "ok disarm" || line.starts_with("error: no device record");
-        // The first newline ends a line that was begun, so that it is not a command with `disarm`.
+        // The first newline ends a line that may have been begun. Otherwise `disarm` would become a part of that line.
         self.ask(b"\ndisarm\n", is_off, patience).map(drop)
     }
 
-    /// Sends a line and waits for a line that answers it. It also tries a board that is lost.
+    /// Sends a line and waits for its answer. It also tries this with a lost board.
     fn ask(
         &mut self,
         line: &[u8],
@@ -183,14 +183,14 @@ impl<P: Probe> ProbeLink<P> {
     fn turn(&mut self, bytes: &[u8]) -> Result<usize, String> {
         let mut core = self.probe.core()?;
         let sent = if bytes.is_empty() { 0 } else { self.channels.send(&mut core, bytes)? };
-        // Sent bytes stay sent, even if the rest fails. The next turn tries the rest again.
+        // The sent bytes are counted even if the reading fails. The next turn reads again.
         match self.channels.exchange(&mut core) {
             Err(error) if sent == 0 => Err(error),
             _ => Ok(sent),
         }
     }
 
-    /// Judges an error: it may be temporary, but after [`PATIENCE`] the board is lost.
+    /// Handles an error. An error may be temporary, but after [`PATIENCE`] with errors only, the board is lost.
     fn weigh<T>(&mut self, result: Result<T, String>) -> Option<T> {
         let error = match result {
             Ok(value) => {
@@ -216,7 +216,7 @@ impl<P: Probe> ProbeLink<P> {
 }
 
 impl<P: Probe + Send> Link for ProbeLink<P> {
-    /// One look serves all channels, each of them once.
+    /// One access serves all channels. The next access is made when a channel is read for the second time.
     fn read(&mut self, channel: usize, into: &mut Vec<u8>) {
         if self.channels.up.get(channel).is_some_and(|up| !up.fresh) && self.lost().is_none() {
             let looked = self.probe.core().and_then(|mut core| self.channels.exchange(&mut core));
@@ -252,7 +252,8 @@ impl<P: Probe> Drop for ProbeLink<P> {
     }
 }
 
-/// Checks that the board's flash contains that program. Another program has its channels and its log elsewhere.
+/// Checks that the board's flash contains the program `elf`. In another program the channels and the log's messages
+/// differ.
 fn compare(core: &mut impl Core, elf: &Elf) -> Result<(), String> {
     let Some((address, program)) = elf.flash.iter().min_by_key(|(address, _)| *address) else {
         return Err("the ELF has nothing for the flash".to_owned());
@@ -270,7 +271,7 @@ fn compare(core: &mut impl Core, elf: &Elf) -> Result<(), String> {
     }
 }
 
-/// Waits between two looks. After an interrupt the program continues only to leave the board.
+/// Waits between two checks. After Ctrl-C it returns an error, unless the program is leaving the board.
 fn rest(leaving: bool) -> Result<(), String> {
     thread::sleep(LOOK);
     let is_over = interrupt::is_requested() && !leaving;

@@ -1,4 +1,4 @@
-//! RTT over TCP: one port for each channel, like OpenOCD's `rtt server`.
+//! RTT over TCP with one port for each channel, like OpenOCD's `rtt server`.
 
 use std::{
     io::{Read as _, Write as _},
@@ -11,14 +11,14 @@ use super::{Link, UP_CHANNELS, at_once};
 /// Longest time for a server to answer.
 const CONNECT: Duration = Duration::from_secs(3);
 
-/// A board behind a server: up and down channel n use TCP port P + n.
+/// A board behind a server. Up and down channel n use TCP port P + n.
 pub struct RttTcp {
     channels: [TcpStream; UP_CHANNELS],
     lost: Option<String>,
 }
 
 impl RttTcp {
-    /// Connects to `HOST:PORT` and to the ports after it.
+    /// Connects to the port of `HOST:PORT` and to the ports after it.
     ///
     /// # Errors
     /// The address is not valid, or no server answers there; one line of text.

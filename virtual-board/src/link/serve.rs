@@ -1,4 +1,4 @@
-//! `cargo board serve`: offers the virtual board to other tools, as RTT over TCP on the loopback interface.
+//! `cargo board serve`: offers the virtual board to other tools as RTT over TCP, on the loopback interface.
 
 use std::{
     io::{self, ErrorKind, Read as _, Write as _},
@@ -20,7 +20,7 @@ use host_sim::{
 use super::{Begin, LOOK, Link as _, LiveBoard, PATIENCE, at_once};
 use crate::session::Session;
 
-/// Tries to find a row of free ports, one for each channel, if any port will do.
+/// Attempts to find consecutive free ports, if port 0 was given.
 const TRIES: usize = 100;
 
 /// Ports to listen on; 0: any free port.
@@ -31,11 +31,10 @@ pub struct Ports {
     pub gdb: Option<u16>,
 }
 
-/// A virtual board behind three TCP ports, until it is dropped.
+/// A virtual board behind three TCP ports. Dropping it switches the board off.
 pub struct Server {
     /// Port of channel 0. The other channels have the ports after it.
     pub port: u16,
-    /// Port of gdb, if there is one.
     pub gdb: Option<u16>,
     pub board: Arc<LiveBoard>,
     over: Arc<AtomicBool>,
@@ -126,7 +125,6 @@ fn listen(port: u16) -> Result<(u16, Vec<TcpListener>), Error> {
     Err(Error::Input(format!("--rtt {port}: this port and the two after it: {last}")))
 }
 
-/// Listens for gdb on loopback only.
 fn listen_for_gdb(port: u16) -> Result<(u16, TcpListener), Error> {
     let bound = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).and_then(|listener| {
         listener.set_nonblocking(true)?;
@@ -135,12 +133,12 @@ fn listen_for_gdb(port: u16) -> Result<(u16, TcpListener), Error> {
     bound.map_err(|error| Error::Input(format!("--gdb {port}: this port: {error}")))
 }
 
-/// Serves one client at a time, since a probe has one owner too. Other clients wait.
+/// Serves one client at a time. Other clients wait, since a debug probe also serves one program at a time.
 fn channel_of(channel: usize, listener: &TcpListener, board: &LiveBoard, over: &AtomicBool) {
     while !over.load(Relaxed) {
         match listener.accept() {
             Ok((client, _)) => {
-                // A client that disconnects is not an error of the board.
+                // It is no error of the board if a client disconnects.
                 let _ = attend(channel, client, board, over);
                 board.wires.attend(channel, false);
             }
@@ -175,7 +173,7 @@ fn attend(
         if stuck > PATIENCE {
             return Err(ErrorKind::TimedOut.into());
         }
-        // Bytes without room on the board stay in the socket; if the socket is full, they stay with the client.
+        // If the board has no room, bytes stay in the socket. If the socket is full too, they stay with the client.
         if down.is_empty() {
             match at_once(client.read(&mut bytes))? {
                 Some(0) => return Ok(()),

@@ -1,5 +1,5 @@
-//! Connections between a virtual board and its surroundings: bytes of the channels, the finger on the handle, the
-//! switch of the emergency stop, and the visible state.
+//! Connections between a virtual board and its surroundings: bytes of the channels, the finger at the handle, the
+//! switch of the emergency stop, and the state for the display.
 
 use std::{
     collections::VecDeque,
@@ -16,13 +16,13 @@ use crate::{
     world::{Finger, World},
 };
 
-/// Largest count of bytes of a channel that wait for the host. Further bytes stay on the board, which drops them when
-/// its buffer is full.
+/// Largest number of bytes of a channel that wait for the host. Further bytes stay on the board. The board drops bytes
+/// when its buffer is full.
 const WAITING: usize = 1 << 16;
-/// Samples between two looks at the channels: a millisecond.
+/// Samples between two exchanges with the channels: 1 ms.
 pub const SLICE: u64 = 10;
 
-/// Visible state of the device.
+/// State of the device for the display.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Seen {
     /// Time on the board since it was switched on, s.
@@ -31,19 +31,17 @@ pub struct Seen {
     pub position_m: f64,
     /// Force of the finger on the handle, N.
     pub finger_n: f64,
-    /// Whether the amplifier is enabled.
     pub enabled: bool,
-    /// When enable last dropped, s of the board's time.
+    /// Time of the last drop of enable, s of the board's time.
     pub disabled_s: Option<f64>,
     /// Recent speed: simulated seconds per real second.
     pub speed: f64,
 }
 
-/// The wires of a virtual board.
 #[derive(Default)]
 pub struct Wires {
     up: [Mutex<VecDeque<u8>>; UP_CHANNELS],
-    /// Which channels are read. The bytes of other channels stay on the board.
+    /// Whether each channel is read. The bytes of other channels stay on the board.
     read: [AtomicBool; UP_CHANNELS],
     down: Mutex<VecDeque<u8>>,
     finger: Mutex<Option<Finger>>,
@@ -57,7 +55,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Wires {
-    /// Sets whether the channel is read. The board finds a channel full that is not read.
+    /// Sets whether the channel is read. On the board, the buffer of a channel that is not read becomes full.
     pub fn attend(&self, channel: usize, read: bool) {
         if let (Some(flag), Some(bytes)) = (self.read.get(channel), self.up.get(channel)) {
             flag.store(read, Relaxed);
@@ -67,32 +65,28 @@ impl Wires {
         }
     }
 
-    /// A new host's end of the link.
     pub fn link(self: &Arc<Self>) -> WiredLink {
         WiredLink(Arc::clone(self))
     }
 
-    /// Sets the finger that pulls at the handle from now on, or none.
+    /// Sets the finger that acts on the handle from now on, or none.
     pub fn touch(&self, finger: Option<Finger>) {
         *lock(&self.finger) = finger;
     }
 
-    /// Opens or closes the emergency stop.
     pub fn emergency_stop(&self, open: bool) {
         self.stop_open.store(open, Relaxed);
     }
 
-    /// The visible state of the device.
     pub fn seen(&self) -> Seen {
         *lock(&self.seen)
     }
 
-    /// Marks the board as lost.
     pub fn lose(&self, why: String) {
         *lock(&self.lost) = Some(why);
     }
 
-    /// Takes bytes that a program has written to a channel, as far as there is room.
+    /// Takes bytes that the program has written to a channel, as far as there is room.
     pub(super) fn take(&self, channel: usize, said: &mut Vec<u8>) {
         let Some(bytes) = self.up.get(channel) else { return };
         let mut bytes = lock(bytes);
@@ -100,7 +94,6 @@ impl Wires {
         bytes.extend(said.drain(..said.len().min(room)));
     }
 
-    /// Takes at most `room` typed bytes.
     pub(super) fn typed(&self, room: usize) -> Vec<u8> {
         let mut down = lock(&self.down);
         let count = down.len().min(room);
@@ -122,7 +115,7 @@ impl Wires {
     /// Exchanges bytes each millisecond, as a probe does.
     pub(super) fn exchange(&self, world: &mut World<'_>) {
         let Powered { mcu, rtt, .. } = &mut world.powered;
-        mcu.take_counter_readings(); // nobody reads the notes, which would fill the memory in hours
+        mcu.take_counter_readings(); // otherwise the notes, which have no reader, fill the memory in hours
         for (channel, (bytes, read)) in (0..).zip(self.up.iter().zip(&self.read)) {
             let mut bytes = lock(bytes);
             let room = WAITING.saturating_sub(bytes.len());
@@ -152,7 +145,6 @@ impl Wires {
     }
 }
 
-/// An end of the link over [`Wires`].
 #[derive(Clone)]
 pub struct WiredLink(Arc<Wires>);
 
@@ -178,8 +170,8 @@ impl Link for WiredLink {
     }
 }
 
-/// Runs a board by milliseconds. People's actions come in before each millisecond; the board's output goes out after
-/// it.
+/// Runs a board in steps of a millisecond. The actions of people take effect before each step. The board's output is
+/// passed on after it.
 pub struct Slices {
     wires: Arc<Wires>,
     stop_open: bool,

@@ -1,6 +1,6 @@
-//! Values that a self-test measures beyond the control: option bytes, the watchdog's oscillator at TIM5's channel 4,
-//! errors of DAC and converter, the amplifier's current signal, and two wires from the port to the encoder's inputs.
-//! Neither a reset nor a loss of supply changes these values.
+//! Values that only a self-test measures: option bytes, the watchdog's oscillator, errors of DAC and converter, and the
+//! amplifier's current signal. Two wires may also connect output pins to the encoder's inputs. Neither a reset nor a
+//! loss of supply changes these values.
 
 use std::sync::{
     Arc,
@@ -46,7 +46,7 @@ impl Default for Bench {
     }
 }
 
-/// The pins of the wires on port 'C', first for A, then for B.
+/// Port index and number of the pins at which the wires begin: first the wire to A, then the wire to B.
 pub(super) const WIRES: [(usize, u32); 2] = [(2, 6), (2, 8)];
 
 pub(super) struct Wire {
@@ -70,7 +70,7 @@ impl WireSink for Wire {
     }
 }
 
-/// The flash controller's port. It counts the accesses and shows `BOR_LEV` in OPTCR.
+/// The flash controller's port. It counts the accesses, and its register OPTCR shows `BOR_LEV`.
 #[derive(Debug)]
 pub(super) struct FlashPort {
     pub(super) lazy: Lazy,
@@ -91,14 +91,14 @@ impl Port for FlashPort {
     }
 }
 
-/// TIM5's port: channel 4 captures the rising edges of LSI (`TI4_RMP` = 01).
+/// TIM5's port. Channel 4 captures the rising edges of the oscillator LSI (`TI4_RMP` = 01).
 #[derive(Debug)]
 pub(super) struct PacePort {
     pub(super) lazy: Lazy,
     pub(super) clock: Arc<Clock>,
     pub(super) bench: Arc<Bench>,
     pub(super) core_hz: u64,
-    /// The option register OR, and the number of the edge that was read last.
+    /// The option register OR. `read` is the number of the edge that was read last.
     pub(super) option: AtomicU32,
     pub(super) read: AtomicU64,
 }

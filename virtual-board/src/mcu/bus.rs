@@ -1,4 +1,4 @@
-//! The machine's time, and the bus side of the peripherals.
+//! Simulated time, and how the peripherals are connected to the bus.
 
 use std::{
     fmt,
@@ -16,18 +16,19 @@ use rsemu::core::{
 
 use super::{DacListener, gate::Block};
 
-/// The machine's time, in core cycles of the clock that the program has set up.
+/// Simulated time, in core cycles of the clock that the program has set up.
 #[derive(Debug, Default)]
 pub(super) struct Clock {
     /// Start of the present instruction, cycles.
     now: AtomicU64,
-    /// Time of the edge that is being delivered, cycles. An event of TIM1 may be earlier than `now`.
+    /// Time of the edge that is being delivered, cycles. It may be earlier than `now` for an event of TIM1.
     edge: AtomicU64,
-    /// Whether a peripheral was accessed, so that its next event may have moved.
+    /// Whether a peripheral was accessed, which may have changed the time of its next event.
     touched: AtomicBool,
     /// Whether the chip's clock differs from the clock that was set up.
     changed: AtomicBool,
-    /// State of a changed clock: cycle of the change, cycles lost by then, present frequency, set-up frequency, MHz.
+    /// State of a changed clock, in four fields: cycle of the change, cycles lost before it, present frequency and
+    /// set-up frequency, MHz.
     since: AtomicU64,
     lost: AtomicU64,
     mhz: AtomicU64,
@@ -49,7 +50,7 @@ impl Clock {
     }
 
     pub(super) fn take_touched(&self) -> bool {
-        // The program has one thread. An atomic swap would cost each step as much as an instruction.
+        // The program has one thread. An atomic swap would make each step about as slow as an instruction.
         let touched = self.touched.load(Relaxed);
         if touched {
             self.touched.store(false, Relaxed);
@@ -57,7 +58,7 @@ impl Clock {
         touched
     }
 
-    /// Changes the chip's clock to `mhz` from now on. The program has set it up to `set_up_mhz`.
+    /// Changes the chip's clock to `mhz` from now on. The program has set up `set_up_mhz`.
     pub(super) fn change(&self, mhz: u64, set_up_mhz: u64) {
         let now = self.now();
         self.lost.store(now - self.own(now), Relaxed);
@@ -67,13 +68,11 @@ impl Clock {
         self.changed.store(true, Relaxed);
     }
 
-    /// Whether the chip's clock differs from the clock that was set up.
     #[inline(always)]
     pub(super) fn is_changed(&self) -> bool {
         self.changed.load(Relaxed)
     }
 
-    /// Whether the clock has stopped.
     #[inline(always)]
     pub(super) fn stands(&self) -> bool {
         self.changed.load(Relaxed) && self.mhz.load(Relaxed) == 0
@@ -88,7 +87,7 @@ impl Clock {
         (cycles * self.set_up_mhz.load(Relaxed)).div_ceil(self.mhz.load(Relaxed).max(1))
     }
 
-    /// Cycles of the chip's clock up to `cycle`.
+    /// Cycles that the chip's clock has counted at `cycle`.
     fn own(&self, cycle: u64) -> u64 {
         if !self.changed.load(Relaxed) {
             return cycle;
@@ -99,7 +98,7 @@ impl Clock {
         cycle.min(since).saturating_sub(lost) + passed * mhz / set_up
     }
 
-    /// The cycle at which the chip's clock will have counted `count`.
+    /// The cycle at which the chip's clock reaches `count`.
     fn when_own(&self, count: u64) -> u64 {
         if !self.changed.load(Relaxed) || count == u64::MAX {
             return count;
@@ -130,12 +129,12 @@ impl Clock {
     }
 }
 
-/// Contents of a [`Clock`].
+/// The fields of a [`Clock`], for a snapshot.
 pub(super) type ClockState = ([u64; 6], [bool; 2]);
 
-/// Steps around a bus master's access to a device's registers.
+/// Actions before and after an access of a bus master to a device's registers.
 pub(super) trait Port: Send + Sync + fmt::Debug {
-    /// Runs before every access: brings the device to the present.
+    /// Runs before every access. It advances the device to the present.
     fn before(&self);
     /// Runs before a word is written to `offset`. Returns the value to write.
     fn write(&self, _offset: u64, value: u32) -> u32 {
@@ -145,13 +144,13 @@ pub(super) trait Port: Send + Sync + fmt::Debug {
     fn read(&self, _offset: u64, value: u32) -> u32 {
         value
     }
-    /// Reads a register for a debugger. Nothing changes.
+    /// Reads a register for a debugger, without side effects.
     fn look(&self, offset: u64, value: u32) -> u32 {
         self.read(offset, value)
     }
 }
 
-/// A device that runs at a whole fraction of the core's clock. It is advanced only when it is accessed.
+/// A device whose clock is the core's clock, divided by an integer. It is advanced only when it is accessed.
 #[derive(Clone)]
 pub(super) struct Lazy {
     pub(super) device: Arc<dyn Device>,
@@ -159,11 +158,11 @@ pub(super) struct Lazy {
     clock: Arc<Clock>,
     /// Core cycles per tick.
     divider: u64,
-    /// Whether the device has a clock of its own.
+    /// Whether the device's clock does not depend on the chip's clock.
     apart: bool,
-    /// Core cycles for which the device was stopped in halts of the core.
+    /// Core cycles for which the device was stopped while the core was halted.
     pub(super) stood: Arc<AtomicU64>,
-    /// Cycle to which the device must be advanced before it is read; 0: the device is up to date.
+    /// Cycle to which the device must be advanced before an access; 0: it is up to date.
     owed: Arc<AtomicU64>,
 }
 
@@ -181,12 +180,11 @@ impl Lazy {
         Self { device, operations, clock, divider, apart: false, stood, owed }
     }
 
-    /// Gives the device a clock of its own, which runs on when the chip's clock stops.
+    /// Makes the device's clock independent: it runs on when the chip's clock stops.
     pub(super) fn apart(self) -> Self {
         Self { apart: true, ..self }
     }
 
-    /// Advances the device to `cycle`.
     pub(super) fn advance_to(&self, cycle: u64) {
         let owed = self.owed.load(Relaxed);
         self.owed.store(0, Relaxed);
@@ -195,7 +193,7 @@ impl Lazy {
         self.device.advance_to(cycle.saturating_sub(self.stood.load(Relaxed)) / self.divider);
     }
 
-    /// Advances the device to `cycle` if an event is due by then. Otherwise only notes that the time is owed.
+    /// Advances the device to `cycle` if an event is due by then. Otherwise only stores `cycle` as owed.
     #[inline]
     pub(super) fn bring_to(&self, cycle: u64) {
         if self.next_event() <= cycle {
@@ -205,8 +203,7 @@ impl Lazy {
         }
     }
 
-    /// Advances the device by the owed time. Needed before an access, and before a change that affects the device's
-    /// time.
+    /// Advances the device to the owed cycle. Call it before an access and before a change of the device's time.
     #[inline]
     pub(super) fn pay(&self) {
         let owed = self.owed.load(Relaxed);
@@ -215,19 +212,18 @@ impl Lazy {
         }
     }
 
-    /// Clears the owed time, since the device's state was replaced.
+    /// Clears the owed cycle, after the device's state was replaced.
     pub(super) fn owe_nothing(&self) {
         self.owed.store(0, Relaxed);
     }
 
-    /// Stops the device for the next `cycles`.
     pub(super) fn stand_still(&self, cycles: u64) {
         self.pay();
         self.stood.fetch_add(cycles, Relaxed);
     }
 
-    /// Advances the device to the present event by event, like [`bring_to`](Self::bring_to). So each edge is delivered
-    /// at its own time.
+    /// Advances the device to the present like [`bring_to`](Self::bring_to), but event by event. So each edge is
+    /// delivered at its own time.
     pub(super) fn catch_up_by_edges(&self) {
         let now = self.clock.now();
         loop {
@@ -254,7 +250,7 @@ impl Lazy {
     pub(super) fn peek(&self, offset: u64) -> u32 {
         self.pay();
         let mut word = [0; 4];
-        // A register that is not there reads as 0.
+        // A missing register reads as 0.
         let _ = self.operations.read(offset, &mut word, MemAttrs::DEBUG);
         u32::from_le_bytes(word)
     }
@@ -324,7 +320,7 @@ impl<P: Port> MemOps for Registers<P> {
             return self.lazy.operations.write(offset, &word, attributes);
         }
         if self.lazy.operations.constraints().min == Width::U32 {
-            // The bridge repeats a half-word on both halves. The blocks here use the lower half.
+            // The bus bridge puts a half-word on both halves of the word. The blocks here use the lower half.
             let mut word = [0; 4];
             word[..from.len()].copy_from_slice(from);
             let word = self.port.write(offset & !3, u32::from_le_bytes(word)).to_le_bytes();
@@ -334,14 +330,14 @@ impl<P: Port> MemOps for Registers<P> {
     }
 
     fn constraints(&self) -> AccessConstraints {
-        // Peripherals of these chips accept half-words, but some of the emulator's accept only words.
+        // Peripherals of these chips accept half-words, but some devices of the emulator accept only words.
         let mut constraints = self.lazy.operations.constraints();
         constraints.min = Width::U8;
         constraints
     }
 }
 
-/// A port that only advances the device.
+/// A port without actions of its own.
 #[derive(Debug)]
 pub(super) struct Plain(pub(super) Lazy);
 
@@ -351,14 +347,14 @@ impl Port for Plain {
     }
 }
 
-/// A block without a model: its registers store what is written.
+/// A block of registers that store what is written, without a model of the device.
 #[derive(Debug)]
 pub(super) struct Storage {
     words: Vec<AtomicU32>,
 }
 
 impl Storage {
-    /// One KiB of registers that read as 0.
+    /// 1 KiB of registers with the value 0.
     pub(super) fn new() -> Arc<Self> {
         Arc::new(Self { words: (0..256).map(|_| AtomicU32::new(0)).collect() })
     }
@@ -413,7 +409,7 @@ impl MemOps for Storage {
     }
 }
 
-/// The DAC. The holding register of channel 1 is its output while the channel is enabled.
+/// The DAC. While channel 1 is enabled, its output is its holding register.
 pub(super) struct Dac {
     pub(super) registers: Arc<Storage>,
     pub(super) clock: Arc<Clock>,

@@ -1,8 +1,8 @@
-//! ADC1 and ADC2: single conversions that the program begins (RM0390 13.3.4, 13.4, 13.13; RM0090 13.3.4, 13.4, 13.13).
+//! ADC1 and ADC2: single conversions, started by the program (RM0390 13.3.4, 13.4, 13.13; RM0090 13.3.4, 13.4, 13.13).
 //!
 //! A conversion takes the voltage at the end of its sampling time. It shows the result twelve converter cycles later.
 //! Two inputs are wired. Input 4 is the DAC's pin, whose buffer gives 0.2 to 3.1 V. Input 8 is the amplifier's current
-//! signal. The voltage of a pin settles at once. A read of the data clears the flag.
+//! signal. Voltages of pins settle at once. Reading the data clears the flag.
 
 use std::sync::{
     Arc,
@@ -17,12 +17,10 @@ use super::{
     gate::Block,
 };
 
-/// Both converters and the values that they share.
 #[derive(Debug)]
 pub(super) struct Converters {
     pub(super) registers: Arc<Storage>,
     pub(super) dac: Arc<Storage>,
-    /// Cycle at which the DAC was last written.
     pub(super) written_at: Arc<AtomicU64>,
     pub(super) clock: Arc<Clock>,
     pub(super) bench: Arc<Bench>,
@@ -37,21 +35,20 @@ const SMPR1: u64 = 0x0C;
 const SMPR2: u64 = 0x10;
 const SQR3: u64 = 0x34;
 const DR: u64 = 0x4C;
-/// Offsets that only the model has: whether a conversion runs, its start time, and its input at the start.
+/// Offsets for registers of the model only: whether a conversion runs, its start time, and its input at the start.
 const GOES_ON: u64 = 0x60;
 const BEGAN: [u64; 2] = [0x64, 0x68];
 const THERE: u64 = 0x6C;
-/// Offset of the second converter's registers.
 const SECOND: u64 = 0x100;
-/// Control register that both converters share.
+/// Control register of both converters.
 const CCR: u64 = 0x304;
-/// Sampling time for each value of the three bits, in cycles of the converter's clock.
+/// Sampling time in cycles of the converter's clock, by the value of its three bits.
 const SAMPLING: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
 const CONVERSION: u64 = 12;
 
 impl Converters {
-    /// Core cycles per cycle of the converter's clock, which is a fraction of APB2's clock. APB2 has half the core's
-    /// clock.
+    /// Core cycles per cycle of the converter's clock. This clock is divided from APB2's clock, which is half the
+    /// core's.
     fn divider(&self) -> u64 {
         2 * [2, 4, 6, 8][(self.registers.get(CCR) >> 16 & 3) as usize]
     }
@@ -106,7 +103,7 @@ impl Converters {
         if now < sampled + CONVERSION * self.divider() {
             return;
         }
-        // A change of the input during the sampling time gives the new value.
+        // If the input changed during the sampling time, the result is the new value.
         let changed = (began..=sampled).contains(&self.written_at.load(Relaxed));
         let code = if changed && began > 0 {
             self.input(self.channel(base))

@@ -1,13 +1,15 @@
-//! Simulates a failure of the crystal, or of the external clock in its place, and the effect on the chip's clock.
+//! Simulates a failure of the crystal, or of an external clock in its place, and the effect on the chip's clock.
 //!
-//! By RM0390 6.2.7 and RM0090 7.2.7, with `CSSON`: if an HSE that was ready fails, `CSSF` is set. `CSSF` holds the NMI
-//! until `CSSC` is written, and is a break of TIM1 if `BKE` is set. HSE and a PLL that uses it are switched off, and
-//! the core continues with HSI. Without `CSSON` the chip does not notice the failure. The manuals do not say what a PLL
-//! does without its input: in this model its clock stops. Both states last until a reset, at which the crystal works
-//! again. The independent watchdog has a clock of its own and runs on.
+//! If a ready HSE fails while `CSSON` is set, the chip acts by RM0390 6.2.7 and RM0090 7.2.7. It sets `CSSF`. This flag
+//! holds the NMI until `CSSC` is written. If `BKE` is set, the flag is also a break of TIM1. HSE is switched off, and
+//! so is a PLL that uses it. The core continues with HSI.
 //!
-//! A core that sleeps with `SLEEPDEEP` stops all clocks but the watchdog's too (stop mode in the manuals' chapter 5). A
-//! wake-up by anything but a reset is not modelled.
+//! Without `CSSON` the chip does not notice the failure. The manuals do not say what a PLL does without its input. In
+//! this model its clock stops. With and without `CSSON` the state lasts until a reset, after which the crystal works
+//! again. The independent watchdog has its own clock and runs on.
+//!
+//! A core that sleeps with `SLEEPDEEP` also stops all clocks but the watchdog's (stop mode, chapter 5 of the manuals).
+//! In this model only a reset ends this sleep.
 
 use std::sync::{
     Arc,
@@ -29,21 +31,19 @@ const HSE_READY: u32 = 1 << 17;
 const SECURITY_ON: u32 = 1 << 19;
 const PLL_ON: u32 = 0b11 << 24;
 const PLL_FROM_HSE: u32 = 1 << 22;
-/// The requested and the present clock in CFGR (`SW`, `SWS`).
+/// Bits of CFGR for the requested and for the present clock (`SW`, `SWS`).
 const SWITCH: u32 = 0b1111;
 const SECURITY_FLAG: u32 = 1 << 7;
 const SECURITY_CLEAR: u32 = 1 << 23;
 /// Bit of the core's system control register SCR.
 const SLEEP_DEEP: u32 = 1 << 2;
 
-/// State of the crystal.
 #[derive(Debug, Default)]
 pub(super) struct Crystal {
-    /// Whether the crystal has failed.
     pub(super) dead: AtomicBool,
-    /// The clock security system has switched HSE and PLL off.
+    /// Whether the clock security system has switched HSE and PLL off.
     pub(super) switched: AtomicBool,
-    /// Flag of the clock security system.
+    /// Flag of the clock security system, `CSSF`.
     pub(super) flag: AtomicBool,
 }
 

@@ -1,4 +1,4 @@
-//! Actions of a debugger on the chip: halts of the core, breakpoints, steps, access to registers and memory.
+//! What a debugger does to the chip: halts, breakpoints, steps, access to registers and memory.
 
 use std::{collections::BTreeSet, ops::Range, sync::atomic::Ordering::Relaxed};
 
@@ -12,11 +12,11 @@ use super::{
     main_output::{BDTR, MAIN_OUTPUT_ENABLE},
 };
 
-/// State of TIM1's main output enable after a halt that has switched the outputs off. The manuals leave this open: the
-/// outputs are off "as if" the bit were reset.
+/// State of TIM1's main output enable after a halt that has switched the outputs off. The manuals leave this open: they
+/// say that the outputs are off "as if" the bit were reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AfterHalt {
-    /// The bit was only masked: the outputs are on again.
+    /// The bit keeps its value: the outputs are on again.
     Kept,
     /// The bit is reset: the outputs stay off.
     Reset,
@@ -27,7 +27,7 @@ pub enum AfterHalt {
 pub struct Halt {
     /// Whether TIM1 is stopped, with its outputs off.
     masked: bool,
-    /// The main output enable, which is masked during the halt.
+    /// The main output enable before the halt.
     enabled: bool,
     stored: u64,
     resets: u64,
@@ -46,7 +46,6 @@ pub struct Stops {
 pub enum Met {
     /// The next instruction has a breakpoint.
     Breakpoint(u32),
-    /// The step has ended.
     Step,
 }
 
@@ -58,7 +57,6 @@ pub struct Registers {
     pub xpsr: u32,
     /// MSP, PSP, PRIMASK, BASEPRI, FAULTMASK, CONTROL.
     pub system: [u32; 6],
-    /// Registers S0 to S31.
     pub float: [u32; 32],
     pub fpscr: u32,
 }
@@ -80,7 +78,7 @@ const SPSEL: u32 = 1 << 1;
 
 impl Mcu {
     /// Halts the core for `cycles`, as a debugger does. Blocks whose DBGMCU bits are set stop. If TIM1 stops, its
-    /// outputs are off during the halt. `moe` selects the behaviour that the manuals leave open.
+    /// outputs are off during the halt. `moe` says what happens to the main output enable after the halt.
     pub fn halt(&mut self, cycles: u64, moe: AfterHalt) {
         let halt = self.begin_halt();
         self.stay_halted(cycles);
@@ -110,12 +108,12 @@ impl Mcu {
         self.soc.stand_still(cycles);
         self.now += cycles;
         self.settle();
-        self.service(); // the watchdog's reset comes before the core runs on
+        self.service(); // the watchdog may reset the core before it runs on
     }
 
-    /// Ends a halt: the core runs again.
     pub fn end_halt(&mut self, halt: &Halt, moe: AfterHalt) {
-        // A store by DMA2 during the halt switches the outputs off until the program enables them.
+        // If DMA2 stored during the halt, this store has switched the outputs off. They stay off until the program
+        // acts.
         let kept = halt.stored == self.stored_by_dma;
         let running = halt.resets == self.resets && kept && !self.soc.stop.load(Relaxed);
         if halt.masked && running && moe == AfterHalt::Kept {
@@ -124,15 +122,15 @@ impl Mcu {
         }
     }
 
-    /// Moves the last sampling event `cycles` later if its timer stopped in a halt of `cycles`. The next event comes
-    /// later by the same time.
+    /// After a halt of `cycles`: if the sampling timer stopped, moves the last sampling event `cycles` later. The next
+    /// event is also later by `cycles`.
     pub fn shift_event(&mut self, cycles: u64) {
         if self.event.0 > 0 && self.soc.tim5_stops() {
             self.event.0 += cycles;
         }
     }
 
-    /// Sets DBGMCU's bits of APB1 as a debugger does: these blocks also stop in a halt.
+    /// Sets DBGMCU's bits of APB1, as a debugger does. These blocks then also stop in a halt.
     pub fn stop_in_halts(&mut self, apb1_bits: u32) {
         self.soc.dbgmcu.set(0x08, self.soc.dbgmcu.get(0x08) | apb1_bits);
     }
@@ -157,7 +155,6 @@ impl Mcu {
         Ok(None)
     }
 
-    /// The core's registers, as a debugger reads them.
     pub fn core_registers(&self) -> Registers {
         let cpu = &self.soc.cpu;
         let from = cpu.regs();
@@ -176,8 +173,8 @@ impl Mcu {
         Registers { core: from.r, xpsr: from.xpsr, system, float, fpscr: cpu.fpscr() }
     }
 
-    /// Writes the core's registers. SP and the stack pointer in use are the same register. If SP was
-    /// changed, its new value counts.
+    /// Writes the core's registers. SP and the stack pointer in use are one register. If both values differ, a changed
+    /// SP has precedence.
     pub fn set_core_registers(&mut self, to: &Registers) {
         let before = self.core_registers();
         self.set_registers(|registers| {
@@ -201,7 +198,7 @@ impl Mcu {
         self.soc.cpu.set_fpscr(to.fpscr);
     }
 
-    /// Reads memory or registers without the side effects of a read by the core. Returns how many bytes exist.
+    /// Reads memory or registers without the side effects of a read by the core. Returns how many of the bytes exist.
     pub fn look(&mut self, address: u32, into: &mut [u8]) -> usize {
         self.clock.set(self.now);
         let mut done = 0;
@@ -227,10 +224,10 @@ impl Mcu {
         done
     }
 
-    /// Writes memory or registers in a halt, as the core would. TIM1's outputs stay off.
+    /// Writes memory or registers in a halt as the core would, but TIM1's outputs stay off.
     ///
     /// # Errors
-    /// The address has nothing that can be written.
+    /// No writable memory has this address.
     pub fn put(&mut self, halt: &mut Halt, address: u32, from: &[u8]) -> Result<(), Refused> {
         let end = address.checked_add(u32::try_from(from.len()).unwrap_or(u32::MAX));
         let end = end.ok_or(Refused::Nothing)?;

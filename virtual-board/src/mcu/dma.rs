@@ -1,10 +1,10 @@
 //! DMA2 copies words from memory to a peripheral's register on request, without the core.
 //!
-//! By RM0090 10.3 and 10.5 (RM0390 9.3 and 9.5), for transfers from memory to a peripheral in direct mode. Enabling a
-//! stream fetches its first word. A request of the selected channel stays until it is served: the stream stores the
-//! word and fetches the next word. At the end of the count a circular stream begins again, and any other stream is
-//! switched off. The write protection of an enabled stream is modelled too. Not modelled: other directions, the FIFO,
-//! double buffers, interrupts, the duration of a transfer (some ten cycles).
+//! The model follows RM0090 10.3 and 10.5 (RM0390 9.3 and 9.5), for transfers from memory to a peripheral in direct
+//! mode. When a stream is enabled, it fetches its first word. A request of the selected channel waits until it is
+//! served. Then the stream stores the word and fetches the next word. At the end of the count a circular stream begins
+//! again; any other stream is switched off. An enabled stream is write-protected. Not modelled are other directions,
+//! the FIFO, double buffers, interrupts, and the duration of a transfer (some ten cycles).
 
 use std::sync::{
     Arc,
@@ -34,9 +34,10 @@ const TO_PERIPHERAL: u32 = 0b01 << 6;
 const INCREMENTS: u32 = 0b11 << 9;
 const SIZES: u32 = 0b1111 << 11;
 const WORDS: u32 = 0b1010 << 11;
-/// Bits of CR that can be written in an enabled stream: EN and the interrupt enables.
+/// Bits of CR that can be written while the stream is enabled: EN and the interrupt enables.
 const OPEN: u32 = 0b1_1111;
-/// FCR after reset (direct mode, FIFO empty); the bits of the FIFO's level; the level with one word (FS).
+/// FCR after reset: direct mode, FIFO empty. The next two constants are its bits FS: the mask, and the level of one
+/// word.
 const FCR_RESET: u32 = 0x21;
 const FIFO_LEVEL: u32 = 0b111 << 3;
 const FIFO_HOLDS_ONE: u32 = 0b001 << 3;
@@ -45,7 +46,7 @@ const FIFO_HOLDS_ONE: u32 = 0b001 << 3;
 const STREAM: u64 = 1;
 const CHANNEL: u32 = 7;
 
-/// The controller with the only request that is wired: TIM8_UP.
+/// The controller. Its only connected request is TIM8_UP.
 #[derive(Debug)]
 pub(super) struct Dma {
     pub(super) registers: Arc<Storage>,
@@ -53,7 +54,7 @@ pub(super) struct Dma {
     pub(super) request: Arc<Flag>,
     /// The word that waits in the stream.
     pub(super) fetched: AtomicU32,
-    /// The stream's count when the stream was enabled.
+    /// The stream's count at its start.
     pub(super) count: AtomicU32,
     /// Whether the stream was enabled but has fetched nothing yet.
     pub(super) begins: AtomicBool,
@@ -76,13 +77,13 @@ impl Dma {
         dma
     }
 
-    /// Serves the requests, with or without a clock. Returns true if a word was stored.
+    /// Serves the requests. `clocked` says whether the controller has a clock. Returns true if a word was stored.
     pub(super) fn serve(&self, space: &AddressSpace, clocked: bool) -> bool {
         let control = self.registers.get(at(CR));
         let on = control & ENABLE != 0 && clocked;
         let fetch = || {
             let from = u64::from(self.registers.get(at(M0AR)));
-            // On the chip, an address without memory would be a transfer error.
+            // On the chip, an address without memory would cause a transfer error.
             let word = space.read(from, Width::U32, MemAttrs::default()).unwrap_or_default();
             self.fetched.store(u32::try_from(word).unwrap_or_default(), Relaxed);
             let fifo = self.registers.get(at(FCR));

@@ -1,5 +1,5 @@
-//! The encoder's signals A and B. TIM2 counts their edges. Where the board also wires them to TIM3, TIM3 captures their
-//! edges.
+//! The encoder's signals A and B. TIM2 counts their edges. On a board that also wires them to TIM3, TIM3 captures the
+//! times of the edges.
 
 use std::{
     collections::VecDeque,
@@ -37,7 +37,6 @@ pub(super) struct EncoderInput {
     state: Mutex<Edges>,
     /// Cycle of the last reading of the counter.
     pub(super) read_at: AtomicU64,
-    /// All readings of the counter.
     readings: Mutex<Vec<u32>>,
     notes: Mutex<Option<EdgeNotes>>,
 }
@@ -51,23 +50,22 @@ pub struct EdgeNotes {
     pub read_at: Vec<u64>,
     /// Cycle of each reading of the capturing timer's counter.
     pub captures_read_at: Vec<u64>,
-    /// Cycles at which the captures of A and of B were read after each reading, if they were read.
+    /// For each reading of the counter: the cycles at which the captures of A and B were read afterwards; `None` if not
+    /// read.
     pub captured_at: Vec<[Option<u64>; 2]>,
 }
 
 #[derive(Clone, Debug, Default)]
 struct Edges {
     waiting: VecDeque<(u64, i32)>,
-    /// Count that A and B show now, and count after the last waiting edge.
+    /// Count that A and B show now. `last` is the count after the last waiting edge.
     shown: i32,
     last: i32,
     /// Channels whose level does not change.
     dead: [bool; 2],
-    /// Levels of A and B.
     levels: [bool; 2],
 }
 
-/// All state of an [`EncoderInput`], except for its timers.
 #[derive(Clone, Debug)]
 pub(super) struct EncoderState {
     edges: Edges,
@@ -81,7 +79,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl EncoderInput {
-    /// Takes the counting timer, and the capturing timer with its inputs, if the board wires them.
+    /// Takes the counting timer, and the capturing timer with its inputs, if the board has them.
     pub(super) fn new(
         (counter, counted): (Lazy, Inputs),
         (capture, captured): (Lazy, Option<Inputs>),
@@ -138,14 +136,14 @@ impl EncoderInput {
         self.capture.advance_to(cycle);
     }
 
-    /// Takes over the signals of `before`, the input before a reset: a reset does not move the handle.
+    /// Takes over the signals of `before`, the input before a reset. A reset does not move the handle.
     pub(super) fn go_on_from(&self, before: &Self) {
         let mut edges = lock(&self.state);
         *edges = std::mem::take(&mut *lock(&before.state));
         self.show(&mut edges);
     }
 
-    /// Freezes the level of a channel, or lets the channel work again.
+    /// Freezes a channel at its present level, or lets it work again.
     pub(super) fn kill(&self, channel: usize, dead: bool) {
         let mut edges = lock(&self.state);
         edges.dead[channel & 1] = dead;
@@ -160,17 +158,15 @@ impl EncoderInput {
         self.drive(&edges);
     }
 
-    /// All readings of the counter.
     pub(super) fn readings(&self) -> Vec<u32> {
         lock(&self.readings).clone()
     }
 
-    /// Takes the readings of the counter and clears the list.
     pub(super) fn take_readings(&self) -> Vec<u32> {
         std::mem::take(&mut *lock(&self.readings))
     }
 
-    /// Starts new notes, and returns the notes so far.
+    /// Starts new notes, and returns the previous notes.
     pub(super) fn take_notes(&self) -> EdgeNotes {
         lock(&self.notes).replace(EdgeNotes::default()).unwrap_or_default()
     }
@@ -212,7 +208,7 @@ impl EncoderInput {
         }
     }
 
-    /// Restores the signals. The timers must be restored after it, since they see the levels here.
+    /// Restores the signals. Restore the timers after this call, since they read the levels.
     pub(super) fn restore(&self, from: &EncoderState) {
         self.drive(&from.edges);
         lock(&self.state).clone_from(&from.edges);
@@ -287,7 +283,7 @@ impl Mcu {
         self.soc.encoder.readings()
     }
 
-    /// Takes the values that the program has read from the encoder's counter since the last call.
+    /// As [`counter_readings`](Self::counter_readings), and clears the list.
     pub fn take_counter_readings(&mut self) -> Vec<u32> {
         self.soc.encoder.take_readings()
     }
@@ -298,7 +294,7 @@ impl Mcu {
         self.soc.encoder.go_to(count, from, spacing);
     }
 
-    /// Starts new notes of the encoder's edges, and returns the notes so far. A reset ends the notes.
+    /// Starts new notes of the encoder's edges, and returns the previous notes. A reset also ends the notes.
     pub fn take_edge_notes(&mut self) -> EdgeNotes {
         self.soc.encoder.take_notes()
     }

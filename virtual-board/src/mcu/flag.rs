@@ -1,5 +1,3 @@
-//! Wires of the chip whose level can be read.
-
 use std::sync::{
     Arc,
     atomic::{AtomicBool, Ordering::Relaxed},
@@ -7,7 +5,6 @@ use std::sync::{
 
 use rsemu::core::wire::{Level, WireId, WireSink};
 
-/// A wire whose level can be read.
 #[derive(Debug, Default)]
 pub(super) struct Flag(pub(super) AtomicBool);
 
@@ -27,7 +24,7 @@ impl WireSink for Flag {
     }
 }
 
-/// Remembers that a wire was high at any time.
+/// A flag that stays set after its wire was high.
 #[derive(Debug, Default)]
 pub(super) struct Latch(pub(super) Arc<Flag>);
 

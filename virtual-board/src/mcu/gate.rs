@@ -1,7 +1,7 @@
 //! RCC's clock and reset bits for blocks that the emulator does not model.
 //!
 //! Without a clock, a register reads as 0 and ignores stores (RM0090 7.3.10, RM0390 6.3.10). While the bit in RSTR is
-//! set, the block stays in its reset state (RM0090 7.3.5, RM0390 6.3.5). The emulator's own blocks do this themselves.
+//! set, the block stays in its reset state (RM0090 7.3.5, RM0390 6.3.5). The emulator's own blocks need no gate.
 
 use std::sync::{
     Arc,

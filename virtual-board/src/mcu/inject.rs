@@ -1,5 +1,5 @@
 //! Faults inside the chip, set from outside: bits that flip, an interrupt that does not come, a program counter that
-//! jumps. The program itself stays the same.
+//! jumps. The program in flash is not changed for this.
 
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -17,12 +17,12 @@ const TIM8: u32 = 0x4001_0400;
 const DMA2: u32 = 0x4002_6400;
 
 impl Mcu {
-    /// Masks an interrupt by clearing its enable bit in the NVIC, or unmasks it.
+    /// Masks or unmasks an interrupt by its enable bit in the NVIC.
     pub fn mask(&mut self, exception: u16, masked: bool) {
         self.soc.cpu.with_sys(|sys| sys.set_enable(Exception(exception), !masked));
     }
 
-    /// Runs until the core executes in `exception` (0: in no exception, and awake).
+    /// Runs until the core executes in `exception`; 0: until it is awake and in no exception.
     ///
     /// # Errors
     /// The core locked up.
@@ -58,12 +58,12 @@ impl Mcu {
         Ok(())
     }
 
-    /// From now on a lock-up of the core is not an error. Everything else runs until the watchdog resets the core.
+    /// From now on a lock-up of the core is no error. Everything else runs on until the watchdog resets the core.
     pub fn outlive_lock_up(&mut self) {
         self.outlives = true;
     }
 
-    /// Writes a word as the core would, to a peripheral, to memory or to the core's own registers.
+    /// Writes a word as the core would: to a peripheral, to memory or to a register of the core.
     pub fn poke(&mut self, address: u32, value: u32) {
         self.clock.set(self.now);
         self.forget_flash();
@@ -74,7 +74,7 @@ impl Mcu {
         self.service();
     }
 
-    /// Inverts a bit of a register of TIM1, TIM8 or DMA2, even where no store could change it.
+    /// Inverts a bit of a register of TIM1, TIM8 or DMA2, even if no store could change it.
     ///
     /// # Panics
     /// The address is not one of these registers.
@@ -118,7 +118,7 @@ impl Mcu {
         word.map_or(0, |word| u32::try_from(word).unwrap_or_default())
     }
 
-    /// Makes an exception pending. An interrupt also gets its enable bit set.
+    /// Makes an exception pending. If it is an interrupt, its enable bit is set too.
     pub fn pend(&mut self, exception: u16) {
         self.soc.cpu.with_sys(|sys| {
             sys.set_enable(Exception(exception), true);
@@ -140,7 +140,6 @@ impl Mcu {
         }
     }
 
-    /// Changes the core's registers.
     pub fn set_registers(&mut self, change: impl FnOnce(&mut rsemu::cpu::arm::v7m::Regs)) {
         let mut registers = self.soc.cpu.regs();
         change(&mut registers);
@@ -149,7 +148,6 @@ impl Mcu {
         self.look_anew();
     }
 
-    /// Sets the program counter to `address`.
     pub fn jump(&mut self, address: u32) {
         let cpu = &self.soc.cpu;
         cpu.set_xpsr(cpu.xpsr() & !IT_BITS);
@@ -158,12 +156,12 @@ impl Mcu {
         self.look_anew();
     }
 
-    /// Freezes one of the encoder's channels (0: A, 1: B) at its present level, or lets it work again.
+    /// Freezes channel A (0) or B (1) of the encoder at its present level, or lets it work again.
     pub fn kill_channel(&mut self, channel: usize, dead: bool) {
         self.soc.encoder.kill(channel, dead);
     }
 
-    /// TIM1's compare registers of channels 1 and 2 (magnitude and sign of a PWM), and the DAC's code.
+    /// TIM1's compare registers of channels 1 and 2 (magnitude and sign of a PWM), then the DAC's code.
     pub fn force_registers(&self) -> [u32; 3] {
         [self.soc.pwm.peek(0x34), self.soc.pwm.peek(0x38), self.soc.dac.get(0x08)]
     }

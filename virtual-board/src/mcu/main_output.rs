@@ -25,21 +25,21 @@ pub(super) const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
 const AUTOMATIC_OUTPUT_ENABLE: u32 = 1 << 14;
 pub(super) const BREAK_ENABLE: u32 = 1 << 12;
 const LOCK_LEVEL: u32 = 0b11 << 8;
-/// Registers and values of a port: pin mode, pin function, the alternate-function mode, and TIM1's function.
+/// Offsets and values of a port's registers: pin mode, pin function, alternate-function mode, TIM1's function.
 const MODER: u64 = 0x00;
 const AFRL: u64 = 0x20;
 const ALTERNATE: u32 = 0b10;
 const TIM1: u32 = 1;
-/// Bits that each lock level freezes, by register (RM0090 17.4.18, RM0390 16.4.18, LOCK). Level 1: dead time, break
-/// bits, idle levels. Level 2: polarities, off states. Level 3: modes, preloads. The channels are outputs here.
+/// Register bits that each lock level freezes (RM0090 17.4.18, RM0390 16.4.18, LOCK). Level 1: dead time, break bits,
+/// idle levels. Level 2: polarities, off states. Level 3: modes, preloads. All channels are outputs.
 const LOCKED: [&[(u64, u32)]; 3] = [
     &[(BDTR, 0x70FF), (0x04, 0x7F00)],
     &[(BDTR, 0x0C00), (0x20, 0x2AAA)],
     &[(0x18, 0x7878), (0x1C, 0x7878)],
 ];
 
-/// TIM1's port. It models BDTR's lock, the break input and its flag, which the emulator's timer only stores. It also
-/// notes when the duty was written.
+/// TIM1's port. It models BDTR's lock, the break input and the break flag, whose bits the emulator's timer only stores.
+/// It also notes when the duty was written.
 #[derive(Debug)]
 pub(super) struct Break {
     pub(super) lazy: Lazy,
@@ -53,8 +53,8 @@ pub(super) struct Break {
     pub(super) written_at: Arc<AtomicU64>,
 }
 
-/// The pin of the break input. The timer sees the pin only while its port connects it to TIM1 (RM0390 7.3.2, RM0090
-/// 8.3.2: alternate function 1). Otherwise the timer sees a low level, which is inactive for an active-high input.
+/// The pin of the break input. The timer sees the pin only while the port connects it to TIM1 (alternate function 1;
+/// RM0390 7.3.2, RM0090 8.3.2). Otherwise the timer sees a low level. The input is active high, so this means no break.
 #[derive(Clone, Debug)]
 pub(super) struct BreakInput {
     port: Arc<dyn MemOps>,
@@ -95,13 +95,13 @@ impl WireSink for Unlock {
 }
 
 impl Break {
-    /// Whether the break is active: by the input, or by the clock security system's flag (RM0090 17.4.18, BKE).
+    /// Whether the break input or the clock security system's flag is active (RM0090 17.4.18, BKE).
     fn is_active(&self) -> bool {
         let connected = || self.input.as_ref().is_some_and(BreakInput::is_connected);
         self.open.load(Relaxed) && connected() || self.crystal.flag.load(Relaxed)
     }
 
-    /// The value that a store leaves in the register: locked bits keep their values.
+    /// The value of the register after a store: locked bits do not change.
     fn unlocked(&self, offset: u64, value: u32) -> u32 {
         let written = self.locked.load(Relaxed);
         let level = if written { self.lazy.peek(BDTR) >> 8 & 3 } else { 0 };

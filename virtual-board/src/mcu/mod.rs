@@ -1,10 +1,12 @@
 //! The emulated microcontroller. No other module uses the emulator crate.
 //!
-//! Instruction-exact, cycle-approximate. The core's cycle model has zero wait states. An exception's entry takes 12
-//! cycles and 8 stacking accesses, and its return takes about 18 cycles. Each interrupt takes some 16 cycles more than
-//! on silicon. No cycle count was compared with silicon. This module adds what the emulator lacks: four priority bits,
-//! the vector table's address, TIM1's break input and automatic output enable, the voltage detector, a crystal that
-//! fails, ITSTATE in a stacked xPSR, time while asleep.
+//! Instructions are exact; their cycles are approximate. The core's cycle model has zero wait states. An exception's
+//! entry takes 12 cycles and 8 stacking accesses. Its return takes about 18 cycles. So each interrupt takes some 16
+//! cycles more than on silicon. No cycle count was compared with silicon.
+//!
+//! This module adds what the emulator lacks: four priority bits, the vector table's address, TIM1's break input and
+//! automatic output enable, the voltage detector, a crystal that fails, ITSTATE in a stacked xPSR, and time while
+//! asleep.
 
 mod bench;
 mod bus;
@@ -59,7 +61,6 @@ const HARD_FAULT: u16 = 3;
 /// Bits of ITSTATE in xPSR.
 const IT_BITS: u32 = 0x0600_FC00;
 
-/// Properties in which the chips differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Chip {
     /// Core clock after set-up, Hz; a multiple of 32 kHz and of 8 MHz.
@@ -74,7 +75,6 @@ pub struct Chip {
 /// Normal supply of the chip, mV.
 pub const SUPPLY_MV: u32 = 3300;
 
-/// A pin of the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Pin {
     /// Letter, 'A' to 'E'.
@@ -89,55 +89,48 @@ impl Pin {
     }
 }
 
-/// A callback for changes of a pin.
 pub trait PinListener: Send + Sync {
-    /// `pin` has the level `high` from `cycle` on.
     fn level(&self, cycle: u64, pin: Pin, high: bool);
 }
 
-/// A callback for changes of the DAC.
 pub trait DacListener: Send + Sync {
     /// The DAC gives `code` from `cycle` on; `None`: the DAC is off.
     fn code(&self, cycle: u64, code: Option<u32>);
 }
 
-/// Connections of the chip.
+/// Connections of the chip, and where its observations are stored.
 #[derive(Clone, Default)]
 pub struct Listeners {
     /// TIM1's channels, `"ch1"` to `"ch4"`, and the output pin of each.
     pub channels: Vec<(&'static str, Pin)>,
-    /// Pins and their listeners.
     pub pins: Vec<(Pin, Arc<dyn PinListener>)>,
-    /// Listener of the DAC.
     pub dac: Option<Arc<dyn DacListener>>,
-    /// Whether the encoder's A and B are also wired to TIM3's channels 1 and 2.
+    /// Whether the encoder's A and B are also connected to TIM3's channels 1 and 2.
     pub captured: bool,
     /// The pin of TIM1's break input.
     pub stop: Option<Pin>,
     /// Values that a self-test measures.
     pub bench: Arc<Bench>,
-    /// Notes of the words of RAM that were read, if they are wanted.
+    /// For each word of RAM: whether it was read. `None` if nobody needs these notes.
     pub reads: Option<Arc<Vec<AtomicBool>>>,
 }
 
-/// Reason why the program has stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stopped {
     /// The core locked up at this address.
     LockedUp(u32),
 }
 
-/// Pins that are driven from outside: level, and level of the alternate function if that is driven too.
+/// Pins that are driven from outside: the level, and the level of the alternate function if it is driven too.
 type Outside = BTreeMap<Pin, (bool, Option<bool>)>;
 
-/// A microcontroller that runs a program.
 pub struct Mcu {
     chip: Chip,
     listeners: Listeners,
     memories: Memories,
     clock: Arc<Clock>,
     soc: Soc,
-    /// The core's registers after the last step. A copy, since asking the emulator takes half as long as a step.
+    /// A copy of the core's registers after the last step. Reading them from the emulator takes half as long as a step.
     registers: Regs,
     /// Whether the last step left the program counter unchanged: the core sleeps, is locked up, or branches to the same
     /// address.
@@ -150,26 +143,26 @@ pub struct Mcu {
     asleep: u64,
     instructions: u64,
     resets: u64,
-    /// Cycle of the last sampling event, and whether its counter reading is still expected.
+    /// Cycle of the last sampling event, and whether the reading of the counter is still to come.
     event: (u64, bool),
     events: u64,
-    /// Cycle of the last write of a force that was noted.
+    /// Cycle of the last write of a force that the observations include.
     commanded_at: u64,
     /// Program counters at which hard faults occurred.
     hard_faults: Vec<u32>,
     /// Words that DMA2 has stored.
     stored_by_dma: u64,
-    /// Whether a run continues after a lock-up, until the watchdog resets the core.
+    /// Whether the run goes on after a lock-up, until the watchdog resets the core.
     outlives: bool,
     watch: Watch,
     outside: Outside,
-    /// The last saved copy of flash, and the count of accesses to its registers at that time.
+    /// The last saved copy of flash, and the count of accesses to the flash registers at that time.
     flash_saved: Option<(Arc<Vec<u8>>, u64)>,
     fast: Fast,
 }
 
 impl Mcu {
-    /// A chip after power-on reset. The pieces of the program are at their flash addresses.
+    /// A chip after power-on reset, with the pieces of the program at their flash addresses.
     ///
     /// # Panics
     /// A piece lies outside the flash.
@@ -226,7 +219,7 @@ impl Mcu {
         Ok(())
     }
 
-    /// Runs one instruction. With `MANY`, runs up to `cycle` or the next event. A sleeping core sleeps up to there.
+    /// Runs one instruction; with `MANY`, runs until `cycle` or the next event. A sleeping core sleeps until then.
     /// Returns whether instructions ran.
     #[inline(always)]
     fn advance<const MANY: bool>(&mut self, cycle: u64) -> Result<bool, Stopped> {
@@ -260,7 +253,7 @@ impl Mcu {
         Ok(true)
     }
 
-    /// Brings the devices to the present and the interrupt line to the core.
+    /// Advances the devices to the present and sets the core's interrupt lines.
     fn service(&mut self) {
         let due = self.soc.pace.next_event();
         self.soc.pace.bring_to(self.now);
@@ -273,8 +266,8 @@ impl Mcu {
         if self.soc.flash_registers.next_event() <= self.now {
             self.soc.flash_registers.advance_to(self.now);
         }
-        // RM0390 3.5, RM0090 3.6: a fetch waits until the flash is no longer busy. On the chip a loop in the caches
-        // runs on; in this model the core always waits.
+        // A fetch waits while the flash is busy (RM0390 3.5, RM0090 3.6). On the chip a loop in the caches runs on. In
+        // this model the core always waits.
         let written = self.soc.flash_registers.next_event();
         self.stalled = if written == u64::MAX { 0 } else { written };
         let before = self.soc.cpu.irq_asserted(PACE_IRQ);
@@ -358,7 +351,7 @@ impl Mcu {
         }
     }
 
-    /// Notes a task that begins, also one that runs again directly after itself.
+    /// Notes the start of a task. A task may start directly after its own end.
     fn note_entry(&mut self, (was, from): (u16, u32), (exception, pc): (u16, u32)) {
         let Some(addresses) = self.watch.noted() else { return };
         let again = was == exception && from != pc;
@@ -386,7 +379,7 @@ impl Mcu {
         self.restart("pinrst");
     }
 
-    /// Switches the supply off and on. Of the memories only flash is kept.
+    /// Switches the supply off and on. Only flash keeps its contents.
     pub fn power_cycle(&mut self) {
         for memory in [&self.memories.ram, &self.memories.backup] {
             memory.fill(0, memory.len(), 0).expect(WIRED);
@@ -417,7 +410,7 @@ impl Mcu {
         self.watch.restart();
     }
 
-    /// The present, in core cycles since power-on.
+    /// Cycles of the core since power-on.
     pub fn now(&self) -> u64 {
         self.now
     }
@@ -441,7 +434,7 @@ impl Mcu {
         self.soc.commanded_at.load(Relaxed)
     }
 
-    /// Count of resets so far, without power-on.
+    /// Number of resets so far, without power-on.
     pub fn resets(&self) -> u64 {
         self.resets
     }
@@ -455,43 +448,38 @@ impl Mcu {
         self.instructions
     }
 
-    /// Whether the core sleeps until an interrupt.
     pub fn is_asleep(&self) -> bool {
         self.soc.cpu.is_asleep()
     }
 
-    /// Cycles asleep so far.
+    /// Cycles that the core has slept so far.
     pub fn asleep(&self) -> u64 {
         self.asleep
     }
 
-    /// Observations of the run.
     pub fn watch(&self) -> &Watch {
         &self.watch
     }
 
-    /// Observations of the run, to be cleared or set up.
     pub fn watch_mut(&mut self) -> &mut Watch {
         &mut self.watch
     }
 
-    /// Values that a self-test measures.
     pub fn bench(&self) -> &Bench {
         &self.listeners.bench
     }
 
-    /// The level of `pin`.
     pub fn pin(&self, pin: Pin) -> bool {
         self.soc.pin(pin)
     }
 
-    /// Delivers the pins' changes up to now. Reading a timer advances it.
+    /// Delivers the pins' changes up to now. This also advances the timers.
     pub fn settle(&mut self) {
         self.settle_to(self.now);
     }
 
-    /// As [`settle`](Self::settle), but delivers the encoder's edges only up to `cycle`, which lies within the last
-    /// instruction. Later edges may still be added. A timer that was advanced beyond them would capture them late.
+    /// As [`settle`](Self::settle), but delivers the encoder's edges only up to `cycle`, within the last instruction.
+    /// The caller may still add later edges. A timer that was advanced beyond these edges would capture them late.
     pub fn settle_to(&mut self, cycle: u64) {
         self.clock.set(self.now);
         self.soc.pwm.catch_up_by_edges();
@@ -507,11 +495,9 @@ impl Mcu {
 
     /// Writes RAM. Writes outside RAM are ignored.
     pub fn write(&mut self, address: u32, from: &[u8]) {
-        // A write outside RAM is ignored.
         let _ = self.memories.ram.write_at(u64::from(address.wrapping_sub(RAM)), from);
     }
 
-    /// A copy of the flash.
     pub fn flash(&self) -> Vec<u8> {
         self.soc.flash.contents()
     }

@@ -3,13 +3,12 @@
 use super::{Mcu, Pin, SUPPLY_IRQ};
 
 impl Mcu {
-    /// Drives `pin` from outside.
     pub fn set_pin(&mut self, pin: Pin, high: bool) {
         self.outside.insert(pin, (high, None));
         self.soc.set_pin(pin, high);
     }
 
-    /// Drives again all pins that are driven from outside, since a reset moves no switch.
+    /// Drives all these pins again after a reset, which moves no switch.
     pub(super) fn drive_pins(&self) {
         for (pin, (high, alternate)) in &self.outside {
             self.soc.set_pin(*pin, *high);
@@ -23,15 +22,15 @@ impl Mcu {
     pub fn set_break(&mut self, open: bool) {
         self.clock.set(self.now);
         if let Some(pin) = self.listeners.stop {
-            // The emulator's port takes the level of an alternate-function pin from inside the chip, so set that level
-            // too.
+            // The emulator's port takes the level of an alternate-function pin from inside the chip. So this level is
+            // set too.
             self.outside.insert(pin, (open, Some(open)));
         }
         self.drive_pins();
         self.soc.set_break(open);
     }
 
-    /// Sets the supply, mV; at first it is [`SUPPLY_MV`](super::SUPPLY_MV). Only the voltage detector looks at it.
+    /// Sets the supply, mV; at first it is [`SUPPLY_MV`](super::SUPPLY_MV). It affects only the voltage detector.
     pub fn set_supply_mv(&mut self, mv: u32) {
         self.clock.set(self.now);
         self.soc.supply.set_mv(mv);

@@ -9,7 +9,7 @@ use rsemu::core::space::{AccessConstraints, MemAttrs, MemOps, MemResult, RamStor
 
 use super::{Mcu, RAM};
 
-/// RAM that notes each read.
+/// RAM that notes which words are read.
 #[derive(Debug)]
 pub(super) struct Noted {
     ram: Arc<RamStore>,
@@ -46,14 +46,14 @@ impl MemOps for Noted {
 }
 
 impl Mcu {
-    /// Resets the chip and notes the words of RAM that are read from now on. Restore a snapshot only after this call.
+    /// Resets the chip and starts to note the words of RAM that are read. Restore a snapshot only after this call.
     pub fn note_reads(&mut self) {
         let words = self.memories.ram.len() / 4;
         self.listeners.reads = Some(Arc::new((0..words).map(|_| AtomicBool::new(false)).collect()));
         self.restart("porrst");
     }
 
-    /// Addresses of the words of RAM that were read since the notes began, in order.
+    /// Addresses of the words of RAM that were read since [`note_reads`](Self::note_reads), in ascending order.
     pub fn words_read(&self) -> Vec<u32> {
         let words = self.listeners.reads.iter().flat_map(|words| words.iter());
         words

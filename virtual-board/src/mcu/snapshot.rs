@@ -1,8 +1,9 @@
 //! Saves and restores the whole state of the chip.
 //!
 //! The emulator's devices save their registers. They do not save inputs that another device drives: pins, the encoder's
-//! levels, the supply. These are driven again. State of this crate (memories, time, queues of edges, observations) is
-//! copied. Snapshots share a copy of flash if its registers were not accessed between them.
+//! levels, the supply. After a restore these inputs are driven again. This crate's own state is copied: memories, time,
+//! queues of edges, observations. Snapshots share a copy of flash if the flash registers were not accessed between
+//! them.
 
 use std::sync::{Arc, atomic::Ordering::Relaxed};
 
@@ -22,7 +23,6 @@ use super::{
     soc::{FLAGS, Soc, WIRED},
 };
 
-/// State of a chip at one cycle.
 #[derive(Clone)]
 pub struct Snapshot {
     devices: Vec<u8>,
@@ -31,10 +31,10 @@ pub struct Snapshot {
     backup: Vec<u8>,
     clock: ClockState,
     encoder: EncoderState,
-    /// Cycles for which each timer was stopped.
+    /// Cycles for which each timer was stopped by halts.
     stood: Vec<u64>,
-    /// Registers of the blocks that the emulator does not model: DBGMCU, DAC, ADCs, DMA2. DMA2 also has its waiting
-    /// word, its count, and whether it begins.
+    /// Registers of the blocks that the emulator does not model: DBGMCU, DAC, ADCs, DMA2. For DMA2 also the waiting
+    /// word, the count, and whether the stream has just been enabled.
     stored: [Vec<u32>; 4],
     dma: ([u32; 2], bool),
     flags: [bool; FLAGS],
@@ -50,18 +50,17 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Registers, memories and devices of the chip, for comparisons.
+    /// Registers, memories and devices of the chip, to compare two states.
     pub fn bytes(&self) -> impl Iterator<Item = u8> + '_ {
         [&self.devices, &*self.flash, &self.ram, &self.backup].into_iter().flatten().copied()
     }
 }
 
-/// Name of a device in the saved state. The emulator keeps devices in the order of their names.
+/// Name of a device in the saved state. The emulator orders devices by name, so the names have two digits.
 fn name(index: usize) -> String {
     format!("{index:02}")
 }
 
-/// Saved state of all devices.
 fn save<'a>(devices: impl Iterator<Item = &'a dyn Device>) -> Vec<u8> {
     let mut writer = StateWriter::new(MachineShape::new());
     for (index, device) in devices.enumerate() {
@@ -91,7 +90,7 @@ impl Soc {
         [&self.dbgmcu, &self.dac, &self.adc, &self.dma.registers]
     }
 
-    /// All devices but flash. A device that gates a timer's clock comes before the timer; the core is last.
+    /// All devices but flash. The core is last. A device that gates a timer's clock comes before the timer.
     fn devices(&self) -> impl Iterator<Item = &dyn Device> {
         self.rcc_and_power()
             .chain(self.timers().map(|lazy| &*lazy.device))
@@ -101,7 +100,6 @@ impl Soc {
 }
 
 impl Mcu {
-    /// The state of the chip now.
     pub fn snapshot(&mut self) -> Snapshot {
         let flash = self.saved_flash();
         let soc = &self.soc;
@@ -188,7 +186,7 @@ impl Mcu {
         self.clock.restore(&from.clock);
     }
 
-    /// Flash with its registers. The copy is renewed only if the registers were accessed since.
+    /// Flash with its registers. The copy is renewed only after an access to the registers.
     fn saved_flash(&mut self) -> Arc<Vec<u8>> {
         let touched = self.soc.flash_touched.load(Relaxed);
         if let Some((saved, at)) = &self.flash_saved

@@ -31,10 +31,9 @@ use super::{
     supply::{PowerPort, Supply},
 };
 
-/// Message for errors of the emulator's set-up. They are errors of this crate, since the properties are constants.
+/// Message for errors of the emulator's set-up, which are errors of this crate: the set-up consists of constants.
 pub(super) const WIRED: &str = "the emulator has this device, property and pin";
 
-/// Memories that a reset keeps.
 #[derive(Clone)]
 pub(super) struct Memories {
     pub(super) ram: Arc<RamStore>,
@@ -48,14 +47,14 @@ pub(super) struct Soc {
     pub(super) pwm: Lazy,
     pub(super) encoder: Arc<EncoderInput>,
     pub(super) flash: Arc<Flash>,
-    /// The flash's registers, and the count of their accesses.
+    /// The flash's registers. `flash_touched` is the number of their accesses.
     pub(super) flash_registers: Lazy,
     pub(super) flash_touched: Arc<AtomicU64>,
     pub(super) rcc: Lazy,
     pub(super) others: Vec<Lazy>,
     exti: Lazy,
     pub(super) pace_line: Arc<Flag>,
-    /// The supply detector's interrupt.
+    /// Interrupt line of the supply detector.
     pub(super) supply_line: Arc<Flag>,
     pub(super) watchdog_bites: Arc<Flag>,
     /// Whether the watchdog was fed since the flag was last read.
@@ -65,12 +64,12 @@ pub(super) struct Soc {
     pub(super) broken: Arc<AtomicBool>,
     /// Pin of the stop.
     input: Option<BreakInput>,
-    /// Whether BDTR was written since the reset, which freezes its lock level.
+    /// Whether BDTR was written since the reset. The first write freezes its lock level.
     locked: Arc<AtomicBool>,
     pub(super) supply: Arc<Supply>,
     pub(super) dbgmcu: Arc<Storage>,
     halt_timer: Lazy,
-    /// TIM8, which requests DMA2's store that switches the output off.
+    /// TIM8. Its update requests the store by DMA2 that switches the output off.
     pub(super) output_timer: Lazy,
     pub(super) crystal: Arc<Crystal>,
     pub(super) dma: Arc<Dma>,
@@ -84,10 +83,9 @@ pub(super) struct Soc {
     gpio: Vec<Arc<Gpio>>,
 }
 
-/// Count of [`Soc::flags`].
 pub(super) const FLAGS: usize = 10;
 
-/// Longest time of programming a word and of erasing 16 KiB, 32 bits at a time (data sheets of STM32F446 and STM32F407,
+/// Longest times to program a word and to erase 16 KiB, 32 bits at a time (data sheets of STM32F446 and STM32F407,
 /// 6.3.12 and 5.3.12: flash memory programming).
 const PROGRAM_US: u64 = 100;
 const ERASE_MS: u64 = 500;
@@ -99,7 +97,7 @@ struct WatchdogPort {
     fed: Arc<Flag>,
 }
 
-/// Value that feeds the watchdog when it is written into KR, at offset 0.
+/// Value that feeds the watchdog if the program writes it into KR, at offset 0.
 const RELOAD: u32 = 0xAAAA;
 
 impl Port for WatchdogPort {
@@ -124,7 +122,6 @@ impl WireSink for ToPort {
     }
 }
 
-/// Connects a pin to a listener.
 struct ToListener(Arc<dyn PinListener>, Arc<Clock>, Pin);
 
 impl WireSink for ToListener {
@@ -139,7 +136,7 @@ const DBGMCU_APB1_FZ: u64 = 0x08;
 const DBGMCU_APB2_FZ: u64 = 0x0C;
 
 impl Soc {
-    /// Sets the break input. While it is open, an enabled break holds MOE clear.
+    /// Sets the break input. While the input is active and the break is enabled, MOE stays clear.
     pub(super) fn set_break(&self, open: bool) {
         self.stop.store(open, Relaxed);
         if open && self.input.as_ref().is_some_and(BreakInput::is_connected) {
@@ -147,7 +144,7 @@ impl Soc {
         }
     }
 
-    /// Applies a break that has become active.
+    /// Applies the start of a break.
     pub(super) fn break_output(&self) {
         let bdtr = self.pwm.peek(BDTR);
         if bdtr & BREAK_ENABLE != 0 {
@@ -291,7 +288,7 @@ impl Soc {
         let pace = lazy(pace_timer, 2);
         let halt_timer = lazy(halt_timer, 2);
         let output_timer = lazy(output_timer, 1);
-        // In HSE cycles, only for the delays of the ready bits.
+        // Only for the delays of the ready bits. Unit: cycles of HSE.
         let rcc = lazy(rcc, chip.core_hz / 8_000_000).apart();
         let pwr = lazy(pwr, 8);
         let flash_registers = lazy(Arc::clone(&flash) as _, 1);
@@ -317,7 +314,7 @@ impl Soc {
         let exti = lazy(exti, 1);
         let dbgmcu = Storage::new();
         dbgmcu.set(0, chip.id);
-        // Flash and RAM are found by a table, which halves the time of an access. Other devices are found by a search.
+        // Flash and RAM are found in a table, which halves the time of an access. Other devices are found by a search.
         let cover = u64::from(RAM + RAM_BYTES);
         let table = DispatchPolicy::Dense { page_bits: 16, cover };
         let space = AddressSpace::new("cpu", 32).with_dispatch(table);
@@ -460,9 +457,9 @@ impl Soc {
         }
     }
 
-    /// Sets RCC's flags as a reset by `cause` leaves them. Each reset pulls the reset pin as well.
+    /// Sets RCC's flags as after a reset by `cause`. Each reset also pulls the reset pin.
     pub(super) fn note_reset(&self, cause: &str) {
-        // After its own reset the block has the flags of power-on. RMVF clears them.
+        // A reset of the block itself leaves the flags of power-on. RMVF clears them.
         self.rcc.poke(RCC_CSR, RMVF);
         for input in ["pinrst", cause] {
             let id = WireIdAllocator::new().alloc();
@@ -472,12 +469,10 @@ impl Soc {
         }
     }
 
-    /// Whether TIM1 stops while the core is halted.
     pub(super) fn tim1_stops(&self) -> bool {
         self.dbgmcu.get(DBGMCU_APB2_FZ) & 1 != 0
     }
 
-    /// Whether TIM5 stops while the core is halted.
     pub(super) fn tim5_stops(&self) -> bool {
         self.dbgmcu.get(DBGMCU_APB1_FZ) >> 3 & 1 != 0
     }
@@ -500,7 +495,6 @@ impl Soc {
         }
     }
 
-    /// RCC, PWR and EXTI.
     pub(super) fn rcc_and_power(&self) -> impl Iterator<Item = &dyn Device> {
         self.others[..2].iter().chain([&self.exti]).map(|lazy| &*lazy.device)
     }
@@ -512,7 +506,6 @@ impl Soc {
         [tim1, tim5, &encoder.counter, &encoder.capture].into_iter().chain(others)
     }
 
-    /// All devices that are advanced only when they are accessed.
     pub(super) fn lazies(&self) -> impl Iterator<Item = &Lazy> {
         self.timers().chain(&self.others).chain([&self.exti, &self.flash_registers])
     }
@@ -521,8 +514,8 @@ impl Soc {
         self.gpio.iter().map(|port| &**port as &dyn Device)
     }
 
-    /// Interrupt lines, the watchdog's reset, TIM8's request, the stop, the break flag, BDTR's lock, and the crystal's
-    /// state.
+    /// Flags for a snapshot: interrupt lines, the watchdog's reset, TIM8's request, the stop, the break flag, BDTR's
+    /// lock, and the crystal's state.
     pub(super) fn flags(&self) -> [&AtomicBool; FLAGS] {
         let [pace, supply, bites, asks] =
             [&self.pace_line, &self.supply_line, &self.watchdog_bites, &self.dma.request]

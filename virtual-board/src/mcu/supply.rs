@@ -12,9 +12,9 @@ use rsemu::core::{
 
 use super::bus::{Clock, Lazy, Port};
 
-/// Thresholds of each level of the detector (PLS), mV. First the highest voltage at which the detector still finds a
-/// rising supply low, then the highest voltage at which it finds a falling supply low (data sheet of the STM32F446,
-/// section 6.3.5, largest values; the STM32F407's are the same).
+/// Thresholds of the detector for each level PLS, mV: first for a rising supply, then for a falling supply. A supply up
+/// to the threshold counts as low. These are the largest values of the data sheet of the STM32F446, section 6.3.5; the
+/// STM32F407's are the same.
 const LEVELS_MV: [[u32; 2]; 8] = [
     [2190, 2080],
     [2370, 2260],
@@ -26,14 +26,13 @@ const LEVELS_MV: [[u32; 2]; 8] = [
     [3210, 3090],
 ];
 
-/// The supply voltage, and the detector's state.
 #[derive(Debug)]
 pub(super) struct Supply {
     mv: AtomicU32,
-    /// The level and the enable bit, as written to CR.
+    /// CR as the program has written it: the level and the enable bit.
     control: AtomicU32,
     low: AtomicU32,
-    /// The detector's line of EXTI.
+    /// Line of EXTI that the detector drives.
     line: OnceLock<(WireId, SinkPin)>,
 }
 
@@ -61,7 +60,7 @@ impl Supply {
         self.compare();
     }
 
-    /// Compares the supply with the thresholds. The output clears only above the rising threshold.
+    /// Compares the supply with the thresholds. The detector's bit becomes clear only above the rising threshold.
     fn compare(&self) {
         let level = (self.control.load(Relaxed) >> 5 & 7) as usize;
         let [rising, falling] = LEVELS_MV[level];

@@ -1,4 +1,4 @@
-//! Observes each instruction without changing the program: interrupt masks, the sampling delay, cycles per task, the
+//! Observes each instruction without a change of the program: interrupt masks, the sampling delay, cycles per task, the
 //! lowest stack pointer.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,16 +17,14 @@ pub const LINK: u16 = 16 + 36;
 /// Hardware priority of the sampling task. A BASEPRI from 1 to this value would mask the task.
 const SAMPLE_PRIORITY: u8 = 0x10;
 
-/// Cycles of one kind of exception, from entry to return. Cycles of a task that preempts it do not count.
+/// Cycles of one exception, from entry to return, except for the cycles of tasks that preempt it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cycles {
-    /// Count of runs.
     pub runs: u64,
     /// Cycles of the shortest run.
     pub least: u64,
     /// Cycles of the longest run.
     pub most: u64,
-    /// Cycles of all runs together.
     pub total: u64,
 }
 
@@ -44,50 +42,49 @@ impl Cycles {
         self.total += cycles;
     }
 
-    /// Mean cycles of a run.
     #[expect(clippy::cast_precision_loss, reason = "for people to read")]
     pub fn mean(&self) -> f64 {
         self.total as f64 / self.runs.max(1) as f64
     }
 }
 
-/// Observations since the watch was last cleared. Masks and delays count from the first sample.
+/// Observations since the last [`clear`](Self::clear). Masks and delays are counted from the first sample on.
 #[derive(Clone, Debug, Default)]
 pub struct Watch {
-    /// Count of instructions with PRIMASK set after the first sample.
+    /// Number of instructions with PRIMASK set.
     pub primask: u64,
-    /// Count of instructions with a BASEPRI that masks the sampling task.
+    /// Number of instructions with a BASEPRI that masks the sampling task.
     pub forbidden_basepri: u64,
     /// Longest time with a nonzero BASEPRI, cycles.
     pub longest_mask: u64,
-    /// Count of sampling events for each BASEPRI at the event (0: none).
+    /// Number of sampling events for each BASEPRI at the event (0: none).
     pub events_by_basepri: BTreeMap<u8, u64>,
-    /// Count of each delay from a sampling event to the reading of the counter, in cycles.
+    /// Number of events for each delay, in cycles, from a sampling event to the reading of the counter.
     pub delays: BTreeMap<u64, u64>,
-    /// Cycles from a sampling event to each write of a force into the output's registers by the output task.
+    /// Cycles from a sampling event to each write of the output task into the output's registers.
     pub commands: Cycles,
     /// Cycles of each task, by exception number.
     pub tasks: BTreeMap<u16, Cycles>,
-    /// How often the emulator's loss of ITSTATE was corrected.
+    /// How often the emulator has lost ITSTATE and the loss was corrected.
     pub mended: u64,
     /// Longest time from one feeding of the watchdog to the next, cycles.
     pub longest_unfed: u64,
     fed_at: Option<u64>,
     /// Lowest main stack pointer.
     pub lowest_stack: u32,
-    /// Cycles of the sampling task for each instruction address, if wanted.
+    /// Cycles of the sampling task for each instruction address; `None` if nobody needs them.
     pub profile: Option<BTreeMap<u32, u64>>,
-    /// The longest run of the sampling task: address and cycles of each instruction. Noted with the profile.
+    /// Address and cycles of each instruction in the longest run of the sampling task. Filled only with the profile.
     pub longest: Vec<(u32, u64)>,
     run: Vec<(u32, u64)>,
-    /// Addresses of instructions of the sampling task whose cycles are counted apart.
+    /// Addresses of instructions of the sampling task whose cycles are counted separately.
     pub marks: BTreeSet<u32>,
     /// Cycles of the marked instructions, per run of the sampling task.
     pub marked: Cycles,
     /// Cycles of all other instructions, per run.
     pub unmarked: Cycles,
     in_marks: u64,
-    /// Starts of tasks, if wanted, and the addresses of the words that are noted with each start.
+    /// Addresses of three words that are noted at each start of a task, and the starts; `None` if nobody needs them.
     entries: Option<([u32; 3], Vec<Entry>)>,
     masked: u64,
     running: bool,
@@ -104,14 +101,12 @@ pub struct Entry {
     pub words: [u32; 3],
 }
 
-/// One step of the core.
 pub(super) struct Step {
     pub(super) cycles: u64,
     pub(super) exception: u16,
     pub(super) primask: bool,
     pub(super) basepri: u8,
     pub(super) stack: u32,
-    /// Address of the instruction.
     pub(super) pc: u32,
 }
 
@@ -120,7 +115,7 @@ impl Watch {
         Self { lowest_stack: u32::MAX, ..Self::default() }
     }
 
-    /// Clears the observations. Running exceptions are kept.
+    /// Clears the observations, except for the running exceptions.
     pub fn clear(&mut self) {
         let running = self.running;
         let nested = std::mem::take(&mut self.nested);
@@ -130,7 +125,7 @@ impl Watch {
         *self = Self { running, nested, marks, fed_at, entries, ..Self::new() };
     }
 
-    /// Notes each start of a task from now on, with the words of RAM at `addresses`.
+    /// From now on notes each start of a task with the words of RAM at `addresses`.
     pub fn note_entries(&mut self, addresses: [u32; 3]) {
         self.entries = Some((addresses, Vec::new()));
     }
@@ -140,7 +135,6 @@ impl Watch {
         self.entries.as_mut().map_or_else(Vec::new, |(_, entries)| std::mem::take(entries))
     }
 
-    /// Addresses of the words to note, if notes are wanted.
     pub(super) fn noted(&self) -> Option<[u32; 3]> {
         self.entries.as_ref().map(|(addresses, _)| *addresses)
     }
@@ -151,12 +145,12 @@ impl Watch {
         }
     }
 
-    /// Whether an exception runs or was preempted.
+    /// Whether an exception runs, or has been preempted.
     pub(super) fn is_active(&self, exception: u16) -> bool {
         self.nested.iter().any(|(number, _)| *number == exception)
     }
 
-    /// The exception that runs; 0: none.
+    /// Number of the running exception; 0: none.
     pub fn innermost(&self) -> u16 {
         self.nested.last().map_or(0, |(number, _)| *number)
     }
@@ -169,7 +163,7 @@ impl Watch {
         }
     }
 
-    /// Restarts the watch when the program restarts.
+    /// Prepares for a restart of the program.
     pub(super) fn restart(&mut self) {
         self.running = false;
         self.nested.clear();
@@ -177,7 +171,6 @@ impl Watch {
         self.fed_at = None;
     }
 
-    /// Notes that the watchdog is fed.
     pub(super) fn feed(&mut self, cycle: u64) {
         let since = self.fed_at.replace(cycle).map_or(0, |last| cycle - last);
         self.longest_unfed = self.longest_unfed.max(since);
@@ -203,7 +196,7 @@ impl Watch {
         inside == exception && self.profile.is_none() && self.marks.is_empty()
     }
 
-    /// Notes several instructions of the running exception. PRIMASK and BASEPRI are the same in all of them.
+    /// Notes several instructions of the running exception, all with the same PRIMASK and BASEPRI.
     pub(super) fn steps(
         &mut self,
         instructions: u64,
@@ -224,7 +217,7 @@ impl Watch {
         }
     }
 
-    /// Notes a step. `still_active` tells whether an exception is still active, if the exception number changes.
+    /// Notes a step. `still_active` tells whether the exception with a given number is still active.
     pub(super) fn step(&mut self, step: &Step, still_active: impl Fn(u16) -> bool) {
         self.lowest_stack = self.lowest_stack.min(step.stack);
         if step.exception == SAMPLE
@@ -281,8 +274,8 @@ impl Watch {
     }
 }
 
-/// Restores ITSTATE in a stacked xPSR. The emulator drops it on exception entry, so code that is preempted inside an IT
-/// block would resume wrongly.
+/// Restores ITSTATE in a stacked xPSR, which the emulator loses on exception entry. Code that was preempted inside an
+/// IT block would otherwise resume wrongly.
 pub(super) fn mend_itstate(
     ram: &RamStore,
     msp: u32,

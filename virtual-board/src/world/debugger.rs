@@ -1,4 +1,4 @@
-//! A debugger at the board. While it halts the core, the plant does not move.
+//! A debugger at the board. While the core is halted, the plant stands still.
 
 use super::{Ended, World};
 use crate::{
@@ -11,7 +11,7 @@ use crate::{
 pub struct Halted {
     chip: Halt,
     begun: u64,
-    /// Integral of the amplifier's command at the halt.
+    /// Integral of the amplifier's command at the start of the halt.
     sum: i64,
 }
 
@@ -22,8 +22,7 @@ impl World<'_> {
         self.moved_to = self.powered.mcu.now();
     }
 
-    /// Halts the core and the plant. The plant's step may be incomplete, and continues from the same time after the
-    /// halt.
+    /// Halts the core and the plant. A step of the plant may be interrupted. It goes on after the halt.
     pub fn begin_halt(&mut self) -> Halted {
         let Powered { mcu, amplifier, .. } = &mut self.powered;
         let (sum, begun) = (amplifier.pause(mcu.now()), mcu.now());
@@ -53,7 +52,7 @@ impl World<'_> {
         self.powered.mcu.put(&mut halted.chip, address, from)
     }
 
-    /// Runs one sample, or the rest of it, as [`sample`](Self::sample) does, or until a debugger's stop is met.
+    /// As [`sample`](Self::sample), but returns early if a stop of the debugger is met. The next call runs the rest.
     ///
     /// # Errors
     /// As [`sample`](Self::sample).

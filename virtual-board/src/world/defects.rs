@@ -1,4 +1,4 @@
-//! Defects outside the chip, and notes of the motor's force during them.
+//! Defects outside the chip, and notes of the motor's force and the motion.
 
 use std::{f64::consts::TAU, sync::atomic::Ordering::Relaxed};
 
@@ -7,9 +7,8 @@ use super::World;
 /// Defects of encoder, amplifier and converters.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Defects {
-    /// Defect of the encoder's count.
     pub count: Option<CountDefect>,
-    /// While the amplifier is enabled, it gives this fraction of full scale, whatever the command is.
+    /// If set, the enabled amplifier gives this fraction of full scale, whatever the command is.
     pub stuck: Option<f64>,
     /// Offset of the DAC's output, fraction of full scale.
     pub dac: f64,
@@ -17,29 +16,27 @@ pub struct Defects {
     pub converters_stand: bool,
 }
 
-/// Defect of a count: it becomes `at + offset + ratio (count - at) + per_sample (samples - since)`.
+/// A wrong count: `at + offset + ratio (count - at) + per_sample (samples - since)` in place of `count`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CountDefect {
-    /// The count at which the defect began.
     pub at: i32,
     /// The sample at which the defect began.
     pub since: u64,
-    /// Counts that are added at once.
+    /// Counts that are added at the beginning of the defect.
     pub offset: i32,
     /// Fraction of the motion that is counted.
     pub ratio: f64,
-    /// Counts that are added in each sample without motion.
+    /// Counts that are added in each sample.
     pub per_sample: f64,
 }
 
-/// A hand that moves the handle to and fro, whatever the force is.
+/// A hand that swings the handle about a position, whatever the force is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Swing {
     /// Middle of the motion, m.
     pub centre_m: f64,
     /// Largest distance from the middle, m.
     pub amplitude_m: f64,
-    /// Cycles per second, Hz.
     pub rate_hz: f64,
     /// Step of the plant at which the swing begins.
     pub since: u64,
@@ -94,20 +91,19 @@ impl Swing {
 const SENSE_S: f64 = 1e-4;
 
 impl World<'_> {
-    /// Swings the handle about its present position, until it is held or moved by a hand.
+    /// Swings the handle about its present position, until a hand holds or moves the handle.
     pub fn swing(&mut self, amplitude_m: f64, rate_hz: f64) {
         let (centre_m, since) = (self.position_m(), self.steps * self.samples + self.stepped);
         self.swing = Some(Swing { centre_m, amplitude_m, rate_hz, since });
     }
 
-    /// Sets a defect of the encoder's count from now on.
     pub fn count_wrongly(&mut self, offset: i32, ratio: f64, per_sample: f64) {
         let at = self.encoder.count(self.shown_m());
         let defect = CountDefect { at, since: self.samples, offset, ratio, per_sample };
         self.defects.count = Some(defect);
     }
 
-    /// Shows the force to the converters. The amplifier's signal passes a filter, which the ripple of the PWM needs.
+    /// Gives the converters the present force. A filter removes the ripple of the PWM from the amplifier's signal.
     pub(super) fn show(&mut self, given: f64) {
         self.filtered += (given - self.filtered) * (1.0 - (-self.step_s / SENSE_S).exp());
         let bench = self.powered.mcu.bench();

@@ -1,13 +1,10 @@
-//! A person's finger.
-
-/// A finger on the handle: a spring and a damper to the finger's target. Its force acts where the motor's force acts.
+/// A finger at the handle: a spring and a damper from the handle to a target. Its force acts at the same point as the
+/// motor's force.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Finger {
-    /// Target position of the finger, m.
     pub target_m: f64,
     pub stiffness_n_per_m: f64,
     pub damping_n_s_per_m: f64,
-    /// Largest force of the finger, N.
     pub limit_n: f64,
 }
 

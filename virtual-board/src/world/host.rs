@@ -1,10 +1,10 @@
-//! The host at the probe: reads the board's output and sends commands.
+//! The host of the board: reads the board's output and sends commands through the RTT channels.
 
 use super::{Ended, World};
 use crate::board::Powered;
 
 impl World<'_> {
-    /// Reads the probe's channels.
+    /// Reads the RTT channels.
     ///
     /// # Errors
     /// The log cannot be decoded.
@@ -18,8 +18,8 @@ impl World<'_> {
         Ok(())
     }
 
-    /// Sends a line and returns its reply: the next line that begins with `ok` or `error` and is not a report of an
-    /// experiment.
+    /// Sends a line and returns its reply. The reply is the next line that begins with `ok` or `error`, except for
+    /// reports of experiments.
     ///
     /// # Errors
     /// There was no reply within 0.1 s, or as [`sample`](Self::sample).

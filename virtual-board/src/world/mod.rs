@@ -1,11 +1,11 @@
 //! A board in closed loop: the plant of a scene moves its encoder, and its amplifier drives the plant.
 //!
-//! The plant moves in [`STEPS`] exact steps per sample, each with the mean force of its time span. The steps end
-//! [`LEAD_S`] before the samples, and the encoder's edges are shown within that time. So a count that the program reads
-//! is the plant's position [`LEAD_S`] earlier. This delay is part of the latency.
+//! The plant moves in [`STEPS`] exact steps per sample, each with the mean force during it. The steps end [`LEAD_S`]
+//! before the samples. Within this time the encoder's edges are shown. So a count that the program reads is the plant's
+//! position [`LEAD_S`] earlier. This delay is part of the latency.
 //!
-//! If a program uses the times of the edges ([`World::with_edge_times`]), each step is as long as [`LEAD_S`]. Then each
-//! edge is shown exactly one lead after the plant was at the edge.
+//! A program may use the times of the edges ([`World::with_edge_times`]). Then each step is as long as [`LEAD_S`], and
+//! each edge is shown exactly [`LEAD_S`] after the plant has passed it.
 
 mod debugger;
 mod defects;
@@ -35,12 +35,11 @@ use crate::{
 pub const STEPS: u64 = 10;
 /// Delay from the plant to the counter, s.
 pub const LEAD_S: f64 = 2e-6;
-/// Steps of the plant per sample that have a length of [`LEAD_S`], at 10 kHz.
+/// Steps of the plant per sample if a step is as long as [`LEAD_S`], at 10 kHz.
 const FINE_STEPS: u64 = 50;
 /// Cycles from one encoder edge to the next: more than the timer's input filter needs.
 const EDGE_CYCLES: u64 = 20;
 
-/// A running board with a device on it.
 pub struct World<'a> {
     pub powered: Powered,
     plant: AnyPlant,
@@ -50,17 +49,16 @@ pub struct World<'a> {
     /// Steps per sample, and the length of a step.
     steps: u64,
     step_s: f64,
-    /// Position that A and B show, in counts with fractions, if each edge has its own time.
+    /// Position that A and B show, in counts with fractions; `None` if edges have no times of their own.
     shown: Option<f64>,
     /// Samples since the board was switched on, and steps of the present sample.
     samples: u64,
     stepped: u64,
     full_scale_n: f64,
-    /// Settings of the amplifier's current signal.
     current: CurrentSettings,
-    /// The motor's current after a filter, fraction of full scale.
+    /// The current signal after its filter, fraction of full scale.
     filtered: f64,
-    /// Position at which a hand holds the handle; the hand moves it at [`led_m_per_s`](Self::led_m_per_s).
+    /// Position at which a hand holds the handle. The hand moves it at [`led_m_per_s`](Self::led_m_per_s).
     held: Option<f64>,
     led_m_per_s: f64,
     /// Finger that pulls at the handle while no hand holds it.
@@ -69,24 +67,24 @@ pub struct World<'a> {
     swing: Option<Swing>,
     /// Whether the motor's wires are swapped.
     pub motor_reversed: bool,
-    /// The count at which A and B were swapped, if they are swapped.
+    /// The count at which A and B were swapped; `None` if they are not swapped.
     swapped_at: Option<i32>,
     /// Other defects outside the chip.
     pub defects: Defects,
-    /// Observations of each sample, if they are wanted.
+    /// Observations of each sample; `None` if nobody needs them.
     pub seen: Option<Vec<Seen>>,
     log: log::Decoder<'a>,
     /// Cycle to which the plant has moved.
     moved_to: u64,
-    /// Lines of the log since they were last taken.
+    /// Lines of the log that nobody has taken yet.
     pub lines: Vec<String>,
-    /// Replies since they were last taken.
+    /// Replies that nobody has taken yet.
     pub replies: String,
-    /// Telemetry since it was last taken.
+    /// Telemetry that nobody has taken yet.
     pub telemetry: Vec<u8>,
 }
 
-/// State of a board and its plant at one time: chip, amplifier, handle, data on the way to the host.
+/// State of a board and its plant at one time: chip, amplifier, handle, and bytes on the way to the host.
 #[derive(Clone)]
 pub struct Snapshot {
     pub mcu: mcu::Snapshot,
@@ -110,7 +108,6 @@ pub struct Snapshot {
     telemetry: Vec<u8>,
 }
 
-/// Reason why a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ended {
     /// The core locked up.
@@ -137,7 +134,7 @@ impl<'a> World<'a> {
     /// Switches a board on, with the handle held at `start_m`. The board's count starts from 0 there.
     ///
     /// # Errors
-    /// The ELF is not this firmware. Or the scene has `[jitter]`, a hand that pushes, another protocol or another
+    /// The ELF is not this firmware. Or the scene has `[jitter]`, a push by a hand, another protocol or another
     /// criterion.
     pub fn new(
         board: Board,
@@ -176,7 +173,7 @@ impl<'a> World<'a> {
             return Err("[jitter]: a board samples when it samples; leave it out".to_owned());
         }
         let hit = &scene.wall_hit;
-        // A board knows only its counts, so only the counts can be judged.
+        // A board knows only its counts. So the criterion can use only the counts.
         let judged = match hit.criterion {
             Criterion::Rms => hit.rms_of() == RmsOf::Counts,
             Criterion::Quiet => true,
@@ -225,7 +222,6 @@ impl<'a> World<'a> {
         })
     }
 
-    /// The complete present state.
     pub fn snapshot(&mut self) -> Snapshot {
         Snapshot {
             mcu: self.powered.mcu.snapshot(),
@@ -250,7 +246,7 @@ impl<'a> World<'a> {
         }
     }
 
-    /// Restores a state, in this world or in another one of the same board, program and scene.
+    /// Restores a state of this world, or of another world with the same board, program and scene.
     pub fn restore(&mut self, from: &Snapshot) {
         self.powered.mcu.restore(&from.mcu);
         self.powered.amplifier.restore(from.amplifier);
@@ -281,14 +277,14 @@ impl<'a> World<'a> {
         self.state = self.plant.at_rest(position_m);
     }
 
-    /// Moves the handle by hand from its present position at this speed.
+    /// A hand moves the handle from its present position at this speed, until it holds or releases the handle.
     pub fn lead(&mut self, speed_m_per_s: f64) {
         self.held = Some(self.position_m());
         self.led_m_per_s = speed_m_per_s;
         self.swing = None;
     }
 
-    /// Moves the handle by hand to `to_m` at 0.5 m/s, and holds it there.
+    /// A hand moves the handle to `to_m` at 0.5 m/s and holds it there.
     ///
     /// # Errors
     /// As [`sample`](Self::sample).
@@ -307,7 +303,6 @@ impl<'a> World<'a> {
         Ok(())
     }
 
-    /// Opens or closes the emergency stop.
     pub fn emergency_stop(&mut self, open: bool) {
         self.powered.mcu.set_break(open);
     }
@@ -325,7 +320,6 @@ impl<'a> World<'a> {
         self.log.begun.clear();
     }
 
-    /// Position of the handle, m.
     pub fn position_m(&self) -> f64 {
         self.plant.position_m(&self.state)
     }
@@ -341,7 +335,8 @@ impl<'a> World<'a> {
         finger.force_n(self.position_m(), self.plant.speed_m_per_s(&self.state))
     }
 
-    /// Runs one sample, or the rest of it: from [`LEAD_S`] before a sampling event to [`LEAD_S`] before the next.
+    /// Runs one sample: from [`LEAD_S`] before a sampling event to [`LEAD_S`] before the next. Completes a begun
+    /// sample.
     ///
     /// # Errors
     /// The program ended, or its log cannot be decoded.
@@ -417,13 +412,11 @@ impl<'a> World<'a> {
         true
     }
 
-    /// Swaps the encoder's channels, so that the encoder counts in the opposite direction from here on; or restores
-    /// them.
+    /// Swaps the encoder's channels, so that it counts in the opposite direction from here on, or restores them.
     pub fn swap_channels(&mut self, swapped: bool) {
         self.swapped_at = swapped.then(|| self.encoder.count(self.position_m()));
     }
 
-    /// Count that A and B show.
     fn shown_count(&self) -> i32 {
         let count = self.encoder.count(self.shown_m());
         let count = self.defects.count(count, self.samples);
@@ -441,8 +434,8 @@ impl<'a> World<'a> {
         self.sensing.shown_m(self.position_m(), 0, self.samples)
     }
 
-    /// Shows the edges of the step that ended at cycle `at`, over the `cycles` after it. The motion within a step is
-    /// taken as uniform: at 100 m/s^2 the error is 5e-11 m.
+    /// Shows the edges of the step that ended at cycle `at`, during the `cycles` after it. The speed within a step is
+    /// taken as constant: at 100 m/s^2 the error is 5e-11 m.
     fn show_edges(&mut self, before: f64, at: u64, cycles: u64) {
         let after = self.shown_place();
         self.shown = Some(after);
@@ -466,7 +459,7 @@ impl<'a> World<'a> {
         }
     }
 
-    /// Aligns the plant's steps with the samples after the first sample.
+    /// After the first sample, aligns the plant's steps with the samples.
     fn align(&mut self) {
         let Some(event) = self.powered.mcu.last_event() else { return };
         let board = self.powered.board;

@@ -1,4 +1,4 @@
-//! Named faults, and how each of them is caused without a change of the program.
+//! Named faults, and how each is caused while the program in flash stays the same.
 
 use virtual_board::{
     elf::{Elf, SAMPLE_STATE},
@@ -12,11 +12,11 @@ use super::place::{flip_word, word_at};
 /// State of board and handle when the fault begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Before {
-    /// Armed; the handle is held 0.3 mm inside the wall, at 40 % of the full force.
+    /// Armed. The handle is held 0.3 mm inside the wall, with 40 % of the full force.
     Pressed,
-    /// Armed; the handle moves to the wall, with a push of 48 %.
+    /// Armed. A push with 48 % of the full force moves the handle to the wall.
     Moving,
-    /// Off; the fault begins before `arm`, and its time is counted from enable.
+    /// Off. The fault begins before `arm`. Its time is counted from the cycle at which enable becomes active.
     Off,
 }
 
@@ -28,40 +28,34 @@ impl Before {
 pub type Begin = fn(&Elf, &mut World<'_>) -> Result<u64, Failed>;
 /// Causes the fault at once, between two outputs.
 pub type Cause = fn(&Elf, &mut World<'_>) -> Result<(), Failed>;
-/// Ends the cause of the fault.
 pub type End = fn(&mut World<'_>) -> Result<(), Failed>;
 
 /// A named fault with its expected results.
 pub struct FaultCase {
     /// Name in reports, unique among the cases.
     pub name: &'static str,
-    /// Expected fault code.
     pub code: u32,
-    /// All codes that `faults` has to list, if there are more than `code`.
+    /// All codes that `faults` must list; empty if only `code`.
     pub all: &'static [u32],
-    /// Longest time until enable is inactive, us. The output code is zero by then. If hardware alone has dropped
-    /// enable, the code is zero within one output more.
+    /// Longest time until enable is inactive, us. The output code is then zero too. If hardware alone has switched
+    /// enable off, the code is zero within one more output.
     pub limit_us: f64,
-    /// Time for which the program is halted and cannot write an output code, us.
+    /// Time for which the program is halted, us. It cannot write an output code then.
     pub halted_us: f64,
-    /// State of board and handle when the fault begins.
     pub before: Before,
-    /// Causes the fault. Returns the cycle at which it began.
     pub begin: Begin,
-    /// Causes the fault at once, between two outputs, in place of `begin`.
+    /// Replaces `begin`: causes the fault at once, between two outputs.
     pub cause: Option<Cause>,
-    /// Ends the cause of the fault.
     pub end: End,
     /// Whether `clear` is refused as long as the cause is present.
     pub stays: bool,
     /// Whether the fault ends in a reset, which clears RAM.
     pub resets: bool,
-    /// Whether the case is in the short campaign.
     pub short: bool,
 }
 
 impl FaultCase {
-    /// A case with the usual values: pressed into the wall, and only the fault `code` is expected.
+    /// A case with the default values: the handle is pressed into the wall, and only the fault `code` is expected.
     pub(super) const fn of(name: &'static str, code: u32, limit_us: f64, begin: Begin) -> Self {
         Self {
             name,
@@ -109,22 +103,22 @@ impl FaultCase {
     }
 }
 
-/// The simulation runs in samples, so an observation may be one sample old.
+/// Length of a sample. The simulation runs in samples, so an observation may be one sample old.
 const GRID_US: f64 = 100.0;
 /// Limit for a fault that the sampling task finds.
 pub const SAMPLE_US: f64 = 100.0 + GRID_US;
-/// Limit for a fault that an output finds: one output and one sample.
+/// Limit for a fault that an output finds: one output period and one sample.
 pub const RENDER_US: f64 = 1_100.0 + GRID_US;
 /// Limit for a fault that hardware handles without an instruction.
 pub const AT_ONCE_US: f64 = 1.0;
 /// Limit from a jump of the program counter to the handler's first store.
 const HANDLER_US: f64 = 2.0;
-/// Limit for the detector's interrupt, which waits for a running `render` and for the time that the logger masks.
+/// Limit for the supply detector's interrupt. It waits for a running `render`, and while the logger masks interrupts.
 pub const BROWN_OUT_US: f64 = 60.0;
-/// Limit for the watchdog at its nominal clock, and one output since it was fed.
+/// Limit for the watchdog: its time at the nominal clock, and one output period since the last feeding.
 pub const WATCHDOG_US: f64 = 51_000.0;
 
-/// Limit without the processor: the output watchdog (contract.rs), and one sample.
+/// Limit without the processor: the time of the output watchdog (contract.rs), and one sample.
 pub const OUTPUT_WATCHDOG_US: f64 = zwidth::period::OUTPUT_WATCHDOG_US as f64 + GRID_US;
 
 pub(super) const FAULT_CASES: [FaultCase; 29] = [
@@ -194,7 +188,7 @@ pub(super) const FAULT_CASES: [FaultCase; 29] = [
     FaultCase::of("late render", 20, RENDER_US, |_, world| mask_render(world, 15)),
     FaultCase::of("stuck render, 15 periods", 20, RENDER_US, |_, world| mask_render(world, 150))
         .all(&[20, 21]),
-    // `render` itself would have written 20 into the fault memory.
+    // Otherwise `render` itself would write code 20 into the fault memory.
     FaultCase::of("stuck render, for ever", 22, RENDER_US, |_, world| mask_render(world, 700))
         .resets()
         .long(),
@@ -241,7 +235,7 @@ pub(super) const FAULT_CASES: [FaultCase; 29] = [
     FaultCase::of("crystal stops", 33, AT_ONCE_US, |_, world| {
         let begun = world.powered.mcu.now();
         world.powered.mcu.kill_hse();
-        world.run(700)?; // until the watchdog's reset
+        world.run(700)?; // the watchdog resets the board in this time
         Ok(begun)
     })
     .all(&[23, 33])
@@ -260,12 +254,12 @@ pub(super) const FAULT_CASES: [FaultCase; 29] = [
     .long(),
 ];
 
-/// RAM that the program does not use; a branch to itself is written there.
+/// RAM that the program does not use. A branch to itself is written there.
 pub(super) const UNUSED: u32 = 0x2001_F000;
 pub(super) const LOOP: [u8; 2] = [0xFE, 0xE7];
 /// An address without memory.
 const NOWHERE: u32 = 0x1000_0000;
-/// Erased flash after the code. A word of ones is not an instruction.
+/// Erased flash after the code. Its words of ones are no instructions.
 const ERASED: u32 = 0x0807_0000;
 
 const fn panic(name: &'static str, begin: Begin) -> FaultCase {
@@ -302,7 +296,7 @@ pub(super) fn stop(world: &mut World<'_>) -> Result<u64, Failed> {
     Ok(begun)
 }
 
-/// The supply drops, and is restored at the end.
+/// A supply that drops, and is restored at the end.
 const fn brown_out(name: &'static str, begin: Begin) -> FaultCase {
     FaultCase::of(name, 31, BROWN_OUT_US, begin).until(recover)
 }
@@ -317,7 +311,7 @@ fn recover(world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// The firmware's position, in counts from its zero.
+/// The firmware's position, in counts from the set zero.
 fn counts(world: &mut World<'_>) -> Result<i32, Failed> {
     let status = ask(world, "status")?;
     let mut words = status.split(' ').skip_while(|word| *word != "position");
@@ -325,7 +319,7 @@ fn counts(world: &mut World<'_>) -> Result<i32, Failed> {
     count.ok_or_else(|| Failed::Refused(format!("no position in: {status}")))
 }
 
-/// Addresses of the words in which `sample` keeps the position: in the encoder and in the report of the last output.
+/// Addresses of the words in which `sample` stores the position: in the encoder, and in the report of the last output.
 /// They are found while the handle is held.
 fn position_words(elf: &Elf, world: &mut World<'_>) -> Result<Vec<u32>, Failed> {
     let (from, size) = elf.place_of(SAMPLE_STATE)?;
@@ -354,7 +348,7 @@ fn enabled_by_arm(world: &mut World<'_>) -> Result<u64, Failed> {
     Err(Failed::Refused("`arm` does not enable the amplifier".into()))
 }
 
-/// Masks `render` for `samples` samples, from just before it is due.
+/// Masks `render` for `samples` samples. The mask begins just before `render` is due.
 fn mask_render(world: &mut World<'_>, samples: u64) -> Result<u64, Failed> {
     while !world.powered.mcu.events().is_multiple_of(10) {
         world.sample()?;

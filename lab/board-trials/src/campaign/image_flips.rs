@@ -1,5 +1,5 @@
-//! Flips single bits of the program in flash, with the force on and the handle in contact. Notes what finds each flip,
-//! and the force until then.
+//! Flips single bits of the program in flash, with the force on and the handle in contact. Reports what finds each
+//! flip, and the force until then.
 
 use host_sim::error::Error;
 use seal::SEAL;
@@ -13,12 +13,11 @@ use super::{
 };
 use crate::random::Random;
 
-/// Longest pass of the check at output period 10, s. No wrong force may last longer.
+/// Longest pass of the image check at output period 10, s. No wrong force may last longer.
 pub const PASS_S: f64 = 0.2;
-/// Samples for which a flip is watched: longer than the firmware needs to find that passes do not end.
+/// Samples for which a flip is watched. The firmware needs fewer to find that passes of the check do not end.
 pub const WATCHED: u64 = LONGEST as u64 + 1_000;
 
-/// Part of the image in flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Part {
@@ -26,7 +25,6 @@ pub enum Part {
     Vectors,
     /// Instructions, and data between instructions.
     Code,
-    /// Constants.
     Constants,
     /// Initial values that are copied to RAM at boot.
     Variables,
@@ -34,12 +32,10 @@ pub enum Part {
     Record,
 }
 
-/// All parts.
 pub const PARTS: [Part; 5] =
     [Part::Vectors, Part::Code, Part::Constants, Part::Variables, Part::Record];
 
 impl Part {
-    /// Name of the part for printed results.
     pub const fn text(self) -> &'static str {
         match self {
             Self::Vectors => "vectors",
@@ -51,27 +47,24 @@ impl Part {
     }
 }
 
-/// Result of a flip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum End {
-    /// The check found the flip. Until then the force was right, except for 2 ms at most.
+    /// The check found the flip. Until then the force was wrong for 2 ms at most.
     Harmless,
-    /// The check found the flip, but the force was wrong for longer than 2 ms before.
+    /// The check found the flip, but before that the force was wrong for longer than 2 ms.
     Wrong,
     /// Something else switched the force off before the check found the flip.
     Other,
-    /// A wrong force lasted longer than a pass.
+    /// A wrong force lasted longer than a pass of the check.
     Late,
     /// Nothing found the flip.
     Unnoticed,
 }
 
-/// All results.
 pub const ENDS: [End; 5] = [End::Harmless, End::Wrong, End::Other, End::Late, End::Unnoticed];
 
 impl End {
-    /// Name of the result for printed results.
     pub const fn text(self) -> &'static str {
         match self {
             Self::Harmless => "found by the check, force right",
@@ -82,7 +75,7 @@ impl End {
         }
     }
 
-    /// Whether this result is a failure of the campaign.
+    /// Whether this result makes the campaign fail.
     pub const fn is_bad(self) -> bool {
         matches!(self, Self::Late | Self::Unnoticed)
     }
@@ -99,19 +92,16 @@ impl End {
     }
 }
 
-/// One flip.
 pub struct ImageFlip {
-    /// Part of the image with the flip.
     pub part: Part,
     /// Place and time of the flip, for printed results.
     pub what: String,
-    /// Result of the flip.
     pub end: End,
     /// Measured consequence of the flip.
     pub verdict: Verdict,
 }
 
-/// The words of the image that can flip.
+/// The words of the image in which a bit can flip.
 pub struct Image {
     /// Address ranges: first address, and the address after the last.
     spans: Vec<(Part, [u32; 2])>,
@@ -137,7 +127,7 @@ impl Image {
         Ok(Self { spans })
     }
 
-    /// The word with this number, counted over all parts.
+    /// The word with this number, counted through all parts.
     fn word(&self, mut number: u32) -> Option<(Part, u32)> {
         self.spans.iter().find_map(|&(part, [from, to])| {
             let words = (to - from) / 4;
@@ -153,7 +143,7 @@ impl Image {
     }
 }
 
-/// Runs flip `number` of a seed. Each bit has the same probability.
+/// Runs flip `number` of a seed. Each bit of the image has the same probability.
 ///
 /// # Errors
 /// The board does not reach the time of the flip.

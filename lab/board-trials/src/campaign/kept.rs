@@ -1,6 +1,6 @@
-//! Damages data that the board keeps without a supply or over a reset: backup RAM, and the settings in flash, also by
-//! power cuts. The force is off at the start and must stay off. The settings must be the defaults or settings that were
-//! saved.
+//! Damages data that survives a reset or a loss of supply: the backup RAM, and the settings in flash. Power cuts during
+//! a save are included. The force is off at the start and must stay off. The board must then use the default settings,
+//! or settings that were saved.
 
 use virtual_board::{
     board::{Board, Powered},
@@ -24,9 +24,9 @@ const SECTOR_WORDS: usize = 4096;
 /// Backup RAM, 4 KiB.
 pub(super) const BACKUP: u32 = 0x4002_4000;
 const BACKUP_WORDS: u32 = 1024;
-/// Count of random contents that are tried.
+/// Number of random contents that are tried.
 const RANDOM: usize = 16;
-/// Samples until the board has booted with any contents of flash: 12 ms at most.
+/// Samples until the board has booted. With any contents of flash it takes 12 ms at most.
 const BOOT: u64 = 150;
 
 const NO_FAULT: &str = "ok status off, fault none";
@@ -60,16 +60,15 @@ fn stored(board: Board, stiffness_n_per_m: f64) -> Stored {
     }
 }
 
-/// A record of that board's device with this stiffness.
+/// A settings record of this board's device, with this stiffness.
 fn record(world: &World<'_>, sequence: u32, stiffness_n_per_m: f64) -> [u32; RECORD_WORDS] {
     stored(world.powered.board, stiffness_n_per_m).to_words(sequence)
 }
 
-/// The board's replies after it was switched on.
+/// The board's replies after a boot.
 struct Booted {
-    /// Line with the source of the settings.
+    /// Reply that names the source of the settings.
     loaded: String,
-    /// The stiffness that the board uses.
     stiffness: String,
     status: String,
 }
@@ -84,7 +83,7 @@ impl Booted {
     }
 }
 
-/// Writes these words into the settings' sectors, erases the rest, and switches the supply off and on.
+/// Writes the words of `pieces` into the erased sectors of the settings, and switches the supply off and on.
 fn boot(world: &mut World<'_>, pieces: &[(u32, &[u32])]) -> Result<Booted, Failed> {
     for sector in [SECTOR_A, SECTOR_B] {
         world.powered.mcu.program(sector, &[0xFF; 4 * SECTOR_WORDS]);
@@ -97,7 +96,7 @@ fn boot(world: &mut World<'_>, pieces: &[(u32, &[u32])]) -> Result<Booted, Faile
     booted(world)
 }
 
-/// The board's replies after the program has started again.
+/// Waits for the boot and asks the board for its settings. Fails if the force was on.
 fn booted(world: &mut World<'_>) -> Result<Booted, Failed> {
     world.replies.clear();
     world.seen = Some(Vec::new());
@@ -116,7 +115,7 @@ fn booted(world: &mut World<'_>) -> Result<Booted, Failed> {
     Ok(Booted { loaded, stiffness, status })
 }
 
-/// Flips all bits of each byte of the newest record, with an older record and without one.
+/// Flips all bits of each byte of the newest record. This is done with an older record in flash, and without one.
 ///
 /// # Errors
 /// The board uses other settings than the older ones or the defaults, or does not report the damage.
@@ -149,10 +148,10 @@ impl Booted {
     }
 }
 
-/// The board saves, and the power is cut before, during and after each word that it writes.
+/// Cuts the power during a save: before, during and after each word that the board writes.
 ///
 /// # Errors
-/// After the cut the board has other settings than the older or the newer ones.
+/// After the cut the board uses neither the older nor the newer settings.
 pub fn cut_every_word(world: &mut World<'_>, step: usize) -> Result<usize, Failed> {
     let older = record(world, 1, 1000.0);
     let states = save(world, &older)?;
@@ -165,7 +164,7 @@ pub fn cut_every_word(world: &mut World<'_>, step: usize) -> Result<usize, Faile
     for (n, state) in states.iter().enumerate().step_by(step) {
         cuts.push((n, *state));
         if n < RECORD_WORDS {
-            // The word that was being programmed: some of its bits are already 0.
+            // Some bits of the word that is being programmed are already 0.
             for bits in [0xFFFF_0000, 0x0F0F_5A5A] {
                 let mut half = *state;
                 half[n] &= newest[n] | bits;
@@ -187,7 +186,7 @@ pub fn cut_every_word(world: &mut World<'_>, step: usize) -> Result<usize, Faile
     Ok(cuts.len())
 }
 
-/// Lets the board save. Returns the words at the record's place before, between and after all stores.
+/// Lets the board save. Returns the words at the address of the new record: before, between and after all stores.
 fn save(
     world: &mut World<'_>,
     older: &[u32; RECORD_WORDS],
@@ -217,11 +216,11 @@ fn save(
     Ok(states)
 }
 
-/// Cuts the power in an erase. The next record goes to the other sector, which is erased for it. So a cut can only
-/// damage the erased sector, which does not hold the newest record.
+/// Cuts the power in an erase. The board erases the other sector before it writes the next record there. So a cut
+/// damages only the sector without the newest record.
 ///
 /// # Errors
-/// After the cut the board has other settings than the newest ones.
+/// After the cut the board does not use the newest settings.
 pub fn cut_an_erase(world: &mut World<'_>) -> Result<usize, Failed> {
     let records = u32::try_from(SECTOR_WORDS / RECORD_WORDS).unwrap_or_default();
     let full: Vec<u32> = (0..records)
@@ -243,12 +242,12 @@ pub fn cut_an_erase(world: &mut World<'_>) -> Result<usize, Failed> {
     Ok(cuts.len())
 }
 
-/// Stores a whole record with a value that is not allowed. If the value is one of the control loop, the board uses the
-/// defaults and reports it. If the value is one of an experiment, the board may keep the other settings, and refuses
-/// the experiment.
+/// Stores a whole record with one invalid value. If the value belongs to the control loop, the board must use the
+/// defaults and report this. If it belongs to an experiment, the board may use the other settings, but must refuse the
+/// experiment.
 ///
 /// # Errors
-/// The board has other settings.
+/// The board uses other settings.
 pub fn take_what_is_not_allowed(world: &mut World<'_>) -> Result<usize, Failed> {
     const NUMBERS: [f64; 3] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
     type Put = fn(&mut Stored, f64);
@@ -300,8 +299,7 @@ fn fill_the_flash(world: &mut World<'_>) -> Result<usize, Failed> {
     Ok(RANDOM)
 }
 
-/// Fills the backup RAM with random data and resets the board. No fault may appear, and the settings must stay the
-/// same.
+/// Fills the backup RAM with random data and resets the board. No fault may appear. The settings must not change.
 fn fill_the_backup(world: &mut World<'_>) -> Result<usize, Failed> {
     let older = record(world, 1, 1000.0);
     boot(world, &[(SECTOR_A, &older)])?;

@@ -12,7 +12,7 @@ use super::{
     situation::Situation,
 };
 
-/// Full force of the motor, in the firmware's unit.
+/// Full force of the motor as the firmware stores it.
 const FULL_SCALE: u32 = 1 << 30;
 /// Part of the names of the symbols that hold the queues and the state of `render`.
 const QUEUES: &str = "queues";
@@ -29,13 +29,13 @@ pub fn memory_rows() -> Vec<Row> {
     ]
 }
 
-/// Converts a search's result to an offset from the start of the search.
+/// The index that a search has found, as `u32`. If it has found nothing, an error with the text `nothing`.
 fn found(place: Option<usize>, nothing: &str) -> Result<u32, Failed> {
     let place = place.and_then(|place| u32::try_from(place).ok());
     place.ok_or_else(|| Failed::Refused(nothing.into()))
 }
 
-/// Types each line, and calls a function on the board after each line.
+/// Types each line. Calls a function with the board after each line.
 fn after_each<T>(
     world: &mut World<'_>,
     lines: &[&str],
@@ -49,8 +49,8 @@ fn after_each<T>(
     lines.iter().map(look).collect()
 }
 
-/// Flips the motor sign. Its byte is found by changing the sign with the force off, and is then changed with the force
-/// on.
+/// Flips the motor sign. Its byte is found while the force is off, by a change of the sign. Then the byte is flipped
+/// with the force on.
 fn motor_sign(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     let (from, size) = elf.place_of(RENDER_STATE)?;
@@ -69,7 +69,7 @@ fn bytes_of(world: &World<'_>, from: u32, size: u32) -> Vec<u8> {
     bytes
 }
 
-/// Flips a bit of the running hit's push. The bit is worth half of full scale.
+/// Flips a bit of the running hit's push. This bit is half of full scale.
 fn push(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let (plan, words) = hit_plan(elf, world)?;
     let full_n = world.full_scale_n();
@@ -84,9 +84,8 @@ fn push(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Flips a bit of the word that tells whether a hit is on the way to its start or pushes. The push would then stop, and
-/// the hit would never end. The word is before the hit's plan. It has a small value during the push, and 0 or 1 on the
-/// way.
+/// Flips a bit of the word that says whether a hit moves the handle to its start or pushes. The push would then stop,
+/// and the hit would never end. The word is before the hit's plan. It is 2 during the push, and 0 or 1 before it.
 fn phase(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let pushes = words_of(elf, world, RENDER_STATE)?.1;
     let before = world.snapshot();
@@ -102,8 +101,8 @@ fn phase(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Offset of the running hit's plan in the memory of `render`, and its words. The memory holds the plan twice, one copy
-/// after the other.
+/// Offset of the running hit's plan in the memory of `render`, and the words of the plan. The memory has two copies of
+/// the plan, one directly after the other.
 fn hit_plan(elf: &Elf, world: &World<'_>) -> Result<(u32, [u32; 4]), Failed> {
     let (from, words) = words_of(elf, world, RENDER_STATE)?;
     let twice = |pair: &[u32]| {
@@ -114,9 +113,9 @@ fn hit_plan(elf: &Elf, world: &World<'_>) -> Result<(u32, [u32; 4]), Failed> {
     Ok((from + 4 * offset, [0, 1, 2, 3].map(|n| words[offset as usize + n])))
 }
 
-/// Flips a bit of the count at position 0; the bit is worth 128 counts. The word is found with the force off. It
-/// changes with each `zero` and stays the same while the handle moves. It is always the difference of two other words:
-/// last count and position.
+/// Flips a bit of the count at position 0. This bit is 128 counts. The word is found with the force off: it changes
+/// with each `zero`, but not while the handle moves. It is always the difference of two other words, the last count and
+/// the position.
 fn origin(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     let (from, _) = elf.place_of(SAMPLE_STATE)?;
@@ -148,8 +147,8 @@ fn origin(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Flips a bit of the supervisor's state. The state `armed` becomes the finished sign test, so the next output enters
-/// yet another state. The state is kept in two equal bytes: 0 while off, 1 in the sign test, 3 now.
+/// Flips a bit of the supervisor's state, which is stored in two equal bytes: 0 off, 1 sign test, 3 armed. The flip
+/// turns `armed` into the end of the sign test. So the next output enters a wrong state.
 fn state(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     let (from, size) = elf.place_of(RENDER_STATE)?;
@@ -166,12 +165,12 @@ fn state(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Changes an index of the queue of orders to the other of its two places, which holds an order that was already
-/// carried out. The index is found with the force off: it changes with each order, and only then.
+/// Flips the index of the queue of orders to its other entry, which holds an old order. The index is found with the
+/// force off: it changes with each order, and only then.
 fn order(elf: &Elf, world: &mut World<'_>) -> Result<(), Failed> {
     let before = world.snapshot();
     ask(world, "disarm")?;
-    world.run(200)?; // an experiment reports that it ended
+    world.run(200)?; // an experiment reports its end
     let (from, words) = words_of(elf, world, QUEUES)?;
     let mut seen = vec![words];
     for line in ["k 9000", "k 10000", "k 9000", "k 10000", "k 9000"] {

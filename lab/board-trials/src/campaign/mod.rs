@@ -1,13 +1,13 @@
 //! Injects faults into a board while its force is on: named faults, and random flips of single bits. Measures the time
-//! until the force is off, and what the handle does until then. docs/lab/campaigns.md has the tables.
+//! until the force is off, and the handle's motion until then. docs/lab/campaigns.md has the tables.
 //!
 //! | file | holds |
 //! |------|-------|
 //! | `fault_case`, `no_processor`, `registers`, `outside`, `memory` | named faults, and how each is caused |
-//! | `kept` | faults in the data that flash and backup RAM keep |
+//! | `kept` | faults in the data of flash and backup RAM |
 //! | `rows` | all named faults, with the time limit of each |
 //! | `situation` | free motion, full force and contact, and the force in each without a fault |
-//! | `place`, `random` | places where a bit can flip; random flips |
+//! | `place`, `random` | words and registers in which a bit can flip; random flips |
 //! | `sample_bits` | each bit of what `sample` keeps, at several cutoffs, estimators and output periods |
 //! | `image_flips` | flips in the program in flash |
 //! | `verdict` | the result of a fault |

@@ -1,5 +1,5 @@
-//! The processor, its interrupts or the sampling stop, by themselves or because a debugger halts the core. Only
-//! hardware can then switch the force off.
+//! Faults that stop the processor, its interrupts or the sampling, and halts of the core by a debugger. Only hardware
+//! can then switch the force off.
 
 use virtual_board::{
     elf::{Elf, SAMPLE_STATE},
@@ -21,11 +21,11 @@ const TIM5: u32 = 0x4000_0C00;
 const CR1: u32 = 0x00;
 const DIER: u32 = 0x0C;
 const ARR: u32 = 0x2C;
-/// The vector table's address.
+/// The register that holds the address of the vector table.
 const VTOR: u32 = 0xE000_ED08;
-/// Erased flash, where all vectors are words of ones.
+/// Erased flash. If it is used as the vector table, all vectors are words of ones.
 const ERASED: u32 = 0x0807_0000;
-/// PendSV, and the interrupt of TIM7. Neither has a task.
+/// PendSV, and the interrupt of TIM7. The firmware has no task for them.
 const PEND_SV: u16 = 14;
 const TIM7: u16 = 16 + 55;
 
@@ -64,7 +64,7 @@ pub(super) const NO_PROCESSOR: [FaultCase; 18] = [
     })
     .halted(30_000.0),
     FaultCase::of("debugger halt, 200 ms", 22, AT_ONCE_US, |_, world| {
-        // A debugger's script stops the watchdog when it connects. The program's own setting is soon in force again.
+        // A debugger's script sets the watchdog's bit when it connects. The program soon restores its own setting.
         world.powered.mcu.stop_in_halts(WATCHDOG_STOPS);
         world.run(20)?;
         halt(world, 2_000, AfterHalt::Kept)
@@ -95,7 +95,7 @@ pub(super) const NO_PROCESSOR: [FaultCase; 18] = [
         world.powered.mcu.set_registers(|registers| registers.msp = 0x10);
         Ok(())
     }),
-    // The next exception causes the fault, since it has to be stacked.
+    // The next exception causes the fault, when it stacks the registers.
     at_once("stack overrun", 42, SAMPLE_US, |elf, world| {
         world.powered.mcu.outlive_lock_up();
         let end = elf.place_of("__sheap")?.0.next_multiple_of(256);
@@ -127,7 +127,7 @@ fn halt(world: &mut World<'_>, samples: u64, moe: AfterHalt) -> Result<u64, Fail
     let halted = samples * per_sample + per_sample / 3;
     world.halt(halted, moe);
     world.sample()?;
-    // Without a reset by the watchdog, the sampling must continue at the same phase.
+    // If the watchdog does not reset the board, sampling must continue at the same phase.
     if let Some(next) = world.powered.mcu.last_event() {
         let gap = next - last - halted;
         if gap > 2 * per_sample || !gap.is_multiple_of(per_sample) {
@@ -137,18 +137,18 @@ fn halt(world: &mut World<'_>, samples: u64, moe: AfterHalt) -> Result<u64, Fail
     Ok(begun)
 }
 
-/// A case that `cause` causes at once, and that ends in a reset.
+/// A case in which `cause` causes the fault at once. The fault ends in a reset.
 const fn at_once(name: &'static str, code: u32, limit_us: f64, cause: Cause) -> FaultCase {
     let begin: Begin = |_, world| Ok(world.powered.mcu.now());
     FaultCase { cause: Some(cause), ..FaultCase::of(name, code, limit_us, begin).resets() }
 }
 
-/// A case in which no task that could switch off runs any more. At the end the watchdog resets the board.
+/// A case in which no task runs any more that could switch the force off. At the end the watchdog resets the board.
 const fn stopped(name: &'static str, cause: Cause) -> FaultCase {
     at_once(name, 22, OUTPUT_WATCHDOG_US, cause)
 }
 
-/// A case in which `DefaultHandler` switches off as soon as no task runs.
+/// A case in which `DefaultHandler` switches the force off as soon as no task runs.
 const fn unexpected(name: &'static str, cause: Cause) -> FaultCase {
     at_once(name, 45, BROWN_OUT_US, cause).all(&[23, 45])
 }
@@ -164,8 +164,8 @@ fn pend(world: &mut World<'_>, exception: u16) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Address of the word of `sample` with the number of the next due sample. Such a word grows by 10 every 10 samples; of
-/// these words, it is the one with the largest value.
+/// Address of the word of `sample` with the number of the next due sample. Several words grow by 10 every 10 samples;
+/// this word has the largest value of them.
 fn next_due(elf: &Elf, world: &mut World<'_>) -> Result<u32, Failed> {
     let (from, size) = elf.place_of(SAMPLE_STATE)?;
     let mut seen = Vec::new();

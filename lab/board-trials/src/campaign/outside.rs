@@ -1,4 +1,4 @@
-//! Faults outside the chip, at its host and in RTT's control block, and pairs of faults: the emergency stop with
+//! Faults outside the chip, at its host and in RTT's control block. Also pairs of faults: the emergency stop with
 //! another fault.
 
 use virtual_board::{
@@ -14,19 +14,20 @@ use super::{
     row::{Row, SOON_S},
 };
 
-/// Limit for an encoder whose count does not change: the check of a push without motion, and an output.
+/// Limit for an encoder whose count does not change, s: the time of the check for a push without motion, and one
+/// output.
 const STUCK_S: f64 = 0.0525;
-/// Limit for a count that moves too little: the rest of a span of 50 ms, and the next span.
+/// Limit for a count that moves too little, s: the rest of a span of 50 ms, and the next span.
 const SHORT_OF_S: f64 = 0.1025;
-/// Limit for a current that differs by a third of full scale, in the mean of 13 ms.
+/// Limit for a current that differs by a third of full scale, s, with the mean over 13 ms.
 const SENSED_S: f64 = 0.018;
 /// Samples for which the host reads nothing and sends without a pause.
 const FLOOD_SAMPLES: u64 = 4_000;
 const FLOOD_S: f64 = FLOOD_SAMPLES as f64 * 1e-4;
-/// A limit that depends on the plant alone.
+/// A limit that only the motion of the plant sets, s.
 const EVER_S: f64 = 1.3;
 
-/// All rows of this file. `current_sense`: the board measures the amplifier's current.
+/// All rows of this file. `current_sense`: whether the board measures the amplifier's current.
 pub fn outside(board: Board, current_sense: bool) -> Vec<Row> {
     let mut rows = memory_rows();
     rows.extend(everywhere());
@@ -53,7 +54,7 @@ pub fn outside(board: Board, current_sense: bool) -> Vec<Row> {
     rows
 }
 
-/// A row with a wrong count: it has an offset, follows a part of the motion, and drifts.
+/// A row with a wrong count: its offset, the fraction of the motion that it follows, and its drift.
 fn counts(name: &str, limit_s: f64, (offset, ratio, per_sample): (i32, f64, f64)) -> Row {
     Row::at_once(name, limit_s, move |_, world| {
         world.count_wrongly(offset, ratio, per_sample);
@@ -128,7 +129,7 @@ const GPIO: u32 = 0x4002_0000;
 /// Offset of up channel 1 in RTT's control block.
 const CHANNEL_1: u32 = 24 + 24;
 
-/// Simulates a host that reads nothing and sends without a pause, with every channel set to blocking.
+/// Simulates a host that reads nothing and sends without a pause. Every channel is set to blocking.
 ///
 /// # Errors
 /// The program ended.

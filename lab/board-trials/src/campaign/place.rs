@@ -1,4 +1,4 @@
-//! Places where a bit can flip: RAM that the program reads, the core's registers, the peripherals' registers.
+//! Words and registers in which a bit can flip: RAM that the program reads, registers of the core and of peripherals.
 
 use virtual_board::{
     elf::{Elf, SAMPLE_STATE},
@@ -10,11 +10,11 @@ use virtual_board::{
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Region {
-    /// Data that `sample` keeps between two samples.
+    /// Data that `sample` stores between two samples.
     Sample,
-    /// Data that `render` keeps between two outputs, without data that only telemetry and black box read.
+    /// Data that `render` stores between two outputs, without data for only telemetry and black box.
     Render,
-    /// Data that the tasks exchange.
+    /// Data that tasks pass to each other.
     Between,
     /// Statics of console, logger and RTT.
     Link,
@@ -22,9 +22,7 @@ pub enum Region {
     Other,
     /// The stack, from the stack pointer to its end.
     Stack,
-    /// Registers of the core.
     Core,
-    /// Registers of the peripherals.
     Peripheral,
 }
 
@@ -61,7 +59,7 @@ impl Region {
         symbol.map_or(Self::Other, |(name, ..)| Self::of(name))
     }
 
-    /// The region of a static with this name.
+    /// The region of a static by its symbol's name.
     fn of(symbol: &str) -> Self {
         let has = |parts: &[&str]| parts.iter().any(|part| symbol.contains(part));
         if has(&[SAMPLE_STATE]) {
@@ -78,13 +76,11 @@ impl Region {
     }
 }
 
-/// Words of RAM and bits of registers that can flip.
 pub struct Places {
-    /// Words of RAM, by region.
     words: [Vec<u32>; REGIONS.len()],
     /// Bits of the peripherals' registers that can change.
     pub bits: Vec<(u32, u8)>,
-    /// Bits of the independent watchdog's register that can change.
+    /// Bits of the independent watchdog's reload register that can change.
     pub watchdog: Vec<(u32, u8)>,
     /// Address after the last word of the stack.
     pub stack_end: u32,
@@ -130,8 +126,8 @@ const BLOCKS: [Block; 19] = [
     ("core", 0xE000_E000, &[0x10, 0x100, 0x104, 0x108, 0x200, 0x204, 0x208, 0x400, 0x424, 0x430]),
 ];
 
-/// The independent watchdog: only RLR, which a key opens for stores. PR is left out: if the divider becomes smaller
-/// than its present count, the emulator waits without end.
+/// The independent watchdog: only RLR, which needs a key for stores. PR is left out: if the new divider is smaller than
+/// the present count of the divider, the emulator never ends.
 const IWDG: Block = ("IWDG", 0x4000_3000, &[0x08]);
 /// Address of the watchdog's reload register RLR.
 pub(super) const WATCHDOG_RELOAD: u32 = 0x4000_3008;
@@ -141,11 +137,11 @@ const IWDG_OPEN: u32 = 0x5555;
 const RAM_END: u32 = 0x2002_0000;
 const AIRCR: u32 = 0xE000_ED0C;
 const AIRCR_KEY: u32 = 0x05FA_0000;
-/// Address offset from a set register of the NVIC to its clear register.
+/// Distance from a set register of the NVIC to its clear register, bytes.
 const NVIC_CLEARS: u32 = 0x80;
 
 impl Places {
-    /// The places of a board whose program has read these words.
+    /// The words and bits of a board whose program has read the words `read`.
     pub fn new(elf: &Elf, world: &mut World<'_>, read: &[u32]) -> Self {
         let stack_end = elf.address_of("_stack_start").unwrap_or(RAM_END);
         let statics = elf.address_of("__sheap").unwrap_or(stack_end);
@@ -172,14 +168,13 @@ impl Places {
         Self { words: by_region, bits, watchdog, stack_end }
     }
 
-    /// Words of a region of RAM.
     pub fn words(&self, region: Region) -> &[u32] {
         &self.words[region as usize]
     }
 }
 
-/// Flips a bit of a register. Uses the set and clear addresses of a register that has them, and the key of a register
-/// that needs one.
+/// Flips a bit of a register. If the register has separate addresses to set and clear bits, or needs a key, these are
+/// used.
 pub fn flip_register(world: &mut World<'_>, address: u32, bit: u8) {
     let mcu = &mut world.powered.mcu;
     let (was, one) = (mcu.peek(address), 1 << bit);
@@ -196,7 +191,7 @@ pub fn flip_register(world: &mut World<'_>, address: u32, bit: u8) {
     }
 }
 
-/// Address of the symbol with this name, and its words.
+/// Address and words of the symbol with this name.
 pub(super) fn words_of(
     elf: &Elf,
     world: &World<'_>,
@@ -207,20 +202,18 @@ pub(super) fn words_of(
     Ok((from, words.collect()))
 }
 
-/// A word of RAM.
 pub(super) fn word_at(world: &World<'_>, address: u32) -> u32 {
     let mut word = [0; 4];
     world.powered.mcu.read(address, &mut word);
     u32::from_le_bytes(word)
 }
 
-/// Flips a bit of RAM.
 pub(super) fn flip_word(world: &mut World<'_>, address: u32, bit: u8) {
     let flipped = word_at(world, address) ^ 1 << bit;
     world.powered.mcu.write(address, &flipped.to_le_bytes());
 }
 
-/// Count of core registers: 13 general ones, stack pointer, link register, program counter, xPSR and the masks.
+/// Number of core registers: 13 general ones, stack pointer, link register, program counter, xPSR and the masks.
 pub const CORE_REGISTERS: u8 = 20;
 
 /// Flips a bit of a core register. Returns the register's name.
@@ -250,7 +243,7 @@ pub fn flip_core(world: &mut World<'_>, register: u8, bit: u8) -> String {
     .into()
 }
 
-/// As [`flip_core`], for S0 to S31 (kind 0, and the number), FPSCR (kind 1) or CONTROL.
+/// As [`flip_core`], for S0 to S31 (kind 0, with the number `float`), FPSCR (kind 1) or CONTROL.
 pub fn flip_further(world: &mut World<'_>, (kind, float): (u8, u8), bit: u8) -> String {
     let mcu = &mut world.powered.mcu;
     match kind {
@@ -269,7 +262,6 @@ pub fn flip_further(world: &mut World<'_>, (kind, float): (u8, u8), bit: u8) -> 
     }
 }
 
-/// Name of a register.
 pub fn register_name(address: u32) -> String {
     let is = |(_, base, offsets): &&Block| {
         offsets.iter().any(|&offset| base + u32::from(offset) == address)

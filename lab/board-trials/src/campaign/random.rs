@@ -1,4 +1,4 @@
-//! Random flips of single bits: place, time and result.
+//! Random flips of single bits: where, when, and with which result.
 
 use host_sim::error::Error;
 use virtual_board::world::World;
@@ -14,25 +14,23 @@ use super::{
 use crate::random::Random;
 
 /// Longest time for which a flip is watched, samples. If the force is right at half of this time, the watch ends there.
-/// Half of this time is longer than the independent watchdog takes.
+/// The independent watchdog needs less than half of this time.
 pub const WATCHED: u64 = 1_200;
-/// Count of start times in each situation.
+/// Number of start times in each situation.
 pub const STARTS: usize = 16;
-/// Longest allowed time of a wrong force, s.
+/// Longest time for which a wrong force is allowed, s.
 const ALLOWED_S: f64 = 3e-3;
 
-/// One flip in so many of the core is in S0 to S31, FPSCR or CONTROL, each with the same probability. One flip in so
-/// many of the peripherals is in the watchdog, which has about this share of the bits. All other flips are the
-/// same as without these two shares.
+/// One in `FURTHER` flips in the core is in S0 to S31, FPSCR or CONTROL, each with the same probability. One in
+/// `WATCHDOG` flips in the peripherals is in the watchdog, whose share of the bits is about the same. The other flips
+/// do not depend on these two numbers.
 const FURTHER: u64 = 8;
 const WATCHDOG: u64 = 64;
 
 pub struct Flip {
-    /// Part of the chip's state with the flip.
     pub region: Region,
-    /// Place and time of the flip, for printed results.
+    /// Where and when the bit flips, for printed results.
     pub what: String,
-    /// Measured consequence of the flip.
     pub verdict: Verdict,
 }
 
@@ -59,7 +57,7 @@ pub fn run_to_flip(
     Ok((begun, begun - begin))
 }
 
-/// Runs flip `number` of a seed. The number selects the region and the situation in turn; the rest is random.
+/// Runs flip `number` of a seed. The number selects region and situation in turn. The rest is random.
 pub fn flip(
     world: &mut World<'_>,
     (stages, places): (&[Stage], &Places),
@@ -72,8 +70,8 @@ pub fn flip(
     let situation = if contact { Situation::Contact } else { Situation::Free };
     let stage = &stages[situation as usize];
     let start = random.one(&stage.starts);
-    // Half of the flips come at any time, mostly while the core sleeps. The other half come while the core works, so
-    // that they also reach state that is in use only then.
+    // Half of the flips come at any time, mostly while the core sleeps. The other half come while the core works. So
+    // they also reach state that is used only then.
     let working = matches!(region, Region::Core | Region::Stack) || random.below(2) == 0;
     let (begun, cycle) = run_to_flip(world, start, working, &mut random)?;
     let bit = random.small(32);

@@ -18,7 +18,6 @@ const TIM8: u32 = 0x4001_0400;
 const DMA2_STREAM1: u32 = 0x4002_6428;
 const NVIC_PRIORITIES: u32 = 0xE000_E400;
 
-/// Change of a register.
 #[derive(Clone, Copy, Debug)]
 pub enum Change {
     /// These bits are flipped.
@@ -33,13 +32,11 @@ pub struct RegisterRow {
     /// Name, as reports print it.
     pub name: &'static str,
     pub address: u32,
-    /// Change of the register.
     pub change: Change,
     /// Whether the program still runs and reports fault 43, `registers`.
     pub says: bool,
 }
 
-/// All register faults of a board.
 pub fn register_rows(board: Board) -> Vec<RegisterRow> {
     let cycles = u32::try_from(board.cycles_per_sample()).unwrap_or_default();
     let mut rows = vec![
@@ -82,7 +79,7 @@ pub fn register_rows(board: Board) -> Vec<RegisterRow> {
         ("voltage detector", 0x4000_7000, Flip(1 << 4), true),
         ("`sample` at the lowest priority", NVIC_PRIORITIES + 48, Flip(0x00E0_0000), true),
         ("`render` above `sample`", NVIC_PRIORITIES + 48, Flip(0x2000_0000), true),
-        // SysTick changes too: this is the register's value after reset.
+        // SysTick's priority changes too: the value is the register's value after reset.
         ("PendSV at the highest priority", 0xE000_ED20, Be(0), true),
         ("stack guard's region", 0xE000_EDA0, Flip(1), true),
         ("priority groups", 0xE000_ED0C, Be(0x05FA_0500), true),

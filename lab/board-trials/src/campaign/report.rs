@@ -1,4 +1,4 @@
-//! `cargo board campaign`: its options and what it prints.
+//! `cargo board campaign`: its options and its output.
 
 use std::{collections::BTreeMap, path::PathBuf, time::Instant};
 
@@ -30,19 +30,19 @@ use crate::threads::cores;
 /// Options of the fault campaign.
 #[derive(Args)]
 pub struct Campaign {
-    /// One board; both if not given.
     #[arg(long, help = format!("One board, {}; both if not given", Board::names(" or ")))]
     board: Option<String>,
     /// The firmware; built if not given.
     #[arg(long, requires = "board")]
     elf: Option<PathBuf>,
-    /// Named faults, with a comma between: words with a dash between, as `no-sample-is-due`; `all`, `none`.
+    /// Named faults, separated by commas, each with dashes between its words, such as `no-sample-is-due`; or `all`,
+    /// `none`.
     #[arg(long, value_name = "LIST", default_value = "all", value_delimiter = ',')]
     rows: Vec<String>,
-    /// So many single bits that flip at random, a board.
+    /// Number of random flips of single bits, per board.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000_000))]
     random: u64,
-    /// So many single bits that flip at random in the program in flash, in contact, a board.
+    /// Number of random flips of single bits of the program in flash, in contact, per board.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000_000))]
     image: u64,
     /// Every N-th bit that `sample` keeps, at several cutoffs, estimators and output periods; 1: every bit, 0: none.
@@ -51,16 +51,16 @@ pub struct Campaign {
     /// Only the setups with these words, as "period 1, cutoff 50" or "kalman".
     #[arg(long, value_name = "WORDS", requires = "sample_bits", default_value = "")]
     setup: String,
-    /// Which ones; the same number gives the same ones.
+    /// Seed of the random flips: the same number gives the same flips.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// The number of the first of them, to do one again.
+    /// Number of the first random flip, to run one flip again.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000_000))]
     first: u64,
-    /// The amplifier says its current: half the analogue supply at rest, 80 % of it at full command.
+    /// The board measures the amplifier's current: half the analogue supply at rest, 80 % of it at full command.
     #[arg(long)]
     current_sense: bool,
-    /// Worker threads; the results do not depend on it. Default: all cores.
+    /// Worker threads; the results do not depend on them. Default: all cores.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
     /// One JSON object on stdout, and nothing else there.
@@ -68,11 +68,11 @@ pub struct Campaign {
     pub json: bool,
 }
 
-/// Largest allowed share of flips whose wrong force stays on, and of flips that are off late.
+/// Largest allowed shares: of flips whose wrong force stays on, and of flips that are off late.
 const UNNOTICED_MOST: f64 = 1e-3;
 const LATE_MOST: f64 = 5e-3;
-/// From this count of flips on, the share itself must be below the limit. With fewer flips, the lower end of its
-/// interval must be.
+/// With at least so many flips, the share itself must be below the limit. With fewer flips, the lower end of its 95 %
+/// interval must be below the limit.
 const MANY: u64 = 10_000;
 
 #[derive(Serialize)]
@@ -95,9 +95,9 @@ struct RowJson {
     situation: Situation,
     #[serde(flatten)]
     verdict: Verdict,
-    /// Place of a random flip; null for a named fault.
+    /// Region of a random flip; null for a named fault.
     region: Option<Region>,
-    /// Reason why a named fault is never found in this situation.
+    /// Why a named fault is never found in this situation.
     reason: Option<&'static str>,
 }
 
@@ -132,13 +132,13 @@ struct PartJson {
     part: Option<Part>,
     flips: u64,
     ends: Tally<End>,
-    /// Share of flips with a wrong force until the check found the flip, with its 95 % interval.
+    /// Share of flips whose force was wrong until the check found the flip, with its 95 % interval.
     wrong: [f64; 3],
-    /// The longest time of a wrong force, s.
+    /// Longest time of a wrong force, s.
     wrong_s: f64,
-    /// Largest speed that the wrong force gives the handle, m/s.
+    /// Largest speed that a wrong force gives the handle, m/s.
     speed_m_per_s: f64,
-    /// The longest time from a flip to off, s.
+    /// Longest time from a flip to off, s.
     off_s: f64,
 }
 
@@ -154,7 +154,7 @@ struct ImageFlipJson {
     speed_m_per_s: f64,
 }
 
-/// Count of each result.
+/// Number of flips for each result.
 #[derive(Serialize)]
 pub struct Tally<K: Ord>(BTreeMap<K, u64>);
 
@@ -241,7 +241,7 @@ pub fn execute(options: &Campaign) -> Result<(), Error> {
     if wrong.is_empty() { Ok(()) } else { Err(Error::Internal(wrong.join("; "))) }
 }
 
-/// Each `add` function returns a description of the results that break a limit.
+/// Each `add` function returns texts about the results that break a limit.
 impl Json {
     fn add_rows(
         &mut self,
@@ -295,7 +295,6 @@ impl Json {
         wrong
     }
 
-    /// Adds the flips in the program in flash.
     fn add_image(
         &mut self,
         Board { name: board, .. }: Board,
@@ -347,7 +346,7 @@ pub(super) fn scene(board: Board, current_sense: bool) -> Result<NamedScene, Err
     Ok(named)
 }
 
-/// The rows that the option selects.
+/// The rows that the option `--rows` selects.
 fn chosen(board: Board, options: &Campaign) -> Result<Vec<Row>, Error> {
     let all = rows(board, options.current_sense);
     let asked: Vec<String> = options.rows.iter().map(|name| slug(name)).collect();
@@ -381,7 +380,7 @@ impl ClassJson {
 }
 
 impl RegionJson {
-    /// Describes which shares are above their limits; `None` if none is.
+    /// Text about the shares above their limits; `None` if there are none.
     fn wrong(&self) -> Option<String> {
         let much =
             |[share, low, _]: [f64; 3], most| (if self.flips < MANY { low } else { share }) > most;
@@ -396,7 +395,7 @@ impl RegionJson {
     }
 }
 
-/// A share with its 95 % interval (Wilson's).
+/// A share with its 95 % interval by Wilson's formula.
 fn share(of: u64, all: u64) -> [f64; 3] {
     const Z: f64 = 1.96;
     if all == 0 {
@@ -414,7 +413,6 @@ fn percent(share: f64) -> String {
     format!("{:.3} %", share * 100.0)
 }
 
-/// Text of a share and its interval.
 fn interval(of: [f64; 3]) -> String {
     let [share, low, high] = of.map(percent);
     format!("{share} ({low} to {high})")
@@ -511,7 +509,7 @@ mod tests {
         }
     }
 
-    /// For 0 of 10,000, Wilson's interval ends at z^2 / (n + z^2). For one half, the interval is symmetric.
+    /// For 0 of 10,000, Wilson's interval ends at z^2 / (n + z^2). For half of all, the interval is symmetric.
     #[test]
     fn a_share_has_its_interval() {
         let [share_0, low, high] = share(0, 10_000);

@@ -4,31 +4,30 @@ use virtual_board::{elf::Elf, session::Failed, world::World};
 
 use super::situation::Situation;
 
-/// Time limit of a fault that does not depend on the plant's motion, s. It includes a sample of the simulation's grid.
+/// Time limit of a fault that is found whatever the plant's motion is, s. It includes one sample of the simulation.
 pub const SOON_S: f64 = 3e-3;
 pub(super) const GRID_S: f64 = 1e-4;
 
 type Begin = dyn Fn(&Elf, &mut World<'_>) -> Result<u64, Failed> + Send + Sync;
-/// Returns the count of tried cases, or the error of one case.
+/// Returns the number of tried cases, or the first error.
 type Keeps = fn(&mut World<'_>) -> Result<usize, Failed>;
 
 /// A fault with its name and limits.
 pub struct Row {
     /// Name in reports, unique among the rows.
     pub name: String,
-    /// Causes the fault. Returns the cycle at which it began.
     pub begin: Box<Begin>,
     /// Longest time to off, s.
     pub limit_s: f64,
-    /// Reasons why the fault is never found: in free motion, and in contact.
+    /// Why the fault is never found: in free motion, and in contact.
     pub never: [Option<&'static str>; 2],
     /// Whether the force is off before the fault.
     pub from_off: bool,
-    /// The fault is injected in free motion only, since its target does not exist in contact.
+    /// Whether the fault is injected in free motion only, since what it damages does not exist in contact.
     pub only_free: bool,
-    /// The fault is not injected at the full force.
+    /// Whether the fault is not injected at the full force.
     pub not_full: bool,
-    /// Test that replaces `begin`: it damages kept data many times, with the force off.
+    /// Test that replaces `begin`: it damages stored data many times, with the force off.
     pub keeps: Option<Keeps>,
 }
 
@@ -64,34 +63,33 @@ impl Row {
         Self::of(name, limit_s, begin)
     }
 
-    /// A row that starts with the force off. The force must stay off, and kept data must be what was saved, or nothing.
+    /// A row that starts with the force off. The force must stay off. Stored data must then be as saved, or be missing.
     pub fn keeping(name: &str, keeps: Keeps) -> Self {
         Self { from_off: true, keeps: Some(keeps), ..Self::at_once(name, SOON_S, |_, _| Ok(())) }
     }
 
-    /// Marks a row that is not run in contact.
     pub fn only_free(self) -> Self {
         Self { only_free: true, ..self }
     }
 
-    /// Marks a row that is not run at the full force, because its fault would add to it.
+    /// Marks a row that is not run at the full force, because its fault would increase the force.
     pub fn not_full(self) -> Self {
         Self { not_full: true, ..self }
     }
 
-    /// Gives the reason why the fault cannot be found in free motion.
+    /// Says why the fault cannot be found in free motion.
     pub fn never_free(mut self, why: &'static str) -> Self {
         self.never[0] = Some(why);
         self
     }
 
-    /// Gives the reason why the fault cannot be found in contact.
+    /// Says why the fault cannot be found in contact.
     pub fn never_in_contact(mut self, why: &'static str) -> Self {
         self.never[1] = Some(why);
         self
     }
 
-    /// Reason why the fault cannot be found in this situation.
+    /// Why the fault cannot be found in this situation.
     pub fn reason(&self, situation: Situation) -> Option<&'static str> {
         self.never[usize::from(!situation.is_free())]
     }
@@ -106,13 +104,13 @@ impl Row {
         }
     }
 
-    /// Name of the row on the command line: words with a dash between.
+    /// Name of the row on the command line: its words with dashes between them.
     pub fn slug(&self) -> String {
         slug(&self.name)
     }
 }
 
-/// Keeps letters and digits, and replaces everything else by a dash.
+/// Replaces everything but letters and digits by a dash.
 pub fn slug(name: &str) -> String {
     let lower = name.to_lowercase();
     let words = lower.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());

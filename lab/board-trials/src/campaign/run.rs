@@ -1,4 +1,4 @@
-//! Runs faults on several threads. The results do not depend on the count of threads.
+//! Runs faults on several threads. The results do not depend on the number of threads.
 
 use host_sim::{error::Error, output::terminal::note};
 use virtual_board::{
@@ -19,10 +19,10 @@ use crate::threads::on_threads;
 /// Shortest and longest time for which a row is watched, samples.
 const LEAST: u64 = 1_200;
 const LONGEST: u64 = 13_500;
-/// Number of the start time of all rows.
+/// Index of the start time of all rows.
 const ROW_START: usize = 3;
 
-/// A board that is ready for faults.
+/// Runs of all situations without a fault, to compare faults with.
 pub struct Ground<'a> {
     session: &'a Session,
     stages: [Stage; SITUATIONS.len()],
@@ -31,7 +31,7 @@ pub struct Ground<'a> {
 }
 
 impl<'a> Ground<'a> {
-    /// Prepares a board for these rows and for flips.
+    /// Runs the situations without a fault.
     ///
     /// # Errors
     /// The board cannot be armed.
@@ -65,10 +65,10 @@ impl<'a> Ground<'a> {
         Ok(Self { session, stages, places, full_m_per_s2 })
     }
 
-    /// Results of each row in each situation.
+    /// Results of each row in each of its situations.
     ///
     /// # Errors
-    /// A fault cannot be caused, or Ctrl-C.
+    /// A fault cannot be caused, or the user pressed Ctrl-C.
     pub fn rows(
         &self,
         rows: &[Row],
@@ -142,10 +142,10 @@ impl<'a> Ground<'a> {
         Ok(measure.verdict(world))
     }
 
-    /// Results of flips in the program in flash, in contact.
+    /// Results of flips in the program in flash, in contact. `numbered`: the seed, and the number of the first flip.
     ///
     /// # Errors
-    /// The image has no checksum, or Ctrl-C.
+    /// The image has no checksum, or the user pressed Ctrl-C.
     pub fn image_flips(
         &self,
         numbered: (u64, u64),
@@ -159,10 +159,10 @@ impl<'a> Ground<'a> {
         })
     }
 
-    /// Results of `count` flips of a seed, from number `first` on.
+    /// Results of `count` flips. `numbered`: the seed, and the number of the first flip.
     ///
     /// # Errors
-    /// Ctrl-C.
+    /// The user pressed Ctrl-C.
     pub fn flips(
         &self,
         numbered: (u64, u64),
@@ -188,7 +188,6 @@ impl<'a> Ground<'a> {
     }
 }
 
-/// Samples for which a row is watched.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some thousand")]
 fn samples(row: &Row) -> u64 {
     ((row.limit_s * 1e4) as u64 + 200).clamp(LEAST, LONGEST)

@@ -1,21 +1,20 @@
-//! Situations of the handle when a fault comes, and the force in each situation without a fault.
+//! Situations of the handle at a fault, and the force in each situation without a fault.
 
 use virtual_board::{
     session::{Failed, Session, ask, ask_each},
     world::{Seen, Snapshot, World},
 };
 
-/// Situation of the handle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Situation {
     /// The motor pushes the handle to a distant wall with 48 % of full scale. No hand holds the handle.
     Free,
     /// A hand swings the handle inside a wall, 0.1 to 0.5 mm deep, at 20 Hz, whatever the force is. So the right force
-    /// is known, and a force that does not change soon becomes wrong.
+    /// is known. A force that does not change becomes wrong soon.
     Contact,
-    /// As `Free`, with the full force of the motor. The handle reaches the wall 0.14 s later at high speed. So only
-    /// faults that have to be off soon are injected, and they are watched for a short time.
+    /// As `Free`, with the full force of the motor. The handle reaches the wall after 0.14 s with a high speed. So only
+    /// faults with a short time limit are injected, and they are watched for a short time.
     Full,
 }
 
@@ -36,13 +35,13 @@ impl Situation {
         !matches!(self, Self::Contact)
     }
 
-    /// Push of the hit, N; rounded to digits that can be typed.
+    /// Push of the hit, N, rounded to the digits that can be typed.
     pub fn push_n(self, full_scale_n: f64) -> f64 {
         if self == Self::Full { (full_scale_n * 1e6).round() / 1e6 } else { PUSH_N }
     }
 }
 
-/// Amplitude of the swing, m, about a mean depth, and its frequency, Hz.
+/// Mean depth of the swing, its amplitude, m, and its frequency, Hz.
 const DEPTH_M: f64 = 0.3e-3;
 const SWING_M: f64 = 0.2e-3;
 const SWING_HZ: f64 = 20.0;
@@ -50,10 +49,9 @@ const SWING_HZ: f64 = 20.0;
 const PUSH_N: f64 = 2.835;
 /// Samples for which a fault is watched at the full force.
 pub const FULL_SAMPLES: u64 = 250;
-/// Samples that `arm` takes.
 const ARM_SAMPLES: u64 = 4_000;
 
-/// Switches on a board that continues to run when its core locks up.
+/// Switches on a board whose simulation continues after a lock-up of the core.
 pub(super) fn boot(session: &Session) -> Result<World<'_>, Failed> {
     let mut world = session.boot()?;
     world.powered.mcu.outlive_lock_up();
@@ -100,18 +98,17 @@ pub fn ready<'a>(
     }
 }
 
-/// Drops what the host has read so far.
+/// Discards what the host has read so far.
 fn forget(world: &mut World<'_>) {
     world.telemetry.clear();
     world.lines.clear();
     world.replies.clear();
 }
 
-/// A time at which a fault can come.
+/// A time for a fault.
 pub struct Start {
-    /// State of the board at this time.
     pub snapshot: Snapshot,
-    /// Count of the reference's samples before this time.
+    /// Index of this time in the forces of [`Stage`].
     pub index: usize,
     /// Cycles within the next output period at which an instruction begins.
     pub code: Vec<u64>,
@@ -127,12 +124,12 @@ pub struct Stage {
     pub read: Vec<u32>,
 }
 
-/// Samples from one start to the next. The starts are spread over the second clock's comparison, which takes 64
-/// outputs.
+/// Samples from one start to the next. The starts are spread over a comparison with the second clock, which takes
+/// 64 outputs.
 const BETWEEN: u64 = 41;
 
 impl Stage {
-    /// Runs a situation after these console lines, with `starts` starts, and `samples` samples after the last one.
+    /// Types the lines, then runs the situation with `starts` start times, and `samples` samples after the last of them.
     ///
     /// # Errors
     /// The board does not reach this situation.
@@ -168,7 +165,6 @@ impl Stage {
     }
 }
 
-/// Cycles of one output period at which an instruction begins.
 fn code(world: &mut World<'_>) -> Result<Vec<u64>, Failed> {
     let mut cycles = Vec::new();
     let end = world.powered.mcu.now() + 10 * world.powered.board.cycles_per_sample();

@@ -13,9 +13,9 @@ use super::{kept::BACKUP, row::SOON_S};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Class {
-    /// The force was right all the time.
+    /// The force was right at all times.
     NoEffect,
-    /// The force was wrong by 5 % of full scale at most, or for 2 ms at most.
+    /// The force was wrong by at most 5 % of full scale, or for at most 2 ms.
     Bounded,
     /// The force was off within the allowed time.
     OffInTime,
@@ -40,24 +40,24 @@ impl Class {
     }
 }
 
-/// Result of one fault. JSON has these fields in each row.
+/// Result of one fault. In JSON, each row has these fields.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Verdict {
     pub class: Class,
-    /// From the fault to enable inactive, s.
+    /// Time from the fault until enable is inactive, s.
     pub off_s: Option<f64>,
-    /// Time for which the force was wrong or old until it was off, s.
+    /// Time for which the force was wrong or old, s.
     #[serde(skip)]
     pub wrong_s: f64,
-    /// Speed that the handle gains until the force is off, m/s. In free motion: the increase since the fault while no
-    /// hand holds the handle. In contact: the speed of a handle that is released at the fault and driven by the wrong
-    /// part of the force, over 5 mm at most.
+    /// Speed that the handle gains until the force is off, m/s. In free motion: the increase of speed since the fault
+    /// while no hand holds the handle. In contact: the speed of an imagined handle that is released at the fault and
+    /// driven by the wrong force, over at most 5 mm.
     pub speed_m_per_s: f64,
     /// Travel of the handle until the force is off, m.
     pub travel_m: f64,
     /// Code of the fault that the board reports.
     pub code: Option<u8>,
-    /// Whether the force was on with a latched fault, or came back by itself.
+    /// Whether the force was on with a latched fault, or came back without a command.
     #[serde(skip)]
     pub on_in_fault: bool,
 }
@@ -75,7 +75,7 @@ impl Verdict {
         }
     }
 
-    /// Reason why this result is a failure; none if it is not. `reason`: why the fault cannot be found.
+    /// Why this result is a failure; `None` if it is not. `reason`: why the fault cannot be found.
     pub fn wrong(&self, reason: Option<&str>) -> Option<String> {
         let fast = self.off_s.is_some_and(|off_s| off_s <= SOON_S);
         if matches!(self.class, Class::OffLate | Class::Unnoticed) && reason.is_none() {
@@ -97,7 +97,7 @@ pub struct Measure<'a> {
     pub begun: u64,
     /// Samples for which the fault is watched if the force stays on.
     pub samples: u64,
-    /// Whether half of the samples are enough if the force is right by then.
+    /// Whether the watch ends after half of the samples if the force is right then.
     pub half_if_right: bool,
     /// The motor's force without the fault.
     pub reference: &'a [Seen],
@@ -105,10 +105,10 @@ pub struct Measure<'a> {
     pub period: u64,
     /// Whether the fault code is read from the backup RAM, since the damaged program may not report it.
     pub from_memory: bool,
-    /// Time limit until off, s. For a row it counts from the fault, since the force is wrong from then on. For a flip
-    /// it counts from the time at which the force becomes wrong or old.
+    /// Time limit until off, s. The time of a named fault counts from the fault. The time of a flip counts only while
+    /// the force is wrong or old.
     pub allowed_s: f64,
-    /// Whether all force since the fault counts as wrong, even while it is still right.
+    /// Whether the force counts as wrong from the fault on, even while it is still right.
     pub from_fault: bool,
     /// Whether no hand holds the handle.
     pub free: bool,
@@ -116,26 +116,24 @@ pub struct Measure<'a> {
     pub full_m_per_s2: f64,
 }
 
-/// Largest difference of the force that counts as zero, because of the sample grid; fraction of full scale.
+/// Largest difference of the force that counts as zero, fraction of full scale. Its cause is the grid of samples.
 const SAME: f64 = 0.01;
 /// Largest difference of the force that counts as small, fraction of full scale.
 const SMALL: f64 = 0.05;
 /// Longest time of a larger difference that still counts as bounded, s.
 pub(super) const SHORT_S: f64 = 2e-3;
-/// A force is old when it is older than the output period and this time, samples: one sample, and the time of `render`.
+/// Samples beyond the output period after which a force is old: one sample, and the time of `render`.
 const OLD: u64 = 2;
-/// Distance over which a released handle is followed, m.
 const LET_GO_M: f64 = 5e-3;
-/// Time of one sample, s.
 const SAMPLE_S: f64 = 1e-4;
 
 /// Largest allowed gain of speed since the fault, if the force is off within [`SOON_S`], m/s.
 const GAIN_MOST_M_PER_S: f64 = 0.1;
 
-/// Samples watched after off: at least, and at most while the board has not reported its fault.
+/// Smallest number of samples watched after off. `TOLD` is the largest number, if the board reports no fault.
 const AFTER: u64 = 60;
 const TOLD: u64 = 2_000;
-/// Samples watched after off if the program was damaged: an output, and the output watchdog.
+/// Samples watched after off if the program was damaged: an output period, and the time of the output watchdog.
 const AFTER_FROM_MEMORY: u64 = 30;
 
 /// Whether the force in the last 10 ms equals `right`.
@@ -146,7 +144,7 @@ fn is_right(world: &World<'_>, right: &[Seen]) -> bool {
         && last.into_iter().all(|(now, right)| (now.force - right.force).abs() <= SAME)
 }
 
-/// Fault code in the backup RAM. `None` for the code of a reset while armed, since any reset would leave it there.
+/// Fault code in the backup RAM. `None` for the code of a reset while armed, which any reset leaves there.
 fn kept_code(world: &mut World<'_>) -> Option<u8> {
     let words = std::array::from_fn(|n| {
         world.powered.mcu.peek(BACKUP + 4 * u32::try_from(n).unwrap_or_default())
@@ -155,7 +153,7 @@ fn kept_code(world: &mut World<'_>) -> Option<u8> {
     (record.fault != Fault::ResetWhileArmed).then(|| record.fault.code())
 }
 
-/// State of a fault that is watched.
+/// What the measurement has observed so far.
 #[derive(Default)]
 struct Watched {
     off_at: Option<u64>,
@@ -166,8 +164,7 @@ struct Watched {
 }
 
 impl Measure<'_> {
-    /// Runs until the force is off and the board has reported the fault, or until the watched time ends. Returns the
-    /// result.
+    /// Runs until the force is off and the board has reported the fault, or until the watched time ends.
     pub fn verdict(&self, world: &mut World<'_>) -> Verdict {
         let watched = self.watch(world);
         let seen = world.seen.take().unwrap_or_default();
@@ -179,7 +176,7 @@ impl Measure<'_> {
         let mut watched = Watched::default();
         let mut after = 0;
         for n in 1..=samples + TOLD {
-            // An unreadable log or a halted core does not end the measurement: only the force counts.
+            // An unreadable log or a halted core does not end the measurement, since only the force counts.
             let _ = world.sample();
             if n % 50 == 0 {
                 watched.listen(world, from_memory);
@@ -200,7 +197,7 @@ impl Measure<'_> {
                 None => {}
                 Some(_) if enabled => {
                     watched.listen(world, from_memory);
-                    // Without a fault code, an output was left out. The force may come back.
+                    // No fault code yet: only an output was missing, and the force may come back.
                     if watched.code.is_none() {
                         (watched.off_at, after) = (None, 0);
                     } else {
@@ -221,7 +218,7 @@ impl Measure<'_> {
         watched
     }
 
-    /// Compares the force with the reference and returns the result.
+    /// Compares the force with the reference.
     fn judge(&self, watched: &Watched, seen: &[Seen], cycles_per_sample: u64) -> Verdict {
         let hz = cycles_per_sample as f64 / SAMPLE_S;
         let (mut larger, mut other, mut stale) = (0u32, false, 0u32);

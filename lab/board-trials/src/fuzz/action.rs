@@ -1,31 +1,30 @@
-//! An action of a session on a board, and its form in a script: one action per line.
+//! An action of a session on a board. A script has one action per line.
 
 use std::{fmt, str::FromStr};
 
 use serde::{Serialize, Serializer};
 
-/// An action on a board.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
-    /// Type these lines all at once, and wait for the replies.
+    /// Type these lines at once, and wait for the replies.
     Say(String),
-    /// Type these lines. The next action comes before the replies.
+    /// Type these lines at once, and do not wait for the replies.
     Type(String),
-    /// Wait this count of samples.
+    /// Wait for this number of samples.
     Wait(u64),
-    /// Wait this count of cycles, so that the next action happens within a sample.
+    /// Wait for this number of cycles. The next action can then happen within a sample.
     Cycles(u64),
-    /// Move the handle by hand at this speed, m/s, for this count of samples; then hold it.
+    /// Move the handle by hand at this speed, m/s, for this number of samples. Then hold it.
     Lead(f64, u64),
     /// Hold the handle at its present position.
     Hold,
     /// Release the handle.
     Free,
-    /// Move the handle by this distance at once, m, and hold it.
+    /// Move the handle by this distance at once, m. Then hold it.
     Jump(f64),
     /// Open the emergency stop, or close it.
     Stop(bool),
-    /// Set the supply, mV.
+    /// Set the supply voltage, mV.
     Supply(u32),
     /// Reset the board by its reset pin.
     Reset,
@@ -100,7 +99,6 @@ impl FromStr for Action {
     }
 }
 
-/// The reverse of [`str::escape_default`].
 fn unescape(text: &str) -> Option<String> {
     let mut plain = String::new();
     let mut rest = text.chars();

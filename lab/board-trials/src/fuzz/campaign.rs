@@ -20,20 +20,19 @@ use super::{
 };
 use crate::{random::Random, threads::on_threads};
 
-/// Approximate count of commands in a session.
+/// Approximate number of commands in a session.
 const SESSION: u64 = 150;
 
 /// A session in which the board and the library differed.
 #[derive(Clone, Debug, Serialize)]
 pub struct Failure {
     pub what: String,
-    /// Number of the session.
     pub session: u64,
-    /// Count of commands of all sessions when the failure was found.
+    /// Number of commands in all sessions before the failure was found.
     pub after_commands: u64,
     /// Time until the failure was found, s.
     pub after_s: f64,
-    /// The shortest session found with the same failure.
+    /// The shortest session that was found with the same failure.
     #[serde(rename = "script")]
     pub actions: Vec<Action>,
 }
@@ -41,10 +40,8 @@ pub struct Failure {
 /// Results of all sessions of a campaign.
 #[derive(Clone, Debug, Default)]
 pub struct Outcome {
-    /// Counts of actions and observations.
     pub counts: Counts,
     pub sessions: u64,
-    /// The first failure.
     pub failure: Option<Failure>,
     /// Whether Ctrl-C has ended the campaign.
     pub interrupted: bool,
@@ -52,7 +49,7 @@ pub struct Outcome {
     pub wall_s: f64,
 }
 
-/// Runs about `commands` commands, in sessions that follow from `seed`, until a session fails.
+/// Runs about `commands` commands in random sessions, which follow from `seed`. Ends when a session fails.
 ///
 /// # Errors
 /// The board does not start.
@@ -100,7 +97,7 @@ pub fn sessions(
     Ok(all)
 }
 
-/// Runs one session of some commands. Returns its actions and its end.
+/// Runs one session with about `SESSION` commands. Returns its actions and how it ended.
 fn one(
     run: &mut Run<'_>,
     session: &Session,
@@ -108,7 +105,7 @@ fn one(
     commands: u64,
 ) -> (Vec<Action>, Result<(), End>) {
     let (device, good_mv) = (device::built_in(session.board), session.board.supply_mv);
-    // Each session begins with an output period of its own.
+    // Each session begins with its own output period.
     let mut actions = vec![Action::Say(format!("period {}", random.of(&PERIODS)))];
     if let Err(end) = run.act(&actions[0]) {
         return (actions, Err(end));
@@ -137,7 +134,7 @@ fn boot(session: &Session) -> Result<Run<'_>, Error> {
 /// Runs a session from a script.
 ///
 /// # Errors
-/// The board does not start, or Ctrl-C.
+/// The board does not start, or the user pressed Ctrl-C.
 pub fn replay(session: &Session, actions: &[Action]) -> Result<Outcome, Error> {
     let begun = Instant::now();
     let mut run = boot(session)?;
@@ -157,7 +154,7 @@ pub fn replay(session: &Session, actions: &[Action]) -> Result<Outcome, Error> {
     Ok(Outcome { counts: run.checks.counts, sessions: 1, failure, interrupted: false, wall_s })
 }
 
-/// Reads a script: one action per line. Lines with `#` are comments.
+/// Reads a script: one action per line. Lines that begin with `#` are comments.
 ///
 /// # Errors
 /// The file cannot be read, or a line is not an action.

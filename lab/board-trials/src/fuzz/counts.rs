@@ -1,5 +1,3 @@
-//! Counts of a session.
-
 use std::ops::AddAssign;
 
 use serde::Serialize;
@@ -9,11 +7,11 @@ use serde::Serialize;
 pub struct Counts {
     /// Lines that were typed.
     pub commands: u64,
-    /// Lines of the board that equal the library's.
+    /// Lines of the board that equal the library's lines.
     pub replies: u64,
-    /// Frames that equal the library's.
+    /// Frames of the board that equal the library's frames.
     pub frames: u64,
-    /// Samples at which code and enable equal the library's.
+    /// Samples at which output code and enable equal the library's.
     pub outputs: u64,
     pub faults: u64,
     /// Resets and power cycles.
@@ -21,16 +19,16 @@ pub struct Counts {
     /// Cycles of the core.
     #[serde(skip)]
     pub cycles: u64,
-    /// Commands answered with `ok`.
+    /// Commands with the reply `ok`.
     #[serde(skip)]
     pub obeyed: u64,
-    /// Commands answered with `error`.
+    /// Commands with the reply `error`.
     #[serde(skip)]
     pub refused: u64,
-    /// Outputs with the full force on.
+    /// Outputs with the full force.
     #[serde(skip)]
     pub armed: u64,
-    /// Outputs with a force other than zero.
+    /// Outputs with a nonzero force.
     #[serde(skip)]
     pub forces: u64,
 }

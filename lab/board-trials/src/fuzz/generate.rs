@@ -1,4 +1,5 @@
-//! Generates random sessions: actions of a person, a hand and the surroundings. Most of them have an effect.
+//! Generates random sessions: actions of a person, a hand and the surroundings. Most actions have an effect on the
+//! board.
 
 use zwidth::{
     console::usages,
@@ -12,7 +13,7 @@ use zwidth::{
 use super::{action::Action, oracle::is_in_image, run::Checks};
 use crate::random::Random;
 
-/// Numbers that do not suit a wall.
+/// Numbers that are not useful for a wall.
 const ODD: [&str; 16] = [
     "0",
     "-0",
@@ -34,7 +35,7 @@ const ODD: [&str; 16] = [
 const PIECES: [&str; 10] =
     ["#", "k", "\t", "\u{1b}[A", "é", "9e", "--", "hit;", "stop now", "\u{7f}"];
 
-/// State of the board that decides the next actions.
+/// State of the board, which decides the next actions.
 pub struct Situation<'a> {
     device: &'static Device<'static>,
     stored: &'a Stored,
@@ -44,7 +45,7 @@ pub struct Situation<'a> {
 }
 
 impl<'a> Situation<'a> {
-    /// The state of a board that has started.
+    /// The state of a board that has just started.
     pub fn of(checks: &'a Checks, device: &'static Device<'static>, good_mv: u32) -> Option<Self> {
         let program = checks.oracle.program()?;
         let (stored, newest) = (program.stored(), program.newest.as_ref()?);
@@ -75,7 +76,6 @@ impl<'a> Situation<'a> {
     }
 }
 
-/// The next actions of a session.
 pub fn next(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     if random.once_in(30) {
         return say("stream on");
@@ -133,7 +133,7 @@ fn armed(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     }
 }
 
-/// A hit to its end, with a wall in front of the handle.
+/// A complete hit, with a wall in front of the handle.
 fn hit(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     let wall_m = seen.position_m() + random.between(0.001, 0.006);
     let any_n = random.between(-3.0, 6.2);
@@ -153,7 +153,7 @@ fn several(random: &mut Random, seen: &Situation<'_>, most: u64) -> String {
     lines.join("\n")
 }
 
-/// Many lines without a pause, off or armed. With the force off, the output period is often changed before.
+/// Many lines without a pause, with the force off or on. With the force off, the output period is often changed first.
 fn burst(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     let mut actions = Vec::new();
     if random.once_in(2) {
@@ -169,13 +169,13 @@ fn burst(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
         _ => useful(random, seen),
     };
     let lines: Vec<String> = (0..20 + random.below(60)).map(|_| line(random)).collect();
-    // A line with `save` is left out, since writing flash takes its own time.
+    // Lines with `save` are left out, since the time of writing flash varies.
     let lines: Vec<String> = lines.into_iter().filter(|line| !line.contains("save")).collect();
     actions.push(Action::Say(lines.join("\n")));
     actions
 }
 
-/// A hand moves the handle towards the wall, or anywhere.
+/// A hand moves the handle, often towards the wall.
 fn lead(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     let target_m = match random.below(4) {
         0 => random.between(-0.03, 0.09),
@@ -198,7 +198,7 @@ fn off(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
             say(random.of(&signs))
         }
         4 => vec![Action::Say(format!("period {}", random.of(&PERIODS)))],
-        // if both signs are reversed, the board arms and pushes in the opposite direction
+        // If both signs are reversed, the board arms and pushes in the opposite direction.
         _ if stored.signs.motor_reversed != stored.signs.encoder_reversed => {
             say(random.of(&["motor +", "motor -", "encoder +", "encoder -"]))
         }
@@ -238,7 +238,7 @@ fn faulted(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     }
 }
 
-/// Actions of the surroundings: switches, supply, resets and the hand, at any cycle, also during a command.
+/// Actions of the surroundings, at any cycle, also during a command: switches, supply, resets and the hand.
 fn world(random: &mut Random, seen: &Situation<'_>) -> Vec<Action> {
     let mut actions = Vec::new();
     if random.once_in(3) {
@@ -338,7 +338,7 @@ fn any(random: &mut Random) -> String {
     let word = match form {
         "" => return name.to_owned(),
         "SAMPLES" => random.of(&["1", "2", "5", "10", "1e1", "3", "0", "-1", "1.5", "11"]),
-        // With a long time, the session's next actions would miss the time limit that `alive` sets.
+        // A long time would make the session's next actions come later than `alive` allows.
         "MS" => random.of(&["0", "0", "-1", "19", "1e5", "x", "500"]),
         "NAME" => random.of(&["", "none", "difference", "butterworth", "quiet-2", "a_b"]),
         _ if form.bytes().all(|byte| byte.is_ascii_uppercase() || byte == b'_') => random.of(&ODD),

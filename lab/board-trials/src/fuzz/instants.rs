@@ -1,6 +1,6 @@
-//! Applies stop, supply drop and reset at each instant of an output period: between every two instructions of an armed
-//! board in its wall, and at some instants of sleep. Each event must end in its own fault, with enable inactive in
-//! time.
+//! Tries stop, supply drop and reset at each instant of an output period: between every two instructions, and at some
+//! instants of sleep. The board is armed and its handle is in the wall. Each event must cause its own fault, and enable
+//! must be inactive in time.
 
 use std::time::Instant;
 
@@ -15,7 +15,6 @@ use zwidth::telemetry::Decoder;
 use super::rule;
 use crate::threads::on_threads;
 
-/// An event at the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
     /// The emergency stop opens.
@@ -26,20 +25,19 @@ pub enum Event {
     Reset,
 }
 
-/// All events with their names.
 pub const EVENTS: [(Event, &str); 3] =
     [(Event::Stop, "stop"), (Event::Supply, "supply"), (Event::Reset, "reset")];
 
-/// Cycles of sleep between two tried instants.
+/// Cycles between two tried instants while the core sleeps.
 const SLEEP: u64 = 500;
-/// Time limit of the supply's detector, s (docs/faults.md).
+/// Time limit of the supply detector, s (docs/faults.md).
 const SUPPLY_S: f64 = 60e-6;
-/// Samples within which the fault must be reported, and the longest start, samples.
+/// Samples within which the fault must be reported. `STARTED` is for a board that starts.
 const TOLD: u64 = 25;
 const STARTED: u64 = 600;
 /// A supply that is too low, mV.
 const LOW_MV: u32 = 2_000;
-/// Count of pieces of the period, which the cores share.
+/// Number of pieces of the period. The cores share the pieces.
 const PIECES: usize = 64;
 
 /// An instant with a wrong result.
@@ -54,9 +52,9 @@ pub struct Wrong {
 /// Result of a board's sweep over all instants.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Sweep {
-    /// Count of tried instants. Every event is tried at each of them.
+    /// Number of tried instants. Every event is tried at each of them.
     pub instants: u64,
-    /// Cycles of the period in which code runs. The sweep covers all of them.
+    /// Cycles of the period in which instructions run. The sweep covers all of them.
     #[serde(rename = "cycles_of_code")]
     pub cycles: u64,
     /// Cycles of the whole period.
@@ -68,7 +66,7 @@ pub struct Sweep {
     pub wrong: Vec<Wrong>,
 }
 
-/// Sweeps a board. `part`: tries only one instant in so many.
+/// Sweeps a board. With `part`, only every `part`-th instant is tried.
 ///
 /// # Errors
 /// The board does not reach the state in which the events are tried, or Ctrl-C.
@@ -115,7 +113,7 @@ fn pressed(session: &Session) -> Result<World<'_>, Error> {
     }
 }
 
-/// Tries the instants between `ends`. The period began at cycle `begin`.
+/// Tries the instants between the cycles `ends` of a period that began at cycle `begin`.
 fn stretch(world: &mut World<'_>, begin: u64, ends: [u64; 2], part: u64) -> Result<Sweep, Error> {
     let [from, to] = ends;
     let mut sweep = Sweep::default();

@@ -3,11 +3,11 @@
 //! | file | holds |
 //! |------|-------|
 //! | `action` | an action on a board, and scripts of actions |
-//! | `oracle` | the library beside the image |
+//! | `oracle` | the library, compared with the image |
 //! | `properties` | rules that do not depend on the library |
 //! | `run`, `counts` | a session and its counts |
 //! | `generate` | random sessions |
-//! | `shrink` | the shortest session that still fails |
+//! | `shrink` | the shortest session with the same failure |
 //! | `campaign` | many sessions |
 //! | `instants` | stop, supply and reset at each instant of an output period |
 //! | `report` | options and printed results |
@@ -23,7 +23,7 @@ pub mod report;
 mod run;
 mod shrink;
 
-/// Returns an error unless the rule holds.
+/// Returns the error `otherwise` unless the rule holds.
 fn rule(holds: bool, otherwise: impl FnOnce() -> String) -> Result<(), String> {
     if holds { Ok(()) } else { Err(otherwise()) }
 }

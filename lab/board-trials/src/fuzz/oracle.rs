@@ -1,6 +1,6 @@
-//! The oracle: the firmware's own library without a chip ([`CoreProgram`]), beside the image on the virtual board. The
-//! library's tasks run when the image's tasks run. They get the counts, bytes, reports and orders that the image had at
-//! that time. Then both must give the same replies, frames and outputs.
+//! The oracle: the firmware's library without a chip ([`CoreProgram`]), which runs beside the image on the virtual
+//! board. The library's tasks run when the image's tasks run. They get the counts, bytes, reports and orders that the
+//! image had then. Both must give the same replies, frames and outputs.
 
 use std::{
     collections::VecDeque,
@@ -24,30 +24,30 @@ use zwidth::{
 
 use super::{counts::Counts, rule};
 
-/// Size of the queue of reports, as on a board.
+/// Size of the queue of reports, the same as on a board.
 const REPORTS: u32 = 16;
 
 /// What the image has read and done since the last call.
 pub struct Observed {
     /// Readings of the encoder's counter.
     pub counts: Vec<u32>,
-    /// Starts of tasks. Each has the read offsets of commands and reports, and the write offset of orders.
+    /// Starts of tasks. Each has three offsets: read offset of commands, read offset of reports, write offset of
+    /// orders.
     pub entries: Vec<Entry>,
-    /// Bytes of replies.
     pub replies: Vec<u8>,
     pub telemetry: Vec<u8>,
-    /// Flash may be busy with a save.
+    /// Whether flash may be busy with a save.
     pub saves: bool,
 }
 
-/// A frame, and its values beside the outputs.
+/// The outputs and the other parts of a frame.
 #[derive(Clone)]
 struct Told {
     sequence: u32,
     /// The outputs, each with its force.
     outputs: Vec<(Record, Force)>,
     positions: Vec<Position>,
-    /// It may have waited for a save, for longer than the image keeps positions.
+    /// Whether the frame may have waited for a save, longer than the image stores positions.
     waited: bool,
     settings: Vec<Option<InForce>>,
     port: Option<Exchanged>,
@@ -55,9 +55,9 @@ struct Told {
 }
 
 impl Told {
-    /// Describes where the image differs. Two differences are allowed, since they depend on when `link` was preempted:
-    /// the sample of a key, and which of two frames has a key. A third depends on how long flash is busy: a frame that
-    /// waited for a save has no positions.
+    /// Describes how the image's frame differs. Two differences are allowed, since they depend on when `link` was
+    /// preempted: the sample of a key, and which of two frames has a key. A third difference is allowed, since it
+    /// depends on how long flash is busy: a frame that waited for a save has no positions.
     fn difference(&self, library: &Self) -> Option<String> {
         let keys = self.key.as_ref().zip(library.key.as_ref());
         let keys = keys.filter(|(key, its)| key.sample == its.sample);
@@ -75,22 +75,22 @@ impl Told {
     }
 }
 
-/// Both values if they differ: the image's and the library's.
+/// A text with both values if the image's and the library's differ.
 fn different<T: PartialEq + Debug>([image, library]: [T; 2]) -> Option<String> {
     (image != library).then(|| format!("the image tells {image:?}, the library {library:?}"))
 }
 
-/// Lines and frames that only one side has sent so far.
+/// Lines and frames of one side that are not compared yet.
 #[derive(Clone, Default)]
 struct Said {
     replies: Vec<u8>,
     decoder: Decoder,
     frames: VecDeque<Told>,
-    /// Frames to come that may have waited for a save.
+    /// Number of the next frames that may have waited for a save.
     waiting: usize,
 }
 
-/// Frames that wait at most, and those that are on their way.
+/// Largest number of frames that wait for a save, including frames on their way.
 const WAITING: usize = 64;
 
 impl Said {
@@ -115,29 +115,28 @@ impl Said {
     }
 }
 
-/// The library that runs beside the image.
 #[derive(Clone)]
 pub struct Oracle {
     device: &'static Device<'static>,
     memories: Memories,
     cause: ResetCause,
-    /// The library's program; none until the image has read its first count.
+    /// The library's program; `None` until the image has read its first count.
     program: Option<CoreProgram>,
     image: Said,
     library: Said,
     counts: VecDeque<u32>,
     entries: VecDeque<Entry>,
-    /// Bytes that the image has not read yet, and the image's read offset.
+    /// Bytes that the image has not read yet. `words` has the three offsets of the image's last entry.
     sent: VecDeque<u8>,
     words: [u32; 3],
-    /// Whether the image has also given the library's order.
+    /// Whether the image has given the same order as the library.
     given: bool,
     stop_open: bool,
     supply_low: bool,
 }
 
 impl Oracle {
-    /// An oracle for a board that is switched on for the first time.
+    /// An oracle for a board at its first power-on.
     pub fn new(device: &'static Device<'static>) -> Self {
         Self {
             device,
@@ -166,20 +165,20 @@ impl Oracle {
         self.sent.extend(bytes);
     }
 
-    /// Whether all typed bytes are read and answered.
+    /// Whether all typed bytes have been read and answered.
     pub fn is_idle(&self) -> bool {
         self.sent.is_empty()
             && self.entries.is_empty()
             && self.program.as_ref().is_some_and(|program| !program.is_waiting())
     }
 
-    /// Whether no output is running, so that an event now happens between two outputs.
+    /// Whether no output is running. An event now happens between two outputs.
     pub fn is_between_outputs(&self) -> bool {
         !self.entries.iter().any(|entry| entry.exception != LINK)
             && self.program.as_ref().is_none_or(|program| program.due.is_none())
     }
 
-    /// Restarts the library when the board restarts.
+    /// Restarts the library, after a restart of the board.
     pub fn reset(&mut self, cause: ResetCause) {
         let Self { device, stop_open, supply_low, .. } = *self;
         let mut memories = self.program.as_mut().map_or(self.memories, CoreProgram::memories);
@@ -189,7 +188,6 @@ impl Oracle {
         *self = Self { memories, cause, stop_open, supply_low, ..Self::new(device) };
     }
 
-    /// Opens or closes the emergency stop.
     pub fn emergency_stop(&mut self, open: bool) {
         self.stop_open = open;
         self.program.iter_mut().for_each(|program| program.emergency_stop(open));
@@ -201,10 +199,10 @@ impl Oracle {
         self.program.iter_mut().for_each(|program| program.supply(low));
     }
 
-    /// Follows the image. Its command channel has `size` bytes.
+    /// Follows the image. The image's command channel has `size` bytes.
     ///
     /// # Errors
-    /// The image has done something else than the library.
+    /// The image has done something different from the library.
     pub fn follow(
         &mut self,
         observed: Observed,
@@ -255,7 +253,7 @@ impl Oracle {
         Ok(())
     }
 
-    /// Runs the next task, which is not `link`. Returns whether it could run.
+    /// Runs the next task if it is not `link`. Returns whether its inputs are known.
     fn preempt(&mut self, program: &mut CoreProgram) -> Result<bool, String> {
         match self.entries.front().map(|entry| entry.exception) {
             Some(SAMPLE) => {
@@ -271,7 +269,7 @@ impl Oracle {
         Ok(true)
     }
 
-    /// Runs `link`, and the tasks that preempted it: the next `inside` entries after its own.
+    /// Runs `link` and the tasks that preempted it: the next `inside` entries.
     fn link(&mut self, program: &mut CoreProgram, inside: usize, size: u32) -> Result<(), String> {
         let Some(end) = self.entries.get(inside + 1).map(|entry| entry.words) else {
             return Ok(());
@@ -293,7 +291,7 @@ impl Oracle {
         })
     }
 
-    /// Runs `link` as far as the image has run it.
+    /// Runs `link` to the point at which the image had the offsets `words`.
     fn catch_up(
         &mut self,
         program: &mut CoreProgram,
@@ -315,7 +313,7 @@ impl Oracle {
         Ok(())
     }
 
-    /// Compares the bytes of both sides.
+    /// Compares replies and frames of both sides.
     fn compare(&mut self, counts: &mut Counts) -> Result<(), String> {
         let Self { image, library, .. } = self;
         while let (Some(said), Some(meant)) = (line(&image.replies), line(&library.replies)) {
@@ -339,7 +337,7 @@ impl Oracle {
         Ok(())
     }
 
-    /// Compares the hardware's outputs with the library's, while no task runs: codes from zero, and enable.
+    /// Compares the hardware's output code from zero, and enable, with the library's. No task may be running.
     ///
     /// # Errors
     /// The outputs differ.
@@ -348,7 +346,7 @@ impl Oracle {
             return Ok(());
         };
         let (output, active) = (program.output().unwrap_or_default(), program.is_enabled());
-        // While the output is off, the register's remaining value gives no force.
+        // While the output is off, the value that remains in the register gives no force.
         let is_same = active == enabled && (code == output || !enabled && code == 0);
         rule(program.due.is_some() || is_same, || {
             format!(
@@ -357,10 +355,10 @@ impl Oracle {
         })
     }
 
-    /// Checks that both sides have sent the same, after all typed lines are answered.
+    /// Checks that both sides have sent the same, after all typed lines were answered.
     ///
     /// # Errors
-    /// A side has sent less.
+    /// One side has sent less.
     pub fn is_complete(&self) -> Result<(), String> {
         let waiting = [&self.image, &self.library]
             .map(|said| (String::from_utf8_lossy(&said.replies), said.frames.len()));
@@ -370,7 +368,7 @@ impl Oracle {
     }
 }
 
-/// Ends a run of `link`, with the bytes that the image has read in it.
+/// Ends a run of `link`, with the bytes that the image has read during it.
 fn pass(program: &mut CoreProgram, bytes: &mut Option<Vec<u8>>) {
     if let Some(bytes) = bytes.take() {
         program.channels().typed.extend(&bytes);
@@ -383,18 +381,18 @@ fn line(bytes: &[u8]) -> Option<usize> {
     bytes.iter().position(|byte| *byte == b'\n').map(|at| at + 1)
 }
 
-/// Replies that list parts of a build, and the separators of their items.
+/// Replies that list parts of a build. Each has its beginning and the separator of its items.
 const LISTS: [(&str, &str); 2] = [("ok help, ", ", "), ("error: unknown estimator, allowed ", " ")];
-/// Numbers of the estimators in every build.
+/// Numbers of the estimators that are in every build.
 const EVERYWHERE: RangeInclusive<u32> = 1..=5;
 
-/// Whether the image has an item of the library's lists. The library has all estimators and their commands.
+/// Whether the image also has this item of the library's list. The library has all estimators and their commands.
 pub fn is_in_image(item: &str) -> bool {
     let tunes = item.strip_prefix("tuning").is_some_and(|number| number >= "3");
     !tunes && item.parse::<EstimatorName>().map_or(true, |name| EVERYWHERE.contains(&name.id()))
 }
 
-/// Whether the image's line equals the library's, except for the commit and the lists of the build.
+/// Whether the image's line equals the library's, apart from the commit and the lists of the build.
 fn is_same(said: &str, meant: &str) -> bool {
     let around = |text: &str| -> Option<[String; 3]> {
         let (before, rest) = text.split_once(", commit ")?;

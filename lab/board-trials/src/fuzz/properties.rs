@@ -11,23 +11,23 @@ use super::{counts::Counts, oracle::Observed, rule};
 
 /// Longest time from one feeding of the watchdog to the next, ms.
 const FED_MS: u64 = 20;
-/// Samples in which a line must be answered, including earlier lines and an erase of flash.
+/// Samples within which a line must be answered. They include earlier lines and an erase of flash.
 const ANSWER: u64 = 3_000;
 const LINE: u64 = 200;
 const SAVED: u64 = 25_000;
-/// Highest supply that counts as low, mV. Sessions set no voltage between it and the board's lowest normal supply.
+/// Highest voltage of a low supply, mV. Sessions set no voltage between it and the lowest normal supply of the board.
 const LOW_MV: u32 = 2_800;
 
 /// State of the rules.
 #[derive(Clone, Debug, Default)]
 pub struct Properties {
-    /// Count of lines without a reply, and samples since the last line.
+    /// Number of lines without a reply. `waited` is the number of samples since the first of them.
     asked: u64,
     waited: u64,
-    /// Whether one of these lines is `arm` or `save`.
+    /// Whether `arm` is one of these lines. `saves` is the same for `save`.
     arms: bool,
     saves: bool,
-    /// Whether the board has obeyed `arm`, and no `disarm` since.
+    /// Whether the board has obeyed `arm`, and no `disarm` after it.
     armed: bool,
     pub stop_open: bool,
     pub supply_mv: u32,
@@ -37,7 +37,6 @@ pub struct Properties {
     decoder: Decoder,
     sequence: Option<u32>,
     line: String,
-    /// The last frame of an output.
     pub frame: Option<Frame>,
 }
 
@@ -57,7 +56,7 @@ impl Properties {
         self.saves |= word.eq_ignore_ascii_case("save");
     }
 
-    /// Notes a commanded restart of the board.
+    /// Notes a restart of the board by a session.
     pub fn reset(&mut self) {
         let Self { stop_open, supply_mv, resets, .. } = *self;
         *self = Self { stop_open, resets: resets + 1, ..Self::new(supply_mv) };
@@ -196,7 +195,7 @@ impl Properties {
     }
 }
 
-/// The hardware's output, in codes from zero.
+/// Output of the hardware, in codes from zero.
 pub fn output_code(world: &World<'_>) -> i32 {
     let [magnitude, sign, dac] = world.powered.mcu.force_registers().map(u32::cast_signed);
     match world.powered.board.wiring.force {
@@ -206,7 +205,7 @@ pub fn output_code(world: &World<'_>) -> i32 {
     }
 }
 
-/// Whether a line is an experiment's own report: it begins with the name of the experiment's command.
+/// Whether a line is a report of an experiment: it begins with the name of the experiment's command.
 fn is_report(line: &str) -> bool {
     ["hit", "walk", "pulses", "calibrate"].iter().any(|name| {
         line.starts_with(&format!("ok {name} ")) || line.starts_with(&format!("error: {name}: "))

@@ -1,4 +1,4 @@
-//! `cargo board fuzz`: its options and what it prints.
+//! `cargo board fuzz`: its options and its output.
 
 use std::path::PathBuf;
 
@@ -29,16 +29,17 @@ pub struct Fuzz {
     /// The firmware; built if not given.
     #[arg(long)]
     elf: Option<PathBuf>,
-    /// Which sessions; the same number gives the same ones.
+    /// Seed of the sessions: the same number gives the same sessions.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Commands in all, or a few more.
+    /// Total number of commands; the last session may add a few.
     #[arg(long, default_value_t = 2_000, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
     commands: u64,
-    /// Run this session, as a failing one was printed.
+    /// Run the session in this file. A failing session is printed in the same form.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["seed", "commands"])]
     script: Option<PathBuf>,
-    /// In place of sessions: stop, supply and reset between every two instructions of an output period, and asleep.
+    /// In place of sessions: stop, supply drop and reset between every two instructions of an output period, and in
+    /// sleep.
     #[arg(long, conflicts_with_all = ["seed", "commands", "script"])]
     instants: bool,
     /// One JSON object on stdout, and nothing else there.
@@ -69,9 +70,9 @@ struct SweepJson {
 /// Runs the campaign.
 ///
 /// # Errors
-/// Bad input, a difference, or Ctrl-C.
+/// Bad input, a difference, or the user pressed Ctrl-C.
 pub fn execute(options: &Fuzz) -> Result<(), Error> {
-    // The board's own scene, for which the image is built.
+    // The board's own scene, for which its image is built.
     let actions = options.script.as_ref().map(|path| campaign::script(path)).transpose()?;
     let board = Board::asked(&options.board)?;
     let session = Session::open(board, options.elf.as_ref(), NamedScene::load(board.name)?)?;

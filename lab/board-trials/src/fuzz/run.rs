@@ -1,4 +1,4 @@
-//! A session: actions on a board. Everything that the board sends and outputs is checked by the library and the rules.
+//! A session: actions on a board. The library and the rules check everything that the board sends and outputs.
 
 use host_sim::interrupt;
 use virtual_board::{
@@ -19,9 +19,9 @@ use super::{
 /// Why a session ended early.
 #[derive(Clone, Debug, PartialEq)]
 pub enum End {
-    /// The board did something else than the library, or broke a rule.
+    /// The board differed from the library, or broke a rule.
     Difference(String),
-    /// Ctrl-C has ended the session.
+    /// The user pressed Ctrl-C.
     Interrupted,
 }
 
@@ -31,40 +31,39 @@ impl From<Ended> for End {
     }
 }
 
-/// Samples in which the library must have sent what the image has sent, after every line is answered.
+/// Samples within which the library must have sent the same as the image, after every line was answered.
 const LATE: u64 = 400;
 /// Cycles within which a low supply must disable the amplifier: 60 us (docs/faults.md).
 const DETECTED: u64 = 10_000;
-/// Symbol of the data that the tasks share, in the compiler's layout. The queue of orders is at the end, with a known
-/// size; the queue of reports is before it. Each queue ends with its read and write positions.
+/// Symbol of the data that the tasks share, in the compiler's layout. The queue of orders is at the end and has a known
+/// size. The queue of reports is before it. Each queue ends with its read and write offsets.
 const QUEUES: &str = "init_queues";
 const ORDERS: u32 = 312;
 /// Samples that a board needs to start.
 const BEGIN: u64 = 1_000;
 
-/// Checks of a board, and the hand at its handle.
+/// State of the checks of a board, and of the hand at its handle.
 #[derive(Clone)]
 pub struct Checks {
     pub oracle: Oracle,
     pub properties: Properties,
     pub counts: Counts,
-    /// Observations of library and rules. They are counted when an action has ended.
+    /// Observations of library and rules. They are added to the counts when an action has ended.
     seen: Counts,
     pub held: bool,
     samples: u64,
 }
 
-/// A board and its checks.
 pub struct Run<'a> {
     world: World<'a>,
     pub checks: Checks,
 }
 
 impl<'a> Run<'a> {
-    /// A board that was just switched on, with the handle at rest.
+    /// A board that has just been switched on, with the handle at rest.
     ///
     /// # Errors
-    /// The board sends something else than expected.
+    /// The board sends something unexpected.
     pub fn boot(session: &'a Session) -> Result<Self, End> {
         let scene = &session.scene.scene;
         let rest_m = scene.device.rest_position_m;
@@ -101,7 +100,7 @@ impl<'a> Run<'a> {
     /// Runs one action.
     ///
     /// # Errors
-    /// The board does something else than expected, or Ctrl-C.
+    /// The board does something unexpected, or the user pressed Ctrl-C.
     pub fn act(&mut self, action: &Action) -> Result<(), End> {
         let begun = self.world.powered.mcu.now();
         match action {
@@ -184,7 +183,7 @@ impl<'a> Run<'a> {
         self.checks.held = held;
     }
 
-    /// Types lines. Bytes without room in the channel wait.
+    /// Types lines. Bytes for which the channel has no room wait.
     fn send(&mut self, text: &str) -> Result<(), End> {
         self.probe()?;
         for line in text.split(['\n', '\r']).filter(|line| !line.trim_ascii().is_empty()) {
@@ -223,7 +222,7 @@ impl<'a> Run<'a> {
         Err(End::Difference("the program does not begin".into()))
     }
 
-    /// Runs until no output is running, where an event has only one effect. `--instants` tries the other times.
+    /// Runs until no output is running. An event then has only one possible effect. `--instants` tries the other times.
     fn between_outputs(&mut self) -> Result<(), End> {
         self.probe()?;
         loop {
@@ -267,7 +266,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Reads and checks the board's output.
+    /// Reads what the board has sent, and checks it.
     fn probe(&mut self) -> Result<(), End> {
         self.world.probe()?;
         self.world.lines.clear();

@@ -1,5 +1,5 @@
-//! Finds the shortest session with the same failure. It leaves out pieces, large ones first, as long as the failure
-//! stays.
+//! Finds the shortest session with the same failure. It leaves out pieces of the session, large ones first, if the
+//! session still fails without them.
 
 use std::time::{Duration, Instant};
 
@@ -11,7 +11,6 @@ use super::{
     run::{Checks, End, Run},
 };
 
-/// State of a board before an action.
 type Before = (Snapshot, Checks);
 
 /// Time limit of the search.
@@ -23,14 +22,14 @@ fn kind(what: &str) -> String {
     what.split_whitespace().filter(word).take(8).collect::<Vec<_>>().join(" ")
 }
 
-/// A failing session; each action has the state of the board before it.
+/// A failing session, with the state of the board before each action.
 struct Failing {
     actions: Vec<Action>,
     before: Vec<Before>,
     what: String,
 }
 
-/// Runs `actions` from the last state in `before`. Returns whether they fail in the same way.
+/// Runs `actions` from the last state of `before`. Returns whether they fail in the same way.
 fn fails(
     run: &mut Run<'_>,
     mut before: Vec<Before>,
@@ -59,7 +58,7 @@ fn fails(
     }
 }
 
-/// The shortest session found that starts at `start` and fails as `actions` do, and its failure.
+/// The shortest session from `start` that fails like `actions`, and its failure.
 pub fn shrink(
     run: &mut Run<'_>,
     start: &Before,
@@ -69,7 +68,7 @@ pub fn shrink(
     let begun = Instant::now();
     let like = kind(&what);
     let Some(mut best) = fails(run, vec![start.clone()], &actions, &like) else {
-        return (actions, what); // it does not fail again: return the original session
+        return (actions, what); // it does not fail again
     };
     let mut size = best.actions.len().div_ceil(2);
     while size > 0 {

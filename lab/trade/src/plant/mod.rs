@@ -2,15 +2,15 @@
 //!
 //! | what | how |
 //! |------|-----|
-//! | trajectory | the commands of one wall hit inside the boundary are replayed; largest distance from the reference's position |
-//! | verdicts | hits at one and two steps of K on both sides of the boundary: number of verdicts that differ from the reference's |
-//! | boundary | area of the walks from two starts on a grid [`COARSER`] times the scene's, compared with the reference's |
-//! | cost | tried steps (an adaptive method repeats some, an event takes several) times the additions and multiplications of a step, per simulated second |
+//! | trajectory | the commands of one wall hit inside the boundary are replayed. The result is the largest distance from the reference's position |
+//! | verdicts | number of verdicts that differ from the reference's, for hits at one and two steps of K on both sides of the boundary |
+//! | boundary | area of the walks from two starts, compared with the reference's. The grid is [`COARSER`] times as coarse as the scene's |
+//! | cost | tried steps times the additions and multiplications of a step, per simulated second. An adaptive method repeats some steps, and an event takes several |
 //!
 //! The reference is the exact step. On a non-linear plant the reference is the adaptive method with its smallest
 //! tolerance. At the boundary a hit is chaotic. So a second reference starts [`NUDGE_COUNTS`] away, as the repeats of a
-//! sweep do. Its changes of verdicts and area are reported too. A method with smaller changes does not change the
-//! answer.
+//! sweep do. The verdicts and the area that change by this are reported too. A method with smaller changes gives the
+//! same answer as the reference.
 
 mod replay;
 
@@ -31,21 +31,20 @@ use crate::{
     study::{sweep::start_offset_counts, walk::walk},
 };
 
-/// Steps of K and B, in steps of the scene's walk.
+/// Steps of K and B, as multiples of the steps in the scene's walk.
 pub const COARSER: f64 = 4.0;
 /// Number of starts of the walks.
 const REPEATS: u32 = 2;
-/// Number of points of the boundary, and distances of the compared hits from each point, in steps of K.
+/// Number of points of the boundary. `BESIDE` are the distances of the compared hits from each point, in steps of K.
 const POINTS: usize = 8;
 const BESIDE: [f64; 4] = [-2.0, -1.0, 1.0, 2.0];
-/// Change of the reference's start to show the effect of chaos, counts.
+/// Change of the reference's start, counts. It shows the effect of chaos.
 pub const NUDGE_COUNTS: f64 = 0.25;
 /// Numbers of equal steps per sample.
 const STEPS: [u32; 6] = [1, 2, 5, 10, 20, 50];
-/// Relative tolerances, and absolute tolerances of positions, m.
+/// Pairs of a relative tolerance and an absolute tolerance of positions, m.
 const TOLERANCES: [[f64; 2]; 4] = [[1e-3, 1e-9], [1e-6, 1e-12], [1e-9, 1e-15], [1e-12, 1e-18]];
 
-/// A method to advance the plant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Method {
     /// Exact, by the matrix exponential.
@@ -54,7 +53,7 @@ pub enum Method {
 }
 
 impl Method {
-    /// All methods that a scene can ask for. The reference is the first.
+    /// All methods that a scene can have. The first is the reference.
     pub fn all(scene: &Scene) -> Vec<Self> {
         let adaptive =
             TOLERANCES.iter().rev().map(|&[relative_tolerance, absolute_tolerance_m]| {
@@ -105,7 +104,7 @@ impl Method {
     }
 
     /// Additions and multiplications of one step of a linear plant with `states` states. For the exact method, a step
-    /// is a whole sample. Operations of non-linear elements are not counted.
+    /// is a whole sample. Operations of non-linear elements are not included.
     pub fn operations(self, states: usize) -> f64 {
         #[expect(clippy::cast_precision_loss, reason = "2 to 7")]
         let n = states as f64;
@@ -131,7 +130,7 @@ pub struct PlantMeasured {
     pub verdicts_wrong: usize,
     /// Mean area, N^2 s/m^2.
     pub area: f64,
-    /// Relative change of the area from the reference's.
+    /// Relative difference of the area from the reference's.
     pub area_change: f64,
     /// Tried steps per sample; one for the exact step.
     pub steps_per_sample: f64,
@@ -144,11 +143,10 @@ pub struct PlantMeasured {
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlantRow {
     pub method: Method,
-    /// Measured values, or the reason why the method is refused.
+    /// The values, or the reason why the method is refused.
     pub measured: Result<PlantMeasured, String>,
 }
 
-/// The plant part of a trade.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plants {
     /// One row per method, the reference first.
@@ -165,7 +163,7 @@ pub struct Plants {
     pub area_chaotic: f64,
 }
 
-/// The scene's estimator. If it has a cutoff, the cutoff is in the middle of the scene's sweep.
+/// The scene's estimator. Its cutoff, if it has one, is in the middle of the scene's sweep.
 pub fn filter(scene: &Scene) -> VelocitySettings {
     let cutoffs = &scene.sweep.cutoffs_hz;
     scene.velocity.at(cutoffs[cutoffs.len() / 2])
@@ -180,7 +178,7 @@ struct Reference<'a> {
     recorded: Recorded,
 }
 
-/// Measures all methods. `done` is called once at the beginning, and after each method.
+/// Measures all methods. `done` is called once at the start, and after each method.
 ///
 /// # Errors
 /// The handle does not reach the wall, or `stop` was set.
@@ -230,7 +228,7 @@ pub fn measure(
     let (expected, nudged, area) = (expected?, nudged?, area?);
     let area_chaotic = area_nudged? / area - 1.0;
     done();
-    // The last methods have the most steps and take longest, so they start first.
+    // The last methods have the most steps and take longest. So they start first.
     let rows: Vec<Result<PlantRow, Error>> = methods
         .par_iter()
         .rev()
@@ -306,7 +304,7 @@ impl Reference<'_> {
         self.hits.par_iter().with_max_len(1).map(verdict).collect()
     }
 
-    /// Mean area over the starts.
+    /// Mean area over all starts.
     fn area(&self, method: Method, nudge_counts: f64) -> Result<f64, Error> {
         let mut scene = method.scene(self.scene);
         scene.walk.stiffness_step_n_per_m *= COARSER;
@@ -344,7 +342,7 @@ mod tests {
         Method::Integrated(Integrator::Rk4 { steps_per_sample })
     }
 
-    /// A latency that is no whole number of samples splits the steps.
+    /// With a latency that is no whole number of samples, steps are split.
     #[test]
     fn the_commands_of_a_hit_give_the_reference_the_same_hit() {
         let mut scene = NamedScene::load("paper-1um").unwrap().scene;
@@ -369,7 +367,7 @@ mod tests {
             let replayed = recorded.replay(&rk4(steps).plant(&scene));
             assert_eq!(replayed.steps, u64::from(steps) * 60_000);
         }
-        // An adaptive method repeats some steps, and needs more steps for a smaller error.
+        // An adaptive method repeats some steps. It needs more steps for a smaller error.
         let adaptive = |tolerance: f64| {
             let method = Method::Integrated(Integrator::DormandPrince {
                 relative_tolerance: tolerance,

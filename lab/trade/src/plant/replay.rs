@@ -7,17 +7,15 @@ use crate::{
     simulation::prepared::{HitError, PreparedScene, WallHit},
 };
 
-/// A hit with the reference method: positions of the handle, and commands.
+/// A hit with the reference method: the positions of the handle, and the commands.
 #[derive(Clone, Debug)]
 pub struct Recorded {
     start_m: f64,
-    /// Position at each sample, m.
     positions_m: Vec<f64>,
-    /// Command that takes effect within a sample, N. `None` if there is no such command.
+    /// Command that takes effect within each sample, N. `None` if there is none.
     commands_n: Vec<Option<f64>>,
 }
 
-/// Result of a replay on another plant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Replayed {
     /// Largest distance from the recorded position, m.
@@ -28,7 +26,7 @@ pub struct Replayed {
 }
 
 impl Recorded {
-    /// Runs a whole hit with the core, and records it.
+    /// Runs a whole hit with the core and records it.
     pub fn new(prepared: &PreparedScene, hit: &WallHit) -> Result<Self, HitError> {
         let samples = (prepared.plan().settle + prepared.plan().window) as usize;
         #[expect(
@@ -66,9 +64,9 @@ impl Recorded {
         Replayed { error_m, steps: plant.steps(&state), samples }
     }
 
-    /// Time of the plant alone on this machine, ns per sample. The time differs from run to run.
+    /// Time of the plant alone on this machine, ns per sample. It differs from call to call.
     pub fn host_ns(&self, plant: &AnyPlant) -> f64 {
-        const RUNS: u32 = 3; // the result is the least of the runs
+        const RUNS: u32 = 3; // the smallest time counts
         let timed = |_| each_plant!(plant, plant => self.timed(plant));
         (0..RUNS).map(timed).fold(f64::INFINITY, f64::min)
     }
@@ -87,7 +85,7 @@ impl Recorded {
     }
 }
 
-/// Advances by one sample. `command_n`, if any, takes effect within the sample.
+/// Advances the plant by one sample. `command_n`, if any, takes effect within the sample.
 #[inline]
 fn advance<P: Plant>(
     plant: &P,

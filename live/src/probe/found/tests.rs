@@ -1,4 +1,4 @@
-//! Tests with lists of simulated probes, and with the fake probe of probe-rs.
+//! Tests with lists of simulated probes, and with the simulated probe of probe-rs.
 
 use std::fmt;
 
@@ -111,7 +111,7 @@ fn the_chips_of_all_boards_are_known() {
     }
 }
 
-/// The fake probe has a core that can be halted, and memory that reads as zero.
+/// The simulated probe has a core that can be halted, and memory that reads as zero.
 #[test]
 fn a_core_that_is_attached_runs_and_its_memory_is_looked_into() {
     let probe = FakeProbe::with_mocked_core().into_probe();

@@ -1,4 +1,4 @@
-//! Tests the library in closed loop with the commands of a real board.
+//! Tests the library in closed loop, with the commands of a real board.
 
 use super::*;
 use crate::{
@@ -37,7 +37,7 @@ impl Bench {
     }
 }
 
-/// The library's own hit gives the simulator's verdict and place, and every frame is complete.
+/// The library's own hit gives the verdict and the position of the simulator's hit, and every frame is complete.
 #[test]
 fn a_hit_is_the_simulators() {
     let mut bench = Bench::new("nucleo-f446re");
@@ -52,7 +52,7 @@ fn a_hit_is_the_simulators() {
     let line = bench.ask("hit", "ok hit ", 10_000);
     assert!(line.starts_with("ok hit stable, rms "), "{line}");
     let mean = line.split("mean ").nth(1).unwrap().split(' ').next().unwrap();
-    // At rest, the push of 1 N less the force of the device's spring bends the wall.
+    // At rest, the wall is compressed by the push of 1 N minus the force of the device's spring.
     let mean_m: f64 = mean.parse().unwrap();
     assert!((0.0701..0.0706).contains(&mean_m), "{line}");
     assert!(bench.ask("hit", "ok hit ", 10_000).starts_with("ok hit stable"), "again");
@@ -63,7 +63,7 @@ fn a_hit_is_the_simulators() {
     assert!(frames > 100 && decoder.garbage == 0, "{frames} {}", decoder.garbage);
 }
 
-/// The stop removes the force and stays a fault. A finger moves the handle against the wall.
+/// An open stop removes the force and remains a fault. A finger can press the handle against the wall.
 #[test]
 fn stop_and_finger_are_as_on_a_board() {
     let mut bench = Bench::new("nucleo-f446re");
@@ -95,7 +95,7 @@ fn stop_and_finger_are_as_on_a_board() {
     assert!(bench.ask("selftest", "error: selftest", 20).contains("without a board"));
 }
 
-/// The record of another device's scene is made from the scene, and has no envelope.
+/// For another device the record is made from its scene, without an envelope.
 #[test]
 fn another_device_runs() {
     for scene in ["paper-2um", "rice-paddle", "hapkit"] {

@@ -1,5 +1,5 @@
 //! `cargo board serve --gdb`: connects gdb to the virtual board. gdb halts the core as a debug probe does. In a halt
-//! the plant stands still. A peripheral whose DBGMCU bit is clear runs on, for the real time of the halt.
+//! the plant stands still. Each peripheral whose DBGMCU bit is clear runs on for the real time of the halt.
 
 mod registers;
 mod target;
@@ -30,16 +30,16 @@ use crate::{
     world::{Ended, World},
 };
 
-/// Time between two checks of a halted board's client.
+/// Time between two checks for bytes of the client during a halt.
 const LOOK: Duration = Duration::from_micros(200);
 
 /// Work of the board's thread while gdb is connected.
 pub(super) trait Board {
-    /// Runs a millisecond in real time, or less if a stop is met.
+    /// Runs a millisecond in real time, or less if the core meets a stop.
     fn slice(&mut self, world: &mut World<'_>, stops: &Stops) -> Result<Option<Met>, Ended>;
     /// Serves the channels in a halt. Returns false if the board is to be switched off.
     fn stands(&mut self, world: &mut World<'_>) -> bool;
-    /// The board runs again. The time of the halt is not made up for.
+    /// Called when the board runs again. The time of the halt is not simulated afterwards.
     fn goes_on(&mut self);
 }
 
@@ -50,12 +50,11 @@ pub(super) struct Port {
 }
 
 impl Port {
-    /// Uses a listener that does not block.
     pub(super) fn new(listener: TcpListener) -> Self {
         Self { listener, silent: None }
     }
 
-    /// Looks for a client and serves it until it disconnects. A client that sends nothing does not halt the board.
+    /// Checks for a client and serves it until it disconnects. A client halts the board only when it sends a byte.
     pub(super) fn look(
         &mut self,
         world: &mut World<'_>,
@@ -86,7 +85,7 @@ impl Port {
     }
 }
 
-/// Serves a client from its first byte to its last. After the connection the board always runs.
+/// Serves a client from its first byte to its last. Afterwards the board runs in every case.
 fn attend(client: TcpStream, world: &mut World<'_>, board: &mut impl Board) -> Result<(), Failed> {
     note("gdb: attached, the core is halted");
     let mut target = Debugged::new(world);
@@ -146,7 +145,7 @@ fn serve(
             Disconnected(mut over) => {
                 let reason = over.get_reason();
                 if reason == DisconnectReason::Kill {
-                    // vKill expects an answer, which the crate does not send.
+                    // gdb expects an answer to vKill, which the crate does not send.
                     let wire = over.borrow_conn();
                     let _ = wire.write_all(b"$OK#9a").and_then(|()| wire.flush());
                 }
@@ -167,7 +166,7 @@ fn run(
         Ok(Some(Met::Step)) => Ok(Some(SingleThreadStopReason::DoneStep)),
         Ok(Some(met)) if target.is_hardware(met) => Ok(Some(SingleThreadStopReason::HwBreak(()))),
         Ok(Some(_)) => Ok(Some(SingleThreadStopReason::SwBreak(()))),
-        // The core locked up: gdb can examine why.
+        // The core locked up. gdb can still examine the reason.
         Err(Ended::Stopped(_)) => Ok(Some(SingleThreadStopReason::Signal(Signal::SIGSEGV))),
         Err(ended) => Err(format!("the firmware: {ended:?}")),
     }

@@ -1,4 +1,4 @@
-//! The core's registers and their order, as gdb knows them. `gdbstub_arch` has no description of a Cortex-M.
+//! The core's registers in gdb's order. `gdbstub_arch` has no description of a Cortex-M.
 
 use std::sync::LazyLock;
 
@@ -27,7 +27,7 @@ pub(super) struct InOrder(pub(super) Registers);
 /// Names of the registers from MSP to CONTROL, in the order of [`Registers::system`].
 const SYSTEM: [&str; 6] = ["msp", "psp", "primask", "basepri", "faultmask", "control"];
 
-/// Description of the target for gdb. gdb's manual, "ARM Features", lists the required features and names.
+/// Description of the target for gdb, with the features and names that gdb's manual requires ("ARM Features").
 static DESCRIPTION: LazyLock<String> = LazyLock::new(|| {
     let core = (0..13).map(|number| register(&format!("r{number}"), 32, "uint32"));
     let named = [("sp", "data_ptr"), ("lr", "uint32"), ("pc", "code_ptr"), ("xpsr", "uint32")];

@@ -39,16 +39,14 @@ const EFAULT: u8 = 14;
 const EROFS: u8 = 30;
 const MONITOR: &str = "monitor halt, monitor reset, monitor watchdog stop|run";
 
-/// A board that gdb halts and runs.
 pub(super) struct Debugged<'a, 'b> {
     pub(super) world: &'a mut World<'b>,
-    /// The halt, its start time, and how many of its cycles have passed.
+    /// The halt, its start in real time, and how many cycles of it have been simulated.
     halt: Option<(Halted, Instant, u64)>,
-    /// Stops at which the core is to halt.
     stops: Stops,
     /// The breakpoints that gdb calls "hardware".
     hardware: BTreeSet<u32>,
-    /// The watchdog stops in each halt, as a probe's script sets it up.
+    /// Whether the watchdog stops in each halt, as in a halt by a probe's script.
     watchdog_stops: bool,
 }
 
@@ -61,7 +59,6 @@ impl<'a, 'b> Debugged<'a, 'b> {
         target
     }
 
-    /// The core is halted from now on.
     pub(super) fn stop(&mut self) {
         if self.halt.is_none() {
             if self.watchdog_stops {
@@ -71,7 +68,7 @@ impl<'a, 'b> Debugged<'a, 'b> {
         }
     }
 
-    /// Lets time pass for everything that a halt does not stop.
+    /// Simulates the real time of the halt that has passed. What a halt does not stop runs on.
     pub(super) fn stay(&mut self) {
         let Some((_, begun, passed)) = &mut self.halt else { return };
         let per_us = u128::from(self.world.powered.mcu.core_hz() / 1_000_000);
@@ -81,7 +78,6 @@ impl<'a, 'b> Debugged<'a, 'b> {
         self.world.stay_halted(new);
     }
 
-    /// The core runs again.
     pub(super) fn go_on(&mut self) {
         self.stay();
         if let Some((halted, ..)) = self.halt.take() {
@@ -89,7 +85,6 @@ impl<'a, 'b> Debugged<'a, 'b> {
         }
     }
 
-    /// Stops at which the core is to halt.
     pub(super) fn stops(&self) -> &Stops {
         &self.stops
     }

@@ -43,7 +43,7 @@ impl conn::Connection for Wire {
         Ok(())
     }
 
-    /// A client that reads nothing for too long is disconnected.
+    /// Sends the waiting bytes. A client that reads nothing for too long is disconnected.
     fn flush(&mut self) -> io::Result<()> {
         let mut looks = 0;
         while !self.out.is_empty() {

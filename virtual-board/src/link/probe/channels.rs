@@ -1,4 +1,4 @@
-//! The channels of a board behind a probe: received bytes, sent bytes, and whether the board is still there.
+//! The channels of a board behind a probe: received and sent bytes, and checks that the board is connected.
 
 use std::time::{Duration, Instant};
 
@@ -10,31 +10,31 @@ use crate::{
 
 /// After so long without a byte, the link checks whether the core runs.
 pub(super) const QUIET: Duration = Duration::from_millis(500);
-/// Largest count of bytes of a channel that wait for a reader. Further bytes stay on the board.
+/// Largest number of bytes of a channel that wait for a reader. Further bytes stay on the board.
 const WAITING: usize = 1 << 16;
-/// Tries to find out whether the board has received the sent bytes.
+/// Attempts to find out whether the board has received the sent bytes.
 const TRIES: u32 = 3;
-/// The reason for which a halted board counts as lost.
+/// Why a halted board is lost.
 const HALTED: &str = "the core is halted, by a debugger or by its own fault: the board has to be reset. Its force is \
                       off, by hardware";
 
 #[derive(Default)]
 pub(super) struct Up {
-    /// Offset of the next byte to read, and the offset that the board was last told.
+    /// Offset of the next byte to read, and the read offset that was last written to the board.
     next: u32,
     released: u32,
     pub(super) bytes: Vec<u8>,
-    /// Whether the channel was looked at since it was last read.
+    /// Whether an access has served the channel since its last read.
     pub(super) fresh: bool,
 }
 
 /// The channels of a board whose control block was found.
 pub(super) struct Channels {
     rtt: Rtt,
-    /// The buffers that the program has set up.
+    /// Address and size of each buffer, as the program has set it up.
     buffers: [[u32; 2]; 4],
     pub(super) up: [Up; UP_CHANNELS],
-    /// Time since which all looks have failed.
+    /// Start of the errors, if every access since then has failed.
     pub(super) failing: Option<Instant>,
     /// Time of the last byte, or of the last check that found the core running.
     heard: Instant,
@@ -42,7 +42,7 @@ pub(super) struct Channels {
 }
 
 impl Channels {
-    /// Waits for the control block.
+    /// Waits until the program has set up the control block.
     ///
     /// # Errors
     /// There is no control block, the block is another program's, or the core is halted; one line of text.
@@ -138,7 +138,7 @@ impl Channels {
             Ok(()) => return Ok(count),
             Err(error) => error,
         };
-        // A command that is sent twice may be dangerous. So the link reads back which bytes the board has.
+        // A command that is sent twice may be dangerous. So the link reads back whether the board has the bytes.
         for _ in 0..TRIES {
             match self.look(core) {
                 Ok(block) if block.down(0).is_some_and(|now| now.write == next) => {
@@ -154,13 +154,13 @@ impl Channels {
 }
 
 impl Up {
-    /// Takes the bytes in a channel's buffer. Returns their count, or nothing if another reader has taken some.
+    /// Takes the bytes in a channel's buffer. Returns their number; `None` if another reader has taken some.
     fn take(&mut self, core: &mut impl Core, mut ring: Ring) -> Result<Option<usize>, String> {
         if ring.read == self.released {
-            // Bytes that were read once are not read again, even if the board was not told of the read.
+            // The write of the read offset had failed. The bytes before `next` are not read again.
             ring.read = self.next;
         } else if ring.read == self.next || ring.read == 0 {
-            // The board was told after all, or it was reset.
+            // The write of the read offset had reached the board after all, or the board was reset.
             (self.next, self.released) = (ring.read, ring.read);
         } else {
             return Ok(None);

@@ -12,7 +12,7 @@ const BUFFERS: [[u32; 2]; 4] =
 const FLASH: u32 = 0x0800_0000;
 const OFF: &str = "ok status off, fault none, idle, sample 42";
 
-/// What a failing write has done before it fails.
+/// How much of its work a write has done when it fails.
 #[derive(Clone, Copy, PartialEq)]
 enum Effect {
     Nothing,
@@ -25,16 +25,15 @@ struct State {
     status: &'static str,
     has_record: bool,
     halted: bool,
-    /// The program reads no commands.
+    /// Whether the program reads no commands.
     busy: bool,
     begun: String,
     /// Lines that the program obeyed.
     obeyed: Vec<String>,
-    /// Reads of the control block.
     looks: u32,
-    /// Every access fails from now on.
+    /// Whether every access fails from now on.
     gone: bool,
-    /// Address at which the next write fails, and how much that write has stored.
+    /// Address at which the next write fails, and how much of its work that write does.
     fails: Option<(u32, Effect)>,
     gone_after: bool,
     let_go: bool,
@@ -54,7 +53,6 @@ impl State {
         self.ram[at..at + 4].copy_from_slice(&word.to_le_bytes());
     }
 
-    /// Starts as the program does.
     fn start(&mut self) {
         self.begun.clear();
         self.ram.fill(0);
@@ -79,7 +77,7 @@ impl State {
         }
     }
 
-    /// Runs the program until it has no more commands to read.
+    /// Runs the program until it has read all commands.
     fn run(&mut self) {
         let [buffer, size] = BUFFERS[3];
         let read = BLOCK + 24 + 24 * 3 + 16;
@@ -206,19 +204,18 @@ impl Core for Opened<'_> {
 
 impl Drop for Bench {
     fn drop(&mut self) {
-        // The test holds one end of the state, and the link holds the other end.
+        // The test and the link share this state.
         self.state().let_go = true;
     }
 }
 
-/// The second read of a channel always causes a look.
+/// Reads a channel twice. The second read always causes an access.
 fn look(link: &mut ProbeLink<Bench>) {
     for _ in 0..2 {
         link.read(LOG, &mut vec![]);
     }
 }
 
-/// Reads a channel until the board is lost.
 fn loses(link: &mut ProbeLink<Bench>) -> String {
     let end = Instant::now() + Duration::from_secs(5);
     loop {
@@ -248,7 +245,7 @@ fn the_force_is_off_before_anything_else_and_before_the_probe_is_let_go() {
     drop(link);
     assert_eq!(bench.state().obeyed[3..], ["disarm"]);
     assert!(bench.state().let_go);
-    // A program that panics also leaves the board.
+    // A program that panics also sends the last `disarm`.
     let link = bench.attached();
     let panicked = thread::spawn(move || {
         let _link = link;
@@ -326,7 +323,7 @@ fn an_error_that_passes_takes_no_byte_and_doubles_none() {
         all.push_str(&heard(&mut link, TELEMETRY));
         bench.state().gone = true;
         all.push_str(&heard(&mut link, TELEMETRY));
-        thread::sleep(PATIENCE / 2); // together longer than the limit
+        thread::sleep(PATIENCE / 2); // twice this time is longer than the limit
         all.push_str(&heard(&mut link, TELEMETRY));
         bench.state().gone = false;
         bench.state().says(1, format!("{n} after ").as_bytes());
@@ -357,7 +354,7 @@ fn no_command_is_sent_twice() {
     assert_eq!(link.write(COMMANDS, b"hit\n"), 0);
     assert!(link.lost().unwrap().contains("nobody knows whether a command"));
     assert_eq!(link.write(COMMANDS, b"hit\n"), 0);
-    // A lost board stays lost. But the link still sends `disarm` if the board can be reached.
+    // A lost board stays lost. But the link still sends `disarm` to it if an access succeeds.
     bench.state().gone = false;
     drop(link);
     assert_eq!(bench.state().obeyed, ["hit", "hit", "disarm"]);

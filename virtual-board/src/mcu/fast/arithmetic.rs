@@ -42,7 +42,7 @@ fn sum(a: u32, b: u32, carry: bool) -> (u32, bool, bool) {
     (result, first | second, ((a ^ result) & (b ^ result)) >> 31 != 0)
 }
 
-/// The flags before an operation, and the carry of its operand's shift.
+/// The flags before an operation, and the carry from the shift of its operand.
 #[derive(Clone, Copy)]
 pub(super) struct Before {
     pub(super) carry: bool,
@@ -83,7 +83,7 @@ pub(super) fn half(value: u32, top: bool) -> i64 {
     i64::from((shifted << 16).cast_signed() >> 16)
 }
 
-/// The nearest number of `bits` bits, and whether it differs from `value`.
+/// The nearest number that fits into `bits` bits, and whether it differs from `value`.
 pub(super) fn saturated(value: i64, bits: u32, signed: bool) -> (u32, bool) {
     let bits = bits.min(32);
     let (least, most) =

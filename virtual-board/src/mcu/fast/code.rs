@@ -10,11 +10,10 @@ use super::super::FLASH;
 /// Kind of an entry of the table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// An instruction that this module runs.
     Runs,
-    /// The next instruction is at another place of the table.
+    /// The code goes on at another index of the table.
     Elsewhere,
-    /// An instruction for the emulator.
+    /// An instruction that the emulator must run.
     Not,
 }
 
@@ -86,7 +85,6 @@ impl Code {
     }
 }
 
-/// Whether this module runs the instruction.
 fn runs(instruction: &Insn) -> bool {
     match *instruction {
         Insn::DataProc { .. }

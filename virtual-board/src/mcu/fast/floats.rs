@@ -1,12 +1,12 @@
-//! S0 to S31. They are fetched from the emulator when they are needed, and written back before the emulator may need
-//! them.
+//! Copies of S0 to S31. A register is fetched from the emulator when it is needed. It is written back before the
+//! emulator may need it.
 
 use rsemu::cpu::arm::v7m::ArmV7m;
 
 #[derive(Debug, Default)]
 pub(super) struct Floats {
     values: [u32; 32],
-    /// One bit for each register: whether it was fetched, and whether it is newer than the emulator's copy.
+    /// Bit n stands for register Sn. It is set if Sn was fetched; in `newer`, if Sn is newer than the emulator's.
     fetched: u32,
     newer: u32,
 }

@@ -12,12 +12,12 @@ use super::super::{FLASH, RAM, RAM_BYTES};
 /// Address range of RAM that the protection unit refuses: first address and size.
 pub(super) type Guard = (u32, u32);
 
-/// Memory that can be accessed without the bus. `None` leaves an access to the emulator.
+/// Memory that can be accessed without the bus. `None` as a result means that the emulator must run the access.
 pub(super) struct Memory<'a> {
     pub(super) ram: &'a RamStore,
     pub(super) flash: &'a [u8],
     pub(super) guard: Guard,
-    /// Notes of the words of RAM that were read, if they are wanted.
+    /// For each word of RAM: whether it was read. `None` if nobody needs these notes.
     pub(super) reads: Option<&'a [AtomicBool]>,
 }
 
@@ -56,7 +56,7 @@ impl Memory<'_> {
         self.ram.write_value(at.into(), width(bytes), value.into(), Endian::Little).ok()
     }
 
-    /// Checks that `words` words from `address` on can be stored and loaded.
+    /// Checks that `words` words from `address` on can be loaded and stored here.
     pub(super) fn holds(&self, address: u32, words: u32) -> Option<()> {
         let (at, bytes) = (address.wrapping_sub(RAM), 4 * words);
         let (first, length) = self.guard;

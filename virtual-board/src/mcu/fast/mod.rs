@@ -1,10 +1,10 @@
-//! Runs most instructions without the emulator's step, which takes some ten times as long.
+//! Runs most instructions without the emulator, whose step takes some ten times as long.
 //!
 //! This module runs instructions that access only the core's registers, flash and RAM. The emulator's own decoder
-//! decodes them once, and they take the emulator's cycles. They run only while no exception is due and nothing else
-//! happens: [`Mcu::may_run`] checks the conditions. The emulator runs all other instructions, and those that would
-//! fault. Both ways give the same result, bit for bit and cycle for cycle. Tests run random code and whole sessions in
-//! both ways.
+//! decodes each instruction once. Each takes as many cycles as in the emulator. [`Mcu::may_run`] checks that no
+//! exception is due and that no other event needs the emulator. The emulator runs all other instructions, and
+//! instructions that would fault. Both ways give the same result, bit for bit and cycle for cycle. Tests run random
+//! code and whole sessions in both ways.
 
 mod arithmetic;
 mod code;
@@ -33,25 +33,23 @@ use floats::Floats;
 use memory::{Guard, Memory};
 use run::{Batch, Core};
 
-/// State of this module beside the emulator's.
 #[derive(Default)]
 pub(super) struct Fast {
     code: Code,
-    /// A copy of flash; the count of accesses to the flash registers at which flash was locked and equal to the copy.
+    /// A copy of flash. `same_at` is the number of accesses to the flash registers when the copy was last found equal.
     flash: Vec<u8>,
     same_at: Option<u64>,
     floats: Floats,
-    /// Cycles by which these core registers are ahead of the emulator's; none: they are equal.
+    /// Cycles by which this module is ahead of the emulator; `None`: the emulator has the same core registers.
     ahead: Option<u64>,
-    /// Whether the core has left its reset and has not locked up.
+    /// Whether the core has left its reset and is not locked up.
     awake: bool,
     /// Whether the emulator runs every instruction.
     off: bool,
-    /// Count of instructions that ran here.
     run: u64,
 }
 
-/// Settings of the system registers that affect instructions.
+/// System settings that affect instructions.
 struct Permit {
     guard: Guard,
     moves_floats: bool,
@@ -63,17 +61,18 @@ const FLASH_CR: u64 = 0x10;
 const LOCK: u32 = 1 << 31;
 
 impl Mcu {
-    /// Sets whether the emulator runs every instruction. Tests compare the two ways.
+    /// Makes the emulator run every instruction, or ends this. Tests compare the two ways.
     pub fn emulate_all(&mut self, all: bool) {
         self.fast.off = all;
     }
 
-    /// How many of all [`instructions`](Self::instructions) ran without the emulator.
+    /// How many of the [`instructions`](Self::instructions) ran without the emulator.
     pub fn instructions_here(&self) -> u64 {
         self.fast.run
     }
 
-    /// Runs instructions until cycle `until` or until one for the emulator. Returns whether any instruction ran.
+    /// Runs instructions until cycle `until`, or until an instruction that the emulator must run. Returns whether any
+    /// ran.
     #[inline]
     pub(super) fn run_here(&mut self, until: u64) -> bool {
         let Some(permit) = self.may_run() else { return false };
@@ -115,13 +114,13 @@ impl Mcu {
         self.fast.floats.forget();
     }
 
-    /// Checks the core's state again, after its registers were changed from outside.
+    /// Checks whether the core is awake, after its registers were changed from outside.
     pub(super) fn look_anew(&mut self) {
         let cpu = &self.soc.cpu;
         self.fast.awake = !cpu.reset_pending() && !cpu.is_locked_up();
     }
 
-    /// Marks the copy of flash as old, since flash or the chip was replaced.
+    /// Marks the copy of flash as old, after flash or the chip was replaced.
     pub(super) fn forget_flash(&mut self) {
         self.fast.same_at = None;
     }
@@ -135,7 +134,7 @@ impl Mcu {
     }
 
     /// Whether the next instruction can run here. The core must be awake, privileged and on its main stack. No
-    /// exception may be due, and no watch or event may need single instructions.
+    /// exception may be due. No observation or event may need single instructions.
     fn may_run(&mut self) -> Option<Permit> {
         let Regs { xpsr: state, faultmask, control: control_bits, r, .. } = self.registers;
         let exception = exception_of(state);
@@ -176,7 +175,8 @@ impl Mcu {
         })
     }
 
-    /// Follows a step of the emulator to the program counter `to`, which may be after a reset or in a lock-up.
+    /// Updates this module after a step of the emulator to the program counter `to`. The step may end in a reset or
+    /// lock-up.
     #[inline(always)]
     pub(super) fn follow_step(&mut self, to: u32) {
         self.fast.awake = to < run::RETURNS;
@@ -187,13 +187,13 @@ impl Mcu {
         }
     }
 
-    /// Whether flash is locked and no operation runs in it.
+    /// Whether flash is locked and no flash operation is in progress.
     fn flash_stays(&self) -> bool {
         let locked = self.soc.flash_registers.peek(FLASH_CR) & LOCK != 0;
         locked && self.soc.flash.next_event_tick().is_none()
     }
 
-    /// Whether the copy of flash is up to date. Copies flash if needed.
+    /// Whether the copy of flash is up to date. Renews the copy if needed.
     fn knows_flash(&mut self) -> bool {
         let touched = self.soc.flash_touched.load(Relaxed);
         if self.fast.same_at == Some(touched) {
@@ -212,7 +212,7 @@ impl Mcu {
     }
 }
 
-/// Whether the next step takes an exception, or an asserted line has still to become pending.
+/// Whether the next step takes an exception, or an asserted interrupt line is not pending yet.
 fn is_due(sys: &Sys, registers: &Regs, asserted: [Option<u16>; 2]) -> bool {
     let waits = |number: u16| {
         let exception = Exception(number);
@@ -232,7 +232,8 @@ fn is_due(sys: &Sys, registers: &Regs, asserted: [Option<u16>; 2]) -> bool {
     priority < running
 }
 
-/// The addresses that the protection unit refuses: none, or one region of RAM without a sub-region. Otherwise `None`.
+/// The addresses that the protection unit refuses: an empty range, or one region of RAM. `None` for other settings of
+/// the unit, such as sub-regions.
 fn guard(sys: &Sys) -> Option<Guard> {
     const ON: u32 = 1;
     const BACKGROUND: u32 = 1 << 2;

@@ -1,4 +1,4 @@
-//! Runs instructions one after another, with the emulator's cycles: one, one more per access, two more for a branch.
+//! Runs instructions with the emulator's cycles: one for an instruction, one more per access, two more for a branch.
 
 use rsemu::cpu::arm::v7m::{
     ArmV7m, Regs,
@@ -15,7 +15,7 @@ use super::{
     memory::Memory,
 };
 
-/// Addresses from this one on are returns from an exception.
+/// First address of the range that means a return from an exception.
 pub(super) const RETURNS: u32 = 0xF000_0000;
 
 /// The core's state in this module.
@@ -24,7 +24,7 @@ pub(super) struct Core<'a> {
     pub(super) memory: Memory<'a>,
     pub(super) floats: &'a mut Floats,
     pub(super) cpu: &'a ArmV7m,
-    /// Whether instructions that move S0 to S31 can run here.
+    /// Whether this module can run instructions that move S0 to S31.
     pub(super) moves_floats: bool,
     /// Bits of CONTROL that an instruction on S0 to S31 sets.
     pub(super) float_control: u32,
@@ -36,14 +36,14 @@ pub(super) struct Core<'a> {
 pub(super) struct Batch {
     pub(super) instructions: u64,
     pub(super) cycles: u64,
-    /// Lowest stack pointer.
+    /// Lowest stack pointer during these instructions.
     pub(super) lowest: u32,
     /// Whether the last instruction branches to itself.
     pub(super) stands: bool,
 }
 
 impl Core<'_> {
-    /// Runs for `cycles` cycles, or until an instruction for the emulator.
+    /// Runs for `cycles` cycles, or until an instruction that the emulator must run.
     pub(super) fn run(&mut self, code: &mut Code, cycles: u64) -> Batch {
         let mut batch = Batch { instructions: 0, cycles: 0, lowest: u32::MAX, stands: false };
         'blocks: while batch.cycles < cycles {
@@ -120,7 +120,7 @@ impl Core<'_> {
         self.registers.r[usize::from(register & 15)]
     }
 
-    /// Writes a register. A write to the program counter has no effect, as in the emulator.
+    /// Writes a register. A write to the program counter is ignored, as in the emulator.
     #[inline(always)]
     pub(super) fn set(&mut self, register: u8, value: u32) {
         self.registers.r[usize::from(register & 15)] = value;
@@ -153,12 +153,12 @@ impl Core<'_> {
         Some(3)
     }
 
-    /// Checks that a branch to the address in a register is neither a return from an exception nor a fault.
+    /// Checks that a branch to this address neither faults nor returns from an exception.
     pub(super) fn leads_on(to: u32) -> Option<()> {
         (to & 1 != 0 && to < RETURNS).then_some(())
     }
 
-    /// Runs an instruction. `sets`: a short instruction sets its flags; it does not in an IT block.
+    /// Runs an instruction. `sets`: whether a short instruction sets the flags; in an IT block it does not.
     #[inline(always)]
     #[expect(clippy::too_many_lines, reason = "one arm for each form")]
     fn execute(&mut self, instruction: &Insn, sets: bool) -> Option<u64> {
@@ -428,7 +428,7 @@ impl Core<'_> {
         }
     }
 
-    /// Adds `value` to a pair of registers, given as upper and lower register.
+    /// Adds `value` to a 64-bit number in two registers, given as upper and lower register.
     fn add_long(&mut self, [upper, lower]: [u8; 2], value: i64) {
         let before = u64::from(self.get(upper)) << 32 | u64::from(self.get(lower));
         let sum = before.wrapping_add_signed(value);

@@ -49,7 +49,7 @@ const MPU_CTRL: u32 = 0xE000_ED94;
 const CPACR: u32 = 0xE000_ED88;
 const CYCCNT: u32 = 0xE000_1004;
 
-/// Random code: all short encodings, and long encodings whose first half-word has a meaning in the manual.
+/// Random code: all short encodings, and long encodings whose first half-word the manual defines.
 fn code(random: &mut Random) -> Vec<u8> {
     let mut halves = Vec::new();
     while halves.len() < HALF_WORDS as usize {
@@ -66,8 +66,8 @@ fn code(random: &mut Random) -> Vec<u8> {
     halves.into_iter().flat_map(u16::to_le_bytes).collect()
 }
 
-/// A chip that has left its reset, with the floating-point unit on and a guard in RAM. `off`: the emulator runs
-/// everything.
+/// A chip that has left its reset. Its floating-point unit is on, and a region of its RAM is protected. `off`: the
+/// emulator runs every instruction.
 fn chip(program: &[(u32, Vec<u8>)], off: bool) -> Mcu {
     let chip = Chip { flash_bytes: 0x1_0000, ..NUCLEO_F446RE.chip };
     let mut mcu = Mcu::new(chip, program, Listeners::default());
@@ -90,7 +90,7 @@ fn program(random: &mut Random) -> Vec<(u32, Vec<u8>)> {
     vec![(FLASH, vectors), (FLASH + 0x200, stays), (CODE, code(random))]
 }
 
-/// All state in which two chips can differ.
+/// All state in which the two ways may differ.
 fn all_of(mcu: &mut Mcu) -> (Regs, Vec<u32>, [u64; 3], u32, String) {
     let registers = mcu.core_registers();
     let mut floats = registers.float.to_vec();

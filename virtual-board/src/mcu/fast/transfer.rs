@@ -1,4 +1,4 @@
-//! Instructions that move several words, use a table of branches, or move S0 to S31.
+//! Instructions that move several words, branch by a table, or move S0 to S31.
 
 use rsemu::cpu::arm::v7m::{
     fpisa::{FpInsn, UnaryOp},
@@ -140,7 +140,7 @@ impl Core<'_> {
         }
     }
 
-    /// Constants in flash are loaded one or two at a time.
+    /// Loads or stores words in RAM, or loads one or two constants from flash.
     fn move_words(&mut self, load: bool, first: u8, address: u32, count: u8) -> Option<u64> {
         if count == 0 || self.memory.holds(address, count.into()).is_none() {
             self.load_constants(load, first, address, count)?;
