@@ -73,7 +73,7 @@ impl Actuator {
         OutputCode(self.zero + if bits < 0 { -codes } else { codes })
     }
 
-    /// The code that asks for no force.
+    /// The code of zero force.
     pub fn zero(&self) -> OutputCode {
         OutputCode(self.zero)
     }

@@ -9,8 +9,8 @@
 //! | `link`      | after each `render`    | 1        | commands in, replies and telemetry out         |
 //! | `idle`      |                        | 0        | watchdog, image in flash; sleeps               |
 //!
-//! Nothing delays `sample`: it shares no resource, takes no lock, spawns no task and does not log, and nothing below
-//! masks it (docs/firmware.md).
+//! Nothing delays `sample`. It shares no resource, takes no lock, spawns no task and does not log. No lower task masks
+//! it (docs/firmware.md).
 #![cfg_attr(target_os = "none", no_std, no_main)]
 #![deny(unsafe_code)]
 

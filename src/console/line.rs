@@ -80,7 +80,7 @@ impl<const N: usize> Text<N> {
     /// `value` as text, cut off after `N` bytes.
     pub fn of(value: impl fmt::Display) -> Self {
         let mut text = Self::new();
-        // Nothing that is cut off is an error here.
+        // Text that is cut off is no error here.
         let _ = fmt::write(&mut text, format_args!("{value}"));
         text
     }

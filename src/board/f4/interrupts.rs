@@ -12,7 +12,7 @@ const LOWEST: u8 = 0xF0;
 /// Interrupts that the larger of these chips has.
 const COUNT: usize = 97;
 
-/// Gives all others the lowest priority, and the system handlers too, below the fault handlers. They end in
+/// Gives all other interrupts and the system handlers the lowest priority, below the fault handlers. They end in
 /// `DefaultHandler` (fatal.rs).
 pub fn set_up(core: &mut cortex_m::Peripherals) {
     for number in 0..COUNT {
