@@ -30,7 +30,7 @@ pub struct Handle {
 }
 
 impl Handle {
-    /// The paper's, at `x`.
+    /// The paper's handle, at `x`.
     pub fn at(x: f64) -> Self {
         Self { mass_kg: 0.416, damping: 5.5195, spring: 11.0626, rest_m: 0.0517, x, v: 0.0 }
     }
@@ -40,7 +40,7 @@ impl Handle {
         Position::from_counts((self.x / 1e-6).floor() as i32)
     }
 
-    /// One output period with that force.
+    /// Moves the handle for one output period with that force.
     pub fn go(&mut self, force: Force) {
         for _ in 0..10 {
             let force = f64::from(force.bits()) / 2f64.powi(30) * DESIGN.full_scale_n;
@@ -51,7 +51,7 @@ impl Handle {
     }
 }
 
-/// How it ended, after how many outputs, the highest speed, the largest force (part of full scale).
+/// Brings the handle back. Returns the end, the outputs, the highest speed, and the largest force (part of full scale).
 fn bring_back(mut handle: Handle, held: bool) -> (ReturnStep, u32, f64, f64) {
     let mut back = Moving::new(SETTINGS.build(&DESIGN).unwrap());
     let (mut fastest, mut strongest) = (0f64, 0f64);
@@ -106,8 +106,8 @@ fn a_handle_that_is_held_ends_it_and_never_feels_more_than_the_limit() {
     assert!(strongest <= 1.4 / 5.906 + 1e-9);
 }
 
-/// A hand brings the handle to the start faster than the return would, holds it there for a moment or not, and lets go.
-/// The handle stays there, except for the motion by its own spring.
+/// A hand brings the handle to the start faster than the return would. It lets go at once, or holds the handle there
+/// for a moment. The handle stays there, except for the motion by its own spring.
 #[test]
 #[cfg_attr(miri, ignore = "returns in closed loop")]
 fn a_handle_that_a_hand_has_brought_to_the_start_is_not_driven_away() {
@@ -169,7 +169,7 @@ fn a_return_that_is_taken_starts_and_one_that_cannot_start_is_refused_with_the_r
     }
 }
 
-/// A step that rounds up to a whole number of counts fits a lead of as many counts, in both directions.
+/// A step that rounds up to a whole number of counts fits a lead of the same number, in both directions.
 #[test]
 fn a_step_as_long_as_the_lead_is_taken_on_either_side() {
     let full_scale_n = 2.189_657_517_033_622;
@@ -225,7 +225,7 @@ fn settings_become_counts_outputs_and_parts_of_full_scale() {
     }
 }
 
-/// On a device where a newton is 10^6 LSB and a count a micrometre: 1 N/m is 1 LSB per count.
+/// A device on which a newton is 10^6 LSB and a count is a micrometre. So 1 N/m is 1 LSB per count.
 #[test]
 fn a_setting_out_of_range_is_refused_with_the_range() {
     let design = Design { full_scale_n: f64::from(1 << 30) * 1e-6, ..DESIGN };
@@ -234,7 +234,7 @@ fn a_setting_out_of_range_is_refused_with_the_range() {
     for (settings, name, low, high) in [
         (ReturnSettings { force_n: 1.0, ..base }, "return_force_n", 1.073_741_824, 536.870_912),
         (ReturnSettings { tolerance_m: 2.0, ..base }, "return_tolerance_m", 4e-6, 1.048_576),
-        // They are never that small: the value next to 0 is 0.
+        // The gains are never that small: the next allowed value is 0.
         (
             ReturnSettings { damping_n_s_per_m: 1e-13, ..base },
             "return_damping_n_s_per_m",
