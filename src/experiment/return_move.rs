@@ -166,7 +166,7 @@ impl ReturnPlan {
 /// Result of one output of a return.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReturnStep {
-    /// Go on, with this force.
+    /// The return continues, with this force.
     Push(Force),
     /// The handle rests at the start.
     Arrived,
