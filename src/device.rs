@@ -120,7 +120,8 @@ impl Device<'_> {
     pub const HEAVIEST_MASS_KG: RangeInclusive<f64> = 1e-4..=1e6;
 
     /// The design with a calibrated force at full command.
-    /// ¶ # Errors
+    ///
+    /// # Errors
     /// This force is too far from the force of the design.
     pub fn calibrated(&self, full_scale_n: f64) -> Result<Design, SettingsError> {
         let nominal = self.design.full_scale_n;

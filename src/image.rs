@@ -73,7 +73,8 @@ impl Image<'_> {
     }
 
     /// Checks that the image is the sealed one.
-    /// ¶ # Errors
+    ///
+    /// # Errors
     /// The image has no seal, or differs from the sealed one.
     pub fn check(&self) -> Result<(), BadImage> {
         match self.sealed() {

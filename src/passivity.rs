@@ -20,7 +20,8 @@
 //! Each output at which the account was spent adds at most 2^-21 of the reserve. This holds for anything at the port
 //! and for any error of the estimator. The energy that the old force may give is set aside before the new force is
 //! granted. The new force gives at most half of the rest.
-//! ¶ If a motion accelerates more, the wall may give its force times the excess. This energy is forgiven. A spent
+//!
+//! If a motion accelerates more, the wall may give its force times the excess. This energy is forgiven. A spent
 //! account still allows a least force, so that it recovers: a handle that is pushed in finds a wall again. The reserve
 //! is `2 change_2` counts at full scale, and with a latency `change_1 + 1` counts more. So the whole force is allowed
 //! at standstill when a contact has taken as much energy as it has given.

@@ -414,8 +414,8 @@ impl<'a> Device<'a> {
 
     /// Writes the record of this device to the front of `words`, with these designs and boundaries instead of its own.
     /// K, B and push are left out, because a record has no wall and no push. The hash is left out too.
-    /// ¶ `None` if there is no room.
-    /// None if there is no room.
+    ///
+    /// `None` if there is no room.
     pub fn to_record<'b>(
         &self,
         designs: &[NamedFilter],

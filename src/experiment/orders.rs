@@ -101,7 +101,7 @@ pub enum Event {
     Answer(Result<(), Refusal>),
     /// A hit is over: its verdict, and the counts of its window.
     HitOver(Verdict, RunningVariance),
-    /// The codes of the outputs in that window. Comes after [`HitOver`](Self::HitOver).
+    /// The codes of the outputs in that window. Comes after [`HitOver`](Event::HitOver).
     HitCodes(RunningVariance),
     /// A hit ended without a verdict.
     HitAborted(AbortReason),

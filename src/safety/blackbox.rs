@@ -5,7 +5,8 @@
 use crate::telemetry::Record;
 
 /// A ring of the newest `N` records. It stops at a fault, so that its records can be sent.
-/// ¶ 500 records of 40 bytes are half a second at 1 kHz (20 kB). At higher output rates only every `every`-th output is
+///
+/// 500 records of 40 bytes are half a second at 1 kHz (20 kB). At higher output rates only every `every`-th output is
 /// kept, so the ring still spans half a second. The record that stops the ring is always kept.
 #[derive(Clone, Debug)]
 pub struct BlackBox<const N: usize> {

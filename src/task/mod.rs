@@ -90,7 +90,8 @@ static FLAGS: Flags =
     Flags { rendered: AtomicU32::new(0), links: AtomicU32::new(0), checked: AtomicU32::new(0) };
 
 /// Makes the tasks of a board that has just been set up.
-/// ¶ If the image differs from the build, or the device record is refused, the board says so, and nothing runs.
+///
+/// If the image differs from the build, or the device record is refused, the board says so, and nothing runs.
 pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, Link, Idle) {
     let (due_in, due_out) = Seqlock::split();
     let (guard_in, guard_out) = Seqlock::split();
