@@ -110,9 +110,9 @@ impl ButterworthDesign {
     }
 
     /// The coefficients in LSB of 2^-30, with a DC gain of exactly one.
+    ///
     /// `a2` is rounded. The DC sum `S` is rounded from `4 b0`, where nothing cancels. `a1` is the rest. The numerator
     /// is split so that it adds up to `S`. So `a2` is within half an LSB, `a1` and `b0` are within one, and `b1` is
-    /// within two.
     /// within two.
     pub fn quantise(&self) -> Biquad {
         const ONE: i32 = 1 << Biquad::FRACTION_BITS;
