@@ -3,7 +3,7 @@
 //! A frame of layout 2 has the outputs of a millisecond and the counts of all its samples. Every 100 ms a frame is a
 //! key frame. From a key frame on a reader can compute every sample. A record of the black box has layout 1, 40 bytes,
 //! at 1 kHz. The least significant byte comes first. `docs/telemetry.md` has the tables.
-//! @@
+//!
 //! The sample index is sent with all 64 bits. Its low 32 bits would wrap within a day at 50 kHz, and every reader would
 //! have to guess the rest, to save 4 bytes. The CRC covers everything before it, with the magic. If garbage contains
 //! the magic by chance, it passes as a frame once in 2^32 times.

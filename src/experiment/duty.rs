@@ -1,5 +1,4 @@
-//! Duty limit: an I^2 t model of the motor's winding, so that experiments pause before they overheat
-//! it.
+//! Duty limit: an I^2 t model of the motor's winding, so that experiments pause before they overheat it.
 //!
 //! A motor's loss rises with the square of its current. With a current-mode amplifier the force is proportional to the
 //! current. The winding is one thermal mass. IEC 60034-11 calls this protection "thermal model", drives call it I^2 t:

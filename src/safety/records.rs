@@ -42,8 +42,7 @@ pub struct Inputs {
     pub stop_closed: bool,
     /// The supply is above the limit of the voltage detector.
     pub supply_good: bool,
-    /// The settings in force were accepted, and their gains are inside the envelope, or it is
-    /// unlocked.
+    /// The settings in force were accepted, and their gains are inside the envelope, or it is unlocked.
     pub settings_valid: bool,
     /// A debugger halted the processor since the last output.
     pub halted: bool,

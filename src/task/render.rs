@@ -138,7 +138,7 @@ impl Render {
 
     /// Computes and writes the output for the newest due sample. Then it does everything that can wait until the force
     /// is out.
-    /// @@
+    ///
     /// If it is late by a period, `sample` switches off, and the fault `late render` is latched.
     #[inline(always)]
     pub fn run(&mut self) {

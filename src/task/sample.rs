@@ -153,7 +153,7 @@ impl Sample {
     }
 
     /// Runs one sample: reads the count, computes position and velocity, checks them, and hands them on.
-    /// @@
+    ///
     /// The count is read first, because a late count makes the velocity wrong. The sample itself cannot be late:
     /// nothing masks it and no task preempts it. If the guard finds a fault, the output goes off at once, and again
     /// with each sample until `clear`. With a due sample, `render` switches off. If `render` does not run, the next

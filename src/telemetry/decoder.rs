@@ -3,7 +3,7 @@
 use super::{Frame, Parts, Record, parts::kind};
 
 /// Finds the frames of both layouts in a stream that may begin anywhere and contain anything.
-/// @@
+///
 /// After garbage it searches for the next frame at every byte. So only the damaged frame is lost.
 #[derive(Clone, Copy, Debug)]
 pub struct Decoder {

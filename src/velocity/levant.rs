@@ -189,7 +189,7 @@ fn velocity(bits: i64) -> Velocity {
 
 /// Square root. Operand and result have 32 fractional bits; 31 bits of the result are exact. `square` must be below
 /// 2^60.
-/// @@
+///
 /// The integer root of `square * 2^(2 n)` is the root times `2^n`. `n` is chosen so that the operand uses its full 64
 /// bits.
 #[inline]

@@ -3,7 +3,7 @@
 /// A row: `NAME = ID, "text" { KEY: type = ("name", "unit", default), .. }`, with the estimator's parameters. Then come
 /// the sense that it needs, and the code that builds its integer form for a [`Design`]. A weighted sum of differences
 /// also has its exact weights.
-/// @@
+///
 /// `if`: the features with which the build has a group. The two paths tell the compiler how likely an estimator of the
 /// group is, and how it is called.
 macro_rules! estimators {

@@ -18,7 +18,7 @@
 //!
 //! **Error and delay.** At constant speed v the error is at most `v / (65536 (span - 1/2)) + 2^-17` counts per sample.
 //! A speed below one count in 2^15 samples is standstill. The velocity is the mean between the two edges.
-//! @@
+//!
 //! If edges come with every sample, it is late by `span / 2` samples and half the time of a count. One edge a sample is
 //! stored. The half sample of the span then prevents the measured time from switching between two lengths. If edges
 //! come less often than the span, it is late by half a period and the age of the last edge. When the handle slows down,
@@ -177,8 +177,8 @@ fn quotient(dividend: u64, divisor: u32) -> u64 {
         .map_or(dividend, |divisor| dividend.saturating_add(divisor.get() / 2) / divisor)
 }
 
-/// The edge that came since the last sample, if there was one. A count that moved had an edge. If the age of this edge is
-/// not known, it is assumed.
+/// The edge that came since the last sample, if there was one. A count that moved had an edge. If the age of this edge
+/// is not known, it is assumed.
 #[inline]
 fn fresh(difference: i32, edge: Option<Edge>) -> Option<Edge> {
     match edge {

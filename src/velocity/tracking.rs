@@ -29,7 +29,7 @@
 //! the output ends at exactly 0, and at constant speed nothing is lost. A loop with a rounded-down x^ would need a dead
 //! band (`|v| < ki / 2` becomes 0) against jitter. The simulator's twin runs the two integrators, and a test compares
 //! both.
-//! @@
+//!
 //! The delay at DC is `1/2 + 2 p / (1 - p)` samples. The -3 dB frequency is 0.644 of the bandwidth (for w T << 1).
 //! Above it the gain falls by 12 dB per octave. Like any linear filter of the count the loop trades noise for delay.
 

@@ -6,9 +6,8 @@
 //! * the output watchdog clears it when no output has come for a while (output_watchdog.rs);
 //! * one store clears it, from any task, the panic and the fault handlers.
 //!
-//! While MOE is clear, TIM1 drives its outputs to their idle level, low: enable inactive and, on a board with
-//! PWM, no pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm, at the
-//! amplifier).
+//! While MOE is clear, TIM1 drives its outputs to their idle level, low: enable inactive and, on a board with PWM, no
+//! pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm, at the amplifier).
 //!
 //! The first store to BDTR sets `LOCK` level 3 (RM0090 17.4.18, RM0390 16.4.18). This level freezes break input, idle
 //! levels, polarities and output modes. It does not freeze MOE, counter, periods, compare values and the channels'

@@ -1,9 +1,8 @@
 //! The output watchdog: enable stays active only while outputs come.
 //!
-//! TIM8 counts microseconds from the last output. At [`OUTPUT_WATCHDOG_US`] its update event requests a transfer
-//! from DMA2 (stream 1, channel 7: TIM8_UP, RM0090 table 43, RM0390 9.3.3). DMA2 stores the word of `off` into
-//! TIM1's BDTR. Then MOE is clear, and only `arm` sets it again. This needs neither the core nor an interrupt nor a
-//! pin:
+//! TIM8 counts microseconds from the last output. At [`OUTPUT_WATCHDOG_US`] its update event requests a transfer from
+//! DMA2 (stream 1, channel 7: TIM8_UP, RM0090 table 43, RM0390 9.3.3). DMA2 stores the word of `off` into TIM1's BDTR.
+//! Then MOE is clear, and only `arm` sets it again. This needs neither the core nor an interrupt nor a pin:
 //!
 //! ```text
 //! outputs    | | | | |                                      (1 ms)
