@@ -7,7 +7,7 @@ use std::{
     process::{self, Command},
 };
 
-/// First bytes of a device record, and where its board's name is (src/device/record.rs).
+/// First bytes of a device record. The next line: offset of its board's name (src/device/record.rs).
 const MAGIC: &[u8] = b"ZWD";
 const BOARD_AT: usize = 12;
 const BOARD_LENGTH: usize = 16;

@@ -34,12 +34,10 @@ pub(crate) fn of_pieces<'a>(pieces: impl IntoIterator<Item = &'a [u32]>) -> u32 
 pub(crate) struct Sum(u32);
 
 impl Sum {
-    /// A CRC over no data yet.
     pub(crate) const fn new() -> Self {
         Self(u32::MAX)
     }
 
-    /// Adds these words to the CRC.
     #[inline(never)]
     pub(crate) fn add(&mut self, words: &[u32]) {
         let [table] = TABLE.table();
@@ -52,7 +50,6 @@ impl Sum {
         }
     }
 
-    /// The CRC of all words added so far.
     pub(crate) const fn get(self) -> u32 {
         !self.0
     }

@@ -38,7 +38,6 @@ use zwidth::{
 
 pub type Selected = F4<DiscoveryF407>;
 
-/// What differs from the other boards.
 pub struct DiscoveryF407;
 
 impl DiscoveryF407 {

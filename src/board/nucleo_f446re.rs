@@ -39,7 +39,6 @@ use zwidth::{Output, contract::Parts, self_test::Found, velocity::Sense};
 
 pub type Selected = F4<NucleoF446re>;
 
-/// What differs from the other boards.
 pub struct NucleoF446re;
 
 /// Edge times, if the image has them.

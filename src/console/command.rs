@@ -71,9 +71,9 @@ pub enum Command {
     Clear,
     /// Hold a constant force for calibration, percent of full scale.
     Calibrate(f64),
-    /// What the calibration found: the force at full command, N.
+    /// The force at full command, N, from a calibration.
     FullScale(f64),
-    /// Where hits start, m.
+    /// Start of hits, m.
     Start(f64),
     /// Time before a hit is judged, s.
     Settle(f64),
@@ -196,7 +196,7 @@ impl ParseError {
     }
 }
 
-/// What follows the name of a command.
+/// Form of the words after a command's name.
 enum Form {
     Plain(Command),
     Number(fn(f64) -> Command),

@@ -172,7 +172,7 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Asks the supervisor, and replies with the name.
+    /// Sends a request to the supervisor. The reply is `name`.
     fn request(&mut self, request: Request, name: &'static str) {
         self.order(Order::Request(request), Awaited::Done(name));
     }
@@ -232,7 +232,7 @@ impl<P: Port> Console<P> {
         self.propose(stored, ChangedSetting::Value(name, value, unit));
     }
 
-    /// Builds settings and proposes them. They are kept when the output task has accepted them.
+    /// Builds settings and proposes them. They are kept when the task `render` has accepted them.
     pub(super) fn propose(&mut self, stored: Stored, changed: ChangedSetting) {
         let device = self.device;
         if let Some(unfit) = device.unfit(&stored) {

@@ -34,15 +34,12 @@ enum Need {
     IdleOrCalibration,
     /// No walk, pulse train or quiet hit is running, because these use K, B and push.
     NoWalk,
-    /// No fault is latched.
     NoFault,
-    /// A fault is latched.
     Fault,
     /// All causes of the fault are gone.
     CauseGone,
     /// The supply is high enough.
     Supply,
-    /// The envelope is unlocked.
     Unlocked,
 }
 

@@ -5,7 +5,7 @@ use embedded_hal::digital::{Error, ErrorKind, ErrorType, InputPin};
 use super::*;
 
 std::thread_local! {
-    /// What was done to the board, in order.
+    /// Calls of the board, in order.
     static DONE: RefCell<Vec<&'static str>> = const { RefCell::new(Vec::new()) };
 }
 

@@ -13,7 +13,6 @@ use crate::{
 
 /// Most designs of a device: telemetry has five bits for their number.
 pub const DESIGNS_MAX: usize = 16;
-/// Words of a design.
 const WORDS: usize = Name::WORDS + 1 + 2 * PARAMETERS;
 
 /// A velocity filter with a name.

@@ -10,8 +10,7 @@
 //! | 2 | hash of the scene |
 //! | 3 to 6 | board: up to 16 bytes of text, then zeros |
 //! | 7 to 10 | device, which is the scene: the same format |
-//! | 11 | flags: 1 push only, 2 motor reversed, 4 encoder reversed, 8 criterion `quiet`; bits 8 to 15: number of
-//! designs |
+//! | 11 | flags: 1 push only, 2 motor reversed, 4 encoder reversed, 8 criterion `quiet`; bits 8 to 15: number of designs |
 //! | 12 | samples per output |
 //! | 13, 14 | output: 0 continuous; 1 DAC, number of bits; 2 PWM, number of steps |
 //! | 15 | counts that the sign test must see |

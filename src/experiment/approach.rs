@@ -27,7 +27,6 @@ impl AbortReason {
     }
 }
 
-/// An approach in progress.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Approach {
     back: Return,

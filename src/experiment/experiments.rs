@@ -15,7 +15,6 @@ use crate::{
     wall::Wall,
 };
 
-/// A running experiment.
 #[derive(Clone)]
 pub(crate) enum Experiment {
     None,

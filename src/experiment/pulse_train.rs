@@ -57,7 +57,6 @@ enum Phase {
     Rest(u32),
 }
 
-/// The kind of a phase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Part {
     Approach,

@@ -8,8 +8,8 @@ pub struct HaltWatch {
 }
 
 impl HaltWatch {
-    /// Ticks of the clock per sample. The clock wraps after 2^16 ticks, 1.6 s at 10 kHz. So a halt of this length, or
-    /// of a multiple of it, is not found here (within an output period). But then the output watchdog has cleared MOE,
+    /// Ticks of the clock per sample. The clock wraps after 2^16 ticks, 1.6 s at 10 kHz. A halt of this length or a
+    /// multiple of it, give or take an output period, is not found here. But then the output watchdog has cleared MOE,
     /// which is found.
     pub const TICKS_PER_SAMPLE: u32 = 4;
     /// Two samples, which are no halt yet, beyond an output period. Unit: ticks.

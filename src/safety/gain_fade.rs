@@ -66,7 +66,7 @@ impl GainFade {
     }
 
     /// The force now. `drive`: the output of the new settings. `slew`: largest step. `held`: the force of the last
-    /// output, if a zero has renamed the motion. It then replaces the force of the old settings.
+    /// output, if the command `zero` has renamed the motion. It then replaces the force of the old settings.
     #[inline]
     pub fn force(
         &mut self,
@@ -200,7 +200,7 @@ mod tests {
         }
     }
 
-    /// A zero renames the motion. The force continues from its last value, and changes only with the push.
+    /// The command `zero` renames the motion. The force continues from its last value, and changes only with the push.
     #[test]
     fn a_force_that_is_held_moves_with_the_push_only() {
         let hard = wall(0, 1e7, 0.0);

@@ -110,7 +110,7 @@ pub struct Judged {
     pub due: bool,
     /// Faults of this sample.
     pub found: FaultSet,
-    /// No fault was found or waits, and no zero is requested.
+    /// No fault was found or waits, and no zeroing of the count is requested.
     pub quiet: bool,
 }
 
@@ -119,8 +119,8 @@ pub struct Judged {
 pub struct GuardedSampler<W = CounterWidth> {
     sampler: Sampler<W>,
     /// The last [`GuardCommand::zeros`] that was carried out. It is turned (`Token::turned`) while the output must be
-    /// off, because a fault is not cleared or waits to be noted. So one comparison shows that no zero is requested and
-    /// no fault was found.
+    /// off, because a fault is not cleared or waits to be noted. So one comparison shows that no zeroing is requested
+    /// and no fault was found.
     met: Token,
     /// Faults that were found and are not in [`Guard`] yet.
     waiting: FaultSet,
@@ -244,7 +244,7 @@ impl<W: Width> GuardedSampler<W> {
     pub fn defer(&mut self, found: FaultSet, down: &GuardCommand) -> FaultSet {
         let waiting = self.waiting.union(found);
         if !found.is_empty() {
-            // After a flipped bit in an alert, turning it again could give the requested zeros. The next sample would
+            // After a flipped bit in an alert, turning it again could give the token of `down`. The next sample would
             // then be quiet.
             let met = self.zeros_met().turned();
             if met != down.zeros {
@@ -429,8 +429,8 @@ mod tests {
         }
     }
 
-    /// The count stays as it is after a flipped bit of the number that requests a zero, or of the number of the last
-    /// zero. A valid request is still carried out.
+    /// The count stays as it is after a flipped bit in the token that requests zeroing, or in the last token that was
+    /// carried out. A valid request is still carried out.
     #[test]
     fn a_bit_that_flips_asks_for_no_zero() {
         let control = free();
@@ -480,7 +480,7 @@ mod tests {
     }
 
     /// Also if a due sample finds another fault: each sample up to the next due one switches off. Every bit of the
-    /// request and of the number of the last zero flips, at every time.
+    /// request and of the last token that was carried out flips, at every time.
     #[test]
     fn a_bit_that_flips_before_another_fault_ends_no_cut() {
         let control = free();
@@ -516,7 +516,8 @@ mod tests {
         }
     }
 
-    /// A flipped bit of the number of the last zero does not end an alert, in the sample that notes a waiting fault.
+    /// A flipped bit of the last token that was carried out does not end an alert, in the sample that notes a waiting
+    /// fault.
     #[test]
     fn a_bit_that_flips_lets_nothing_on() {
         let control = free();

@@ -19,7 +19,6 @@
 use super::SafetyPlan;
 use crate::units::{Force, Position};
 
-/// A test in progress.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SignTest {
     outputs: u32,

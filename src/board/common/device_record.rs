@@ -17,7 +17,6 @@ unsafe extern "C" {
     safe static _device_record: [u32; WORDS_MAX];
 }
 
-/// The words of the sector.
 pub fn device_record() -> &'static [u32] {
     &_device_record
 }

@@ -55,7 +55,6 @@ impl State {
     }
 }
 
-/// Dropped frames since the start; wraps.
 pub fn dropped() -> u32 {
     DROPPED.load(Relaxed)
 }

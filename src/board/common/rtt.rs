@@ -41,7 +41,6 @@ impl contract::UpChannel for UpLink {
     }
 }
 
-/// The channel from the host.
 pub struct Commands(DownChannel, Buffer);
 
 impl contract::CommandChannel for Commands {

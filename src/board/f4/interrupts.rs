@@ -3,7 +3,7 @@
 use cortex_m::peripheral::scb::SystemHandler;
 use stm32f4xx_hal::pac::Interrupt;
 
-/// Bound to a task in src/main.rs, which gives them their priorities.
+/// Interrupts that src/main.rs binds to tasks. It gives them their priorities.
 const TASKS: [Interrupt; 4] = [Interrupt::TIM5, Interrupt::SPI3, Interrupt::PVD, Interrupt::SPI2];
 
 /// The lowest of the 16 priorities.

@@ -2,7 +2,6 @@
 
 use core::ptr;
 
-/// Port and number of a pin.
 #[derive(Clone, Copy)]
 pub struct BoardPin {
     /// Address of the port.

@@ -19,7 +19,6 @@ const DONE: u32 = 1 << 1;
 /// 28 cycles of sampling, three bits per channel.
 const SAMPLING: u32 = 0b010;
 
-/// Both converters, ADC1 and ADC2.
 pub struct Converters<W>(PhantomData<W>);
 
 /// ADC2, which has the registers of ADC1.

@@ -37,7 +37,7 @@ fn set_timeout(ms: u16) {
 }
 
 impl Watchdog {
-    /// Starts it; nothing but a reset stops it.
+    /// Starts the watchdog. Only a reset stops it.
     pub fn start(_: pac::IWDG) -> Self {
         // SAFETY: a documented key; it also starts the watchdog's clock.
         registers().kr().write(|w| unsafe { w.bits(0xCCCC) });

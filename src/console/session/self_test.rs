@@ -10,7 +10,6 @@ use crate::{
     self_test::{Found, Part},
 };
 
-/// Progress of the test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SelfTestStep {
     /// Number of the next part. None before the first order is answered.

@@ -26,7 +26,6 @@ enum Next {
     Verdict,
 }
 
-/// A series of hits.
 #[derive(Clone, Copy)]
 pub struct HitSeries {
     /// None: a single hit, at the wall in force.

@@ -17,7 +17,6 @@ use crate::{
 /// Longest time between two keys, samples: 100 ms.
 const KEY_EVERY: u64 = 100 * SAMPLES_PER_MS as u64;
 
-/// State of the telemetry stream.
 #[derive(Clone)]
 pub(in crate::console) struct Stream {
     pub(in crate::console) on: bool,

@@ -1,4 +1,4 @@
-//! What experiments report at their end.
+//! Reports of experiments at their end.
 
 use super::*;
 use crate::{

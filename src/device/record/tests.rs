@@ -127,7 +127,7 @@ fn what_is_wrong_with_a_whole_record_is_named() {
     says(&signed(kind), output);
 }
 
-/// Every number of a device is checked at the first value that matters.
+/// A NaN in place of any number is refused.
 #[test]
 fn a_number_that_is_none_is_refused_wherever_it_stands() {
     let words = record(&DEVICE);

@@ -9,7 +9,6 @@ use crate::{
     velocity::Senses,
 };
 
-/// State of the task `sample`.
 struct ToSample {
     parameters: LoopParameters,
     down: GuardCommand,

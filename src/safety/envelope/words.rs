@@ -15,10 +15,8 @@ use crate::velocity::EstimatorName;
 const HEAD: usize = 5;
 /// Lowest bit of the design's number in a boundary's first word.
 const DESIGN: u32 = 16;
-/// Words of a row.
 const ROW: usize = 3;
 
-/// The rows of a boundary.
 #[derive(Clone, Copy)]
 pub(super) struct Rows<'a>(&'a [[u32; ROW]]);
 

@@ -63,7 +63,7 @@ pub struct Supervisor {
     present: FaultSet,
     /// [`Guard::events`] at the last output.
     seen: u32,
-    /// Number of zeros that were carried out up to the last output.
+    /// Number of zeroings that were carried out up to the last output.
     zeros: u32,
     zeroed: bool,
     unlocked: Doubled<bool>,
@@ -242,13 +242,13 @@ impl Supervisor {
         self.unlocked.set(false);
     }
 
-    /// Whether a zero was requested that `sample` has not carried out yet.
+    /// Whether a zeroing was requested that `sample` has not carried out yet.
     fn zero_pending(&self) -> bool {
         self.down.zeros.number() != self.zeros
     }
 
-    /// Notes a zero that `sample` has carried out. The zero renamed the motion. So a change must start from the force
-    /// of the last output, which this returns.
+    /// Notes a zeroing that `sample` has carried out. It renamed the motion. So a change must start from the force of
+    /// the last output, which this returns.
     fn follow_zero(&mut self, guard: &Guard) -> Option<Force> {
         if guard.zeros == self.zeros {
             return None;

@@ -7,7 +7,6 @@ use crate::{
 };
 use proptest::prelude::*;
 
-/// An event between two samples.
 #[derive(Clone, Debug)]
 enum Event {
     Ask(Request),
