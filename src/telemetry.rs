@@ -4,9 +4,9 @@
 //! key frame. From a key frame on a reader can compute every sample. A record of the black box has layout 1, 40 bytes,
 //! at 1 kHz. The least significant byte comes first. `docs/telemetry.md` has the tables.
 //!
-//! The sample index is sent with all 64 bits. Its low 32 bits would wrap within a day at 50 kHz, and every reader would
-//! have to guess the rest, to save 4 bytes. The CRC covers everything before it, with the magic. If garbage contains
-//! the magic by chance, it passes as a frame once in 2^32 times.
+//! The sample index is sent with all 64 bits. With 32 bits it would wrap within a day at 50 kHz, and every reader would
+//! have to guess the rest. That would save only 4 bytes. The CRC covers everything before it, with the magic. If
+//! garbage contains the magic by chance, it passes as a frame once in 2^32 times.
 
 mod decoder;
 mod parts;

@@ -124,7 +124,6 @@ impl<E> From<E> for SaveError<E> {
     }
 }
 
-/// Content of a slot.
 enum Slot {
     Blank,
     Damaged,
@@ -166,7 +165,6 @@ fn slot<F: NorFlash>(flash: &mut F, sector: Sector, slot: usize) -> Slot {
     }
 }
 
-/// Content of a sector.
 #[derive(Clone, Copy, Default)]
 struct Content {
     newest: Option<(u32, Stored)>,

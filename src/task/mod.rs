@@ -122,7 +122,7 @@ pub fn make(mut board: Board, queues: &'static mut Queues) -> (Sample, Render, L
         };
     let acts = (board::output_watch(), current);
     if let Some(record) = fault {
-        // This reset may add to the fault that it was the watchdog's. This must survive the next reset.
+        // This reset may have added the fault of a watchdog reset. The record must survive the next reset.
         board.memory.write(&record.to_words());
     }
     let (control_in, control_out) = DoubleBuffer::split(control);

@@ -28,7 +28,6 @@ use crate::board::{
 };
 use crate::sync::{DoubleBufferWriter, SeqlockReader, Viewer, position_ring::Follower};
 
-/// The longest output period.
 const LONGEST: u32 = period::PERIODS[period::PERIODS.len() - 1];
 
 /// The hardware that this task owns.

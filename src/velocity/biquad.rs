@@ -111,7 +111,7 @@ impl Biquad {
         let dropped = (total & ((1 << Self::FRACTION_BITS) - 1)) as i32;
         state.dropped = [dropped, r1];
         *seal = seal.wrapping_add([x0, dropped].sum());
-        // Saturation is nearly never close, and one comparison shows that.
+        // Saturation is hardly ever near, and one comparison shows that.
         if upper.wrapping_add(NEAR).cast_unsigned() < 2 * NEAR.cast_unsigned() {
             #[expect(clippy::cast_possible_truncation, reason = "within 4 NEAR")]
             let y0 = (total >> Self::FRACTION_BITS) as i32;

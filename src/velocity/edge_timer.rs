@@ -22,8 +22,8 @@
 //! **Error.** The age is wrong by less than a tick, and up to 2^-16 samples too short. A channel keeps only its last
 //! edge, and the direction is read after the count. So two cases lose the last edge of a count. In the first, the
 //! handle turns in a sample and an edge comes between the readings. In the second, two edges come between the readings.
-//! Then there is no edge, and the estimator assumes half a count's time as its age. One edge can be taken for another
-//! only if the handle turns twice in a sample, the second time between the readings.
+//! Then no edge is reported, and the estimator assumes half a count's time as the edge's age. One edge can be taken for
+//! another only if the handle turns twice in a sample, the second time between the readings.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]
 

@@ -93,8 +93,8 @@ impl TimeStamps {
         Ok(Self { span: (span_samples << Edge::FRACTION_BITS) - Edge::SAMPLE / 2 })
     }
 
-    /// The mean velocity up to the latest edge. First searches the first edge of the measurement, beginning with the
-    /// last measurement's.
+    /// The mean velocity up to the latest edge. Before that it searches the edge at which the measurement begins, from
+    /// that of the last measurement on.
     fn measure(&self, state: &mut TimeStampsState) -> Velocity {
         let latest = state.at(0);
         while state.back > 1 && latest.time.wrapping_sub(state.at(state.back - 1).time) >= self.span

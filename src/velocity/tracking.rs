@@ -95,8 +95,8 @@ impl TrackingLoop {
     ///
     /// # Errors
     /// `bandwidth_hz` is out of range as in [`new`](Self::new). Or `lead` is outside -1 .. `kp / ki + 1`. The upper end
-    /// has no delay, and the further sample of an explicit loop's proportional part. Or `lead` is so large that a
-    /// coefficient reaches 2 or their magnitudes add up to 4.
+    /// is the lead without delay, plus the sample that an explicit loop's proportional part gives. Or `lead` is so
+    /// large that a coefficient reaches 2 or their magnitudes add up to 4.
     pub fn led(bandwidth_hz: f64, lead: f64, rate_hz: f64) -> Result<Self, SettingsError> {
         let own = Self::new(bandwidth_hz, rate_hz)?;
         let (kp, ki) = (own.kp, own.ki);
