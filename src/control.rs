@@ -215,7 +215,6 @@ const fn low(sample: u64) -> u32 {
 
 #[cfg(test)]
 impl<W> Sampler<W> {
-    /// Flips a bit of the count at position 0.
     pub(crate) fn spoil_origin(&mut self) {
         self.encoder.spoil_origin();
     }

@@ -35,7 +35,6 @@ impl Design {
         Ok(())
     }
 
-    /// Time from output to output, s.
     pub(crate) fn period_s(&self) -> f64 {
         f64::from(self.period) / self.rate_hz
     }

@@ -128,7 +128,6 @@ impl<W: Width> Moves<W> {
 
 #[cfg(test)]
 impl<W> Encoder<W> {
-    /// Flips a bit of the count at position 0.
     pub(crate) fn spoil_origin(&mut self) {
         self.origin ^= 1 << 7;
     }

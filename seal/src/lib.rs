@@ -65,7 +65,6 @@ pub fn seal_of(image: &impl Linked) -> Result<(u32, u32), String> {
     }
 }
 
-/// The parsed ELF file.
 struct File<'a> {
     /// Symbols: name, address.
     symbols: Vec<(&'a str, u64)>,

@@ -95,7 +95,6 @@ impl Spoken {
         kind.map_or(typed, |kind| number::rounded(typed / self.factor(kind)))
     }
 
-    /// A usage in the words of these units.
     pub(super) fn usage(self, usage: &'static str) -> Usage {
         let kind = self.kind(|kind| kind.name(usage).is_some());
         match kind.and_then(|kind| Some((kind.name(usage)?, kind))) {
@@ -134,7 +133,6 @@ impl Spoken {
     }
 }
 
-/// How a command is typed.
 pub(super) struct Usage(&'static str, Option<&'static str>);
 
 impl fmt::Display for Usage {
@@ -144,7 +142,6 @@ impl fmt::Display for Usage {
     }
 }
 
-/// A number and its unit.
 pub(super) struct Said(f64, &'static str);
 
 impl fmt::Display for Said {

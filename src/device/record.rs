@@ -59,7 +59,6 @@ pub const BOARD_AT: usize = 12;
 
 const MAGIC: u32 = u32::from_le_bytes(*b"ZWD\0");
 const HEAD: u32 = MAGIC | (LAYOUT as u32) << 24;
-/// A word of erased flash.
 const BLANK: u32 = u32::MAX;
 /// Words before the numbers. The next line: words before designs and envelope.
 const FIXED: usize = 17;

@@ -123,7 +123,6 @@ impl Bench {
         Position::from_counts(self.handle.position().counts() - self.zero)
     }
 
-    /// Computes one output, with or without an order.
     fn output(&mut self, order: Option<Order>) {
         let before = self.position();
         if !self.held {
@@ -168,7 +167,6 @@ impl Bench {
         }
     }
 
-    /// Gives an order and returns its answer.
     fn order(&mut self, order: Order) -> Result<(), Refusal> {
         self.output(Some(order));
         match self.reports.last().unwrap().event {

@@ -11,7 +11,6 @@ use crate::telemetry::Record;
 #[derive(Clone, Debug)]
 pub struct BlackBox<const N: usize> {
     records: [Record; N],
-    /// Index of the next record.
     next: usize,
     len: usize,
     every: u32,

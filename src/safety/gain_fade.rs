@@ -159,7 +159,6 @@ mod tests {
         }
     }
 
-    /// One output with these settings.
     fn give(fade: &mut GainFade, (wall, push): (Wall, Force), at: Motion) -> Force {
         fade.force((&wall, push), at, &drive(&wall, push, at), None, SLEW)
     }

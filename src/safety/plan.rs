@@ -154,7 +154,6 @@ impl SafetySettings {
     }
 }
 
-/// Times of the plan, in samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Samples {
     /// [`SafetyPlan::yields`] and [`SafetyPlan::slows`] for an output with every sample.
@@ -232,7 +231,6 @@ pub struct SafetyPlan {
     pub(super) ramp_step: u32,
     /// Outputs of one of the four parts of the sign test.
     pub(super) sign_quarter: u32,
-    /// Force of the sign test.
     pub(super) sign_force: Force,
     /// Motion that the sign test needs, counts.
     pub(super) sign_counts: i32,
@@ -242,7 +240,6 @@ pub struct SafetyPlan {
     pub(super) yields: u64,
     /// Part of its speed that this handle loses from one output to the next, LSB of 2^-32.
     pub(super) slows: u32,
-    /// The wall's passivity controller.
     pub(super) passivity: Option<Passivity>,
     /// Times in samples, from which the numbers of outputs are computed.
     samples: Samples,

@@ -26,7 +26,6 @@ pub(super) struct SignTest {
     marks: [Position; 5],
 }
 
-/// Result of the test at an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SignStep {
     /// The test continues, with this force.

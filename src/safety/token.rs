@@ -9,7 +9,6 @@ pub struct Token(u32);
 pub(super) struct Turn(u32);
 
 impl Turn {
-    /// Not turned.
     pub(super) const NONE: Self = Self(0);
     pub(super) const HALF: Self = Self(0xFFFF);
 }

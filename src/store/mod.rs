@@ -21,7 +21,6 @@ use core::fmt;
 use embedded_storage::nor_flash::NorFlash;
 use record::{Further, further_of_words, looks_like_a_record};
 
-/// One of the two erase blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Sector {
     A,
@@ -54,7 +53,6 @@ impl Sector {
 
 const RECORD_BYTES: usize = size_of::<[u32; RECORD_WORDS]>();
 
-/// A word of erased flash.
 const BLANK: u32 = u32::MAX;
 
 /// Source of loaded settings.

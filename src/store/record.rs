@@ -205,7 +205,6 @@ impl Stored {
         of_estimator || self.force_rms_limit_n.is_some()
     }
 
-    /// The further record, if one is needed.
     pub(super) fn further_to_words(&self, sequence: u32) -> Option<[u32; RECORD_WORDS]> {
         if !self.has_further() {
             return None;

@@ -38,7 +38,6 @@ pub struct DoubleBufferReader<T: 'static, P>(PhantomData<(*const T, P)>);
 unsafe impl<T: Send + Sync, P> Send for DoubleBufferReader<T, P> {}
 
 impl<T: Copy> DoubleBuffer<T> {
-    /// Buffers without a value.
     pub const fn new() -> Self {
         Self {
             buffers: [const { UnsafeCell::new(MaybeUninit::uninit()) }; 2],
@@ -76,7 +75,6 @@ impl<T: Copy + 'static> DoubleBuffer<T> {
 }
 
 impl<T: Copy> DoubleBufferWriter<T> {
-    /// The valid value.
     #[inline(always)]
     pub fn newest(&self) -> &T {
         // SAFETY: not null after `split`. Only this writer writes, and not while it is borrowed.

@@ -20,7 +20,6 @@ use super::Static;
 
 /// Data of a task: a part that a viewer may see, and the rest.
 pub struct Shown<S, R> {
-    /// The part that a viewer may copy.
     pub shown: S,
     pub rest: R,
 }

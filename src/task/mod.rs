@@ -78,7 +78,6 @@ impl Queues {
 
 /// Values that other tasks watch.
 struct Flags {
-    /// The value of [`GuardCommand::rendered`].
     rendered: AtomicU32,
     /// Passes of `link` so far.
     links: AtomicU32,

@@ -30,7 +30,6 @@ use crate::sync::{DoubleBufferWriter, SeqlockReader, Viewer, position_ring::Foll
 
 const LONGEST: u32 = period::PERIODS[period::PERIODS.len() - 1];
 
-/// The hardware that this task owns.
 pub struct Outputs {
     pub drive: Drive,
     pub stop: EmergencyStop,
@@ -54,9 +53,7 @@ pub struct Ends {
     pub sampling: ToSample,
     /// View of the sampler that `sample` owns.
     pub sampler: Viewer<Block>,
-    /// Orders that `link` sends.
     pub orders: Consumer<'static, Numbered, ORDERS>,
-    /// Reports that `link` takes.
     pub reports: Producer<'static, Report, REPORTS>,
 }
 
@@ -89,7 +86,6 @@ pub struct Render {
     outputs: Outputs,
     ends: Ends,
     guard: GuardView,
-    /// The positions of all samples.
     positions: Follower,
     renderer: Renderer<HISTORY>,
     /// Number of the last order that was carried out.
@@ -192,7 +188,6 @@ impl Render {
         (sensed, self.guard.at(up.motion.number()))
     }
 
-    /// Writes the pending update of the backup RAM.
     #[inline(always)]
     fn remember(&mut self) {
         match self.renderer.take_memory_update() {

@@ -8,7 +8,6 @@ use super::{Frame, Parts, Record, parts::kind};
 #[derive(Clone, Copy, Debug)]
 pub struct Decoder {
     window: [u8; Frame::LEN_MAX],
-    /// The last frame.
     last: [u8; Frame::LEN_MAX],
     length: usize,
     filled: usize,

@@ -61,7 +61,6 @@ pub struct Key {
     pub position: Position,
     /// Velocity at this sample.
     pub velocity: Velocity,
-    /// Memory of the estimator, [`State::put`].
     memory: [u8; STATE_MAX],
     length: usize,
 }

@@ -49,14 +49,12 @@ pub struct Captures {
 struct Captured {
     /// Count of the timer at the edge.
     at: u16,
-    /// Whether the edge is on channel A.
     is_a: bool,
 }
 
 /// Makes edges from captures. The timer has `TICKS` per sample, and wraps at [`WRAP`](Self::WRAP).
 #[derive(Clone, Copy, Debug)]
 pub struct EdgeTimer<const TICKS: u32> {
-    /// Encoder's count at the last sample.
     count: u32,
     /// Ticks from a sample's beginning to its reading.
     phase: Option<u32>,
@@ -202,7 +200,6 @@ mod tests {
     const TICKS: u32 = 9_000;
     type Timer = EdgeTimer<TICKS>;
 
-    /// Encoder and timers, tick by tick.
     struct Bench {
         timer: Timer,
         /// Time and direction of every later edge.
@@ -247,7 +244,6 @@ mod tests {
         }
     }
 
-    /// Count of the timer.
     fn clock(tick: u64) -> u16 {
         u16::try_from(tick % u64::from(Timer::WRAP)).unwrap()
     }

@@ -13,7 +13,6 @@ use super::{
 };
 use crate::units::Velocity;
 
-/// Fractional bits of a weight.
 pub(super) const FRACTION_BITS: u32 = 30;
 
 /// Weights of the last differences, newest first, in LSB of 2^-30. They add up to one.

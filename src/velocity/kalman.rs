@@ -106,7 +106,6 @@ const FRACTION_BITS: u32 = 32;
 const DROPPED_BITS: u32 = FRACTION_BITS - Velocity::FRACTION_BITS;
 /// Further fractional bits of the acceleration, because small gains change it only a little.
 const ACCELERATION_BITS: u32 = 12;
-/// Factor of these further bits.
 const GAMMA: f64 = (1u32 << ACCELERATION_BITS) as f64;
 /// Largest distance from the count. The smallest gains leave less after a stop from full speed.
 const DISTANCE_MAX: i64 = 1 << (28 + FRACTION_BITS);

@@ -9,7 +9,6 @@
 
 use crate::units::Velocity;
 
-/// Bytes that are being written.
 pub(super) struct Bytes<'a> {
     place: &'a mut [u8],
     used: usize,

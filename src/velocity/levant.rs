@@ -89,7 +89,6 @@ impl LevantDesign {
     }
 }
 
-/// Fractional bits of position and velocity.
 const FRACTION_BITS: u32 = 32;
 /// Largest distance from the count, LSB of 2^-32 counts.
 const DISTANCE_MAX: i64 = 1 << (24 + FRACTION_BITS);
@@ -113,7 +112,6 @@ pub struct Levant {
 pub(super) struct LevantState {
     /// Position at the next sample, less the last count.
     ahead: i64,
-    /// Velocity u1 of the equations.
     velocity: i64,
 }
 
@@ -177,7 +175,6 @@ fn limited(velocity: i64) -> i64 {
     velocity.clamp(-VELOCITY_MAX, VELOCITY_MAX)
 }
 
-/// The nearest velocity to a velocity of the state.
 #[inline]
 fn velocity(bits: i64) -> Velocity {
     const DROPPED: u32 = FRACTION_BITS - Velocity::FRACTION_BITS;

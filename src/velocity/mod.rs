@@ -71,7 +71,6 @@ trait Form {
     /// Values that the samples leave.
     type State: Copy + core::fmt::Debug + Kept;
 
-    /// The state before the first sample.
     const REST: Self::State;
 
     /// The state after many samples at this velocity. With it the form replaces another one.
@@ -304,9 +303,7 @@ impl core::ops::Deref for Tuned {
 /// The estimator's state after the last sample, without the position.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Running {
-    /// Tuning of this state's estimator.
     tuning: Tuning,
-    /// Velocity at the last sample.
     velocity: Velocity,
     memory: Memory,
     /// Expected sum of tuning and memory.
@@ -321,7 +318,6 @@ impl Running {
         seal: Kind::Difference as u32, // which remembers nothing
     };
 
-    /// [`Tuned::number`] of this state's estimator.
     #[inline(always)]
     pub(crate) const fn number(&self) -> u16 {
         self.tuning.0

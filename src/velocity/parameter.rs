@@ -34,7 +34,6 @@ pub const PARAMETERS: usize = 8;
 /// Parameters of one estimator by index; 0 if there is none at an index.
 pub type Numbers = [f64; PARAMETERS];
 
-/// These numbers by their index.
 #[inline]
 pub(super) fn numbers(numbers: &[f64]) -> Numbers {
     core::array::from_fn(|place| numbers.get(place).copied().unwrap_or_default())

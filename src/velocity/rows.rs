@@ -187,7 +187,6 @@ macro_rules! estimators {
                 $($($(#[cfg($on)] $own: <$integer as Form>::REST,)?)*)*
             };
 
-            /// Writes the memory of `estimator`.
             pub(super) fn put(&self, estimator: &Estimator, bytes: &mut Bytes<'_>) {
                 match estimator {
                     $($(#[cfg($on)] Estimator::$form(form) => {
@@ -196,7 +195,6 @@ macro_rules! estimators {
                 }
             }
 
-            /// Reads the memory of `estimator` from the first bytes of `rest`.
             pub(super) fn take(estimator: &Estimator, rest: &mut &[u8]) -> Option<Self> {
                 let mut memory = Self::REST;
                 match estimator {
@@ -207,7 +205,6 @@ macro_rules! estimators {
                 Some(memory)
             }
 
-            /// Sum of the memory of `estimator`.
             #[inline(always)]
             pub(super) fn sum(&self, estimator: &Estimator) -> u32 {
                 match estimator {

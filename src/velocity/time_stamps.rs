@@ -63,11 +63,9 @@ struct Stamp {
 
 kept!(Stamp { time, place });
 
-/// The last edges, at most one per sample.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TimeStampsState {
     stamps: [Stamp; LENGTH as usize],
-    /// Sum over all stamps.
     sum: u32,
     /// Index of the latest stamp. The next field: distance from it to the first stamp of the measurement. Both are 0
     /// with one edge only.

@@ -59,7 +59,6 @@ pub fn dropped() -> u32 {
     DROPPED.load(Relaxed)
 }
 
-/// Starts logging to `channel`.
 pub(in crate::board) fn start(channel: UpChannel, buffer: Buffer) {
     mask::with_lower_tasks_masked(|| {
         // SAFETY: see `Shared`.

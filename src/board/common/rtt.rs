@@ -18,7 +18,6 @@ use super::control_block::Buffer;
 
 pub use super::logger::dropped as log_dropped;
 
-/// The channels that the task `link` owns.
 pub struct Channels {
     /// RTT's up channel 1.
     pub telemetry: UpLink,

@@ -24,7 +24,6 @@ pub fn expect_chip(dbgmcu: &pac::DBGMCU, expected: u32, replies: &mut UpLink) {
     }
 }
 
-/// Switches HSE on and waits until it is ready.
 pub fn expect_clock(rcc: &pac::RCC, external: bool, replies: &mut UpLink) {
     rcc.cr().modify(|_, w| w.hsebyp().bit(external));
     rcc.cr().modify(|_, w| w.hseon().set_bit());

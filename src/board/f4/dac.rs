@@ -13,7 +13,6 @@ use zwidth::{contract::ForceOutput, self_test::Found, units::OutputCode};
 
 use super::{super::common::mask, f4::read_back};
 
-/// Code of zero force.
 pub const ZERO: u16 = 2048;
 
 pub struct Output(C1);

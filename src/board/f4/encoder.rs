@@ -14,7 +14,6 @@ use super::set_up;
 /// glitches do not count. A and B may each change up to ten million times a second.
 pub(in crate::board) const FILTER: u32 = 0b0011;
 
-/// Edge times beside the count.
 pub trait EdgeTimes {
     /// The latest edge in `count`, which was read from `counter` just now.
     fn latest(&mut self, count: u32, counter: &pac::TIM2) -> Option<Edge>;

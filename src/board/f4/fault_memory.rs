@@ -13,7 +13,6 @@ use super::supply::Supply;
 /// The backup RAM, 4 KiB.
 const ADDRESS: *mut [u32; FaultRecord::WORDS] = ptr::without_provenance_mut(0x4002_4000);
 
-/// The place of one fault record.
 pub struct FaultMemory(());
 
 impl FaultMemory {

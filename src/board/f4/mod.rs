@@ -71,7 +71,6 @@ pub trait Wiring: Sized {
     fn take(device: pac::Peripherals, core: cortex_m::Peripherals) -> Parts<F4<Self>>;
 }
 
-/// A board with an STM32F4.
 pub struct F4<W>(PhantomData<W>);
 
 impl<W: Wiring> Board for F4<W> {

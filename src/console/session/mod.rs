@@ -57,7 +57,6 @@ pub(super) enum Awaited {
     Quiet,
 }
 
-/// Which setting a command changed.
 #[derive(Clone, Copy)]
 pub(super) enum ChangedSetting {
     Value(&'static str, f64, &'static str),
@@ -225,7 +224,6 @@ impl<P: Port> Console<P> {
         self.write(&ReplyIn(reply, self.spoken()));
     }
 
-    /// Units of the console's numbers.
     pub(super) fn spoken(&self) -> Spoken {
         Spoken::of(self.device)
     }
@@ -294,7 +292,6 @@ impl<P: Port> Console<P> {
         }
     }
 
-    /// Flips a bit of the settings, or of the device.
     #[cfg(test)]
     pub(super) fn flip(&mut self, of_device: bool) {
         if of_device {

@@ -190,7 +190,6 @@ impl<P: Port> Console<P> {
         self.judged(hit);
     }
 
-    /// Continues after a hit.
     #[inline(never)] // as `hit_codes`
     fn judged(&mut self, hit: JudgedHit) {
         let Some(mut series) = self.series else { return self.say_hit(&hit) };
@@ -247,7 +246,6 @@ impl<P: Port> Console<P> {
         })
     }
 
-    /// Takes the verdict on a walk's cell.
     fn walk_on(&mut self, mut series: HitSeries, mut walk: Walk, hit: &JudgedHit) {
         let (plan, cell, spoken) = (*walk.plan(), walk.cell(), self.spoken());
         let number = series.totals.hits.saturating_add(1);

@@ -23,7 +23,6 @@ pub(in crate::console) struct Stream {
     sequence: u32,
     /// Outputs of the frame that is being filled. They follow each other, with the same settings and fault.
     outputs: [Record; Frame::OUTPUTS],
-    /// Pushes of an experiment at these outputs.
     pushes: [Force; Frame::OUTPUTS],
     /// Energy that wall and hand have exchanged up to the newest output.
     port: Exchanged,

@@ -32,7 +32,6 @@ mod self_test;
 mod stream;
 mod walk;
 
-/// The board of a console under test.
 #[derive(Default)]
 struct Board {
     typed: VecDeque<u8>,
@@ -140,7 +139,6 @@ struct Bench {
     activity: Activity,
 }
 
-/// The exchanged energy in every report.
 const PORT: Exchanged = Exchanged { energy: -(1 << 40), given: 1 << 41 };
 
 impl Bench {
@@ -220,7 +218,6 @@ impl Bench {
     }
 }
 
-/// Reply to the command `version`.
 fn version() -> String {
     let hash = DEVICE.envelope.hash();
     let version = env!("CARGO_PKG_VERSION");

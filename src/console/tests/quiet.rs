@@ -8,7 +8,6 @@ use crate::experiment::{RunningVariance, Verdict, quiet::PUSHES};
 
 const PUSH_N: f64 = 2.0;
 const K: f64 = 50_000.0;
-/// Force of one code, N.
 const CODE_N: f64 = 5.906 / 2047.0;
 
 /// Armed, with that wall and the criterion `quiet`.

@@ -8,7 +8,6 @@ use crate::{
     velocity::{Senses, State as Estimated},
 };
 
-/// A frame, as a reader sees it.
 #[derive(Debug)]
 struct Seen {
     newest: u64,
@@ -19,7 +18,6 @@ struct Seen {
     port: Option<Exchanged>,
 }
 
-/// A console on a board whose handle moves.
 struct Moving {
     bench: Bench,
     parameters: LoopParameters,

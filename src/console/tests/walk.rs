@@ -16,7 +16,6 @@ fn begun() -> Bench {
     bench
 }
 
-/// The order that the walk gives next.
 #[track_caller]
 fn next(bench: &mut Bench) -> Order {
     bench.console.pass(true);

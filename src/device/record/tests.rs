@@ -22,7 +22,6 @@ const BOARD: BoardFacts = BoardFacts {
     latency_samples: 0.115,
 };
 
-/// The record of this device, with its envelope.
 fn record(device: &Device<'_>) -> Vec<u32> {
     device.to_record(&[], &[BOUNDARY], &mut [0; WORDS_MAX]).unwrap().to_vec()
 }

@@ -3,7 +3,6 @@ use super::*;
 pub use crate::design::tests::DESIGN;
 pub const SETTINGS: ReturnSettings = ReturnSettings::SOFT;
 
-/// A return with its plan.
 struct Moving {
     plan: ReturnPlan,
     back: Return,

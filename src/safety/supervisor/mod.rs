@@ -56,7 +56,6 @@ pub struct Supervisor {
     withheld: bool,
     watch: StuckEncoder,
     speed: SpeedWatch,
-    /// The grant of the last output.
     last: OutputCommand,
     fault: Option<FaultRecord>,
     causes: FaultSet,
@@ -73,7 +72,6 @@ pub struct Supervisor {
     /// Whether a handle at count 0 would be in the wall.
     wall_over_zero: bool,
     inputs: Inputs,
-    /// Record of the last output.
     record: Record,
     down: GuardCommand,
     memory: Option<MemoryUpdate>,
