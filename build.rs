@@ -1,5 +1,5 @@
-//! What the build puts into an image: the device record, the commit and the link arguments. The link arguments are not
-//! in .cargo/config.toml. There an environment variable RUSTFLAGS replaces them silently, and the image has no vectors.
+//! Puts the device record and the commit into an image, and sets the link arguments. The link arguments are not in
+//! .cargo/config.toml. There an environment variable RUSTFLAGS replaces them silently, and the image has no vectors.
 
 use std::{
     env, fs,

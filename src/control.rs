@@ -120,7 +120,7 @@ impl<W: Width> Sampler<W> {
         self.near(self.sample)
     }
 
-    /// Full number of a sample, from its low 32 bits `number`: the one that is nearest to the next due sample.
+    /// Full number of a sample, from its low 32 bits `number`. It is the number nearest to the next due sample.
     #[inline(always)]
     const fn near(&self, number: u32) -> u64 {
         let since = number.wrapping_sub(self.due);

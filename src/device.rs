@@ -145,7 +145,7 @@ impl Device<'_> {
         Ok(PeriodPlan { duty: self.duty.build(&design, 0)?, keep })
     }
 
-    /// The start of a board. `loaded`: settings in its flash. `boot`: fault of its last run.
+    /// Computes the state of a board at its start. `loaded`: settings in its flash. `boot`: fault of its last run.
     ///
     /// If settings cannot be built, or their estimator needs a sense that the board lacks, the defaults are in force.
     /// The fault is then `settings`.

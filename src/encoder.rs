@@ -41,8 +41,8 @@ impl Width for Bits32 {
 
 /// Turns the readings of a wrapping counter into positions whose differences are exact.
 ///
-/// The count at position 0 follows from the last count and the last position. It is also stored, to check them: see
-/// [`is_whole`](Self::is_whole).
+/// The count at position 0 follows from the last count and the last position. It is also stored, so that it can be
+/// checked: see [`is_whole`](Self::is_whole).
 #[derive(Clone, Copy, Debug)]
 pub struct Encoder<W = CounterWidth> {
     width: W,

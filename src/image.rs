@@ -54,7 +54,7 @@ pub struct Image<'a> {
 pub enum BadImage {
     /// It has no checksum.
     Unsealed,
-    /// The image differs from the one that was sealed: its checksum is wrong.
+    /// The image differs from the sealed image: its checksum is wrong.
     Damaged,
 }
 

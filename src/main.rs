@@ -1,5 +1,5 @@
-//! The firmware: which task runs when, and what each one owns. There is no arithmetic here. The control core is the
-//! library of this package, the hardware is [`board`], the tasks' work is in [`task`].
+//! The firmware: the tasks, their times and the data that each of them owns. There is no arithmetic here. The control
+//! core is the library of this package, the hardware is [`board`], the tasks' work is in [`task`].
 //!
 //! | task        | rate                   | priority | does                                           |
 //! |-------------|------------------------|----------|------------------------------------------------|

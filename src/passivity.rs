@@ -13,8 +13,8 @@
 //! ```
 //!
 //! `change_1` and `change_2` are the counts by which motion can differ from the motion before the last output. The
-//! settings give the largest acceleration a. With a period P and a latency l they are `a (P l + l^2) / 2` and `a P (P +
-//! l)`, and two counts of the quantisation.
+//! settings give the largest acceleration a. With a period P and a latency l, `change_1` is `a (P l + l^2) / 2`, and
+//! `change_2` is `a P (P + l)`. Each has two counts more for the quantisation.
 //!
 //! **The guarantee.** While the handle accelerates by at most a, the wall gives in each contact at most the reserve.
 //! Each output at which the account was spent adds at most 2^-21 of the reserve. This holds for anything at the port

@@ -9,9 +9,9 @@ use crate::{image::UNSEALED, period::OUTPUT_WATCHDOG_US};
 /// A part of the self-test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// The chip: is it the one that the image is for?
+    /// The chip, compared with the chip that the image is for.
     Chip,
-    /// The brown-out reset: is it on?
+    /// Whether the brown-out reset is on.
     BrownOutReset,
     /// Vector table and flash.
     Image,

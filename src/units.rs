@@ -1,4 +1,4 @@
-//! The quantities from the encoder to the command. The type of each has its format.
+//! The quantities from the encoder to the command. The format of each quantity is in its type.
 //!
 //! | quantity     | unit                     | format  | LSB          | range                 | made by |
 //! |--------------|--------------------------|---------|--------------|-----------------------|---------|

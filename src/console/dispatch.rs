@@ -1,4 +1,4 @@
-//! What each command does.
+//! The actions of the commands.
 
 use super::{
     Command, Port, Reply, Situation, allowed, is_off,

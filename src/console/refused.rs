@@ -12,7 +12,7 @@ use crate::{
 /// Why nothing runs.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Unusable {
-    /// The image is not what was built.
+    /// The image differs from the build.
     Image(BadImage),
     /// The device record is refused.
     Record(BadRecord),

@@ -164,7 +164,7 @@ fn names(f: &mut fmt::Formatter<'_>, designs: &Designs<'_>) -> fmt::Result {
     designs.iter().try_for_each(|(_, NamedFilter { name, .. })| write!(f, " {}", name.text()))
 }
 
-/// What a table of the envelope has beside a key: estimators with their cutoffs, and designs.
+/// Estimators with their cutoffs, and designs, of the tables beside a key in the envelope.
 fn known(f: &mut fmt::Formatter<'_>, device: &Device<'_>, key: &Key) -> fmt::Result {
     let mut last = None;
     for key in device.envelope.beside(key) {

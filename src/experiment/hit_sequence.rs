@@ -76,7 +76,7 @@ impl HitSequence {
         self.hit.spoil(HitPlan { push, ..*self.hit });
     }
 
-    /// Whether the hit is the ordered one, and the phase the one that was begun.
+    /// Whether the hit is the ordered hit, and the phase is unchanged.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         let begun = match &self.phase {

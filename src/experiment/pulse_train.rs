@@ -106,7 +106,7 @@ impl PulseTrain {
         self.pulses.spoil(pulses);
     }
 
-    /// Whether the pulses are the ordered ones, and the phase the one that was begun.
+    /// Whether the pulses are the ordered pulses, and the phase is unchanged.
     #[inline(always)]
     pub fn is_whole(&self) -> bool {
         self.pulses.is_whole() && self.phase.part() == self.part

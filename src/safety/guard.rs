@@ -32,11 +32,11 @@ pub struct GuardCommand {
     pub zeros: Token,
     /// The last granted force, 0 while off. It has acted since the last sample, except for the time of the output.
     pub force: Force,
-    /// A larger move in one sample is a count jump, counts. No limit while flash is written, and at the first sample
-    /// after that.
+    /// Largest move in one sample that is no count jump, counts. No limit while flash is written, and at the first
+    /// sample after that.
     pub jump: u32,
-    /// A higher speed is too fast, LSB of [`Velocity`](crate::units::Velocity). No limit while off: a hand may move a
-    /// free handle at any speed.
+    /// Largest allowed speed, LSB of [`Velocity`](crate::units::Velocity). No limit while off: a hand may move a free
+    /// handle at any speed.
     pub speed: u32,
     /// Flash is being written, which stalls the processor. Missing outputs are no fault then. Never set while force is
     /// on.

@@ -14,12 +14,12 @@ use crate::{
 /// than a millisecond apart, it is the largest step of an output.
 pub const SLEW: i32 = (1 << Force::FRACTION_BITS) / 20;
 
-/// A larger force without motion is suspicious: 10 % of full scale, in LSB of [`Force`]. It is twice the force with
-/// which the sign test moves the handle, so friction is no explanation.
+/// Largest force that may act without motion for any time: 10 % of full scale, in LSB of [`Force`]. It is twice the
+/// force with which the sign test moves the handle, so friction is no explanation.
 pub(super) const PUSH_FORCE: i32 = (1 << Force::FRACTION_BITS) / 10;
-/// Longest time of such a force, s.
+/// Longest time of a larger force without motion, s.
 pub(super) const PUSH_S: f64 = 0.05;
-/// Fewer counts are no motion: a count that flickers at an edge moves by 1, with noise by 2.
+/// Fewest counts that are a motion: a count that flickers at an edge moves by 1, with noise by 2.
 pub(super) const PUSH_COUNTS: u32 = 3;
 /// Binary places of a count in the computed motion of the heaviest handle.
 pub(super) const HEAVIEST_BITS: u32 = 32;

@@ -1,10 +1,11 @@
 //! Settings in flash that survive a power cut at any moment.
 //!
-//! Two sectors hold records of a fixed length, one after another. A save appends one. The newest valid record counts.
-//! If a sector is full, the other one is erased, and the next record goes there. So the sector with the newest record
-//! is never erased. A record is valid only if its last word is its right CRC. So a record that was cut short does not
-//! count, and its slot is not used again. If an estimator has more parameters than a record can hold, the others are in
-//! a further record. The further record is written before the main record, and counts only together with it.
+//! Two sectors hold records of a fixed length, one after another. A save appends a record. The newest valid record
+//! counts. If a sector is full, the other one is erased, and the next record goes there. So the sector with the newest
+//! record is never erased. A record is valid only if its last word is its right CRC. So a record that was cut short
+//! does not count, and its slot is not used again. If an estimator has more parameters than a record can hold, the
+//! others are in a further record. The further record is written before the main record, and counts only together with
+//! it.
 //!
 //! A sector of 16 KiB takes 93 saves. 10 000 erases of both sectors are 1.8 million saves. Writing flash stalls the
 //! processor (16 us a word, up to 0.5 s an erase), so save only with the force off.

@@ -243,7 +243,7 @@ impl Render {
                 && self.acts.is_whole()
                 && self.outputs.set_up.channels_hold();
         let set_up = !all && self.numbers_next || self.outputs.set_up.holds();
-        // If a task has switched off since then, the reading may be that of zero force.
+        // If a task has switched off since then, the reading may belong to zero force.
         let was = was.filter(|_| self.outputs.drive.is_on());
         let read = self.outputs.read_back.finish();
         let (output, current) = &*self.acts;

@@ -195,8 +195,8 @@ impl Biquad {
     /// Frequency at which the filter with its quantised coefficients is at -3 dB, in Hz.
     ///
     /// With `s = sin^2(w/2)` both magnitudes are polynomials in `s`. Their coefficients are exact integers, so nothing
-    /// cancels at low cutoffs: `|N|^2 = (S - 4 b0 s)^2`, `|D|^2 = S^2 - 4 P s + 16 Q s^2`, `P = a1 (1 + a2) + 4 a2`, `Q
-    /// = a2`. The condition `2 |N|^2 = |D|^2` is a quadratic equation.
+    /// cancels at low cutoffs. The polynomials are `|N|^2 = (S - 4 b0 s)^2` and `|D|^2 = S^2 - 4 P s + 16 Q s^2`, with
+    /// `P = a1 (1 + a2) + 4 a2` and `Q = a2`. The condition `2 |N|^2 = |D|^2` is a quadratic equation.
     pub fn cutoff_hz(&self, rate_hz: f64) -> f64 {
         let [b0, b1, b2, a1, a2] = self.bits().map(i128::from);
         let one = 1i128 << Biquad::FRACTION_BITS;

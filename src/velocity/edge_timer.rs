@@ -313,7 +313,7 @@ mod tests {
         assert_eq!(bench.sample(45_000, 3), Some(Edge { age: age(8_998), up: false }));
     }
 
-    /// The same, but the direction is read after the turn. The edge must not be taken for the one before it.
+    /// The same, but the direction is read after the turn. The edge must not be taken for the edge before it.
     #[test]
     fn a_turn_between_the_readings_is_noticed() {
         let edges = [10_000, 20_000, 27_500, 30_000, 33_000].map(|tick| (tick, true));
@@ -355,7 +355,7 @@ mod tests {
             let (mut known, mut before) = (None, 0);
             let mut learnt = false;
             for (n, jitter) in (1..end / 9_000).zip(jitter.iter().cycle()) {
-                // the phase is that of the first sample
+                // the first sample sets the phase
                 let at = n * 9_000 + if n == 1 { 3 } else { *jitter };
                 let nominal = n * 9_000 + 3 + gap;
                 let got = bench.sample(at, gap);

@@ -4,8 +4,8 @@
 //! The bytes: least significant first, without padding, and only values that a later velocity depends on. So two states
 //! with the same bytes give the same velocities for the same counts.
 //!
-//! The sum is that of the words, modulo 2^32. The estimator adds and subtracts its own changes. After a flipped bit the
-//! sum of the words differs from it.
+//! The sum is the sum of the words, modulo 2^32. The estimator adds and subtracts its own changes. After a flipped bit
+//! the sum of the words differs from it.
 
 use crate::units::Velocity;
 

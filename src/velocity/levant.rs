@@ -92,7 +92,7 @@ impl LevantDesign {
 const FRACTION_BITS: u32 = 32;
 /// Largest distance from the count, LSB of 2^-32 counts.
 const DISTANCE_MAX: i64 = 1 << (24 + FRACTION_BITS);
-/// Largest velocity of the state: twice that of the output.
+/// Largest velocity of the state: twice the largest velocity of the output.
 const VELOCITY_MAX: i64 = 1 << (16 + FRACTION_BITS);
 
 /// Magnitudes of the two terms in integers. Made by [`LevantDesign::quantise`].

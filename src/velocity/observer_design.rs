@@ -63,7 +63,7 @@ impl ObserverDesign {
     /// The gains as mantissa and shift, relative error 2^-32.
     pub fn quantise(&self) -> Observer {
         let [position, velocity, disturbance] = self.gains.map(Factor::of);
-        // LSB of the acceleration per LSB of the force: full scale has 2^32 of the one and 2^30 of the other.
+        // LSB of the acceleration per LSB of the force: 1 count per sample^2 has 2^32 LSB, full scale has 2^30.
         let per_force = libm::scalbn(self.per_full_scale, POSITION_BITS.cast_signed() - 30);
         Observer {
             position,

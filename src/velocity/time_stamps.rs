@@ -91,8 +91,8 @@ impl TimeStamps {
         Ok(Self { span: (span_samples << Edge::FRACTION_BITS) - Edge::SAMPLE / 2 })
     }
 
-    /// The mean velocity up to the latest edge. Before that it searches the edge at which the measurement begins, from
-    /// that of the last measurement on.
+    /// The mean velocity up to the latest edge. Before that it searches the edge at which the measurement begins,
+    /// starting at the last measurement's.
     fn measure(&self, state: &mut TimeStampsState) -> Velocity {
         let latest = state.at(0);
         while state.back > 1 && latest.time.wrapping_sub(state.at(state.back - 1).time) >= self.span
@@ -259,7 +259,7 @@ impl TimeStampsState {
 mod tests {
     use super::*;
 
-    /// Runs an estimator. The edges are at `t` (2^-16 samples). Each position is the one after the last edge.
+    /// Runs an estimator. The edges are at `t` (2^-16 samples). Each position is the position after the last edge.
     fn run(span: u32, samples: &[(i32, Option<(u32, bool)>)]) -> std::vec::Vec<i32> {
         let estimator = TimeStamps::new(span).unwrap();
         let mut state = TimeStampsState::REST;

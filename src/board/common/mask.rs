@@ -1,8 +1,8 @@
 //! A critical section that the sampling task does not notice.
 //!
 //! BASEPRI is raised to [`LEVEL`]. This masks priorities 1 to 14, but not 15, the sampling task. PRIMASK stays as it
-//! is. So the section excludes every task except the sampling task. That task must not use what the section guards: a
-//! call from there traps.
+//! is. So the section excludes every task except the sampling task. That task must not use the guarded data: a call
+//! from there traps.
 
 use core::arch::asm;
 

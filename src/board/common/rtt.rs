@@ -27,7 +27,7 @@ pub struct Channels {
     pub commands: Commands,
 }
 
-/// A channel towards the host that drops what does not fit.
+/// A channel towards the host. It drops a message that does not fit.
 pub struct UpLink(UpChannel, Buffer);
 
 impl contract::UpChannel for UpLink {

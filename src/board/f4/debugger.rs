@@ -1,4 +1,4 @@
-//! What a debugger may do to the board, and how a halt of the core is found.
+//! Effects of a debugger on the board, and the detection of a halt of the core.
 //!
 //! While the core is halted, TIM1 switches its outputs off. TIM1 and the sampling timer stand still, so they stay in
 //! phase. The watchdog and TIM6 run on. The manuals say that the outputs are off "as if" MOE were reset. If MOE is only

@@ -42,7 +42,7 @@ use zwidth::{
 
 use super::super::{common::rtt, off};
 
-/// What differs from board to board.
+/// Values and parts that differ from board to board.
 pub trait Wiring: Sized {
     const NAME: &'static str;
     /// Core clock, Hz. The timers of APB1 run at half of it.

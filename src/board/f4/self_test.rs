@@ -57,8 +57,8 @@ impl<W: Wiring> SelfTest<W> {
 
 impl<W: Wiring> contract::SelfTest for SelfTest<W> {
     fn test(&mut self, part: Part) -> Found {
-        // At output period 1 the parts follow each other without a pause. Together they take as long as the watchdog's
-        // time.
+        // At output period 1 the parts follow each other without a pause, and together take as long as the watchdog's
+        // time. So each part restarts it.
         watchdog::renew();
         match part {
             Part::Chip => {

@@ -217,7 +217,7 @@ fn settings_become_counts_outputs_and_parts_of_full_scale() {
     // 1.4 N over 300 N/m are 4666.7 um
     assert_eq!((plan.lead, plan.rest_outputs, plan.timeout_outputs), (4_667, 20, 10_000));
     assert!((f64::from(plan.force().bits()) / 2f64.powi(30) - 1.4 / 5.906).abs() < 1e-9);
-    // The speed is that of the last eight milliseconds at every period down to one of 0.1 ms.
+    // The speed is measured over the last eight milliseconds at every period, also at 0.1 ms.
     for (period, pace) in [(10, 1), (5, 2), (2, 5), (1, 10)] {
         let faster = SETTINGS.build(&Design { period, ..DESIGN }).unwrap();
         assert_eq!((faster.pace, faster.damping), (pace, plan.damping));
