@@ -1,7 +1,7 @@
 //! Tests that low-passes, gains, wall, actuator and RMS cannot overflow, for all inputs at once. `fir.rs`, `kalman.rs`
-//! and `observer.rs` have the same tests for their estimators. Levant's differentiator (a root), adaptive windowing and
-//! time stamps (divisions, windows that depend on the data) are only tried with random motion and senses. Their
-//! arithmetic does not have the shape that is described below.
+//! and `observer.rs` have the same tests for their estimators. Levant's differentiator, adaptive windowing and time
+//! stamps are only tried with random motion and senses. Their arithmetic does not have the shape that is described
+//! below: the first has a root, the others have divisions, and windows that depend on the data.
 //!
 //! Every intermediate of the arithmetic below is affine or monotone in each of its arguments alone (products, sums,
 //! shifts, clamps). So is each partial sum. So the extremes over a box of arguments lie at corners of the box. The

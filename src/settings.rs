@@ -1,8 +1,8 @@
 //! Settings of a person in SI units, and their conversion to integers.
 //!
-//! There are three forms with a type each: [`Settings`] (floats, for people), [`LoopParameters`] (integers, immutable),
-//! and the state (which samples change). Only [`Settings::build`] refuses settings. Then the old [`LoopParameters`]
-//! stay in force.
+//! There are three forms, with a type each. [`Settings`] has floats, for people. [`LoopParameters`] has integers, and
+//! is immutable. The state is changed by samples. Only [`Settings::build`] refuses settings. Then the old
+//! [`LoopParameters`] stay in force.
 
 use core::num::NonZeroU32;
 

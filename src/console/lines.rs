@@ -20,7 +20,7 @@ use crate::{
 pub(super) const EXPERIMENTS: [&str; 4] = ["hit", "pulses", "walk", "calibrate"];
 
 /// Whether a line of the board answers a command. The board sends all other lines unasked. For example `ok walk`
-/// answers `walk`, but `ok walk over, ..` and `error: walk: ..` report how the walk ended.
+/// answers `walk`. The lines `ok walk over, ..` and `error: walk: ..` report how the walk ended.
 pub fn is_answer(line: &str) -> bool {
     let reports = |said: &str, then: &str| {
         let mut rests = EXPERIMENTS.iter().filter_map(|name| said.strip_prefix(name));

@@ -1,9 +1,9 @@
 //! The designs of a device: named velocity filters. Each has its own rows in the envelope.
 //!
-//! Words of each design in the device record: name (16 bytes of text, then zeros), number of the estimator, eight
-//! parameters as IEEE 754 doubles, low word first. A design's number is its position in the record, from 1. A design is
-//! skipped if this build lacks its estimator. Settings are a design if estimator and every parameter are equal, to the
-//! last bit. So saved settings need no further field for their design.
+//! Each design has these words in the device record: name (text, then zeros, 16 bytes), number of the estimator, eight
+//! parameters. A parameter is an IEEE 754 double, low word first. Designs are numbered from 1, in their order. A
+//! design is skipped if this build lacks its estimator. Settings are a design if estimator and every parameter are
+//! equal, to the last bit. So saved settings need no further field for their design.
 
 use crate::{
     VelocitySettings,

@@ -56,7 +56,8 @@ impl DutyPlan {
 }
 
 impl DutySettings {
-    /// Longest hit at full force that a cold motor can bear, s. 0 if none; infinite if it can give full scale for ever.
+    /// Longest hit at full force that a cold motor can bear, s. 0: it can bear none. Infinite: it can give full scale
+    /// for ever.
     #[expect(clippy::float_arithmetic, reason = "design time")]
     pub fn longest_hit_s(&self, design: &Design) -> f64 {
         let period_s = design.period_s();

@@ -227,7 +227,7 @@ fn a_hit_returns_pushes_and_is_judged() {
     bench.stored.push_n = 1.0;
     bench.met(bench.hit());
     assert_eq!(bench.activity(), Activity::Hit);
-    // a push without a wall: no contact; its window is 0.2 s after the return
+    // a push without a wall has no contact; the window of the hit is 0.2 s after the return
     let (outputs, event) = bench.event();
     assert!(matches!(event, Event::HitOver(Verdict::NoContact, _)), "{event:?}");
     assert!((200..2_000).contains(&outputs), "{outputs}");

@@ -154,8 +154,8 @@ impl<W: Width> GuardedSampler<W> {
     }
 
     /// Takes a reading of the encoder counter. Call it once per sample, at a constant rate, with the newest
-    /// [`GuardCommand`]. `senses`: the board's other senses; their force is replaced by the force of `down`. `guard`:
-    /// the findings so far. If it changes, [`Step::told`] is set.
+    /// [`GuardCommand`]. `senses`: the board's other senses. The force of `down` replaces their force. `guard`: the
+    /// findings so far. If it changes, [`Step::told`] is set.
     ///
     /// At a due sample, the output of the due sample before it must be finished. If `down.rendered` shows that it is
     /// not, it is late by a period.

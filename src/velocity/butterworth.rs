@@ -130,8 +130,8 @@ impl ButterworthDesign {
     }
 }
 
-/// First-order low-pass `wc / (s + wc)` in floating point, by the same transform:
-/// `b0 = b1 = w / (2 + w)`, `a1 = (w - 2) / (2 + w)`.
+/// First-order low-pass `wc / (s + wc)` in floating point, by the same transform. Its coefficients are `b0 = b1 = w /
+/// (2 + w)` and `a1 = (w - 2) / (2 + w)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstOrder {
     /// Gain of the numerator `b0 (1 + z^-1)`.

@@ -3,11 +3,11 @@
 //! The line follows the timer's main output enable (MOE), so hardware alone can switch it off:
 //! * the break input, which the emergency stop opens, clears MOE without any code;
 //! * with `DBG_TIM1_STOP` the outputs are off while a debugger has the core halted (debugger.rs);
-//! * the output watchdog clears it when no output has come for a while (output_watchdog.rs);
-//! * one store clears it, from any task, the panic and the fault handlers.
+//! * the output watchdog clears MOE when no output has come for a while (output_watchdog.rs);
+//! * one store clears MOE, from any task, the panic and the fault handlers.
 //!
-//! While MOE is clear, TIM1 drives its outputs to their idle level, low: enable inactive and, on a board with PWM, no
-//! pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm, at the amplifier).
+//! While MOE is clear, TIM1 drives its outputs to their idle level, low. Enable is then inactive. On a board with PWM
+//! there is no pulse. In reset the pins are inputs, so the enable line has a pull-down (4.7 kOhm, at the amplifier).
 //!
 //! The first store to BDTR sets `LOCK` level 3 (RM0090 17.4.18, RM0390 16.4.18). This level freezes break input, idle
 //! levels, polarities and output modes. It does not freeze MOE, counter, periods, compare values and the channels'
@@ -20,8 +20,8 @@ use stm32f4xx_hal::{
 };
 use zwidth::contract;
 
-/// `LOCK` level 3; break input on, active high (a normally closed switch to ground: open is a stop), idle levels
-/// driven; MOE clear.
+/// `LOCK` level 3. Break input on, active high: a normally closed switch to ground, so open is a stop. Idle levels
+/// driven. MOE clear.
 pub(super) const OFF: u32 = 0b11 << 8 | 1 << 10 | 1 << 11 | 1 << 12 | 1 << 13;
 /// [`OFF`] with MOE set. While the break input is active the hardware clears it again.
 const ON: u32 = OFF | 1 << 15;

@@ -1,5 +1,5 @@
-//! How the program ends: a panic, a hard fault, a failed clock, an interrupt without a task, a changed image. All of
-//! these switch off, note the fault, and wait for the watchdog.
+//! The ends of the program: a panic, a hard fault, a failed clock, an interrupt without a task, a changed image. Each
+//! one switches off, notes the fault, and waits for the watchdog.
 
 use core::panic::PanicInfo;
 

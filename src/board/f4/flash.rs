@@ -31,7 +31,8 @@ const BSY: u32 = 1 << 16;
 
 pub struct SettingsFlash(pac::FLASH);
 
-/// The word at an offset from the beginning of sector 1; [`check_read`] or a similar check has accepted the offset.
+/// The word at an offset from the beginning of sector 1. [`check_read`] or a similar check must have accepted the
+/// offset.
 fn word_at(offset: u32) -> *mut u32 {
     ptr::with_exposed_provenance_mut(FLASH + SECTOR_BYTES + offset as usize)
 }

@@ -36,7 +36,7 @@ static OFF: AtomicU32 = AtomicU32::new(enable::OFF);
 const TICK_HZ: u32 = 1_000_000;
 const _: () = assert!(OUTPUT_WATCHDOG_US < 1 << 16, "TIM8 has 16 bits");
 
-/// CR1: the timer counts. Only an overflow is an update request (`URS`); the event that loads the prescaler is none.
+/// CR1: the timer counts. Only an overflow requests an update (`URS`). The event that loads the prescaler does not.
 const RUNNING: u32 = 1 << 2 | 1;
 /// DIER: the update event requests a transfer (`UDE`), and no interrupt.
 const REQUESTS: u32 = 1 << 8;

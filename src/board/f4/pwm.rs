@@ -48,7 +48,7 @@ impl Output {
 }
 
 impl ForceOutput for Output {
-    /// Acts from the next PWM period on; the core has clamped the code to +-steps.
+    /// Acts from the next PWM period on. The core has clamped the code to +-steps.
     #[inline(always)]
     fn write(&mut self, command: OutputCode, mirrored: bool) {
         let code = command.code();

@@ -23,7 +23,7 @@ fn registers() -> &'static pac::iwdg::RegisterBlock {
     unsafe { &*pac::IWDG::ptr() }
 }
 
-/// Sets the time until the reset; the chip takes it over within 6 of its own ticks, 0.2 ms.
+/// Sets the time until the reset. The chip takes it over within 6 of its own ticks, 0.2 ms.
 fn set_timeout(ms: u16) {
     let iwdg = registers();
     // SAFETY: documented keys and values.
