@@ -16,9 +16,9 @@
 //! | 10 kHz | 0.35 Hz       | 4990 Hz |
 //! | 50 kHz | 1.75 Hz       | 24950 Hz |
 //!
-//! At the lower end quantisation may change the -3 dB frequency by 1 %. This frequency is proportional to the DC sum `S
-//! = 2^30 (1 + a1 + a2)`, which is `2^30 w^2` rounded to an integer. The damping stays, so the response tilts as well
-//! as shifts. With `S >= 51` the relative error `1 / (2 S)` is below 1 %.
+//! At the lower end quantisation may change the -3 dB frequency by 1 %. This frequency is proportional to the DC sum
+//! `S = 2^30 (1 + a1 + a2)`, which is `2^30 w^2` rounded to an integer. The damping stays, so the response tilts as
+//! well as shifts. With `S >= 51` the relative error `1 / (2 S)` is below 1 %.
 //!
 //! Pre-warping reaches half the rate only in a limit in which the coefficients add up to 8. With these the accumulator
 //! would overflow. So pre-warped cutoffs end at [`PREWARPED_MAX`] of the rate.
@@ -130,8 +130,8 @@ impl ButterworthDesign {
     }
 }
 
-/// First-order low-pass `wc / (s + wc)` in floating point, by the same transform. Its coefficients are `b0 = b1 = w /
-/// (2 + w)` and `a1 = (w - 2) / (2 + w)`.
+/// First-order low-pass `wc / (s + wc)` in floating point, by the same transform. Its coefficients are
+/// `b0 = b1 = w / (2 + w)` and `a1 = (w - 2) / (2 + w)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstOrder {
     /// Gain of the numerator `b0 (1 + z^-1)`.

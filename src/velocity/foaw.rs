@@ -18,9 +18,9 @@
 //! counts per sample. For the best fit, the checked line also passes through the newest sample, as in the published
 //! code. So it is not the least-squares line, and quantisation alone may shorten the window.
 //!
-//! **Cost.** The literal search checks all samples of every window, so its cost is quadratic. But `|s[j] - j v T| <=
-//! noise` means that the slope lies between `(s[j] - noise) / j` and `(s[j] + noise) / j`. So it is enough to keep the
-//! largest lower bound and the smallest upper bound, in one pass. They are compared as fractions by
+//! **Cost.** The literal search checks all samples of every window, so its cost is quadratic. But
+//! `|s[j] - j v T| <= noise` means that the slope lies between `(s[j] - noise) / j` and `(s[j] + noise) / j`. So it is
+//! enough to keep the largest lower bound and the smallest upper bound, in one pass. They are compared as fractions by
 //! cross-multiplication, which is exact. At the end there is one division, 32 bits wide.
 
 #![cfg_attr(not(test), deny(clippy::float_arithmetic))]

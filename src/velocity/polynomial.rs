@@ -1,9 +1,9 @@
 //! Design of estimators that are the derivative of a polynomial. It goes through the last samples (Taylor expansions),
 //! or fits them best (least squares).
 //!
-//! A sum `v T = h0 x[n] + h1 x[n-1] + ..` whose weights add up to zero is also a sum of differences `d[n] = x[n] -
-//! x[n-1]`, with the weights `g[i] = h[0] + .. + h[i]`. If the sum is exact for a ramp, these weights add up to one. So
-//! [`Fir`] can compute it.
+//! A sum `v T = h0 x[n] + h1 x[n-1] + ..` whose weights add up to zero is also a sum of differences
+//! `d[n] = x[n] - x[n-1]`, with the weights `g[i] = h[0] + .. + h[i]`. If the sum is exact for a ramp, these weights
+//! add up to one. So [`Fir`] can compute it.
 //!
 //! **Taylor** (Brown, Schneider, Mulligan, IEEE TIE 39(1), 1992) is the derivative at `x[n]` of the polynomial through
 //! the last samples: two (order 1, the finite difference), three or four.
@@ -14,8 +14,8 @@
 //! ```
 //!
 //! **Least squares** (the same paper) is the derivative at `x[n]` of the polynomial of degree 1 or 2 that fits the last
-//! `window + 1` samples best. With `s = i - m`, `m = window / 2`, and `S2 = sum s^2`, `S4 = sum s^4` over `i = 0 ..
-//! window`:
+//! `window + 1` samples best. With `s = i - m`, `m = window / 2`, and `S2 = sum s^2`, `S4 = sum s^4` over
+//! `i = 0 .. window`:
 //!
 //! ```text
 //! degree 1: h[i] = -s / S2
