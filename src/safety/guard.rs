@@ -1,7 +1,7 @@
 //! The part of the supervisor that runs for every sample.
 //!
-//! For every sample the guard finds faults, and sets [`Step::cut`] after one. Two tasks can wait: noting a fault, and
-//! zeroing the count. The guard does one of them at a time. It does neither with a due sample, which requests an
+//! The guard looks for faults in every sample. After a fault it sets [`Step::cut`]. Two tasks can wait: noting a fault,
+//! and zeroing the count. The guard does one of them at a time. It does neither with a due sample, which requests an
 //! output. So the longest sample is hardly longer than a quiet one. If every sample is due, the two tasks do not wait.
 //!
 //! The order of the checks suits the Cortex-M4's number of registers. `tests/elf/control/budget.rs` checks the cycles.

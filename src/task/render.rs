@@ -224,8 +224,8 @@ impl Render {
     }
 
     /// Switches off at once if a number or register that decides about the force has changed. The next output reports
-    /// it. A late output leaves these checks to a later one. After a millisecond without checks all are made. If
-    /// outputs are closer than a millisecond, numbers and registers are checked in turn.
+    /// the change. A late output leaves these checks to a later output. If a millisecond has passed since the last
+    /// check, all numbers and registers are checked. Outputs closer than that check numbers and registers in turn.
     #[inline(always)]
     fn check(&mut self, number: u32, was: Option<Written>) {
         let passed = number.wrapping_sub(self.checked);

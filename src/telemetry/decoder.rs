@@ -56,7 +56,8 @@ impl Decoder {
         self.pull()
     }
 
-    /// A complete frame in the bytes so far. Several frames may stand in bytes that began like a long one.
+    /// A complete frame in the bytes so far. Bytes that look like the start of a long frame may hold several short
+    /// frames.
     fn pull(&mut self) -> Option<Frame> {
         while let Some(length) = self.length() {
             if self.filled < length {
@@ -158,7 +159,7 @@ impl Decoder {
     }
 
     /// Ends the stream. Call it until it returns `None`. The bytes of an unfinished frame are garbage too. A frame may
-    /// stand behind bytes that began like a longer one.
+    /// follow bytes that look like the start of a longer frame.
     pub fn finish(&mut self) -> Option<Frame> {
         while self.filled > 0 {
             if let Some(frame) = self.pull() {

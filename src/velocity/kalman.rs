@@ -1,5 +1,5 @@
 //! Steady-state Kalman filter of a handle that noise moves. Two states are position and velocity. Three states also
-//! have the acceleration. The handle is measured by an encoder, whose rounding counts as white noise of
+//! have the acceleration. An encoder measures the handle. Its rounding counts as white noise of
 //! `resolution / sqrt(12)` RMS (Belanger 1992; Belanger, Dobrovolny, Helmy, Zhang 1998).
 //!
 //! In counts and samples, with `r` the count less the predicted position:

@@ -105,8 +105,8 @@ fn a_handle_that_is_held_ends_it_and_never_feels_more_than_the_limit() {
     assert!(strongest <= 1.4 / 5.906 + 1e-9);
 }
 
-/// A hand brings the handle to the start faster than the return would. It lets go at once, or holds the handle there
-/// for a moment. The handle stays there, except for the motion by its own spring.
+/// A hand brings the handle to the start faster than the return would. The hand lets go at once, or holds the handle
+/// there for a moment. The handle stays there, except for the motion by its own spring.
 #[test]
 #[cfg_attr(miri, ignore = "returns in closed loop")]
 fn a_handle_that_a_hand_has_brought_to_the_start_is_not_driven_away() {

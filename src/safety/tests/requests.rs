@@ -125,8 +125,8 @@ fn flash_writing_is_no_fault_and_not_met_with_force_on() {
     assert_eq!(bench.fault(), Some(Fault::CountJump));
 }
 
-/// The command `zero` renames the position only with a later sample. Until then it is not known whether the handle is
-/// in a wall.
+/// After the command `zero`, only a later sample moves the origin of the position. Until then it is not known whether
+/// the handle is in a wall.
 #[test]
 fn while_a_zero_is_under_way_nothing_is_armed_and_no_wall_is_moved() {
     let mut bench = Bench::armed();
